@@ -1,0 +1,103 @@
+"""What every stage's command line shares: parameters, tracking, errors in one line, the record of its run."""
+
+import json
+import resource
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import click
+
+from tactile_viewgcn import tracking
+from tactile_viewgcn.files import md5, whole
+from tactile_viewgcn.params import Params, flat, load
+
+
+class Input(click.Path):
+    """An option that names a file the stage reads."""
+
+
+INPUT, OUTPUT = Input(path_type=Path), click.Path(path_type=Path)
+
+
+def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]:
+    """A click command from `body(params, run, **paths)`.
+
+    Args:
+        reads: the keys of params.yaml that the body is given, the same as in dvc.yaml; no others.
+        row: the run carries every parameter of params.yaml, as the row that people compare.
+
+    The command ends with exit code 1 and one line where the user can mend what is wrong, and writes the run's
+    id, seconds and peak memory to `--record`. The body may return metrics, which are logged.
+    """
+
+    def wrap(body: Callable[..., dict[str, float] | None]) -> click.Command:
+        @click.option("--params", "params_path", type=OUTPUT, default="params.yaml", show_default=True)
+        @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of params.yaml.")
+        @click.option("--record", type=OUTPUT, required=True, help="Where the run's id and its costs are written.")
+        @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+        @click.pass_context
+        def command(
+            context: click.Context, params_path: Path, changes: tuple[str, ...], record: Path, debug: bool, **paths: Any
+        ) -> None:
+            try:
+                params = load(params_path, changes)
+                given = SimpleNamespace(**{key: getattr(params, key) for key in reads})
+                logged = flat(params) if row else _declared(params, reads)
+                _run(body, given, logged, _inputs(context, paths), record, paths)
+            except (ValueError, OSError, tracking.TrackingError) as error:
+                if debug:
+                    raise
+                raise click.ClickException(" ".join(str(error).split())) from None
+
+        command.__click_params__ = body.__click_params__ + command.__click_params__
+        return click.command(body.__name__, help=body.__doc__)(command)
+
+    return wrap
+
+
+def _run(
+    body: Callable,
+    given: SimpleNamespace,
+    logged: dict[str, Any],
+    inputs: dict[str, Path],
+    record: Path,
+    paths: dict[str, Any],
+) -> None:
+    begin = time.perf_counter()
+    with tracking.stage_run(body.__name__, {name: md5(path) for name, path in inputs.items()}) as run:
+        run.parameters(logged)
+        metrics = body(given, run, **paths)
+        costs = {"seconds": time.perf_counter() - begin, "peak_mb": peak_mb()}
+        run.metrics((metrics or {}) | costs)
+        with whole(record) as part:
+            part.write_text(json.dumps({"stage": body.__name__, "run_id": run.id, **costs}, indent=2) + "\n")
+
+
+def _declared(params: Params, reads: tuple[str, ...]) -> dict[str, Any]:
+    return {key: value for key, value in flat(params).items() if key.split(".")[0] in reads}
+
+
+def _inputs(context: click.Context, paths: dict[str, Any]) -> dict[str, Path]:
+    """The files that the stage reads, each there."""
+    found = {}
+    for option in context.command.params:
+        if isinstance(option.type, Input):
+            many = paths[option.name] if option.multiple else [paths[option.name]]
+            found |= {option.name if not option.multiple else path.stem: path for path in many}
+    for path in found.values():
+        if not path.exists():
+            raise FileNotFoundError(
+                f"{path}: no such file or folder; `dvc repro` makes what a stage reads, "
+                "and data.source in params.yaml names what ingest reads"
+            )
+    return found
+
+
+def peak_mb() -> float:
+    """The most memory this process has held, in MB."""
+    unit = 1e6 if sys.platform == "darwin" else 1e3  # bytes there, kilobytes on Linux
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit

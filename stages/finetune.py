@@ -1,0 +1,42 @@
+"""Train Tactile-ViewGCN on view sets, from the pretrained backbone."""
+
+import click
+import torch
+
+from stages.command import INPUT, OUTPUT, stage
+from tactile_viewgcn.classifier import save_classifier
+from tactile_viewgcn.compute import choose
+from tactile_viewgcn.finetuning import finetune_classifier
+from tactile_viewgcn.frames import read_frames
+from tactile_viewgcn.views import read_views
+
+
+@stage("seed", "device", "precision", "cluster", "model", "finetune")
+@click.option("--frames", type=INPUT, required=True)
+@click.option("--views", type=INPUT, required=True)
+@click.option("--backbone", type=INPUT, required=True)
+@click.option("--out", type=OUTPUT, required=True)
+def finetune(params, run, frames, views, backbone, out):
+    """Train Tactile-ViewGCN on view sets, from the pretrained backbone."""
+    compute, table = choose(params.device, params.precision), read_frames(frames)
+    run.tags({"device": compute.device, "precision": compute.precision})
+    weights = torch.load(backbone, map_location="cpu", weights_only=True)["backbone"]
+    classifier, curves = finetune_classifier(
+        table,
+        read_views(views),
+        weights,
+        params.finetune,
+        params.model,
+        params.cluster.assignment,
+        compute,
+        params.seed,
+    )
+    save_classifier(out, classifier, params.model, table)
+    run.curves(curves, picture="finetune_curves.png")
+    last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in curves.items())
+    print(f"finetune: {params.finetune.epochs} epochs on {compute.device} in {compute.precision}; at the end {last}")
+    return {"weights.head": sum(weight.numel() for weight in classifier.head.parameters())}
+
+
+if __name__ == "__main__":
+    finetune()

@@ -1,0 +1,37 @@
+"""Train the modified ResNet-18 from scratch to tell objects by single frames."""
+
+import click
+import torch
+
+from stages.command import INPUT, OUTPUT, stage
+from tactile_viewgcn.compute import choose
+from tactile_viewgcn.files import whole
+from tactile_viewgcn.frames import read_frames
+from tactile_viewgcn.pretraining import pretrain_backbone
+
+
+@stage("seed", "device", "precision", "pretrain")
+@click.option("--frames", type=INPUT, required=True)
+@click.option("--out", type=OUTPUT, required=True)
+def pretrain(params, run, frames, out):
+    """Train the modified ResNet-18 from scratch to tell objects by single frames."""
+    compute, table = choose(params.device, params.precision), read_frames(frames)
+    run.tags({"device": compute.device, "precision": compute.precision})
+    backbone, classifier, curves = pretrain_backbone(table, params.pretrain, compute, params.seed)
+    with whole(out) as part:
+        torch.save(
+            {
+                "backbone": backbone.cpu().state_dict(),
+                "classifier": classifier.cpu().state_dict(),
+                "classes": table.classes,
+            },
+            part,
+        )
+    run.curves(curves, picture="pretrain_curves.png")
+    last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in curves.items())
+    print(f"pretrain: {params.pretrain.epochs} epochs on {compute.device} in {compute.precision}; at the end {last}")
+    return {"weights": sum(weight.numel() for weight in backbone.parameters())}
+
+
+if __name__ == "__main__":
+    pretrain()

@@ -1,0 +1,137 @@
+"""The trained recogniser: preprocessing, backbone and view-graph network in one, and its file.
+
+A checkpoint holds tensors and plain values alone, so that it loads with `weights_only=True`.
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from tactile_viewgcn.files import whole
+from tactile_viewgcn.frames import Frames, transform
+from tactile_viewgcn.nn.backbone import Backbone
+from tactile_viewgcn.nn.view_gcn import ViewGCN
+from tactile_viewgcn.params import Model
+
+SETS_AT_ONCE = 1 << 25  # numbers in the largest array of a batch of view sets: pairs of nodes times features
+
+
+class Classifier(nn.Module):
+    """View sets of network input to class logits.
+
+    Args:
+        viewpoints: (V, 3).
+        classes: number of classes.
+        model: the options of the graph network.
+    """
+
+    def __init__(self, viewpoints: Tensor, classes: int, model: Model):
+        super().__init__()
+        self.backbone = Backbone()
+        self.head = ViewGCN(
+            viewpoints,
+            classes,
+            neighbours=model.neighbours,
+            selector_neighbours=model.selector_neighbours,
+            selector_hidden=model.selector_hidden,
+            joint_selector=model.selector == "joint",
+            edge_distance=model.edge_distance,
+            dropout=model.dropout,
+        )
+
+    @property
+    def views(self) -> int:
+        return len(self.head.viewpoints)
+
+    def forward(self, frames: Tensor, views: int) -> tuple[Tensor, list[Tensor]]:
+        """frames (B * V, 1, H, W) -> logits (B, classes) and the samplers' logits."""
+        return self.head(self.backbone(frames).unflatten(0, (-1, views)))
+
+
+def logits_of_sets(head: ViewGCN, features: Tensor, sets: Tensor) -> Tensor:
+    """Logits (A, classes) of view sets (A, V) of indices into features (n, 128), in batches that fit memory."""
+    views = sets.shape[1]
+    batch = max(1, SETS_AT_ONCE // (views * views * features.shape[1]))
+    return torch.cat([head(features[part])[0] for part in sets.split(batch)])
+
+
+def save_classifier(path: str | Path, classifier: Classifier, model: Model, frames: Frames) -> None:
+    """Write the weights and all that is needed to use them on raw counts."""
+    content = {
+        "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
+        "viewpoints": classifier.head.viewpoints.cpu(),
+        "model": asdict(model),
+        "classes": frames.classes,
+        "kind": frames.kind,
+        "scale": frames.scale,
+        "shape": list(frames.counts.shape[1:]),
+        "rest_mean": torch.from_numpy(frames.rest_mean),
+        "rest_names": frames.rest_names,
+    }
+    with whole(path) as part:
+        torch.save(content, part)
+
+
+def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:
+    """The classifier in evaluation mode, and the rest of its checkpoint, see `save_classifier`."""
+    content = torch.load(path, map_location="cpu", weights_only=True)
+    classifier = Classifier(content["viewpoints"], len(content["classes"]), Model(**content["model"]))
+    classifier.load_state_dict(content.pop("weights"))
+    return classifier.eval(), content
+
+
+class Recogniser:
+    """Class probabilities of raw view sets, as a user of a trained classifier has them.
+
+    Args:
+        path: a checkpoint of `save_classifier`.
+    """
+
+    def __init__(self, path: str | Path):
+        self.classifier, content = load_classifier(path)
+        self.classes, self.shape = content["classes"], tuple(content["shape"])
+        self._kind, self._scale = content["kind"], content["scale"]
+        self._rest = dict(zip(content["rest_names"], content["rest_mean"].numpy(), strict=True))
+
+    def rest(self, name: str = "") -> np.ndarray:
+        """Rest (H, W) in counts of a session that the classifier knows; their mean without a name.
+
+        Raises:
+            ValueError: an unknown session.
+        """
+        if not name:
+            return np.mean(list(self._rest.values()), axis=0, dtype=np.float32)
+        if name not in self._rest:
+            raise ValueError(
+                f"session is {name!r}; expected one of {', '.join(self._rest)}, "
+                "or give the rest of the empty hand itself"
+            )
+        return self._rest[name]
+
+    @torch.inference_mode()
+    def probabilities(self, counts: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Class probabilities float32 (B, classes).
+
+        Args:
+            counts: raw counts (B, V, H, W).
+            rest: of the empty hand in the same session, (H, W) counts.
+
+        Raises:
+            ValueError: counts or rest of another shape.
+        """
+        expected = (self.classifier.views, *self.shape)
+        if counts.ndim != 4 or counts.shape[1:] != expected:
+            raise ValueError(
+                f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
+                f"(any, {', '.join(map(str, expected))})"
+            )
+        if rest.shape != self.shape:
+            raise ValueError(f"rest has shape {rest.shape}; expected {self.shape}")
+        inputs = transform(counts.astype(np.float32) - rest.astype(np.float32), self._kind, self._scale)
+        batch = torch.from_numpy(inputs).flatten(0, 1).unsqueeze(1).contiguous(memory_format=torch.channels_last)
+        logits, _ = self.classifier(batch, self.classifier.views)
+        return logits.softmax(dim=-1).numpy()

@@ -1,0 +1,70 @@
+"""Clustering the frames of each pool into views: principal components, then k-means, as the released code does.
+
+The paper says "kNN"; clusters of unlabelled frames and the released code mean k-means.
+"""
+
+import numpy as np
+
+from tactile_viewgcn.params import Cluster
+from tactile_viewgcn.views import random_parts
+
+
+def pool_ids(label: np.ndarray, recording: np.ndarray, side: np.ndarray, scope: str) -> np.ndarray:
+    """int64 (n,): the pool of each frame. `object`: a class on one side; `recording`: a recording's part of it."""
+    keys = [side, label] + ([recording] if scope == "recording" else [])
+    return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
+
+
+def cluster_pools(
+    points: np.ndarray,
+    pool: np.ndarray,
+    views: int,
+    how: Cluster,
+    rng: np.random.Generator,
+    scores: list[np.ndarray] | None = None,
+) -> np.ndarray:
+    """Cluster int64 (n,) of each frame within its pool, by `cluster.method`.
+
+    Args:
+        points: (n, d) live sensors of the frames' network input.
+        pool: (n,) numbered from 0.
+        scores: principal components of each pool where `pool_scores` has found them before.
+    """
+    if how.method == "none" or views == 1:
+        return random_parts(pool, views, rng)
+    scores = scores or pool_scores(points, pool, how.components)
+    cluster = np.empty(len(pool), dtype=np.int64)
+    for number, own in enumerate(scores):
+        cluster[pool == number] = kmeans(own, views, restarts=how.restarts, seed=int(rng.integers(2**31)))
+    return cluster
+
+
+def pool_scores(points: np.ndarray, pool: np.ndarray, components: int) -> list[np.ndarray]:
+    """The principal components of each pool's frames, a list over pools of (n_p, c)."""
+    return [principal_components(points[pool == number], components) for number in range(pool.max() + 1)]
+
+
+def principal_components(points: np.ndarray, count: int) -> np.ndarray:
+    """Scores float64 (n, min(count, n, d)) of points (n, d) on their first principal components."""
+    from sklearn.decomposition import PCA
+
+    points = np.asarray(points, dtype=np.float64)
+    if len(points) < 2:
+        return np.zeros((len(points), 1))
+    solver = "covariance_eigh" if len(points) > points.shape[1] else "full"
+    return PCA(min(count, *points.shape), svd_solver=solver).fit_transform(points)
+
+
+def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.ndarray:
+    """Cluster int64 (n,), 0 to V - 1, of each row of scores (n, c): the best of `restarts` runs of k-means.
+
+    With no more distinct rows than views each is a cluster of its own and the other clusters stay empty.
+    """
+    from sklearn.cluster import KMeans
+    from threadpoolctl import threadpool_limits
+
+    distinct, inverse = np.unique(scores, axis=0, return_inverse=True)
+    if len(distinct) <= views:
+        return inverse.ravel()
+    with threadpool_limits(1):  # small problems: more threads cost time, and the order of sums with them
+        return KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores).astype(np.int64)

@@ -1,0 +1,65 @@
+"""Which device computes, in which precision. Decided by what the hardware can, never by timing it."""
+
+import ctypes
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Compute:
+    """A device and the precision of the backbone's products on it: `float32` or `bfloat16`."""
+
+    device: torch.device
+    precision: str
+
+    def autocast(self) -> torch.autocast:
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16")
+
+    def frames(self, inputs: Tensor) -> Tensor:
+        """Frames (n, H, W) as a batch (n, 1, H, W) in channels-last order on the device."""
+        return inputs.unsqueeze(1).to(self.device, memory_format=torch.channels_last)
+
+
+def choose(device: str = "auto", precision: str = "auto") -> Compute:
+    """The device and precision to use.
+
+    Args:
+        device: `cpu`, `cuda`, or `auto`: CUDA where there is one.
+        precision: `float32`, `bfloat16`, or `auto`: bfloat16 where the hardware multiplies it natively.
+
+    Raises:
+        ValueError: `cuda` without a CUDA device.
+    """
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    if device == "cuda" and not torch.cuda.is_available():
+        raise ValueError("device is cuda, and torch finds no CUDA device; expected one, or device: cpu or auto")
+    if device == "cpu":
+        keep_freed_memory()
+    if precision == "auto":
+        precision = "bfloat16" if native_bfloat16(device) else "float32"
+    return Compute(torch.device(device), precision)
+
+
+def native_bfloat16(device: str) -> bool:
+    """Whether the hardware has instructions for products of bfloat16; emulated ones do not count."""
+    if device == "cuda":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    return torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
+
+
+def keep_freed_memory() -> None:
+    """Have glibc keep freed arrays for the next step instead of giving their pages back to the kernel.
+
+    By default every large activation is mapped, zeroed page by page and unmapped again, in every step; that can
+    cost more than the arithmetic. Other C libraries are left as they are.
+    """
+    trim_threshold, mmap_max = -1, -4  # the names of mallopt(3)
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):
+        return
+    mallopt(mmap_max, 0)
+    mallopt(trim_threshold, 2**31 - 1)

@@ -1,0 +1,182 @@
+"""Ten trials on the test side: each clusters it anew and classifies one view set per anchor frame.
+
+In evaluation a frame's feature does not depend on the frames beside it, so each distinct frame goes through the
+backbone once, and all trials of both protocols only gather features.
+"""
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from tactile_viewgcn.classifier import Classifier, logits_of_sets
+from tactile_viewgcn.clustering import cluster_pools, pool_ids, pool_scores
+from tactile_viewgcn.compute import Compute
+from tactile_viewgcn.frames import Frames
+from tactile_viewgcn.params import Cluster, Evaluate
+from tactile_viewgcn.split import TEST
+from tactile_viewgcn.statistics import group_interval
+from tactile_viewgcn.training import features_of
+from tactile_viewgcn.views import ViewSets
+
+PROTOCOLS = ("object", "recording")
+TOP = 3
+SINGLE_REPEATS, BATCH_REPEATS, WARM_UP = 50, 5, 3
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What T trials said of A anchors under one protocol.
+
+    Attributes:
+        predicted: int64 (T, A) most probable class.
+        right: bool (T, A); near: bool (T, A) the true class among the three most probable.
+        empty: clusters without frames, drawn by repetition, summed over the trials.
+    """
+
+    predicted: np.ndarray
+    right: np.ndarray
+    near: np.ndarray
+    empty: int
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All trials of all protocols, what they add up to and what they cost.
+
+    Attributes:
+        protocols: trials by protocol; labels, groups: (A,) class and split group of the anchors.
+        scores: of each protocol, see `summary`.
+        seconds: of all trials, features and clustering included; latency_ms: see `latency`.
+    """
+
+    protocols: dict[str, Trials]
+    labels: np.ndarray
+    groups: np.ndarray
+    scores: dict[str, dict]
+    seconds: float
+    latency_ms: dict[str, dict]
+
+    @property
+    def trials(self) -> int:
+        return len(next(iter(self.protocols.values())).right)
+
+    def confusion(self, scope: str, classes: int) -> np.ndarray:
+        """Counts int64 (classes, classes) over all trials: row the true class, column the predicted one."""
+        predicted = self.protocols[scope].predicted
+        cells = np.broadcast_to(self.labels.astype(np.int64), predicted.shape) * classes + predicted
+        return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
+
+
+def evaluate_table(
+    classifier: Classifier, table: Frames, how: Cluster, what: Evaluate, compute: Compute, seed: int
+) -> Evaluation:
+    """All trials of the protocols in `what.scope` on the test side of the table."""
+    begin = time.perf_counter()
+    index = table.on(TEST)
+    inputs = table.inputs(index)
+    anchors = np.flatnonzero(table.anchor[index])
+    frames = compute.frames(torch.from_numpy(inputs))
+    classifier.to(compute.device, memory_format=torch.channels_last)
+    features = features_of(classifier.backbone, frames, compute)
+    points, groups, found, scores = inputs[:, table.live], table.group[index][anchors], {}, {}
+    with tqdm(total=len(what.scope) * what.trials, desc="evaluate", unit="trial") as bar:
+        for number, scope in enumerate(PROTOCOLS):
+            if scope not in what.scope:
+                continue
+            pool = pool_ids(table.label[index], table.recording[index], table.side[index], scope)
+            trials = (np.random.default_rng([seed, number, trial]) for trial in range(what.trials))
+            found[scope] = run_trials(
+                classifier, features, points, table.label[index], pool, anchors, how, trials=trials, bar=bar
+            )
+            scores[scope] = summary(found[scope], groups, np.random.default_rng([seed, number]))
+    seconds = time.perf_counter() - begin
+    return Evaluation(found, table.label[index][anchors], groups, scores, seconds, latency(classifier, frames, compute))
+
+
+@torch.inference_mode()
+def run_trials(
+    classifier: Classifier,
+    features: Tensor,
+    points: np.ndarray,
+    labels: np.ndarray,
+    pool: np.ndarray,
+    anchors: np.ndarray,
+    how: Cluster,
+    *,
+    trials: Iterable[np.random.Generator],
+    bar: tqdm,
+) -> Trials:
+    """Classify one view set per anchor in each trial, each with its own generator and clustering.
+
+    Args:
+        features: (n, 128) of the test frames; points: (n, d) what clustering sees; labels, pool: (n,).
+        anchors: (A,) indices of the test frames that view sets are drawn around.
+    """
+    views, scores, empty = classifier.views, None, 0
+    if how.method == "kmeans" and views > 1:
+        scores = pool_scores(points, pool, how.components)
+    top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
+    for rng in trials:
+        sets = ViewSets(cluster_pools(points, pool, views, how, rng, scores), pool, views)
+        drawn = torch.from_numpy(sets.draw(anchors, rng, how.assignment)).to(features.device)
+        logits = logits_of_sets(classifier.head, features, drawn)
+        order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class
+        top.append(order[:, :TOP].cpu())
+        empty += int(sets.empty.sum())
+        bar.update()
+    best = torch.stack(top)  # (T, A, 3)
+    near = (best == truth[:, None]).any(dim=-1)
+    return Trials(best[..., 0].numpy(), (best[..., 0] == truth).numpy(), near.numpy(), empty)
+
+
+def summary(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dict[str, dict]:
+    """Top-1, top-3 and error as fractions: means over trials, the spread between them, and the interval.
+
+    `spread` is the standard deviation over trials, which differ in their clustering alone; `ci95` resamples the
+    split groups (A,) of the anchors and is conditional on the one training.
+    """
+    each = trials.right.mean(axis=1)
+    interval = group_interval(trials.right.mean(axis=0), groups, rng)
+    return {
+        "top1": {
+            "mean": float(each.mean()),
+            "spread": float(each.std(ddof=1)) if len(each) > 1 else 0.0,
+            "ci95": list(interval) if interval else None,
+        },
+        "top3": {"mean": float(trials.near.mean())},
+        "error": {"mean": float(1 - each.mean())},
+    }
+
+
+@torch.inference_mode()
+def latency(classifier: Classifier, frames: Tensor, compute: Compute, *, batch: int = 256) -> dict[str, dict]:
+    """Milliseconds per view set from network input to logits, alone and in batches.
+
+    Args:
+        frames: (n, 1, H, W); the view sets timed are its frames over and over, n need not reach V.
+
+    Returns:
+        {"single": {"median", "p95"}, "batch": {"median"}}
+    """
+
+    def timed(sets: int, repeats: int) -> np.ndarray:
+        index = torch.arange(sets * classifier.views, device=frames.device) % len(frames)
+        inputs, taken = frames[index], []
+        for number in range(WARM_UP + repeats):
+            begin = time.perf_counter()
+            with compute.autocast():
+                classifier(inputs, classifier.views)[0].sum().item()  # waits for the device
+            if number >= WARM_UP:
+                taken.append((time.perf_counter() - begin) * 1e3 / sets)
+        return np.array(taken)
+
+    alone, together = timed(1, SINGLE_REPEATS), timed(batch, BATCH_REPEATS)
+    return {
+        "single": {"median": float(np.median(alone)), "p95": float(np.percentile(alone, 95))},
+        "batch": {"median": float(np.median(together))},
+    }

@@ -1,0 +1,37 @@
+"""Files that appear whole or not at all, and their md5."""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def whole(path: str | Path) -> Iterator[Path]:
+    """A path to write to, renamed to `path` when the block ends well and removed when it does not.
+
+    The name beside it is the same on every call: torch.save writes it into the file, and two runs with one
+    seed are to give equal bytes.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + ".part")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def md5(path: str | Path) -> str:
+    """The md5 of a file, or of a folder's files: their paths and md5s in sorted order."""
+    path = Path(path)
+    digest = hashlib.md5(usedforsecurity=False)
+    if path.is_dir():
+        for file in sorted(p for p in path.rglob("*") if p.is_file()):
+            digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode())
+        return digest.hexdigest()
+    with path.open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

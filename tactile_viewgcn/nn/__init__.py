@@ -1,0 +1,1 @@
+"""Networks: modules and formulas on tensors, without files, MLflow or DVC."""

@@ -1,0 +1,60 @@
+"""The geometry of the view-graph: distances, neighbours, furthest points, and what an edge knows.
+
+Positions are (..., N, 3). Squared distances are sums of squared differences, never the expansion of the
+square, so that coincident points are at exactly zero. Ties go to the lowest index.
+"""
+
+import torch
+from torch import Tensor
+
+
+def squared_distances(positions: Tensor) -> Tensor:
+    """(..., N, 3) -> (..., N, N)."""
+    return (positions.unsqueeze(-2) - positions.unsqueeze(-3)).square().sum(dim=-1)
+
+
+def nearest(positions: Tensor, count: int) -> Tensor:
+    """Indices (..., N, min(count, N)) of each node's nearest, itself included, nearest first."""
+    order = squared_distances(positions).sort(dim=-1, stable=True).indices
+    return order[..., :count]
+
+
+def furthest_points(positions: Tensor, count: int) -> Tensor:
+    """Indices (..., count) by furthest point sampling (Qi et al. 2017), starting at node 0.
+
+    Each next node is the one furthest from those chosen so far.
+    """
+    distances = squared_distances(positions)
+    chosen = torch.zeros(positions.shape[:-2], dtype=torch.long, device=positions.device)
+    picks = [chosen]
+    to_chosen = distances.select(-2, 0)  # (..., N), to the nearest chosen node
+    for _ in range(count - 1):
+        chosen = to_chosen.argmax(dim=-1)
+        picks.append(chosen)
+        row = distances.gather(-2, chosen[..., None, None].expand(*chosen.shape, 1, distances.shape[-1]))
+        to_chosen = torch.minimum(to_chosen, row.squeeze(-2))
+    return torch.stack(picks, dim=-1)
+
+
+def gather_nodes(values: Tensor, index: Tensor) -> Tensor:
+    """values (B, N, C), index (B, ...) -> (B, ..., C)."""
+    flat = index.reshape(len(index), -1, 1).expand(-1, -1, values.shape[-1])
+    return values.gather(1, flat).reshape(*index.shape, values.shape[-1])
+
+
+def edge_geometry(positions: Tensor, neighbours: Tensor, distance: str = "squared") -> Tensor:
+    """g_ij of equation 1 for every node i and neighbour j: [v_i, v_j, v_i - v_j, |v_i - v_j|^2].
+
+    Args:
+        positions: (B, N, 3).
+        neighbours: (B, N, K) indices.
+        distance: `squared` as in the paper, or `plain`: the distance itself.
+
+    Returns:
+        (B, N, K, 10)
+    """
+    there = gather_nodes(positions, neighbours)
+    here = positions.unsqueeze(2).expand_as(there)
+    difference = here - there
+    length = difference.square().sum(dim=-1, keepdim=True)
+    return torch.cat([here, there, difference, length.sqrt() if distance == "plain" else length], dim=-1)

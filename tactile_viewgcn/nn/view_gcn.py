@@ -1,0 +1,227 @@
+"""Tactile-ViewGCN's graph network: features of V views to class logits, equations 1 to 6 of the paper.
+
+After Wei et al., "View-GCN: View-based graph convolutional network for 3D shape analysis" (CVPR 2020). All of
+it is computed in float32: next to the backbone it costs nothing, and sums over nodes keep their digits.
+"""
+
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as functional
+from torch import Tensor, nn
+
+from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest
+
+SLOPE = 0.2  # of every LeakyReLU
+RELATION_UNITS = 10  # hidden units of equation 1's MLP
+LEVELS = 3  # V, V / 2, V / 4 nodes
+
+
+def level_sizes(views: int) -> list[int]:
+    """Nodes at each level: [V, V // 2, V // 4] as far as there are two to join; none for one view."""
+    return [views >> level for level in range(LEVELS) if views >> level >= 2]
+
+
+class LocalGraphConvolution(nn.Module):
+    """Equations 1 and 2: F_i = Psi(sum_j S_ij F_j W) over the nearest nodes j of i, itself included.
+
+    S_ij is an MLP of the edge's geometry. W and Psi's linear layer are one linear map, since their product is.
+    """
+
+    def __init__(self, features: int, neighbours: int, edge_distance: str):
+        super().__init__()
+        self.neighbours, self.edge_distance = neighbours, edge_distance
+        self.relation = nn.Sequential(
+            nn.Linear(10, RELATION_UNITS),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(RELATION_UNITS, RELATION_UNITS),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(RELATION_UNITS, 1),
+        )
+        self.linear = nn.Linear(features, features)
+        self.norm = nn.BatchNorm1d(features)
+
+    def forward(self, nodes: Tensor, positions: Tensor) -> Tensor:
+        """nodes (B, N, C), positions (B, N, 3) -> (B, N, C)."""
+        near = nearest(positions, self.neighbours)  # (B, N, K)
+        weights = self.relation(edge_geometry(positions, near, self.edge_distance))  # (B, N, K, 1)
+        gathered = (weights * gather_nodes(nodes, near)).sum(dim=2)
+        out = self.norm(self.linear(gathered).flatten(0, 1))
+        return functional.leaky_relu(out, SLOPE).view_as(nodes)
+
+
+class NonLocalMessagePassing(nn.Module):
+    """Equations 3 and 4: r_i = sum_j m_ji, m_ji = LeakyReLU(Linear([F_j, F_i])); f_i = fusion([F_i, r_i]).
+
+    The linear layer of a pair is the sum of two projections, one per node, so no pair is ever concatenated.
+    (The released code sums m_ij instead: the same network with the two projections exchanged.)
+    """
+
+    def __init__(self, features: int):
+        super().__init__()
+        self.message = nn.Linear(2 * features, features)
+        self.fusion = nn.Linear(2 * features, features)
+        self.norm = nn.BatchNorm1d(features)
+
+    def received(self, nodes: Tensor) -> Tensor:
+        """r (B, N, C): what each node receives from all nodes, itself included."""
+        sender, receiver = self.message.weight.chunk(2, dim=1)
+        sent = functional.linear(nodes, sender)
+        taken = functional.linear(nodes, receiver, self.message.bias)
+        return functional.leaky_relu(taken.unsqueeze(2) + sent.unsqueeze(1), SLOPE).sum(dim=2)
+
+    def forward(self, nodes: Tensor) -> Tensor:
+        """(B, N, C) -> (B, N, C)."""
+        fused = self.fusion(torch.cat([nodes, self.received(nodes)], dim=-1))
+        return functional.leaky_relu(self.norm(fused.flatten(0, 1)), SLOPE).view_as(nodes)
+
+
+class SelectiveViewSampling(nn.Module):
+    """Equation 5: each of M furthest points gives way to the neighbour whose class a classifier is surest of.
+
+    Args:
+        features, classes: C and the number of classes.
+        samples: M, the nodes of the next level.
+        neighbours: K, the nodes that a sampled view chooses from, itself included.
+        hidden: units of the classifier's hidden layer; 0 for a linear classifier.
+        joint: one linear layer sees the q-th neighbours of all sampled views at once and its softmax runs over
+            the sampled views, as in the released code, instead of a classifier per sampled view.
+    """
+
+    def __init__(
+        self, features: int, classes: int, samples: int, *, neighbours: int, hidden: int = 0, joint: bool = False
+    ):
+        super().__init__()
+        self.samples, self.classes, self.neighbours, self.joint = samples, classes, neighbours, joint
+        shared = samples if joint else 1
+        sizes = [features * shared, *([hidden * shared] if hidden else []), classes * shared]
+        self.layers = nn.ModuleList(
+            [nn.Linear(i, o) if joint else LinearPerView(samples, i, o) for i, o in pairwise(sizes)]
+        )
+
+    def logits(self, candidates: Tensor) -> Tensor:
+        """candidates (B, M, K, C) -> class logits (B, M, K, classes)."""
+        batch, samples, near, _ = candidates.shape
+        out = candidates.transpose(1, 2).reshape(batch, near, -1) if self.joint else candidates
+        for number, layer in enumerate(self.layers):
+            out = layer(functional.leaky_relu(out, SLOPE) if number else out)
+        return out.view(batch, near, samples, self.classes).transpose(1, 2) if self.joint else out
+
+    def forward(self, nodes: Tensor, positions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """nodes (B, N, C), positions (B, N, 3) -> nodes (B, M, C), positions (B, M, 3), logits (B, M, K, classes)."""
+        sampled = furthest_points(positions, self.samples)  # (B, M)
+        near = nearest(positions, self.neighbours)  # (B, N, K)
+        near = near.gather(1, sampled.unsqueeze(-1).expand(-1, -1, near.shape[-1]))  # (B, M, K)
+        logits = self.logits(gather_nodes(nodes, near))
+        certainty = logits.softmax(dim=1 if self.joint else -1).amax(dim=-1)  # (B, M, K)
+        chosen = near.gather(-1, certainty.argmax(dim=-1, keepdim=True)).squeeze(-1)
+        return gather_nodes(nodes, chosen), gather_nodes(positions, chosen), logits
+
+
+class LinearPerView(nn.Module):
+    """A linear layer of its own for each sampled view: (B, M, K, i) -> (B, M, K, o)."""
+
+    def __init__(self, samples: int, inputs: int, outputs: int):
+        super().__init__()
+        layers = [nn.Linear(inputs, outputs) for _ in range(samples)]
+        self.weight = nn.Parameter(torch.stack([layer.weight.detach() for layer in layers]))
+        self.bias = nn.Parameter(torch.stack([layer.bias.detach() for layer in layers]))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.einsum("bmki,moi->bmko", x, self.weight) + self.bias[:, None]
+
+
+class ViewGCN(nn.Module):
+    """Features (B, V, C) of V views to class logits.
+
+    Levels of V, V/2 and V/4 nodes: local graph convolution, whose maximum over the nodes is the level's
+    descriptor; then message passing and view sampling down to the next level. The descriptors of all levels
+    are concatenated and classified. One view has no graph: its feature is the descriptor.
+
+    Args:
+        viewpoints: (V, 3).
+        classes: number of classes.
+        neighbours: nodes in the local convolution, themselves included; a number, or one per level.
+        selector_neighbours, selector_hidden, joint_selector: see `SelectiveViewSampling`.
+        edge_distance: last entry of g_ij, `squared` (paper) or `plain`.
+        dropout: on the shape descriptor.
+
+    Raises:
+        ValueError: a list of neighbours that is shorter than the levels.
+    """
+
+    def __init__(
+        self,
+        viewpoints: Tensor,
+        classes: int,
+        *,
+        features: int = 128,
+        neighbours: int | list[int] = 4,
+        selector_neighbours: int = 4,
+        selector_hidden: int = 0,
+        joint_selector: bool = False,
+        edge_distance: str = "squared",
+        dropout: float = 0.5,
+    ):
+        super().__init__()
+        sizes = level_sizes(len(viewpoints))
+        near = neighbours if isinstance(neighbours, list) else [neighbours] * len(sizes)
+        if len(near) < len(sizes):
+            raise ValueError(
+                f"model.neighbours {near} has {len(near)} entries; expected one number, or one for "
+                f"each of the {len(sizes)} levels of {len(viewpoints)} views"
+            )
+        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
+        self.convolutions = nn.ModuleList(
+            LocalGraphConvolution(features, k, edge_distance) for k, _ in zip(near, sizes, strict=False)
+        )
+        self.messages = nn.ModuleList(NonLocalMessagePassing(features) for _ in sizes[1:])
+        self.samplers = nn.ModuleList(
+            SelectiveViewSampling(
+                features,
+                classes,
+                size,
+                neighbours=min(selector_neighbours, above),
+                hidden=selector_hidden,
+                joint=joint_selector,
+            )
+            for above, size in pairwise(sizes)
+        )
+        self.classifier = nn.Sequential(
+            nn.Linear(max(1, len(sizes)) * features, features),
+            nn.Dropout(dropout),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(features, classes),
+        )
+
+    def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """views (B, V, C) -> logits (B, classes), and each sampler's logits (B, M, K, classes) for the view loss."""
+        with torch.autocast(views.device.type, enabled=False):
+            nodes = views.float()
+            positions = self.viewpoints.expand(len(nodes), -1, -1)
+            descriptors, view_logits = [] if self.convolutions else [nodes[:, 0]], []
+            for level, convolution in enumerate(self.convolutions):
+                nodes = convolution(nodes, positions)
+                descriptors.append(nodes.amax(dim=1))
+                if level < len(self.samplers):
+                    nodes, positions, logits = self.samplers[level](self.messages[level](nodes), positions)
+                    view_logits.append(logits)
+            return self.classifier(torch.cat(descriptors, dim=-1)), view_logits
+
+
+def shape_and_view_loss(logits: Tensor, view_logits: list[Tensor], labels: Tensor, view_loss: str = "sum") -> Tensor:
+    """Equation 6: cross-entropy of the shape plus that of every sampler's output, averaged over the batch.
+
+    Args:
+        logits: (B, classes).
+        view_logits: of each sampler, (B, M, K, classes).
+        labels: (B,) classes.
+        view_loss: `sum` over the outputs of a view set as the paper has it, or their `mean` (released code).
+    """
+    loss = functional.cross_entropy(logits, labels)
+    if not view_logits:
+        return loss
+    outputs = torch.cat([out.flatten(1, 2) for out in view_logits], dim=1)  # (B, outputs, classes)
+    count = outputs.shape[1]
+    mean = functional.cross_entropy(outputs.flatten(0, 1), labels.repeat_interleave(count))
+    return loss + mean * (count if view_loss == "sum" else 1)

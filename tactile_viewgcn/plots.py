@@ -1,0 +1,50 @@
+"""Pictures: matplotlib figures, made where somebody keeps them."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+GAP = 1  # blank cells between the frames of a mosaic
+
+
+def confusion(counts: np.ndarray, classes: list[str], title: str) -> Figure:
+    """Counts (C, C), rows the true class, drawn as shares of each row."""
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    side = 2 + 0.28 * len(classes)
+    figure = Figure(figsize=(side + 1, side), layout="constrained")
+    axes = figure.add_subplot()
+    image = axes.imshow(shares, vmin=0, vmax=1, cmap="Blues")
+    axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=8)
+    axes.set_yticks(range(len(classes)), classes, fontsize=8)
+    axes.set(xlabel="predicted", ylabel="held", title=title)
+    figure.colorbar(image, label="share of the object's view sets", shrink=0.8)
+    return figure
+
+
+def curves(values: dict[str, list[float]], title: str) -> Figure:
+    """One line per name over the epochs."""
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.add_subplot()
+    for name, line in values.items():
+        axes.plot(range(1, len(line) + 1), line, marker=".", label=name)
+    axes.set(xlabel="epoch", title=title)
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return figure
+
+
+def cluster_means(means: np.ndarray, live: np.ndarray, classes: list[str]) -> Figure:
+    """Mean network input of each cluster (C, V, H, W), a row per class, drawn on the sensors' layout."""
+    count, views, height, width = means.shape
+    mosaic = np.full((count * (height + GAP), views * (width + GAP)), np.nan)
+    for row in range(count):
+        for column in range(views):
+            top, left = row * (height + GAP), column * (width + GAP)
+            mosaic[top : top + height, left : left + width] = np.where(live, means[row, column], np.nan)
+    figure = Figure(figsize=(2 + 0.8 * views, 1 + 0.8 * count), layout="constrained")
+    axes = figure.add_subplot()
+    image = axes.imshow(mosaic, cmap="viridis", vmin=0, vmax=np.nanpercentile(mosaic, 99.5) or 1)
+    axes.set_yticks(np.arange(count) * (height + GAP) + height / 2, classes, fontsize=8)
+    axes.set_xticks(np.arange(views) * (width + GAP) + width / 2, range(views))
+    axes.set(xlabel="cluster = viewpoint", title="mean frame of each cluster, training side")
+    figure.colorbar(image, label="network input", shrink=0.4)
+    return figure

@@ -1,0 +1,72 @@
+"""The backbone, trained from scratch to tell objects by single frames."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from tactile_viewgcn.compute import Compute
+from tactile_viewgcn.frames import Frames, full_scale
+from tactile_viewgcn.nn.backbone import FEATURES, Backbone
+from tactile_viewgcn.params import Pretrain
+from tactile_viewgcn.split import TRAIN, VALIDATION
+from tactile_viewgcn.training import error_rate, features_of, fit, frame_losses, generators, halving
+
+
+def pretrain_backbone(
+    table: Frames, how: Pretrain, compute: Compute, seed: int
+) -> tuple[Backbone, torch.nn.Linear, dict[str, list[float]]]:
+    """The backbone and its linear classifier, trained on the anchor frames of the training side.
+
+    Returns:
+        backbone, classifier, and per epoch the loss and, where there is a validation side, its error.
+
+    Raises:
+        ValueError: the training diverges.
+    """
+    inputs, labels = {}, {}
+    for side in (TRAIN, VALIDATION):
+        index = np.flatnonzero(table.anchor & (table.side == side))
+        inputs[side] = compute.frames(torch.from_numpy(table.inputs(index)))
+        labels[side] = torch.from_numpy(table.label[index].astype(np.int64)).to(compute.device)
+    torch.manual_seed(seed)  # initial weights and dropout
+    backbone = Backbone().to(compute.device, memory_format=torch.channels_last)
+    classifier = torch.nn.Linear(FEATURES, len(table.classes), device=compute.device)
+    optimiser = torch.optim.SGD(
+        [*backbone.parameters(), *classifier.parameters()], how.lr, momentum=how.momentum, weight_decay=how.weight_decay
+    )
+    order, on_device = generators(seed, compute.device)
+    noise = how.noise * full_scale(table.kind, table.scale)
+
+    def losses(_: int) -> Iterator[Tensor]:
+        backbone.train()
+        return frame_losses(
+            backbone,
+            classifier,
+            inputs[TRAIN],
+            labels[TRAIN],
+            batch=how.batch,
+            noise=noise,
+            compute=compute,
+            order=order,
+            on_device=on_device,
+        )
+
+    def validate() -> dict[str, float]:
+        if not len(labels[VALIDATION]):
+            return {}
+        logits = classifier(features_of(backbone, inputs[VALIDATION], compute))
+        return {"validation_error": error_rate(logits, labels[VALIDATION])}
+
+    with tqdm(total=how.epochs, desc="pretrain", unit="epoch") as bar:
+        curves = fit(
+            how.epochs,
+            optimiser,
+            lambda e: halving(e, every=how.halve_every, early=how.halve_early),
+            losses,
+            validate,
+            bar,
+        )
+    return backbone, classifier, curves

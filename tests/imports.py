@@ -1,0 +1,35 @@
+"""Which of the project's modules a module imports, found by reading the code."""
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+EXCEPTED = {"tactile_viewgcn/tracking.py", "tactile_viewgcn/plots.py"}
+
+
+def closure(start: str) -> set[str]:
+    """Files that a file imports, at any depth and inside functions too, itself included."""
+    found, waiting = set(), [start]
+    while waiting:
+        path = waiting.pop()
+        if path in found or path in EXCEPTED:
+            continue
+        found.add(path)
+        waiting += [target for name in imported(path) if (target := _file(name))]
+    return found
+
+
+def imported(path: str) -> set[str]:
+    """Dotted names of the modules that a file imports."""
+    names = set()
+    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def _file(name: str) -> str | None:
+    path = name.replace(".", "/") + ".py"
+    return path if (ROOT / path).is_file() else None
