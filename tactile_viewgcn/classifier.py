@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.files import whole
 from tactile_viewgcn.frames import Frames, transform
-from tactile_viewgcn.nn.backbone import Backbone
+from tactile_viewgcn.nn.backbone import Backbone, features_of
 from tactile_viewgcn.nn.view_gcn import ViewGCN
 from tactile_viewgcn.params import Model
 
@@ -133,5 +133,6 @@ class Recogniser:
             raise ValueError(f"rest has shape {rest.shape}; expected {self.shape}")
         inputs = transform(counts.astype(np.float32) - rest.astype(np.float32), self._kind, self._scale)
         batch = torch.from_numpy(inputs).flatten(0, 1).unsqueeze(1).contiguous(memory_format=torch.channels_last)
-        logits, _ = self.classifier(batch, self.classifier.views)
+        features = features_of(self.classifier.backbone, batch)
+        logits, _ = self.classifier.head(features.unflatten(0, (-1, self.classifier.views)))
         return logits.softmax(dim=-1).numpy()

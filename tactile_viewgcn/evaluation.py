@@ -17,10 +17,10 @@ from tactile_viewgcn.classifier import Classifier, logits_of_sets
 from tactile_viewgcn.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import Frames
+from tactile_viewgcn.nn.backbone import features_of
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.split import TEST
 from tactile_viewgcn.statistics import group_interval
-from tactile_viewgcn.training import features_of
 from tactile_viewgcn.views import ViewSets
 
 PROTOCOLS = ("object", "recording")
@@ -82,9 +82,10 @@ def evaluate_table(
     anchors = np.flatnonzero(table.anchor[index])
     frames = compute.frames(torch.from_numpy(inputs))
     classifier.to(compute.device, memory_format=torch.channels_last)
-    features = features_of(classifier.backbone, frames, compute)
+    with compute.autocast():
+        features = features_of(classifier.backbone, frames)
     points, groups, found, scores = inputs[:, table.live], table.group[index][anchors], {}, {}
-    with tqdm(total=len(what.scope) * what.trials, desc="evaluate", unit="trial") as bar:
+    with tqdm(total=len(what.scope) * what.trials, desc="evaluate", unit="trial", disable=None) as bar:
         for number, scope in enumerate(PROTOCOLS):
             if scope not in what.scope:
                 continue
@@ -170,7 +171,8 @@ def latency(classifier: Classifier, frames: Tensor, compute: Compute, *, batch: 
         for number in range(WARM_UP + repeats):
             begin = time.perf_counter()
             with compute.autocast():
-                classifier(inputs, classifier.views)[0].sum().item()  # waits for the device
+                features = features_of(classifier.backbone, inputs).unflatten(0, (-1, classifier.views))
+            classifier.head(features)[0].sum().item()  # waits for the device
             if number >= WARM_UP:
                 taken.append((time.perf_counter() - begin) * 1e3 / sets)
         return np.array(taken)

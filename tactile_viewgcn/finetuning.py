@@ -11,10 +11,11 @@ from tqdm import tqdm
 from tactile_viewgcn.classifier import Classifier, logits_of_sets
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import Frames, full_scale
+from tactile_viewgcn.nn.backbone import features_of
 from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
 from tactile_viewgcn.params import Finetune, Model
 from tactile_viewgcn.split import TRAIN, VALIDATION
-from tactile_viewgcn.training import compounding_cosine, error_rate, features_of, fit, generators, set_losses
+from tactile_viewgcn.training import compounding_cosine, error_rate, fit, generators, set_losses
 from tactile_viewgcn.views import Views
 
 
@@ -89,12 +90,14 @@ def finetune_classifier(
             return {}
         classifier.eval()
         sets = torch.from_numpy(kept["validation"]).to(compute.device)
-        logits = logits_of_sets(classifier.head, features_of(classifier.backbone, held_out.frames, compute), sets)
+        with compute.autocast():
+            features = features_of(classifier.backbone, held_out.frames)
+        logits = logits_of_sets(classifier.head, features, sets)
         return {"validation_error": error_rate(logits, held_out.labels[held_out.anchors])}
 
     def factor(epoch: int) -> float:
         return compounding_cosine(epoch, epochs=how.epochs) if how.schedule == "compounding_cosine" else 1.0
 
-    with tqdm(total=how.epochs, desc="finetune", unit="epoch") as bar:
+    with tqdm(total=how.epochs, desc="finetune", unit="epoch", disable=None) as bar:
         curves = fit(how.epochs, optimiser, factor, losses, validate, bar)
     return classifier, curves

@@ -61,7 +61,7 @@ def select(recordings: Recordings, rest: Rest, how: Preprocess, split: Split, rn
     notes = _emptied(recordings, filtered)
     if not how.empty_hand_class:
         keep &= objects != _index(recordings.objects, EMPTY_HAND)
-    group = split_groups(recordings, split.by)
+    group = split_groups(recordings.columns, split.by)
     side = _sides(recordings, keep, group, split, rng, notes)
     _drop_classes(recordings, keep, side, notes)
     _require(recordings, keep, side, split)

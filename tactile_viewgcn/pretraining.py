@@ -9,10 +9,10 @@ from tqdm import tqdm
 
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import Frames, full_scale
-from tactile_viewgcn.nn.backbone import FEATURES, Backbone
+from tactile_viewgcn.nn.backbone import FEATURES, Backbone, features_of
 from tactile_viewgcn.params import Pretrain
 from tactile_viewgcn.split import TRAIN, VALIDATION
-from tactile_viewgcn.training import error_rate, features_of, fit, frame_losses, generators, halving
+from tactile_viewgcn.training import error_rate, fit, frame_losses, generators, halving
 
 
 def pretrain_backbone(
@@ -57,10 +57,12 @@ def pretrain_backbone(
     def validate() -> dict[str, float]:
         if not len(labels[VALIDATION]):
             return {}
-        logits = classifier(features_of(backbone, inputs[VALIDATION], compute))
+        with compute.autocast():
+            features = features_of(backbone, inputs[VALIDATION])
+        logits = classifier(features)
         return {"validation_error": error_rate(logits, labels[VALIDATION])}
 
-    with tqdm(total=how.epochs, desc="pretrain", unit="epoch") as bar:
+    with tqdm(total=how.epochs, desc="pretrain", unit="epoch", disable=None) as bar:
         curves = fit(
             how.epochs,
             optimiser,

@@ -7,25 +7,22 @@ are, and how many recordings it shares between them is reported.
 
 import numpy as np
 
-from tactile_viewgcn.recordings import Recordings
-
 TRAIN, VALIDATION, TEST = 0, 1, 2
 SIDES = ("train", "validation", "test")
 
 
-def split_groups(recordings: Recordings, by: str) -> np.ndarray:
-    """int64 (T,): the split group of each frame, numbered from 0 in the order of the recordings.
+def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
+    """int64 (T,): the split group of each frame, from its columns (T,), numbered in the order of the recordings.
 
     A recording of several objects is a group per object. With `source` the recordings are the groups.
 
     Raises:
         ValueError: `grasp` or `source` where the recordings do not carry it.
     """
-    columns = recordings.columns
     needed = {"grasp": "grasp", "source": "split"}.get(by)
     if needed and needed not in columns:
         what = "grasp numbers" if by == "grasp" else "published split"
-        raise ValueError(f"{recordings.path}: no {what}; split.by {by} needs it: set split.by to recording or session")
+        raise ValueError(f"the recordings have no {what}; split.by {by} needs it: set split.by to recording or session")
     if by == "session":
         return columns["session"].astype(np.int64)
     keys = [columns["recording"], columns["object"]] + ([columns["grasp"]] if by == "grasp" else [])

@@ -12,6 +12,7 @@ import time
 import traceback
 import urllib.error
 import urllib.request
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -118,7 +119,8 @@ class Run:
             ParamSchema([ParamSpec("session", "string", ""), ParamSpec("rest", "float", [], shape=(-1,))]),
         )
         mlflow.set_tracking_uri(self._uri)
-        with mlflow.start_run(run_id=self.id):
+        with warnings.catch_warnings(), mlflow.start_run(run_id=self.id):
+            warnings.filterwarnings("ignore", message=".*input example")  # it would copy frames of the data set
             mlflow.pyfunc.log_model(
                 name="classifier",
                 loader_module="tactile_viewgcn.served",

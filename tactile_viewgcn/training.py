@@ -15,8 +15,6 @@ from tqdm import tqdm
 
 from tactile_viewgcn.compute import Compute
 
-FEATURE_BATCH = 128  # frames in one pass of the backbone where nothing is learnt
-
 
 def batches(count: int, size: int, generator: torch.Generator) -> Iterator[Tensor]:
     """Indices 0 to count - 1 in random order, in batches of at most `size` that differ by one at most.
@@ -140,14 +138,6 @@ def set_losses(
         with compute.autocast():
             logits, view_logits = model(noisy(frames[chosen.flatten()], noise, on_device), sets.shape[1])
         yield loss(logits, view_logits, labels[chosen[:, 0]])
-
-
-@torch.inference_mode()
-def features_of(backbone: nn.Module, frames: Tensor, compute: Compute) -> Tensor:
-    """Features float32 (n, 128) of frames (n, 1, H, W): each frame once, nothing learnt."""
-    backbone.eval()
-    with compute.autocast():
-        return torch.cat([backbone(part).float() for part in frames.split(FEATURE_BATCH)])
 
 
 def generators(seed: int, device: torch.device) -> tuple[torch.Generator, torch.Generator]:

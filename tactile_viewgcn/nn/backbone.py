@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 FEATURES = 128
 DROPOUT = 0.2
+AT_ONCE = 128  # frames in one pass where nothing is learnt: more gain no speed and take memory
 
 
 class BasicBlock(nn.Module):
@@ -52,3 +53,10 @@ class Backbone(nn.Module):
     def forward(self, frames: Tensor) -> Tensor:
         maps = self.stage2(self.dropout(self.stage1(self.stem(frames))))  # (B, 128, H / 4, W / 4)
         return maps.mean(dim=(2, 3))
+
+
+@torch.inference_mode()
+def features_of(backbone: Backbone, frames: Tensor) -> Tensor:
+    """Features float32 (n, 128) of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
+    backbone.eval()
+    return torch.cat([backbone(part).float() for part in frames.split(AT_ONCE)])
