@@ -1,0 +1,178 @@
+"""Small files in exactly STAG's formats, with made-up contents. Run as a script for a large one:
+
+python -m tests.stag_files metadata.mat --recordings 3 --sessions 3 --frames 1667 --objects 27
+"""
+
+import argparse
+from pathlib import Path
+
+import h5py
+import numpy as np
+from scipy import io
+
+#: Rows and columns of STAG's 548 sensors in the 32 x 32 frame.
+SENSORS = np.zeros((32, 32), dtype=bool)
+for _rows in (slice(0, 3), slice(6, 9), slice(10, 13), slice(15, 18)):
+    SENSORS[_rows, 0:14] = True
+SENSORS[0:18, 14:32] = True
+SENSORS[18:32, 25:29] = True
+NAMES = ("objects", "recordings", "batches", "splits")
+
+
+def metadata(
+    *,
+    objects: int = 4,
+    recordings: int = 3,
+    sessions: int = 1,
+    frames: int = 40,
+    seed: int = 0,
+    empty_recordings: int | None = None,
+    blank: int = 0,
+) -> dict[str, np.ndarray]:
+    """The fields of a `classification` metadata.mat, as scipy reads them.
+
+    Class 0 is the empty hand. Each other object presses its own 30 sensors, the more the later in the recording;
+    each recording leaves some of them out. The last recording of every object is the published test side.
+
+    Args:
+        recordings: per object and session; frames: per recording.
+        empty_recordings: of the empty hand per session, else as of the others.
+        blank: frames at the start of each recording without contact and with hasValidLabel 0.
+    """
+    rng = np.random.default_rng(seed)
+    places = np.flatnonzero(SENSORS)
+    pressed = [rng.choice(places, 30, replace=False) for _ in range(objects)]
+    names, columns, blocks = (
+        [],
+        {key: [] for key in ("object", "recording", "batch", "frame", "ts", "split", "valid")},
+        [],
+    )
+    for session in range(sessions):
+        for label in range(objects):
+            count = recordings if label or empty_recordings is None else empty_recordings
+            for number in range(count):
+                excess = np.zeros((frames, 1024), dtype=np.float32)
+                if label:
+                    own = rng.choice(pressed[label], 20, replace=False)
+                    force = rng.uniform(15, 60, size=(frames - blank, 20))
+                    excess[blank:, own] = force
+                counts = np.full((frames, 1024), 510, dtype=np.int16)
+                rest = 514 + session + rng.standard_normal((frames, len(places)), dtype=np.float32)
+                counts[:, places] = np.round(rest + excess[:, places]).astype(np.int16)
+                blocks.append(counts.reshape(frames, 32, 32))
+                columns["object"].append(np.full(frames, label))
+                columns["recording"].append(np.full(frames, len(names)))
+                columns["batch"].append(np.full(frames, session))
+                columns["frame"].append(np.arange(frames))
+                columns["ts"].append(np.arange(frames) * 0.136)
+                columns["split"].append(np.full(frames, int(session == sessions - 1 and number == count - 1)))
+                columns["valid"].append(np.arange(frames) >= blank)
+                names.append(f"{len(names):03d}-{_name(label)}")
+    joined = {key: np.concatenate(parts)[:, None] for key, parts in columns.items()}
+    return {
+        "pressure": np.concatenate(blocks),
+        "objectId": joined["object"].astype(np.uint8),
+        "objects": _cells([_name(i) for i in range(objects)]),
+        "recordingId": joined["recording"].astype(np.uint8),
+        "recordings": _cells(names),
+        "batchId": joined["batch"].astype(np.uint8),
+        "batches": _cells([f"{i:03d}" for i in range(sessions)]),
+        "frame": joined["frame"].astype(np.int32),
+        "ts": joined["ts"],
+        "splitId": joined["split"].astype(np.uint8),
+        "splits": _cells(["train", "test"]),
+        "hasValidLabel": joined["valid"].astype(np.uint8),
+        "isBalanced": joined["valid"].astype(np.uint8),
+        "isTransition": np.zeros_like(joined["valid"], dtype=np.uint8),
+        "isGrap": joined["valid"].astype(np.uint8),
+    }
+
+
+def as_weights(tree: dict[str, np.ndarray], grasps: int = 4) -> dict[str, np.ndarray]:
+    """The same recordings with the fields of a `weights` file: grasps, no split, no flags."""
+    gone = ("splitId", "splits", "hasValidLabel", "isBalanced", "isTransition", "isGrap")
+    out = {name: value for name, value in tree.items() if name not in gone}
+    frames = int(tree["frame"].max()) + 1
+    out["graspIndex"] = (tree["frame"] * grasps // frames).astype(np.uint8)
+    out["graspValid"] = tree["hasValidLabel"]
+    out["weights"] = np.arange(tree["objects"].size, dtype=np.uint16)[:, None]
+    return out
+
+
+def save_matlab5(path: Path, tree: dict[str, np.ndarray]) -> Path:
+    """As STAG ships it."""
+    io.savemat(path, tree, do_compression=True)
+    return path
+
+
+def save_matlab73(path: Path, tree: dict[str, np.ndarray]) -> Path:
+    """As MATLAB re-saves it with -v7.3: HDF5 with a user block, reversed axes, references to character codes."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in tree.items():
+            if name not in NAMES:
+                file[name] = value.T
+                continue
+            texts = [str(np.squeeze(cell)) for cell in value.ravel()]
+            cells = [
+                file.create_dataset(f"#refs#/{name}{i}", data=np.array([[ord(c)] for c in text], dtype=np.uint16)).ref
+                for i, text in enumerate(texts)
+            ]
+            file.create_dataset(name, data=np.array(cells, dtype=h5py.ref_dtype)[:, None], dtype=h5py.ref_dtype)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124, b" ") + b"\x00\x02IM")
+    return path
+
+
+def save_folder(path: Path, tree: dict[str, np.ndarray]) -> Path:
+    """`[batch]/[recording]/pressuredata.mat`, the raw recordings."""
+    for number, (name, mine) in enumerate(_recordings(tree)):
+        batch = str(np.squeeze(tree["batches"].ravel()[int(tree["batchId"][mine][0, 0])]))
+        folder = path / batch / name
+        folder.mkdir(parents=True)
+        io.savemat(
+            folder / "pressuredata.mat",
+            {
+                "pressure": tree["pressure"][mine],
+                "frame": tree["frame"][mine],
+                "tStamp": tree["ts"][mine] + 1000.0 + number,
+            },
+        )
+    return path
+
+
+def save_own(path: Path, tree: dict[str, np.ndarray]) -> Path:
+    """The project's own form: a folder with one HDF5 file per recording."""
+    path.mkdir(parents=True, exist_ok=True)
+    for name, mine in _recordings(tree):
+        with h5py.File(path / f"{name}.h5", "w") as file:
+            file["pressure"] = tree["pressure"][mine]
+            file["time"] = tree["ts"][mine].ravel()
+            file["valid"] = tree["hasValidLabel"][mine].ravel().astype(bool)
+            file.attrs["object"] = name.split("-")[1]
+            file.attrs["session"] = str(np.squeeze(tree["batches"].ravel()[int(tree["batchId"][mine][0, 0])]))
+            file.attrs["split"] = ("train", "test")[int(tree["splitId"][mine][0, 0])]
+    return path
+
+
+def _recordings(tree: dict[str, np.ndarray]):
+    for number, cell in enumerate(tree["recordings"].ravel()):
+        yield str(np.squeeze(cell)), tree["recordingId"].ravel() == number
+
+
+def _name(label: int) -> str:
+    return "empty_hand" if label == 0 else f"object{label}"
+
+
+def _cells(texts: list[str]) -> np.ndarray:
+    cells = np.empty((1, len(texts)), dtype=object)
+    cells[0] = texts
+    return cells
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("path", type=Path)
+    for option, default in (("objects", 4), ("recordings", 3), ("sessions", 1), ("frames", 40), ("seed", 0)):
+        parser.add_argument(f"--{option}", type=int, default=default)
+    arguments = vars(parser.parse_args())
+    save_matlab5(arguments.pop("path"), metadata(**arguments))
