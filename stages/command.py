@@ -54,7 +54,9 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
                 raise click.ClickException(" ".join(str(error).split())) from None
 
         command.__click_params__ = body.__click_params__ + command.__click_params__
-        return click.command(body.__name__, help=body.__doc__)(command)
+        made = click.command(body.__name__, help=body.__doc__)(command)
+        made.reads = reads
+        return made
 
     return wrap
 

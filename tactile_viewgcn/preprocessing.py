@@ -14,6 +14,7 @@ from tactile_viewgcn.split import (
     SIDES,
     TEST,
     TRAIN,
+    VALIDATION,
     balanced_anchors,
     by_folds,
     split_groups,
@@ -63,8 +64,11 @@ def select(recordings: Recordings, rest: Rest, how: Preprocess, split: Split, rn
         keep &= objects != _index(recordings.objects, EMPTY_HAND)
     group = split_groups(recordings.columns, split.by)
     side = _sides(recordings, keep, group, split, rng, notes)
+    _require_classes(recordings, keep)
+    _require_sides(keep, side, split)
     _drop_classes(recordings, keep, side, notes)
-    _require(recordings, keep, side, split)
+    _require_classes(recordings, keep)
+    _require_sides(keep, side, split)
     published = how.filter == "flags" and split.by == "source" and "balanced" in recordings.columns
     if published:
         anchor = keep & recordings.columns["balanced"]
@@ -150,20 +154,21 @@ def _drop_classes(recordings: Recordings, keep: np.ndarray, side: np.ndarray, no
             notes.append(f"classes: {name} has no test frames; it stays a class that can be mistaken for others")
 
 
-def _require(recordings: Recordings, keep: np.ndarray, side: np.ndarray, split: Split) -> None:
-    counts = {name: int((keep & (side == code)).sum()) for code, name in enumerate(SIDES)}
-    needed = ("train", "test") + (("validation",) if split.validation else ())
-    empty = [name for name in needed if not counts[name]]
-    objects = recordings.columns["object"]
-    left = np.unique(objects[keep & (side == TRAIN)])
-    if len(left) < 2 and "train" not in empty:
-        names = ", ".join(recordings.objects[i] for i in left) or "none"
-        raise ValueError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
+def _require_sides(keep: np.ndarray, side: np.ndarray, split: Split) -> None:
+    needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
+    empty = [SIDES[code] for code in sorted(needed) if not (keep & (side == code)).any()]
     if empty:
         raise ValueError(
-            f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of "
-            f"{split.folds}) has no frames; expected some on each: choose another split.by, folds or fold"
+            f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has no "
+            "frames; expected some on each: choose another split.by, folds or fold"
         )
+
+
+def _require_classes(recordings: Recordings, keep: np.ndarray) -> None:
+    left = np.unique(recordings.columns["object"][keep])
+    if len(left) < 2:
+        names = ", ".join(recordings.objects[i] for i in left) or "none"
+        raise ValueError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
 
 
 def _gather(recordings: Recordings, rest: Rest, selection: Selection, how: Preprocess) -> Frames:

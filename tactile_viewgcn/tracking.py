@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPERIMENT = "tactile-viewgcn"
+KIND = {"mlflow.experimentKind": "custom_model_development"}  # the UI opens on runs, not on chat traces
 DISABLED = "disabled"
 REACH_SECONDS = 5
 BATCH = 100  # parameters, MLflow's limit for one call
@@ -185,7 +186,7 @@ def _open(uri: str) -> tuple[Any, str]:
             found = client.get_experiment_by_name(name)
             if found is None:
                 place = (_root() / "mlruns").as_uri() if local else None
-                return client, client.create_experiment(name, artifact_location=place)
+                return client, client.create_experiment(name, artifact_location=place, tags=KIND)
     except MlflowException as error:
         raise TrackingError(
             f"MLflow store {uri}: {' '.join(str(error).split())}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}"

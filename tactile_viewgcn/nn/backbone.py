@@ -55,7 +55,7 @@ class Backbone(nn.Module):
         return maps.mean(dim=(2, 3))
 
 
-@torch.inference_mode()
+@torch.no_grad()
 def features_of(backbone: Backbone, frames: Tensor) -> Tensor:
     """Features float32 (n, 128) of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
     backbone.eval()

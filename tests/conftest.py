@@ -1,0 +1,16 @@
+"""Fixtures that several test modules share."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def stag_data() -> Path:
+    """The folder that STAG_DATA names, with blindfolded_lite/ and weights_lite/ in it."""
+    if "STAG_DATA" not in os.environ:
+        pytest.skip("STAG_DATA is not set: no real STAG files to test on")
+    return Path(os.environ["STAG_DATA"])

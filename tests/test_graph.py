@@ -1,0 +1,72 @@
+"""Distances, neighbours, furthest points and edges of the view-graph."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest, squared_distances
+from tactile_viewgcn.viewpoints import viewpoints
+
+FOUR = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
+CUBE = torch.from_numpy(viewpoints(8)).float()
+
+
+def test_squared_distances_by_hand():
+    expected = torch.tensor([[0.0, 1, 4, 9], [1, 0, 5, 10], [4, 5, 0, 13], [9, 10, 13, 0]])
+    assert torch.equal(squared_distances(FOUR), expected)
+
+
+def test_far_from_the_origin_distances_keep_their_digits():
+    far = FOUR + 1e6
+    assert torch.equal(squared_distances(far), squared_distances(FOUR))
+
+
+def test_nearest_by_hand():
+    assert nearest(FOUR, 2).tolist() == [[0, 1], [1, 0], [2, 0], [3, 0]]
+
+
+def test_more_neighbours_than_nodes_are_all_nodes():
+    assert nearest(FOUR, 9).shape == (4, 4)
+
+
+def test_ties_go_to_the_lowest_index():
+    assert nearest(torch.zeros(5, 3), 3).tolist() == [[0, 1, 2]] * 5
+    assert nearest(CUBE, 3)[0].tolist() == [0, 1, 2]
+    assert furthest_points(torch.zeros(5, 3), 3).tolist() == [0, 0, 0]
+    assert furthest_points(CUBE, 4).tolist() == [0, 7, 1, 2]
+
+
+def test_on_the_cube_four_neighbours_are_the_node_and_its_edges():
+    distances = squared_distances(CUBE).gather(1, nearest(CUBE, 4))
+    assert torch.equal(distances, torch.tensor([0.0, 4, 4, 4]).expand(8, 4))
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 1000), nodes=st.integers(1, 12), count=st.integers(1, 6))
+def test_furthest_points_equal_the_plain_loop(seed, nodes, count):
+    count = min(count, nodes)
+    positions = torch.rand(2, nodes, 3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    found = furthest_points(positions, count)
+    for batch in range(2):
+        points, chosen = positions[batch].numpy(), [0]
+        while len(chosen) < count:
+            gaps = [min(((points[i] - points[j]) ** 2).sum() for j in chosen) for i in range(nodes)]
+            chosen.append(int(np.argmax(gaps)))
+        assert found[batch].tolist() == chosen
+
+
+def test_gathering_equals_the_plain_loop():
+    values, index = torch.rand(2, 5, 3), torch.randint(5, (2, 4, 2))
+    out = gather_nodes(values, index)
+    for b, i, j in np.ndindex(2, 4, 2):
+        assert torch.equal(out[b, i, j], values[b, index[b, i, j]])
+
+
+@pytest.mark.parametrize(("distance", "last"), [("squared", 9.0), ("plain", 3.0)])
+def test_equation_1_s_edge_by_hand(distance, last):
+    edges = edge_geometry(FOUR[None], torch.tensor([[[0], [0], [0], [0]]]), distance)
+    assert edges.shape == (1, 4, 1, 10)
+    assert edges[0, 3, 0].tolist() == [0, 0, 3, 0, 0, 0, 0, 0, 3, last]
+    assert edges[0, 0, 0].tolist() == [0] * 10

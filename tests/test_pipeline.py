@@ -1,0 +1,180 @@
+"""The whole pipeline under DVC, on tiny data in a clone: what runs, what does not, and what it leaves behind."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.stag_files import metadata, save_matlab5
+
+ROOT = Path(__file__).parents[1]
+ALL = ["ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate"]
+TINY = {
+    "views": 4,
+    "device": "cpu",
+    "precision": "float32",
+    "cluster.restarts": 1,
+    "pretrain.epochs": 2,
+    "finetune.epochs": 1,
+    "evaluate.trials": 2,
+}
+
+
+def sh(*words, cwd, **variables):
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_"))}
+    environment |= {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | variables
+    result = subprocess.run(
+        list(map(str, words)), cwd=cwd, env=environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def ran(output):
+    return re.findall(r"^Running stage '(\w+)'", output, re.MULTILINE)
+
+
+def store_of(place):
+    """The MLflow store's client, and all its runs."""
+    from mlflow import MlflowClient
+
+    client = MlflowClient(f"sqlite:///{place / 'mlflow.db'}")
+    return client, client.search_runs([client.get_experiment_by_name("tactile-viewgcn").experiment_id])
+
+
+def results(place, *names):
+    return {name: (place / "results" / name).read_bytes() for name in names}
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory):
+    """A repository of its own with the files of this one, set to tiny data, reproduced once."""
+    place = tmp_path_factory.mktemp("clone") / "repository"
+    for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        if (ROOT / name).is_file():
+            shutil.copy(ROOT / name, place / name)
+    source = save_matlab5(place.parent / "metadata.mat", metadata(objects=4, recordings=2, frames=24))
+    tree = yaml.safe_load((place / "params.yaml").read_text())
+    for key, value in {"data.source": str(source), **TINY}.items():
+        section, _, name = key.rpartition(".")
+        (tree[section] if section else tree)[name] = value
+    (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    for words in (("init", "-q"), ("add", "-A"), ("-c", "user.name=t", "-c", "user.email=t@t", "commit", "-qm", "t")):
+        sh("git", *words, cwd=place)
+    output = sh("dvc", "repro", cwd=place)
+    assert ran(output) == ALL
+    return place
+
+
+def restore(place):
+    """Back to the first reproduction."""
+    sh("git", "checkout", "-q", "--", ".", cwd=place)
+    sh("dvc", "repro", cwd=place)
+
+
+def test_the_results_hold_what_people_rely_on(clone):
+    metrics = json.loads((clone / "results" / "metrics.json").read_text())
+    assert {key: metrics[key] for key in ("views", "classes", "trials")} == {"views": 4, "classes": 4, "trials": 2}
+    assert metrics["frames"]["train"] == metrics["frames"]["test"] == 96 and metrics["groups"]["test"] == 4
+    for scope in ("object", "recording"):
+        score = metrics[scope]
+        low, high = score["top1"]["ci95"]
+        assert low <= score["top1"]["mean"] <= high and score["top1"]["mean"] <= score["top3"]["mean"]
+        assert score["error"]["mean"] == pytest.approx(1 - score["top1"]["mean"])
+    timing = json.loads((clone / "results" / "timing.json").read_text())
+    assert set(timing["seconds"]) == set(ALL) and timing["peak_mb"] > 50
+    assert timing["latency_ms"]["single"]["p95"] >= timing["latency_ms"]["single"]["median"] > 0
+    assert timing["latency_ms"]["batch"]["median"] > 0
+
+
+def test_nothing_runs_twice_and_git_sees_no_data(clone):
+    assert ran(sh("dvc", "repro", cwd=clone)) == []
+    assert sh("git", "status", "--porcelain", cwd=clone).split() == ["??", "dvc.lock"]
+
+
+def test_dvc_shows_metrics_and_plots(clone):
+    shown = json.loads(sh("dvc", "metrics", "show", "--json", cwd=clone))[""]["data"]
+    assert shown[str(Path("results/metrics.json"))]["data"]["views"] == 4
+    sh("dvc", "plots", "show", "-o", clone.parent / "plots", cwd=clone)
+    page = (clone.parent / "plots" / "index.html").read_text()
+    assert all(title in page for title in ("Confusion over all trials", "Error of each trial", "Accuracy per object"))
+
+
+def test_every_stage_is_a_run_and_evaluate_links_to_the_others(clone):
+    client, runs = store_of(clone)
+    found = {run.info.run_name: run for run in runs}
+    assert {name for name in found if not name.startswith("trial")} == set(ALL)
+    row = found["evaluate"]
+    assert row.data.params["pretrain.epochs"] == "2" and row.data.params["preprocess.filter"] == "flags"
+    metrics = json.loads((clone / "results" / "metrics.json").read_text())
+    assert row.data.metrics["object.error.mean"] == metrics["object"]["error"]["mean"]
+    assert row.data.metrics["seconds.finetune"] > 0
+    for name in ALL[:-1]:
+        assert row.data.tags[f"run.{name}"] == found[name].info.run_id
+    assert found["trial 1"].data.tags["mlflow.parentRunId"] == row.info.run_id
+    kept = {file.path for file in client.list_artifacts(row.info.run_id)}
+    assert {"confusion_object.png", "confusion_recording.png", "metrics.json", "trials.csv"} <= kept
+
+
+@pytest.mark.parametrize(
+    ("change", "stages"),
+    [
+        ("views=2", ["cluster", "finetune", "evaluate"]),
+        ("pretrain.epochs=1", ["pretrain", "finetune", "evaluate"]),
+        ("evaluate.trials=1", ["evaluate"]),
+        ("cluster.method=none", ["cluster", "finetune", "evaluate"]),
+        ("preprocess.scale=100", ["preprocess", "cluster", "pretrain", "finetune", "evaluate"]),
+    ],
+)
+def test_a_change_reruns_what_it_touches(clone, change, stages):
+    output = sh("dvc", "exp", "run", "-S", change, cwd=clone, MLFLOW_TRACKING_URI="disabled")
+    assert ran(output) == stages
+    if change == "cluster.method=none":
+        assert "view sets are drawn at random" in output and "clusters each" not in output
+    restore(clone)
+
+
+def test_editing_the_graph_reruns_what_uses_it(clone):
+    path = clone / "tactile_viewgcn" / "nn" / "graph.py"
+    path.write_text(path.read_text() + "\n# changed\n")
+    assert ran(sh("dvc", "repro", cwd=clone, MLFLOW_TRACKING_URI="disabled")) == ["finetune", "evaluate"]
+    restore(clone)
+
+
+def test_one_seed_gives_the_same_results_and_another_others(clone):
+    names = ("metrics.json", "trials.csv", "confusion.csv", "per_class.csv")
+    first = results(clone, *names)
+    assert ran(sh("dvc", "repro", "--force", "--no-run-cache", cwd=clone, MLFLOW_TRACKING_URI="disabled")) == ALL
+    assert results(clone, *names) == first
+    sh("dvc", "exp", "run", "-S", "seed=1", cwd=clone, MLFLOW_TRACKING_URI="disabled")
+    assert results(clone, "confusion.csv") != {"confusion.csv": first["confusion.csv"]}
+    restore(clone)
+
+
+def test_queued_experiments_share_one_fresh_store(clone):
+    for name in clone.glob("mlflow.db*"):
+        name.unlink()
+    shutil.rmtree(clone / "mlruns")
+    sh("dvc", "exp", "run", "--queue", "-S", "views=1,2,3", cwd=clone)
+    sh("dvc", "queue", "start", "-j", "2", cwd=clone)
+    logs = []
+    for _ in range(120):
+        time.sleep(1)
+        logs = re.findall(r"(Success|Failed|Queued|Running)", sh("dvc", "queue", "status", cwd=clone))
+        if not {"Queued", "Running"} & set(logs):
+            break
+    assert logs == ["Success"] * 3
+    client, runs = store_of(clone)
+    rows = [run for run in runs if run.info.run_name == "evaluate"]
+    assert sorted(run.data.params["views"] for run in rows) == ["1", "2", "3"]
+    for run in rows:
+        path = client.download_artifacts(run.info.run_id, "metrics.json", str(clone.parent))
+        assert json.loads(Path(path).read_text())["views"] == int(run.data.params["views"])
