@@ -31,7 +31,7 @@ def finetune(params, run, frames, views, backbone, out):
         compute,
         params.seed,
     )
-    save_classifier(out, classifier, params.model, table)
+    save_classifier(out, classifier, params.model, table, compute.precision)
     run.curves(curves, picture="finetune_curves.png")
     last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in curves.items())
     print(f"finetune: {params.finetune.epochs} epochs on {compute.device} in {compute.precision}; at the end {last}")

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from tactile_viewgcn.compute import choose
 from tactile_viewgcn.files import whole
 from tactile_viewgcn.frames import Frames, transform
 from tactile_viewgcn.nn.backbone import Backbone, features_of
@@ -59,8 +60,11 @@ def logits_of_sets(head: ViewGCN, features: Tensor, sets: Tensor) -> Tensor:
     return torch.cat([head(features[part])[0] for part in sets.split(batch)])
 
 
-def save_classifier(path: str | Path, classifier: Classifier, model: Model, frames: Frames) -> None:
-    """Write the weights and all that is needed to use them on raw counts."""
+def save_classifier(
+    path: str | Path, classifier: Classifier, model: Model, frames: Frames, precision: str = "float32"
+) -> None:
+    """Write the weights and all that is needed to use them on raw counts, in the precision they were trained in."""
+    used = np.unique(frames.rest)  # a session without frames has no rest
     content = {
         "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
         "viewpoints": classifier.head.viewpoints.cpu(),
@@ -69,8 +73,9 @@ def save_classifier(path: str | Path, classifier: Classifier, model: Model, fram
         "kind": frames.kind,
         "scale": frames.scale,
         "shape": list(frames.counts.shape[1:]),
-        "rest_mean": torch.from_numpy(frames.rest_mean),
-        "rest_names": frames.rest_names,
+        "rest_mean": torch.from_numpy(frames.rest_mean[used]),
+        "rest_names": [frames.rest_names[i] for i in used],
+        "precision": precision,
     }
     with whole(path) as part:
         torch.save(content, part)
@@ -95,6 +100,7 @@ class Recogniser:
         self.classifier, content = load_classifier(path)
         self.classes, self.shape = content["classes"], tuple(content["shape"])
         self._kind, self._scale = content["kind"], content["scale"]
+        self._compute = choose("cpu", content["precision"])
         self._rest = dict(zip(content["rest_names"], content["rest_mean"].numpy(), strict=True))
 
     def rest(self, name: str = "") -> np.ndarray:
@@ -121,7 +127,7 @@ class Recogniser:
             rest: of the empty hand in the same session, (H, W) counts.
 
         Raises:
-            ValueError: counts or rest of another shape.
+            ValueError: counts or rest of another shape, or counts that are not finite.
         """
         expected = (self.classifier.views, *self.shape)
         if counts.ndim != 4 or counts.shape[1:] != expected:
@@ -131,8 +137,13 @@ class Recogniser:
             )
         if rest.shape != self.shape:
             raise ValueError(f"rest has shape {rest.shape}; expected {self.shape}")
+        if not np.isfinite(counts).all():
+            raise ValueError("counts holds values that are not finite; expected a number from every sensor")
+        if not len(counts):
+            return np.empty((0, len(self.classes)), dtype=np.float32)
         inputs = transform(counts.astype(np.float32) - rest.astype(np.float32), self._kind, self._scale)
-        batch = torch.from_numpy(inputs).flatten(0, 1).unsqueeze(1).contiguous(memory_format=torch.channels_last)
-        features = features_of(self.classifier.backbone, batch)
-        logits, _ = self.classifier.head(features.unflatten(0, (-1, self.classifier.views)))
-        return logits.softmax(dim=-1).numpy()
+        frames = self._compute.frames(torch.from_numpy(inputs).flatten(0, 1))
+        with self._compute.autocast():
+            features = features_of(self.classifier.backbone, frames)
+        sets = torch.arange(len(features)).unflatten(0, (-1, self.classifier.views))
+        return logits_of_sets(self.classifier.head, features, sets).softmax(dim=-1).numpy()

@@ -49,10 +49,12 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     from sklearn.decomposition import PCA
 
     points = np.asarray(points, dtype=np.float64)
-    if len(points) < 2:
+    distinct, inverse = np.unique(points, axis=0, return_inverse=True)  # equal rows are to get equal scores
+    if len(distinct) < 2:
         return np.zeros((len(points), 1))
     solver = "covariance_eigh" if len(points) > points.shape[1] else "full"
-    return PCA(min(count, *points.shape), svd_solver=solver).fit_transform(points)
+    found = PCA(min(count, *points.shape), svd_solver=solver).fit(points)
+    return found.transform(distinct)[inverse.ravel()]
 
 
 def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.ndarray:

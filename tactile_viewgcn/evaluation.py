@@ -25,7 +25,7 @@ from tactile_viewgcn.views import ViewSets
 
 PROTOCOLS = ("object", "recording")
 TOP = 3
-SINGLE_REPEATS, BATCH_REPEATS, WARM_UP = 50, 5, 3
+SINGLE_REPEATS, BATCH_REPEATS = 50, 3
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def evaluate_table(
     inputs = table.inputs(index)
     anchors = np.flatnonzero(table.anchor[index])
     frames = compute.frames(torch.from_numpy(inputs))
-    classifier.to(compute.device, memory_format=torch.channels_last)
+    classifier.eval().to(compute.device, memory_format=torch.channels_last)
     with compute.autocast():
         features = features_of(classifier.backbone, frames)
     points, groups, found, scores = inputs[:, table.live], table.group[index][anchors], {}, {}
@@ -139,7 +139,8 @@ def summary(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dic
     """Top-1, top-3 and error as fractions: means over trials, the spread between them, and the interval.
 
     `spread` is the standard deviation over trials, which differ in their clustering alone; `ci95` resamples the
-    split groups (A,) of the anchors and is conditional on the one training.
+    split groups (A,) of the anchors and is conditional on the one training; `empty_clusters` counts the clusters
+    drawn by repetition, over all trials.
     """
     each = trials.right.mean(axis=1)
     interval = group_interval(trials.right.mean(axis=0), groups, rng)
@@ -151,6 +152,7 @@ def summary(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dic
         },
         "top3": {"mean": float(trials.near.mean())},
         "error": {"mean": float(1 - each.mean())},
+        "empty_clusters": trials.empty,
     }
 
 
@@ -168,14 +170,13 @@ def latency(classifier: Classifier, frames: Tensor, compute: Compute, *, batch: 
     def timed(sets: int, repeats: int) -> np.ndarray:
         index = torch.arange(sets * classifier.views, device=frames.device) % len(frames)
         inputs, taken = frames[index], []
-        for number in range(WARM_UP + repeats):
+        for _ in range(1 + repeats):
             begin = time.perf_counter()
             with compute.autocast():
                 features = features_of(classifier.backbone, inputs).unflatten(0, (-1, classifier.views))
             classifier.head(features)[0].sum().item()  # waits for the device
-            if number >= WARM_UP:
-                taken.append((time.perf_counter() - begin) * 1e3 / sets)
-        return np.array(taken)
+            taken.append((time.perf_counter() - begin) * 1e3 / sets)
+        return np.array(taken[1:])  # the first one warms up
 
     alone, together = timed(1, SINGLE_REPEATS), timed(batch, BATCH_REPEATS)
     return {

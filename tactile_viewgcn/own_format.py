@@ -15,7 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tactile_viewgcn.recordings import BLOCK, EMPTY_HAND, TEST, TRAIN, Source, check_shape, storage_type
+from tactile_viewgcn.recordings import BLOCK, COLUMNS, EMPTY_HAND, TEST, TRAIN, Source, check_shape, storage_type
 
 OPTIONAL = ("time", "valid", "grasp", "grasp_valid")
 
@@ -62,7 +62,9 @@ def read_own(path: Path) -> Source:
                     if head["split"] is not None:
                         same["split"] = head["split"]
                     block = {column: np.full(count, value) for column, value in same.items()}
-                    block |= {column: file[column][start : start + BLOCK] for column in OPTIONAL if column in file}
+                    for column in head["columns"]:
+                        if column in OPTIONAL:
+                            block[column] = _values(file[column], column, slice(start, start + BLOCK), name)
                     block.setdefault("time", np.full(count, np.nan))
                     yield block | {"pressure": pressure, "frame": np.arange(start, start + count)}
 
@@ -72,7 +74,7 @@ def read_own(path: Path) -> Source:
         names,
         sessions,
         first["shape"],
-        np.result_type(*(head["dtype"] for head in heads)),
+        storage_type(np.result_type(*(head["dtype"] for head in heads)), str(path)),
         blocks(),
         weights=None if np.isnan(weights).all() else weights,
     )
@@ -85,29 +87,55 @@ def _head(path: Path) -> dict:
     except OSError as error:
         raise ValueError(f"{path}: not a readable HDF5 file, or cut short ({error})") from None
     with file:
-        if "pressure" not in file:
+        if not isinstance(file.get("pressure"), h5py.Dataset):
             raise ValueError(f"{path}: no dataset /pressure; found {', '.join(file) or 'nothing'}")
         for name in ("object", "session"):
             if name not in file.attrs:
                 raise ValueError(f"{path}: no attribute {name!r}; expected a text on the file's root")
+        shape = check_shape(file["pressure"].shape, str(path))
         frames = len(file["pressure"])
         columns = [name for name in OPTIONAL if name in file]
         for name in columns:
             if file[name].shape != (frames,):
                 raise ValueError(f"{path}: /{name} has shape {file[name].shape}; expected ({frames},)")
-        split = file.attrs.get("split")
+        attributes = {name: _text(value) for name, value in file.attrs.items()}
+        split, weight = attributes.get("split"), attributes.get("weight")
+        try:
+            weight = None if weight is None else float(weight)
+        except ValueError:
+            raise ValueError(f"{path}: attribute weight is {weight!r}; expected grams") from None
         if split not in (None, "train", "test"):
             raise ValueError(f"{path}: attribute split is {split!r}; expected train or test")
         if split is not None:
             columns.append("split")
         return {
-            "object": str(file.attrs["object"]),
-            "session": str(file.attrs["session"]),
+            "object": attributes["object"],
+            "session": attributes["session"],
             "columns": columns,
-            "recording": str(file.attrs.get("recording", path.stem)),
-            "weight": file.attrs.get("weight"),
+            "recording": attributes.get("recording", path.stem),
+            "weight": weight,
             "split": {"train": TRAIN, "test": TEST}.get(split),
             "frames": frames,
-            "shape": check_shape(file["pressure"].shape, str(path)),
+            "shape": shape,
             "dtype": storage_type(file["pressure"].dtype, str(path)),
         }
+
+
+def _text(value: object) -> str:
+    """An attribute as text; those of fixed length come as bytes."""
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _values(dataset: h5py.Dataset, column: str, at: slice, path: Path) -> np.ndarray:
+    """Part of an optional column: seconds since the first frame, or whole numbers that its type holds."""
+    values = dataset[at]
+    if values.dtype.kind not in "biuf":
+        raise ValueError(f"{path}: /{column} is of type {values.dtype}; expected numbers")
+    if column == "time":
+        return values - dataset[0]
+    kind = COLUMNS[column]
+    low, high = (0, 1) if kind is np.bool_ else (np.iinfo(kind).min, np.iinfo(kind).max)
+    bad = values[~((values >= low) & (values <= high) & (values == np.floor(values)))]
+    if len(bad):
+        raise ValueError(f"{path}: /{column} holds {bad[0]}; expected whole numbers from {low} to {high}")
+    return values.astype(kind)

@@ -29,7 +29,7 @@ class Range:
     def __str__(self) -> str:
         left = "(" if self.open in ("low", "both") or math.isinf(self.low) else "["
         right = ")" if self.open in ("high", "both") or math.isinf(self.high) else "]"
-        return f"in {left}{self.low:g}, {self.high:g}{right}"
+        return f"in {left}{self.low:.10g}, {self.high:.10g}{right}"
 
 
 Count = Annotated[int, Range(1)]
@@ -153,7 +153,7 @@ def load(path: str | Path, changes: tuple[str, ...] = ()) -> Params:
     path = Path(path)
     try:
         tree = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(tree, dict):
         raise ValueError(f"{path}: expected keys and values, found {type(tree).__name__}")
@@ -202,8 +202,9 @@ def _build(kind: type, tree: dict, prefix: str, mistakes: list[str]) -> Any:
         else:
             try:
                 values[key] = _convert(tree[key], hint)
-            except (ValueError, TypeError):
-                near = get_close_matches(str(tree[key]), [str(c) for c in get_args(hint)], n=1, cutoff=0.6)
+            except (ValueError, TypeError, OverflowError):
+                choices = get_args(hint) if get_origin(hint) is Literal else ()
+                near = get_close_matches(str(tree[key]), choices, n=1, cutoff=0.6)
                 hint_text = _describe(hint) + (f" (did you mean {near[0]}?)" if near else "")
                 mistakes.append(f"{prefix}{key} is {tree[key]!r}; expected {hint_text}")
     mistakes[count:] = sorted(mistakes[count:])
@@ -233,7 +234,7 @@ def _convert(value: Any, hint: Any) -> Any:
         for choice in args:
             try:
                 return _convert(value, choice)
-            except (ValueError, TypeError):
+            except (ValueError, TypeError, OverflowError):
                 continue
         raise ValueError(value)
     if hint is float and isinstance(value, str):

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 GAP = 1  # blank cells between the frames of a mosaic
+WIDEST = 40  # inches
 
 
 def confusion(counts: np.ndarray, classes: list[str], title: str) -> Figure:
@@ -40,7 +41,7 @@ def cluster_means(means: np.ndarray, live: np.ndarray, classes: list[str]) -> Fi
         for column in range(views):
             top, left = row * (height + GAP), column * (width + GAP)
             mosaic[top : top + height, left : left + width] = np.where(live, means[row, column], np.nan)
-    figure = Figure(figsize=(2 + 0.8 * views, 1 + 0.8 * count), layout="constrained")
+    figure = Figure(figsize=(2 + min(0.8 * views, WIDEST), 1 + 0.8 * count), layout="constrained")
     axes = figure.add_subplot()
     image = axes.imshow(mosaic, cmap="viridis", vmin=0, vmax=np.nanpercentile(mosaic, 99.5) or 1)
     axes.set_yticks(np.arange(count) * (height + GAP) + height / 2, classes, fontsize=8)

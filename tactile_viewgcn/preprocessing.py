@@ -73,6 +73,12 @@ def select(recordings: Recordings, rest: Rest, how: Preprocess, split: Split, rn
     if published:
         anchor = keep & recordings.columns["balanced"]
         notes.append("anchors: the source's own balanced frames")
+        for code in np.unique(side[keep]):
+            if not (anchor & (side == code)).any():
+                raise ValueError(
+                    f"the {SIDES[code]} side of split.by source has no balanced frames (isBalanced) that pass the "
+                    "filter; expected some: set preprocess.filter to contact or choose another split.by"
+                )
     else:
         anchor = np.zeros(len(keep), dtype=bool)
         anchor[keep], unequal = balanced_anchors(objects[keep], side[keep], minimum=how.balance_minimum, rng=rng)

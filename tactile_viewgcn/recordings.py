@@ -124,8 +124,8 @@ def _check_block(block: dict[str, np.ndarray], names: dict[str, list[str]], sour
                 f"{path}: pressure from {counts.min()} to {counts.max()}; "
                 f"expected counts from {limits.min} to {limits.max}"
             )
-    if counts.dtype.kind == "f" and not np.isfinite(counts).all():
-        bad = start + int(np.flatnonzero(~np.isfinite(counts).all(axis=(1, 2)))[0])
+    if counts.dtype.kind == "f" and not (inside := _storable(counts)).all():
+        bad = start + int(inside.argmin())
         raise ValueError(f"{path}: pressure of frame {bad} is not finite; expected a number from every sensor")
     for column, among in (("object", "objects"), ("recording", "recordings"), ("session", "sessions")):
         ids, count = block[column], len(names[among])
@@ -136,6 +136,11 @@ def _check_block(block: dict[str, np.ndarray], names: dict[str, list[str]], sour
                 f"{path}: {column} id {ids[at]} of frame {start + at} is out of range; "
                 f"expected 0 to {count - 1} ({count} {among})"
             )
+
+
+def _storable(counts: np.ndarray) -> np.ndarray:
+    """bool (n,): real numbers (n, H, W) that single precision holds, all of a frame's."""
+    return (np.abs(counts) <= np.finfo(np.float32).max).all(axis=(1, 2))
 
 
 def _append_columns(file: h5py.File, block: dict[str, np.ndarray], count: int, total: int) -> None:

@@ -30,6 +30,14 @@ def open_source(path: str | Path) -> Source:
     if not path.stat().st_size:
         raise ValueError(f"{path}: an empty file; {REMEDY}")
     if h5py.is_hdf5(path):
-        with h5py.File(path, "r") as file:  # MATLAB 7.3 marks its arrays, our own form its object
-            return read_own(path) if "object" in file.attrs or path.suffix in (".h5", ".hdf5") else read_metadata(path)
+        return read_own(path) if path.suffix in (".h5", ".hdf5") or _names_object(path) else read_metadata(path)
     return read_metadata(path)
+
+
+def _names_object(path: Path) -> bool:
+    """Whether an HDF5 file is of our own form: MATLAB 7.3 marks its arrays, our own form its object."""
+    try:
+        with h5py.File(path, "r") as file:
+            return "object" in file.attrs
+    except OSError:  # cut short: read_metadata says so
+        return False

@@ -32,7 +32,7 @@ FIELDS = {
     "graspIndex": "grasp",
     "graspValid": "grasp_valid",
 }
-PER_ENTRY = ("weights", "actionStartTS", "actionEndTS")  # a value per object or per recording
+PER_ENTRY = {"weights": "objects", "actionStartTS": "recordings", "actionEndTS": "recordings"}  # a value for each
 
 
 def read_metadata(path: Path) -> Source:
@@ -45,6 +45,10 @@ def read_metadata(path: Path) -> Source:
     shape, pressure, fields = read(path)
     check_shape(shape, str(path))
     frames = shape[0]
+    for name, among in PER_ENTRY.items():
+        if name in fields and fields[name].size != len(fields[among]):
+            values, count = fields[name].size, len(fields[among])
+            raise ValueError(f"{path}: {name} has {values} values; expected one per entry of {among}, {count}")
     columns = {column: _column(fields[name], name, frames, path) for name, column in FIELDS.items() if name in fields}
     columns.setdefault("frame", np.arange(frames))
     columns.setdefault("time", np.full(frames, np.nan))
@@ -76,7 +80,7 @@ def _need(found: list[str], path: Path) -> None:
     if missing:
         raise ValueError(
             f"{path}: no field {', '.join(missing)}; found {', '.join(found) or 'nothing'}; "
-            "expected STAG's metadata.mat"
+            "expected STAG's metadata.mat, and not cut short: download it again"
         )
 
 
@@ -121,6 +125,8 @@ def _read_hdf5(path: Path) -> tuple[tuple, Any, dict[str, Any]]:
             if name == "pressure" or name not in file:
                 continue
             if name in NAMES:
+                if h5py.check_ref_dtype(file[name].dtype) is None:
+                    raise ValueError(f"{path}: {name} is of type {file[name].dtype}; expected a cell array of names")
                 fields[name] = ["".join(map(chr, file[reference][()].ravel())) for reference in file[name][()].ravel()]
             else:
                 fields[name] = file[name][()].T
@@ -138,7 +144,7 @@ def _column(values: np.ndarray, name: str, frames: int, path: Path) -> np.ndarra
     if values.dtype.kind not in "biuf":
         raise ValueError(f"{path}: {name} is of type {values.dtype}; expected numbers")
     values = values.ravel()
-    if name == "ts":
+    if name in ("ts", "tStamp"):
         return values
     whole = values.astype(np.int64) if np.isfinite(values).all() else None
     if whole is None or (whole != values).any():
@@ -171,13 +177,16 @@ def read_folder(path: Path) -> Source:
     sessions = sorted({file.parent.parent.name for file in files})
     held = [re.sub(r"^\d+-", "", file.parent.name) for file in files]
     objects = sorted(set(held), key=lambda name: (name != "empty_hand", name))
-    shape = check_shape(_raw(files[0])[0].shape, str(files[0]))
+    first = _raw(files[0])[0]
+    shape, dtype = check_shape(first.shape, str(files[0])), storage_type(first.dtype, str(files[0]))
 
     def blocks() -> Iterator[dict[str, np.ndarray]]:
         for number, (file, name) in enumerate(zip(files, held, strict=True)):
             pressure, time, frame = _raw(file)
             if check_shape(pressure.shape, str(file)) != shape:
                 raise ValueError(f"{file}: frames of {pressure.shape[1:]}; expected {shape} as in {files[0]}")
+            if storage_type(pressure.dtype, str(file)) != dtype:
+                raise ValueError(f"{file}: pressure is of type {pressure.dtype}; expected {dtype} as in {files[0]}")
             for start in range(0, len(pressure), BLOCK):
                 at = slice(start, start + BLOCK)
                 count = len(pressure[at])
@@ -191,7 +200,7 @@ def read_folder(path: Path) -> Source:
                 }
 
     names = [f"{file.parent.parent.name}/{file.parent.name}" for file in files]
-    return Source(path, objects, names, sessions, shape, np.dtype(np.int16), blocks())
+    return Source(path, objects, names, sessions, shape, dtype, blocks())
 
 
 def _raw(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -210,6 +219,6 @@ def _raw(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         raise ValueError(f"{path}: no field pressure; expected STAG's pressuredata.mat")
     pressure = tree["pressure"]
     frames = len(pressure)
-    time = _column(tree["tStamp"], "ts", frames, path) if "tStamp" in tree else np.full(frames, np.nan)
+    time = _column(tree["tStamp"], "tStamp", frames, path) if "tStamp" in tree else np.full(frames, np.nan)
     frame = _column(tree["frame"], "frame", frames, path) if "frame" in tree else np.arange(frames)
     return pressure, time - (time[0] if frames else 0), frame

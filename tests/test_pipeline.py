@@ -6,14 +6,16 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 import yaml
 
-from tests.stag_files import metadata, save_matlab5
-
+pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
 ROOT = Path(__file__).parents[1]
 ALL = ["ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate"]
 TINY = {
@@ -41,11 +43,28 @@ def ran(output):
     return re.findall(r"^Running stage '(\w+)'", output, re.MULTILINE)
 
 
+def small_glove(folder):
+    """Recordings of a glove of 8 x 8 sensors: the empty hand and three objects, two recordings each, one to test."""
+    rng = np.random.default_rng(0)
+    folder.mkdir()
+    for label, name in enumerate(("empty_hand", "mug", "pen", "tape")):
+        shape = 60 * (rng.random((8, 8)) < 0.3) * (label > 0)
+        for number, split in enumerate(("train", "test")):
+            with h5py.File(folder / f"{name}_{number}.h5", "w") as file:
+                counts = 514 + shape * rng.uniform(0.2, 1, (24, 1, 1)) + rng.standard_normal((24, 8, 8))
+                file["pressure"] = np.round(counts).astype(np.int16)
+                file["valid"] = np.ones(24, dtype=bool)
+                file.attrs.update({"object": name, "session": "monday", "split": split})
+    return folder
+
+
 def store_of(place):
     """The MLflow store's client, and all its runs."""
     from mlflow import MlflowClient
 
-    client = MlflowClient(f"sqlite:///{place / 'mlflow.db'}")
+    copy = Path(tempfile.mkdtemp(dir=place.parent)) / "mlflow.db"  # MLflow keeps connections by path
+    shutil.copy(place / "mlflow.db", copy)
+    client = MlflowClient(f"sqlite:///{copy}")
     return client, client.search_runs([client.get_experiment_by_name("tactile-viewgcn").experiment_id])
 
 
@@ -61,7 +80,7 @@ def clone(tmp_path_factory):
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         if (ROOT / name).is_file():
             shutil.copy(ROOT / name, place / name)
-    source = save_matlab5(place.parent / "metadata.mat", metadata(objects=4, recordings=2, frames=24))
+    source = small_glove(place.parent / "recordings")
     tree = yaml.safe_load((place / "params.yaml").read_text())
     for key, value in {"data.source": str(source), **TINY}.items():
         section, _, name = key.rpartition(".")

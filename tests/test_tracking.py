@@ -119,10 +119,10 @@ def test_the_logged_model_gives_the_recogniser_s_probabilities(store, client):
     classifier = Classifier(torch.from_numpy(viewpoints(2)), 3, model)
     counts = rng.integers(500, 600, (5, 2, 6, 4)).astype(np.int16)
     rest = rng.uniform(510, 520, (2, 6, 4)).astype(np.float32)
-    empty = np.zeros(0, dtype=np.int64)
+    two = np.arange(2)
     table = Frames(
-        counts[:0, 0], empty, empty, empty, empty, empty, empty, empty, empty, rest, np.ones((6, 4), bool),
-        ["a", "b", "c"], [], [], ["000", "001"], "clip", 150.0,
+        counts[0], two, two, two, two, two, two == 0, two, two, rest, np.ones((6, 4), bool),
+        ["a", "b", "c"], ["x", "y"], ["000", "001"], ["000", "001"], "clip", 150.0,
     )  # fmt: skip
     save_classifier(store / "classifier.pt", classifier, model, table)
     with tracking.stage_run("evaluate", {}) as run:

@@ -1,0 +1,97 @@
+"""A small table of frames of four objects that can be told apart, and what is learnt from it, made once."""
+
+import tempfile
+from copy import deepcopy
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from tactile_viewgcn.classifier import Classifier
+from tactile_viewgcn.clustering import cluster_pools, pool_ids
+from tactile_viewgcn.compute import Compute
+from tactile_viewgcn.finetuning import finetune_classifier
+from tactile_viewgcn.frames import Frames
+from tactile_viewgcn.params import Params, load
+from tactile_viewgcn.preprocessing import prepare
+from tactile_viewgcn.pretraining import pretrain_backbone
+from tactile_viewgcn.recordings import Recordings, write_recordings
+from tactile_viewgcn.split import TEST
+from tactile_viewgcn.stag import read_metadata
+from tactile_viewgcn.viewpoints import viewpoints
+from tactile_viewgcn.views import NO_CLUSTER, Views
+from tests.stag_files import metadata, save_matlab5
+
+ROOT = Path(__file__).parents[1]
+CPU = Compute(torch.device("cpu"), "float32")
+CORNER = (slice(0, 12), slice(12, 24))  # the rows and columns of STAG's frame that the small glove has
+SMALL = (
+    "views=4",
+    "split.by=recording",
+    "cluster.restarts=2",
+    "pretrain.epochs=4",
+    "pretrain.batch=8",
+    "finetune.epochs=1",
+    "finetune.lr=2e-3",
+    "finetune.batch=8",
+    "evaluate.trials=3",
+)
+
+
+def recipe(*changes: str) -> Params:
+    """params.yaml, made short for small data, with `key=value` changes on top."""
+    return load(ROOT / "params.yaml", (*SMALL, *changes))
+
+
+torch.set_num_threads(1)  # on arrays this small, threads that wait for each other cost minutes on a busy machine
+
+
+@cache
+def table(*changes: str) -> Frames:
+    """Four classes, the empty hand among them, of six recordings of 12 frames (12, 12); two of the six are test."""
+    how = recipe(*changes)
+    tree = metadata(objects=4, recordings=6, frames=12)
+    tree["pressure"] = tree["pressure"][:, *CORNER]
+    with tempfile.TemporaryDirectory() as folder:
+        source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings.h5"
+        write_recordings(path, read_metadata(save_matlab5(source, tree)), "")
+        with Recordings(path) as recordings:
+            return prepare(recordings, how.preprocess, how.split, np.random.default_rng(how.seed))[0]
+
+
+def views_of(frames: Frames, how: Params) -> Views:
+    """The clusters of all frames but the test side's."""
+    pool = pool_ids(frames.label, frames.recording, frames.side, how.cluster.scope)
+    cluster, index = np.full(len(frames), NO_CLUSTER, dtype=np.int16), np.flatnonzero(frames.side != TEST)
+    if how.cluster.method == "kmeans":
+        own = np.unique(pool[index], return_inverse=True)[1].ravel()
+        points = frames.inputs(index)[:, frames.live]
+        cluster[index] = cluster_pools(points, own, how.views, how.cluster, np.random.default_rng(how.seed))
+    return Views(cluster, pool, viewpoints(how.views, how.viewpoints))
+
+
+def fewer_anchors(frames: Frames, every: int) -> Frames:
+    """The same table with each `every`-th anchor only, for trainings whose result does not matter."""
+    anchor = np.zeros_like(frames.anchor)
+    anchor[np.flatnonzero(frames.anchor)[::every]] = True
+    return replace(frames, anchor=anchor)
+
+
+@cache
+def pretrained() -> dict[str, torch.Tensor]:
+    """The weights of a backbone that tells the objects of the table."""
+    return pretrain_backbone(table(), recipe().pretrain, CPU, 0)[0].state_dict()
+
+
+@cache
+def _trained() -> Classifier:
+    how = recipe()
+    views = views_of(table(), how)
+    return finetune_classifier(table(), views, pretrained(), how.finetune, how.model, "index", CPU, 0)[0].eval()
+
+
+def trained() -> Classifier:
+    """A classifier of four views trained on the table, in evaluation mode; each call gives one of its own."""
+    return deepcopy(_trained())

@@ -1,0 +1,190 @@
+"""The rest of each sensor."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.baseline import CUT, PASSES, QUANTISATION, empty_hand_rest, no_rest, quiet_rest, trimmed
+from tactile_viewgcn.stag import read_metadata
+from tests.sources import written
+from tests.stag_files import SENSORS
+
+FRAMES = 10_000
+
+
+def resting(rest, frames, seed=0):
+    """Whole counts of sensors at `rest` (H, W), Gaussian noise of sd 0.95 on them."""
+    noise = np.random.default_rng(seed).normal(0, 0.95, size=(frames, *np.shape(rest)))
+    return np.round(rest + noise).astype(np.int16)
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 0.5, 0.8])
+def test_a_known_rest_is_found_to_a_twentieth_of_a_count_below_outliers(fraction):
+    rest = np.full((2, 3), 513 + fraction)
+    counts = resting(rest, FRAMES)
+    outlier = np.random.default_rng(1).random(counts.shape) < 0.01
+    counts[outlier] += 20
+    mean, noise = trimmed(counts)
+    assert (mean.shape, mean.dtype, noise.dtype) == ((2, 3), np.float32, np.float32)
+    np.testing.assert_allclose(mean, rest, atol=0.05)
+    np.testing.assert_allclose(noise, np.hypot(0.95, QUANTISATION), atol=0.05)
+    assert (counts.mean(axis=0) - rest > 0.1).all()  # what the outliers do to a mean that keeps them
+
+
+def _trimmed_one(values):
+    """Mean and standard deviation of one sensor, outliers cut, value by value."""
+    kept = values
+    for _ in range(PASSES):
+        mean, noise = np.mean(kept), max(np.std(kept), QUANTISATION)
+        again = [value for value in values if abs(value - mean) <= CUT * noise]
+        if again == list(kept):
+            break
+        kept = again
+    return mean, noise
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 40), st.integers(0, 10_000), st.sampled_from([0, 5, 400]))
+def test_trimming_all_sensors_at_once_is_trimming_each(frames, seed, excess):
+    counts = resting(np.full((2, 2), 514.0), frames, seed)
+    counts[0, 0, 0] += excess
+    mean, noise = trimmed(counts)
+    for at in np.ndindex(2, 2):
+        naive = _trimmed_one(counts[:, *at].astype(float).tolist())
+        np.testing.assert_allclose((mean[at], noise[at]), naive, rtol=1e-6)
+
+
+def test_a_sensor_that_never_varies_has_the_noise_of_rounding():
+    mean, noise = trimmed(np.full((50, 1, 1), 510, dtype=np.int16))
+    assert mean.item() == 510
+    assert noise.item() == pytest.approx(0.288675, abs=1e-6)
+
+
+def test_of_two_values_far_apart_neither_is_the_outlier():
+    mean, noise = trimmed(np.array([500, 1024], dtype=np.int16)[:, None, None])
+    assert (mean.item(), noise.item()) == (762, 262)
+
+
+def test_the_rest_of_the_empty_hand_is_found_in_each_session(tmp_path):
+    rest = {0: np.array([[514.2, 515.0]]), 1: np.array([[516.6, 513.4]])}
+    parts = [(0, 0), (0, 1), (1, 0), (1, 1)]  # session and object of each recording of 2000 frames
+    counts = np.concatenate(
+        [resting(rest[session] + 30 * held, 2000, seed=9 * held + session) for session, held in parts]
+    )
+    sessions, objects = (np.repeat(ids, 2000) for ids in zip(*parts, strict=True))
+    with written(tmp_path / "t", counts, session=sessions, object=objects) as recordings:
+        found = empty_hand_rest(recordings)
+    assert found.names == ["session0", "session1"]
+    assert found.mean.shape == found.noise.shape == (2, 1, 2)
+    np.testing.assert_allclose(found.mean, [rest[0], rest[1]], atol=0.1)
+    np.testing.assert_allclose(found.noise, 0.99, atol=0.06)
+    np.testing.assert_array_equal(found.of_frame, sessions)
+
+
+def test_the_recordings_of_an_empty_hand_are_taken_together(tmp_path):
+    counts = np.repeat([510, 512, 900], 3).astype(np.int16)[:, None, None]
+    with written(
+        tmp_path / "t", counts, object=np.repeat([0, 0, 1], 3), recording=np.repeat(range(3), 3)
+    ) as recordings:
+        found = empty_hand_rest(recordings)
+    assert (found.mean.item(), found.noise.item()) == (511, 1)
+
+
+def test_a_session_that_no_frame_belongs_to_needs_no_empty_hand(tmp_path):
+    counts = resting(np.full((1, 1), 514.0), 20)
+    with written(tmp_path / "t", counts, sessions=["a", "b"]) as recordings:
+        found = empty_hand_rest(recordings)
+    assert found.names == ["a", "b"]
+    assert found.mean[0].item() == pytest.approx(514, abs=1)
+    assert np.isfinite(found.mean).all() and (found.noise > 0).all()
+
+
+@pytest.mark.parametrize("empty", [0, 4])
+def test_a_session_without_enough_of_the_empty_hand_is_named(tmp_path, empty):
+    objects = np.r_[np.zeros(10), np.ones(10), np.zeros(empty), np.ones(10 - empty)]
+    counts = resting(np.full((1, 2), 514.0), 30)
+    sessions = np.repeat([0, 0, 1], 10)
+    sentence = (
+        rf"^session 'tuesday' has {empty} frames of 'empty_hand'; preprocess\.baseline empty_hand needs 5 or more: "
+        "record the empty hand, or set it to quiet$"
+    )
+    with (
+        written(tmp_path / "t", counts, object=objects, session=sessions, sessions=["monday", "tuesday"]) as recordings,
+        pytest.raises(ValueError, match=sentence),
+    ):
+        empty_hand_rest(recordings)
+
+
+def test_five_frames_of_the_empty_hand_are_enough(tmp_path):
+    counts = np.array([512, 513, 514, 515, 516, 900, 900], dtype=np.int16)[:, None, None]
+    with written(tmp_path / "t", counts, object=np.repeat([0, 1], [5, 2])) as recordings:
+        assert empty_hand_rest(recordings).mean.item() == 514
+
+
+def test_recordings_without_any_empty_hand_are_told_what_to_do(tmp_path):
+    sentence = r"^no object is named 'empty_hand'; .* set preprocess\.baseline to quiet$"
+    counts = resting(np.full((1, 2), 514.0), 10)
+    with (
+        written(tmp_path / "t", counts, objects=["mug", "pen"]) as recordings,
+        pytest.raises(ValueError, match=sentence),
+    ):
+        empty_hand_rest(recordings)
+
+
+def test_quiet_frames_are_those_of_the_smallest_sum_in_each_recording(tmp_path):
+    sums = np.r_[[9, 2, 8, 1, 7, 3, 6, 4, 5, 0, 2, 1], [90, 91, 92, 93, 94, 95, 96, 97, 98, 99, 99, 99]]
+    counts = np.stack([sums, 500 + sums], axis=1)[:, None, :].astype(np.int16)
+    with written(tmp_path / "t", counts, recording=np.repeat([0, 1], 12)) as recordings:
+        found = quiet_rest(recordings, 0.5)
+    assert found.names == ["recording0", "recording1"]
+    np.testing.assert_allclose(found.mean[:, 0, 0], [(0 + 1 + 1 + 2 + 2 + 3) / 6, 92.5])
+    np.testing.assert_allclose(found.mean[:, 0, 1], [501.5, 592.5])
+    assert found.noise[1, 0, 0] == pytest.approx(np.std(np.arange(6)))
+    np.testing.assert_array_equal(found.of_frame, np.repeat([0, 1], 12))
+
+
+def test_quiet_takes_five_frames_where_the_share_is_fewer_and_all_where_there_are_fewer(tmp_path):
+    counts = np.r_[np.arange(20), [100, 102]].astype(np.int16)[:, None, None]
+    with written(tmp_path / "t", counts, recording=np.repeat([0, 1], [20, 2])) as recordings:
+        found = quiet_rest(recordings, 0.01)
+    assert found.mean.ravel().tolist() == [2, 101]
+
+
+def test_quiet_recovers_the_rest_of_a_recording_that_mostly_holds(tmp_path):
+    rest = np.linspace(512, 516, 12).reshape(3, 4)
+    counts = resting(rest, 4000)
+    counts[1000:] += 10
+    with written(tmp_path / "t", counts, objects=["mug"]) as recordings:
+        found = quiet_rest(recordings, 0.25)
+    np.testing.assert_allclose(found.mean[0], rest, atol=0.1)
+
+
+def test_a_recording_without_frames_is_passed_over_by_quiet(tmp_path):
+    counts = resting(np.full((1, 1), 514.0), 20)
+    with written(tmp_path / "t", counts, recordings=["a", "b"]) as recordings:
+        found = quiet_rest(recordings, 0.5)
+    assert found.names == ["a", "b"]
+    assert np.isfinite(found.mean).all()
+
+
+def test_no_rest_is_one_constant_for_every_frame(tmp_path):
+    with written(tmp_path / "t", resting(np.full((3, 4), 514.0), 7), session=np.arange(7) % 2) as recordings:
+        found = no_rest(recordings, 500.0)
+    assert found.mean.shape == (1, 3, 4)
+    assert (found.mean == 500).all()
+    assert found.noise is None
+    assert found.of_frame.tolist() == [0] * 7
+
+
+@pytest.mark.stag
+@pytest.mark.parametrize(("name", "rest"), [("blindfolded_lite", 513.9), ("weights_lite", 516.2)])
+def test_the_rest_and_the_noise_of_the_real_files_are_as_measured(stag_data, name, rest):
+    blocks = read_metadata(stag_data / name / "metadata.mat").blocks
+    counts = np.concatenate([block["pressure"][block["object"] == 0] for block in blocks])
+    mean, noise = trimmed(counts)
+    assert mean[SENSORS].mean() == pytest.approx(rest, abs=0.1)
+    assert (mean[~SENSORS] == 510).all()
+    assert 0.95 < noise[SENSORS].mean() < 1.4  # white noise, and the drift of the rest during a recording
+    white = trimmed(np.diff(counts, axis=0))[1][SENSORS] / np.sqrt(2)
+    assert 0.93 < white.mean() < 0.98

@@ -1,0 +1,196 @@
+"""The trained recogniser and its file."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+import torch
+
+from tactile_viewgcn import classifier as module
+from tactile_viewgcn.classifier import (
+    Classifier,
+    Recogniser,
+    load_classifier,
+    logits_of_sets,
+    save_classifier,
+)
+from tactile_viewgcn.nn.backbone import features_of
+from tactile_viewgcn.split import TEST
+from tactile_viewgcn.viewpoints import viewpoints
+from tests.tables import CPU, recipe, table, trained
+
+RELEASED = (
+    "model.neighbours=[3, 3, 2]",
+    "model.selector=joint",
+    "model.selector_hidden=0",
+    "model.edge_distance=plain",
+)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """The trained classifier's checkpoint."""
+    path = tmp_path / "classifier.pt"
+    save_classifier(path, trained(), recipe().model, table())
+    return path
+
+
+def some_sets(count=12, views=4):
+    """View sets (count, V) of indices into the table, of any test frames."""
+    return np.random.default_rng(0).choice(table().on(TEST), (count, views))
+
+
+def pipeline_logits(classifier, frames, sets):
+    """Logits (A, classes) of view sets of indices into the table, as evaluation has them."""
+    inputs = CPU.frames(torch.from_numpy(frames.inputs(sets.ravel())))
+    with torch.inference_mode():
+        features = features_of(classifier.backbone, inputs)
+        return logits_of_sets(classifier.head, features, torch.arange(sets.size).view(sets.shape))
+
+
+def test_the_classifier_is_the_head_on_the_backbone_s_features():
+    classifier, frames = trained(), torch.rand(12, 1, 12, 12, generator=torch.Generator().manual_seed(0))
+    with torch.inference_mode():
+        logits, view_logits = classifier(frames, 4)
+        features = classifier.backbone(frames)
+        by_hand = classifier.head(torch.stack([features[4 * i : 4 * i + 4] for i in range(3)]))[0]
+    assert logits.shape == (3, 4)
+    assert [out.shape for out in view_logits] == [(3, 2, 4, 4)]
+    torch.testing.assert_close(logits, by_hand)
+    assert classifier.views == 4
+
+
+def test_the_released_options_give_the_released_code_s_number_of_weights():
+    classifier = Classifier(torch.from_numpy(viewpoints(8)), 27, recipe(*RELEASED).model)
+    assert sum(weight.numel() for weight in classifier.head.parameters()) == 305_138
+    assert sum(weight.numel() for weight in classifier.backbone.parameters()) == 674_240
+
+
+def test_view_sets_in_batches_have_the_logits_of_all_at_once(monkeypatch):
+    classifier = trained()
+    features = torch.randn(20, 128, generator=torch.Generator().manual_seed(0))
+    sets, sizes = torch.from_numpy(np.random.default_rng(0).integers(0, 20, (11, 4))), []
+    classifier.head.register_forward_hook(lambda _, inputs, __: sizes.append(len(inputs[0])))
+    with torch.inference_mode():
+        together = logits_of_sets(classifier.head, features, sets)
+        monkeypatch.setattr(module, "SETS_AT_ONCE", 3 * 4 * 4 * 128)
+        parts = logits_of_sets(classifier.head, features, sets)
+        monkeypatch.setattr(module, "SETS_AT_ONCE", 1)
+        singly = logits_of_sets(classifier.head, features, sets)
+    assert sizes == [11] + [3, 3, 3, 2] + [1] * 11
+    torch.testing.assert_close(parts, together)
+    torch.testing.assert_close(singly, together)
+
+
+def test_the_checkpoint_holds_tensors_and_plain_values_alone(saved):
+    content = torch.load(saved, weights_only=True)
+    frames = table()
+    assert content["classes"] == ["empty_hand", "object1", "object2", "object3"]
+    assert content["shape"] == [12, 12]
+    assert (content["kind"], content["scale"]) == ("clip", 150.0)
+    assert content["model"] == asdict(recipe().model)
+    assert content["rest_names"] == ["000"]
+    np.testing.assert_array_equal(content["rest_mean"], frames.rest_mean)
+    np.testing.assert_allclose(content["viewpoints"], viewpoints(4), rtol=1e-6)
+
+
+def test_a_loaded_classifier_has_the_logits_of_the_saved_one(saved):
+    loaded, content = load_classifier(saved)
+    assert not loaded.training
+    assert "weights" not in content
+    frames, sets = table(), some_sets()
+    assert torch.equal(pipeline_logits(loaded, frames, sets), pipeline_logits(trained(), frames, sets))
+
+
+def test_two_savings_give_the_same_bytes(saved, tmp_path):
+    again = tmp_path / "again" / "classifier.pt"
+    save_classifier(again, trained(), recipe().model, table())
+    assert again.read_bytes() == saved.read_bytes()
+
+
+def test_other_options_of_the_model_come_back(tmp_path):
+    how = recipe(*RELEASED).model
+    classifier = Classifier(torch.from_numpy(viewpoints(8)), 4, how).eval()
+    save_classifier(tmp_path / "c.pt", classifier, how, table())
+    loaded, _ = load_classifier(tmp_path / "c.pt")
+    views = torch.randn(5, 8, 128, generator=torch.Generator().manual_seed(0))
+    with torch.inference_mode():
+        assert torch.equal(loaded.head(views)[0], classifier.head(views)[0])
+
+
+@pytest.mark.parametrize("kind", ["clip", "log"])
+def test_probabilities_of_raw_counts_are_those_of_the_pipeline(tmp_path, kind):
+    frames, sets = replace(table(), kind=kind), some_sets()
+    save_classifier(tmp_path / "c.pt", trained(), recipe().model, frames)
+    recogniser = Recogniser(tmp_path / "c.pt")
+    found = recogniser.probabilities(frames.counts[sets], recogniser.rest("000"))
+    expected = pipeline_logits(trained(), frames, sets).softmax(dim=-1)
+    assert found.shape == (12, 4)
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    np.testing.assert_allclose(found.sum(axis=1), 1, atol=1e-6)
+    assert np.ptp(found, axis=0).max() > 1e-3
+
+
+def test_a_recogniser_says_what_is_held(saved):
+    frames = table()
+    index, recogniser = frames.on(TEST), Recogniser(saved)
+    starts = [np.flatnonzero(frames.label[index] == label)[:4] for label in range(4)]
+    found = recogniser.probabilities(frames.counts[index[np.stack(starts)]], recogniser.rest())
+    right = (found.argmax(axis=1) == np.arange(4)).sum()
+    assert right >= 3
+
+
+def test_only_the_excess_over_rest_counts(saved):
+    frames, recogniser = table(), Recogniser(saved)
+    counts, rest = frames.counts[some_sets()].astype(np.float64), recogniser.rest("000")
+    shift = np.arange(144.0).reshape(12, 12)
+    moved = recogniser.probabilities(counts + shift, rest + shift)
+    np.testing.assert_allclose(moved, recogniser.probabilities(counts, rest), atol=1e-3)
+
+
+def with_rests(path, means, names):
+    """A recogniser whose frames all belong to the first of these rests (R,) in counts."""
+    rests = np.broadcast_to(np.array(means, np.float32)[:, None, None], (len(means), 12, 12)).copy()
+    save_classifier(path, trained(), recipe().model, replace(table(), rest_mean=rests, rest_names=names))
+    return Recogniser(path)
+
+
+def test_a_session_s_rest_is_found_by_its_name(tmp_path):
+    frames = table()
+    both = replace(
+        frames, rest=np.arange(len(frames)) % 2, rest_mean=np.stack([frames.rest_mean[0], np.ones((12, 12))])
+    )
+    save_classifier(tmp_path / "c.pt", trained(), recipe().model, replace(both, rest_names=["one", "two"]))
+    recogniser = Recogniser(tmp_path / "c.pt")
+    np.testing.assert_array_equal(recogniser.rest("one"), frames.rest_mean[0])
+    np.testing.assert_array_equal(recogniser.rest("two"), np.ones((12, 12)))
+    np.testing.assert_allclose(recogniser.rest(), (frames.rest_mean[0] + 1) / 2, rtol=1e-6)
+
+
+def test_a_session_without_frames_does_not_enter_the_mean_rest(tmp_path):
+    recogniser = with_rests(tmp_path / "c.pt", [514, 0], ["used", "empty"])
+    np.testing.assert_array_equal(recogniser.rest(), np.full((12, 12), 514))
+
+
+def test_an_unknown_session_is_refused(saved):
+    with pytest.raises(ValueError, match=r"session is 'monday'; expected one of 000, or give the rest"):
+        Recogniser(saved).rest("monday")
+
+
+@pytest.mark.parametrize("shape", [(4, 12, 12), (2, 3, 12, 12), (2, 4, 12, 13), (2, 4, 12), (2, 4, 12, 12, 1)])
+def test_counts_of_another_shape_are_refused(saved, shape):
+    recogniser = Recogniser(saved)
+    with pytest.raises(ValueError, match=r"counts has shape \(.*\); expected \(sets, views, rows, columns\)") as error:
+        recogniser.probabilities(np.zeros(shape), recogniser.rest())
+    assert str(shape) in str(error.value)
+    assert "(any, 4, 12, 12)" in str(error.value)
+
+
+def test_no_view_sets_have_no_probabilities(saved):
+    recogniser = Recogniser(saved)
+    assert recogniser.probabilities(np.zeros((0, 4, 12, 12)), recogniser.rest()).shape == (0, 4)
+
+
+def test_a_rest_of_another_shape_is_refused(saved):
+    with pytest.raises(ValueError, match=r"rest has shape \(12,\); expected \(12, 12\)"):
+        Recogniser(saved).probabilities(np.zeros((1, 4, 12, 12)), np.zeros(12))

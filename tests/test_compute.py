@@ -1,0 +1,101 @@
+"""Which device computes, in which precision."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from tactile_viewgcn import compute
+from tactile_viewgcn.compute import Compute, choose, keep_freed_memory, native_bfloat16
+
+
+def pretend(monkeypatch, *, cuda=False, cuda_bfloat16=False, avx512_bf16=False, amx=False):
+    """A machine that has these."""
+
+    def supported(including_emulation=True):
+        return cuda_bfloat16 or including_emulation
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: cuda)
+    monkeypatch.setattr(torch.cuda, "is_bf16_supported", supported)
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: avx512_bf16)
+    monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: amx)
+
+
+@pytest.mark.parametrize(
+    ("machine", "device", "precision"),
+    [
+        ({}, "cpu", "float32"),
+        ({"avx512_bf16": True}, "cpu", "bfloat16"),
+        ({"amx": True}, "cpu", "bfloat16"),
+        ({"cuda": True, "avx512_bf16": True}, "cuda", "float32"),
+        ({"cuda": True, "cuda_bfloat16": True}, "cuda", "bfloat16"),
+    ],
+)
+def test_auto_takes_what_the_machine_has(monkeypatch, machine, device, precision):
+    pretend(monkeypatch, **machine)
+    chosen = choose()
+    assert (chosen.device.type, chosen.precision) == (device, precision)
+
+
+def test_what_is_asked_for_is_taken(monkeypatch):
+    pretend(monkeypatch, cuda=True, cuda_bfloat16=True, avx512_bf16=True)
+    assert choose("cpu", "float32") == Compute(torch.device("cpu"), "float32")
+    assert choose("cuda", "float32") == Compute(torch.device("cuda"), "float32")
+    pretend(monkeypatch)
+    assert choose("cpu", "bfloat16").precision == "bfloat16"
+
+
+def test_cuda_is_refused_where_there_is_none(monkeypatch):
+    pretend(monkeypatch)
+    with pytest.raises(
+        ValueError, match="device is cuda, and torch finds no CUDA device; expected one, or device: cpu"
+    ):
+        choose("cuda")
+
+
+def test_emulated_bfloat16_does_not_count(monkeypatch):
+    pretend(monkeypatch, cuda=True)
+    assert torch.cuda.is_bf16_supported()
+    assert not native_bfloat16("cuda")
+
+
+@pytest.mark.parametrize(("precision", "dtype"), [("float32", torch.float32), ("bfloat16", torch.bfloat16)])
+def test_products_are_in_the_chosen_precision(precision, dtype):
+    with Compute(torch.device("cpu"), precision).autocast():
+        assert (torch.ones(4, 4) @ torch.ones(4, 4)).dtype == dtype
+    assert (torch.ones(4, 4) @ torch.ones(4, 4)).dtype == torch.float32
+
+
+def test_frames_become_a_batch_of_one_channel():
+    frames = torch.arange(24.0).view(2, 3, 4)
+    batch = Compute(torch.device("cpu"), "float32").frames(frames)
+    assert batch.shape == (2, 1, 3, 4)
+    assert batch.is_contiguous(memory_format=torch.channels_last)
+    np.testing.assert_array_equal(batch[:, 0], frames)
+
+
+@pytest.fixture
+def allocator(monkeypatch):
+    """The calls that reach the C library's mallopt."""
+    calls = []
+    monkeypatch.setattr(compute.ctypes, "CDLL", lambda _: SimpleNamespace(mallopt=lambda *call: calls.append(call)))
+    return calls
+
+
+def test_on_the_processor_freed_memory_is_kept(monkeypatch, allocator):
+    pretend(monkeypatch)
+    choose("cpu")
+    assert sorted(allocator) == [(-4, 0), (-1, 2**31 - 1)]  # M_MMAP_MAX and M_TRIM_THRESHOLD of malloc.h
+
+
+def test_on_a_cuda_device_the_allocator_is_left_alone(monkeypatch, allocator):
+    pretend(monkeypatch, cuda=True)
+    choose("cuda")
+    assert allocator == []
+
+
+@pytest.mark.parametrize("library", [lambda _: SimpleNamespace(), lambda _: (_ for _ in ()).throw(OSError("none"))])
+def test_another_c_library_is_left_alone(monkeypatch, library):
+    monkeypatch.setattr(compute.ctypes, "CDLL", library)
+    keep_freed_memory()

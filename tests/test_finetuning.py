@@ -1,0 +1,165 @@
+"""The whole network, trained on view sets from a pretrained backbone."""
+
+import numpy as np
+import pytest
+import torch
+
+from tactile_viewgcn import finetuning
+from tactile_viewgcn.finetuning import Side, finetune_classifier
+from tactile_viewgcn.split import TRAIN, VALIDATION
+from tactile_viewgcn.views import ViewSets
+from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+
+VALIDATED = "split.validation=0.25"
+
+
+def finetuned(*changes, seed=0, every=1):
+    """The classifier and its curves, from each `every`-th anchor."""
+    how = recipe(*changes)
+    frames = fewer_anchors(table(*(c for c in changes if c.startswith("split"))), every)
+    return finetune_classifier(
+        frames, views_of(frames, how), pretrained(), how.finetune, how.model, how.cluster.assignment, CPU, seed
+    )
+
+
+def alike(one, other):
+    pairs = zip(one.state_dict().values(), other.state_dict().values(), strict=True)
+    return all(torch.equal(a, b) for a, b in pairs)
+
+
+@pytest.fixture
+def draws(monkeypatch):
+    """The view sets of every draw, as they are drawn."""
+    found, draw = [], ViewSets.draw
+
+    def watched(self, anchors, rng, assignment="index"):
+        found.append(draw(self, anchors, rng, assignment))
+        return found[-1]
+
+    monkeypatch.setattr(ViewSets, "draw", watched)
+    return found
+
+
+@pytest.fixture
+def fitted(monkeypatch):
+    """What is handed to the loop over epochs, which then does nothing."""
+    given = {}
+
+    def fit(epochs, optimiser, factor, *_):
+        given.update(epochs=epochs, groups=optimiser.param_groups, factor=factor)
+        return {}
+
+    monkeypatch.setattr(finetuning, "fit", fit)
+    return given
+
+
+def test_it_learns_to_tell_the_objects():
+    _, curves = finetuned("finetune.epochs=2", VALIDATED)
+    assert curves["validation_error"][-1] < 0.3  # chance: 0.75
+    assert curves["loss"][1] < 0.7 * curves["loss"][0]
+
+
+def test_the_validation_error_is_recorded_where_there_is_a_validation_side():
+    assert list(finetuned("finetune.epochs=1", every=8)[1]) == ["loss"]
+    curves = finetuned("finetune.epochs=2", VALIDATED, every=8)[1]
+    assert {name: len(line) for name, line in curves.items()} == {"loss": 2, "validation_error": 2}
+
+
+def test_one_seed_gives_one_set_of_weights():
+    first, again, other = (finetuned(seed=seed, every=6)[0] for seed in (1, 1, 2))
+    assert alike(first, again)
+    assert not alike(first, other)
+
+
+def test_the_initial_weights_follow_the_seed(fitted):
+    first, again, other = (finetuned(seed=seed)[0].head for seed in (1, 1, 2))
+    assert alike(first, again)
+    assert not alike(first, other)
+
+
+def test_view_sets_are_redrawn_every_epoch(draws):
+    finetuned("finetune.epochs=3", every=12)
+    assert [len(sets) for sets in draws] == [16] * 3
+    assert (draws[0] != draws[1]).any()
+    assert (draws[1] != draws[2]).any()
+
+
+def test_redraw_never_draws_once(draws):
+    finetuned("finetune.epochs=3", "finetune.redraw=never", every=12)
+    assert len(draws) == 1
+
+
+def test_the_validation_side_s_view_sets_stay_the_same(draws):
+    finetuned("finetune.epochs=3", VALIDATED, every=12)
+    assert [len(sets) for sets in draws] == [12, 4, 12, 12]
+
+
+@pytest.mark.parametrize(("wanted", "share"), [("true", 0.2), ("false", 0.0)])
+def test_the_backbone_s_dropout_can_be_left_out(fitted, wanted, share):
+    classifier, _ = finetuned(f"finetune.backbone_dropout={wanted}")
+    assert classifier.backbone.dropout.p == share
+
+
+def test_training_starts_from_the_pretrained_backbone(fitted):
+    classifier, _ = finetuned()
+    for name, value in classifier.backbone.state_dict().items():
+        assert torch.equal(value, pretrained()[name])
+
+
+def test_backbone_and_graph_network_have_rates_of_their_own(fitted):
+    classifier, _ = finetuned("finetune.lr=5e-4", "finetune.epochs=15")
+    backbone, head = fitted["groups"]
+    assert fitted["epochs"] == 15
+    assert (backbone["lr"], head["lr"]) == (1e-4, 5e-4)
+    assert {(group["momentum"], group["weight_decay"]) for group in fitted["groups"]} == {(0.9, 1e-4)}
+    assert sum(weight.numel() for weight in backbone["params"]) == 674_240
+    assert len(head["params"]) == len(list(classifier.head.parameters()))
+
+
+def test_a_backbone_with_no_rate_keeps_its_weights():
+    classifier, _ = finetuned("finetune.lr_backbone=0", every=12)
+    for name, value in classifier.backbone.named_parameters():
+        assert torch.equal(value, pretrained()[name])
+
+
+@pytest.mark.parametrize(("schedule", "last"), [("constant", 5e-4), ("compounding_cosine", 2.8e-11)])
+def test_the_schedule_is_the_one_asked_for(fitted, schedule, last):
+    finetuned("finetune.epochs=15", f"finetune.schedule={schedule}")
+    assert fitted["factor"](0) == 1
+    assert 5e-4 * fitted["factor"](14) == pytest.approx(last, rel=0.02)
+
+
+def test_the_view_loss_can_be_a_mean():
+    summed, averaged = (finetuned(f"finetune.view_loss={kind}", every=12)[1]["loss"][0] for kind in ("sum", "mean"))
+    assert summed > 2 * averaged
+
+
+def test_one_view_has_no_graph_and_learns():
+    classifier, curves = finetuned("views=1", "finetune.epochs=2", every=2)
+    assert not classifier.head.convolutions
+    assert curves["loss"][1] < curves["loss"][0]
+
+
+def test_unclustered_view_sets_are_of_one_class(draws):
+    finetuned("cluster.method=none", "finetune.epochs=2", every=12)
+    frames = table()
+    label = frames.label[frames.on(TRAIN)]
+    for sets in draws:
+        assert (label[sets] == label[sets[:, :1]]).all()
+        assert (np.sort(sets, axis=1)[:, 1:] > np.sort(sets, axis=1)[:, :-1]).all()
+
+
+def test_a_side_draws_one_set_around_each_of_its_anchors():
+    frames = fewer_anchors(table(VALIDATED), 3)
+    side = Side(VALIDATION, frames, views_of(frames, recipe()), CPU, 0, "anchor")
+    index = frames.on(VALIDATION)
+    np.testing.assert_array_equal(side.labels, frames.label[index])
+    np.testing.assert_array_equal(side.frames[:, 0], frames.inputs(index))
+    sets = side.draw()
+    np.testing.assert_array_equal(index[sets[:, 0]], np.flatnonzero(frames.anchor & (frames.side == VALIDATION)))
+    assert sets.max() < len(index)
+
+
+def test_a_training_that_diverges_says_which_learning_rates_to_lower():
+    with pytest.raises(ValueError, match=r"training diverged in epoch \d at a learning rate of 0.0001, 1e\+20.*lower"):
+        finetuned("finetune.lr=1e20", every=4)

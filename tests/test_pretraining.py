@@ -1,0 +1,101 @@
+"""The backbone, trained from scratch to tell objects by single frames."""
+
+import numpy as np
+import pytest
+import torch
+
+from tactile_viewgcn import pretraining
+from tactile_viewgcn.nn.backbone import features_of
+from tactile_viewgcn.pretraining import pretrain_backbone
+from tactile_viewgcn.split import TEST, VALIDATION
+from tactile_viewgcn.training import error_rate
+from tests.tables import CPU, fewer_anchors, recipe, table
+
+
+def brief(seed, *changes):
+    """The weights after one epoch on a few frames."""
+    how = recipe("pretrain.epochs=1", *changes).pretrain
+    backbone, classifier, _ = pretrain_backbone(fewer_anchors(table(), 6), how, CPU, seed)
+    return [*backbone.state_dict().values(), *classifier.state_dict().values()]
+
+
+def alike(one, other):
+    return all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def test_it_learns_to_tell_the_objects():
+    frames = table()
+    backbone, classifier, curves = pretrain_backbone(frames, recipe().pretrain, CPU, 0)
+    index = frames.on(TEST)
+    features = features_of(backbone, CPU.frames(torch.from_numpy(frames.inputs(index))))
+    with torch.inference_mode():
+        error = error_rate(classifier(features), torch.from_numpy(frames.label[index].astype(np.int64)))
+    assert error < 0.3  # chance: 0.75
+    assert list(curves) == ["loss"]
+    assert len(curves["loss"]) == 4
+    assert curves["loss"][-1] < 0.5 * curves["loss"][0]
+
+
+def test_the_validation_side_is_watched_where_there_is_one():
+    frames = table("split.validation=0.25")
+    assert len(frames.on(VALIDATION)) == 48
+    _, _, curves = pretrain_backbone(frames, recipe("pretrain.epochs=5").pretrain, CPU, 0)
+    assert len(curves["validation_error"]) == 5
+    assert curves["validation_error"][-1] < 0.3
+
+
+def test_one_seed_gives_one_set_of_weights():
+    first = brief(3)
+    assert alike(first, brief(3))
+    assert not alike(first, brief(4))
+
+
+def test_the_initial_weights_follow_the_seed(monkeypatch):
+    monkeypatch.setattr(pretraining, "fit", lambda *_: {})
+    assert alike(brief(3), brief(3))
+    assert not alike(brief(3), brief(4))
+
+
+def test_noise_changes_what_is_learnt():
+    assert not alike(brief(3), brief(3, "pretrain.noise=0"))
+
+
+def test_only_anchors_are_learnt_from(monkeypatch):
+    seen = []
+    monkeypatch.setattr(pretraining, "frame_losses", lambda *given, **_: seen.append(given[2:4]) or iter([]))
+    monkeypatch.setattr(pretraining, "fit", lambda epochs, optimiser, factor, losses, *_: losses(0) and {})
+    frames = fewer_anchors(table(), 5)
+    pretrain_backbone(frames, recipe().pretrain, CPU, 0)
+    index = np.flatnonzero(frames.anchor & (frames.side == 0))
+    inputs, labels = seen[0]
+    assert inputs.shape == (len(index), 1, 12, 12)
+    np.testing.assert_array_equal(inputs[:, 0], frames.inputs(index))
+    np.testing.assert_array_equal(labels, frames.label[index])
+
+
+def test_the_recipe_reaches_the_optimiser(monkeypatch):
+    given = {}
+
+    def fit(epochs, optimiser, factor, *_):
+        given.update(epochs=epochs, group=optimiser.param_groups[0], factors=[factor(e) for e in (0, 9, 10, 20)])
+        return {}
+
+    monkeypatch.setattr(pretraining, "fit", fit)
+    how = recipe("pretrain.epochs=30", "pretrain.halve_early=1").pretrain
+    _, classifier, _ = pretrain_backbone(table(), how, CPU, 0)
+    assert given["epochs"] == 30
+    assert given["factors"] == [1, 0.5, 0.5, 0.25]
+    assert {name: given["group"][name] for name in ("lr", "momentum", "weight_decay")} == {
+        "lr": 5e-3,
+        "momentum": 0.9,
+        "weight_decay": 1e-4,
+    }
+    weights = sum(weight.numel() for weight in given["group"]["params"])
+    assert weights == 674_240 + 128 * 4 + 4
+    assert classifier.out_features == 4
+
+
+def test_a_training_that_diverges_says_which_learning_rate_to_lower():
+    how = recipe("pretrain.lr=1e20").pretrain
+    with pytest.raises(ValueError, match=r"training diverged in epoch \d at a learning rate of 1e\+20.*lower lr"):
+        pretrain_backbone(fewer_anchors(table(), 4), how, CPU, 0)

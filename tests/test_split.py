@@ -1,0 +1,189 @@
+"""Train, validation and test sides, by groups of frames."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.split import (
+    TEST,
+    TRAIN,
+    VALIDATION,
+    balanced_anchors,
+    by_folds,
+    split_groups,
+    take_validation,
+)
+
+WAYS = pytest.mark.parametrize("by", ["recording", "grasp", "session"])
+
+
+def made(objects=4, sessions=3, recordings=2, grasps=3, frames=2):
+    """Columns of a table in which every object is recorded in every session, each recording with its grasps."""
+    size = (sessions, objects, recordings, grasps, frames)
+    session, label, number, grasp, _ = (axis.ravel() for axis in np.indices(size))
+    recording = (session * objects + label) * recordings + number
+    split = (session == sessions - 1).astype(np.int8)
+    return {"object": label, "recording": recording, "session": session, "grasp": grasp, "split": split}
+
+
+def test_groups_are_numbered_in_the_order_of_the_recordings():
+    columns = {
+        "recording": np.array([2, 2, 0, 0, 1, 1]),
+        "object": np.array([5, 5, 3, 3, 3, 4]),
+        "grasp": np.array([1, 0, 7, 7, 0, 0]),
+        "session": np.array([1, 1, 0, 0, 0, 0]),
+        "split": np.array([0, 1, 0, 1, 0, 0]),
+    }
+    assert split_groups(columns, "recording").tolist() == [3, 3, 0, 0, 1, 2]
+    assert split_groups(columns, "source").tolist() == [3, 3, 0, 0, 1, 2]
+    assert split_groups(columns, "grasp").tolist() == [4, 3, 0, 0, 1, 2]
+    assert split_groups(columns, "session").tolist() == [1, 1, 0, 0, 0, 0]
+
+
+@WAYS
+def test_the_groups_of_a_table_are_counted_right(by):
+    count = {"recording": 4 * 3 * 2, "grasp": 4 * 3 * 2 * 3, "session": 3}[by]
+    assert np.unique(split_groups(made(), by)).tolist() == list(range(count))
+
+
+@pytest.mark.parametrize(
+    ("by", "column", "sentence"),
+    [
+        ("grasp", "grasp", r"no grasp numbers; split\.by grasp needs it: set split\.by to recording or session"),
+        ("source", "split", r"no published split; split\.by source needs it: set split\.by to recording or session"),
+    ],
+)
+def test_a_split_that_the_recordings_do_not_carry_is_refused(by, column, sentence):
+    columns = {name: values for name, values in made().items() if name != column}
+    with pytest.raises(ValueError, match=sentence):
+        split_groups(columns, by)
+
+
+def test_each_class_deals_out_its_own_groups_in_turn():
+    groups = np.array([0, 0, 1, 2, 3, 4, 4, 5, 7, 9])
+    labels = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 1])
+    tested = [
+        np.unique(groups[by_folds(groups, labels, folds=3, fold=fold, across=False) == TEST]).tolist()
+        for fold in range(3)
+    ]
+    assert tested == [[0, 3, 4, 9], [1, 5], [2, 7]]
+
+
+def test_sessions_are_dealt_out_once_for_all_classes():
+    groups = np.array([0, 1, 2, 1, 2, 3])
+    labels = np.array([0, 0, 0, 1, 1, 1])
+    tested = [by_folds(groups, labels, folds=2, fold=fold, across=True).tolist() for fold in range(2)]
+    assert tested == [[TEST, TRAIN, TEST, TRAIN, TEST, TRAIN], [TRAIN, TEST, TRAIN, TEST, TRAIN, TEST]]
+
+
+def _sides(columns, by, folds, fold, share, seed=0):
+    groups, across = split_groups(columns, by), by == "session"
+    side = by_folds(groups, columns["object"], folds=folds, fold=fold, across=across)
+    rng = np.random.default_rng(seed)
+    return groups, take_validation(side, groups, columns["object"], share=share, across=across, rng=rng)
+
+
+@WAYS
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3), st.integers(2, 5), st.sampled_from([0, 0.2, 0.7]))
+def test_every_group_stands_on_one_side_and_is_tested_in_exactly_one_fold(by, objects, sessions, number, folds, share):
+    columns = made(objects, sessions, number)
+    times = np.zeros(len(columns["object"]), dtype=int)
+    for fold in range(folds):
+        groups, side = _sides(columns, by, folds, fold, share)
+        for group in np.unique(groups):
+            assert len(np.unique(side[groups == group])) == 1
+        times += side == TEST
+    assert (times == 1).all()
+
+
+@WAYS
+@pytest.mark.parametrize("share", [0.1, 0.34, 0.6])
+def test_validation_groups_come_from_the_training_side_and_leave_the_test_side(by, share):
+    columns = made(sessions=6)
+    groups, before = _sides(columns, by, 3, 1, 0.0)
+    _, after = _sides(columns, by, 3, 1, share)
+    moved = after == VALIDATION
+    assert moved.any()
+    assert (before[moved] == TRAIN).all()
+    np.testing.assert_array_equal(after[~moved], before[~moved])
+    assert not set(groups[moved]) & set(groups[~moved])
+
+
+@pytest.mark.parametrize(
+    ("own", "share", "count"), [(10, 0.3, 3), (10, 0.01, 1), (10, 0.99, 9), (2, 0.9, 1), (1, 0.9, 0), (4, 0.0, 0)]
+)
+def test_the_share_of_validation_groups_is_kept_and_the_last_group_too(own, share, count):
+    groups = np.repeat(np.arange(own), 3)
+    side = np.full(len(groups), TRAIN, dtype=np.int8)
+    found = take_validation(
+        side, groups, np.zeros(len(groups)), share=share, across=False, rng=np.random.default_rng(0)
+    )
+    assert len(np.unique(groups[found == VALIDATION])) == count
+    assert (side == TRAIN).all()
+
+
+def test_every_class_gives_its_own_share_of_validation_groups():
+    columns = made(objects=3, sessions=5, recordings=2)
+    groups, side = _sides(columns, "recording", 2, 0, 0.4)
+    for label in range(3):
+        mine = columns["object"] == label
+        assert len(np.unique(groups[mine & (side == VALIDATION)])) == 2
+        assert len(np.unique(groups[mine & (side == TRAIN)])) == 3
+        assert len(np.unique(groups[mine & (side == TEST)])) == 5
+
+
+def test_validation_groups_are_drawn_by_the_generator():
+    columns = made(sessions=10)
+    drawn = [_sides(columns, "recording", 2, 0, 0.3, seed)[1].tolist() for seed in (0, 0, 1)]
+    assert drawn[0] == drawn[1] != drawn[2]
+
+
+def _counts(labels, side, anchor, code):
+    return [int((anchor & (labels == label) & (side == code)).sum()) for label in np.unique(labels)]
+
+
+def test_every_class_of_a_side_has_as_many_anchors_as_the_smallest():
+    labels = np.repeat([0, 1, 2, 0, 1, 2], [30, 12, 20, 9, 50, 10])
+    side = np.repeat([TRAIN, TEST], [62, 69])
+    anchor, notes = balanced_anchors(labels, side, minimum=5, rng=np.random.default_rng(0))
+    assert _counts(labels, side, anchor, TRAIN) == [12, 12, 12]
+    assert _counts(labels, side, anchor, TEST) == [9, 9, 9]
+    assert notes == []
+
+
+def test_a_poor_class_keeps_what_it_has_and_does_not_cut_the_others_below_the_minimum():
+    labels = np.repeat([0, 1, 2, 3], [100, 3, 40, 25])
+    side = np.full(len(labels), TRAIN)
+    anchor, notes = balanced_anchors(labels, side, minimum=30, rng=np.random.default_rng(0))
+    assert _counts(labels, side, anchor, TRAIN) == [30, 3, 30, 25]
+    assert notes == ["train: 2 of 4 classes have fewer than 30 anchors and keep all their frames, 3 in the poorest"]
+
+
+def test_a_class_that_is_not_on_a_side_does_not_count_there():
+    labels = np.repeat([0, 1, 0], [20, 10, 5])
+    side = np.repeat([TRAIN, TRAIN, TEST], [20, 10, 5])
+    anchor, notes = balanced_anchors(labels, side, minimum=1, rng=np.random.default_rng(0))
+    assert _counts(labels, side, anchor, TRAIN) == [10, 10]
+    assert _counts(labels, side, anchor, TEST) == [5, 0]
+    assert notes == []
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(0, 12), min_size=6, max_size=6), st.integers(1, 15))
+def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes, minimum):
+    labels = np.repeat([0, 1, 2, 0, 1, 2], sizes)
+    side = np.repeat([TRAIN] * 3 + [VALIDATION] * 3, sizes)
+    anchor, _ = balanced_anchors(labels, side, minimum=minimum, rng=np.random.default_rng(0))
+    for code, own in ((TRAIN, sizes[:3]), (VALIDATION, sizes[3:])):
+        count = max([minimum, *([min(size for size in own if size)] if any(own) else [])])
+        for label, size in enumerate(own):
+            assert (anchor & (labels == label) & (side == code)).sum() == min(size, count)
+
+
+def test_anchors_are_drawn_at_random_from_all_of_a_class():
+    labels, side = np.repeat([0, 1], [200, 10]), np.full(210, TRAIN)
+    drawn = [balanced_anchors(labels, side, minimum=1, rng=np.random.default_rng(seed))[0] for seed in (0, 0, 1)]
+    assert drawn[0].tolist() == drawn[1].tolist() != drawn[2].tolist()
+    assert np.flatnonzero(drawn[0][:200]).max() > 100

@@ -1,0 +1,93 @@
+"""Where the nodes of the view-graph sit."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.viewpoints import viewpoints
+
+COUNTS = (2, 3, 4, 5, 6, 7, 13, 50, 100, 1000)
+
+
+def squared(places):
+    return ((places[:, None] - places[None]) ** 2).sum(axis=-1)
+
+
+def widest(count):
+    """The least distance of `count` points on the unit sphere is at most this (Fejes Toth); sharp at 3, 4, 6, 12."""
+    return 2.0 if count == 2 else np.sqrt(4 - np.sin(np.pi * count / (6 * (count - 2))) ** -2)
+
+
+def test_the_cube_has_three_vertices_near_three_further_and_one_opposite():
+    distances = np.sort(squared(viewpoints(8)), axis=1)
+    np.testing.assert_array_equal(distances, np.tile([0, 4, 4, 4, 8, 8, 8, 12], (8, 1)))
+
+
+def test_the_vertices_of_the_cube_are_in_lexicographic_order():
+    places = viewpoints(8)
+    assert places.tolist() == sorted(places.tolist())
+    assert places[0].tolist() == [-1, -1, -1]
+    assert places[1].tolist() == [-1, -1, 1]
+
+
+@pytest.mark.parametrize("count", [3, 12, 30])
+def test_the_circle_is_thirty_degrees_up(count):
+    places = viewpoints(count, "circle")
+    across = np.hypot(places[:, 0], places[:, 1])
+    np.testing.assert_allclose(np.rad2deg(np.arctan2(places[:, 2], across)), 30)
+
+
+@pytest.mark.parametrize("count", [3, 12, 30])
+def test_the_circle_s_places_are_equally_spaced(count):
+    places = viewpoints(count, "circle")
+    steps = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)
+    chord = 2 * np.sqrt(3) * np.cos(np.deg2rad(30)) * np.sin(np.pi / count)
+    np.testing.assert_allclose(steps, chord)
+
+
+def test_the_dodecahedron_has_twenty_vertices_of_three_equidistant_nearest():
+    places = viewpoints(20)
+    assert places.shape == (20, 3)
+    distances = np.sort(np.sqrt(squared(places)), axis=1)
+    golden = (1 + np.sqrt(5)) / 2
+    np.testing.assert_allclose(distances[:, 1:4], 2 / golden)
+    assert (distances[:, 4] > 2 / golden + 0.5).all()
+    assert places.tolist() == sorted(places.tolist())
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_the_sphere_s_places_are_spread_evenly(count):
+    distances = squared(viewpoints(count, "sphere")) + np.diag(np.full(count, np.inf))
+    nearest = np.sqrt(distances.min(axis=1) / 3)
+    assert nearest.min() > 0.8 * widest(count)
+    assert nearest.max() < 1.5 * widest(count)
+
+
+@given(st.integers(1, 300))
+@settings(max_examples=20, deadline=None)
+def test_every_place_is_as_far_out_as_a_vertex_of_the_cube(count):
+    places = viewpoints(count)
+    assert places.shape == (count, 3)
+    np.testing.assert_allclose(np.linalg.norm(places, axis=1), np.sqrt(3))
+
+
+def test_auto_is_the_paper_s_configuration_where_it_has_one():
+    for count, kind in ((8, "cube"), (12, "circle"), (20, "dodecahedron"), (1, "sphere"), (9, "sphere")):
+        np.testing.assert_array_equal(viewpoints(count), viewpoints(count, kind))
+
+
+def test_eight_places_on_a_circle_are_no_cube():
+    assert len(np.unique(viewpoints(8, "circle")[:, 2].round(9))) == 1
+
+
+@pytest.mark.parametrize(("count", "kind", "places"), [(12, "cube", 8), (8, "dodecahedron", 20), (1, "cube", 8)])
+def test_a_configuration_of_another_number_of_places_is_refused(count, kind, places):
+    with pytest.raises(ValueError, match=f"viewpoints {kind} has {places} places; views is {count}"):
+        viewpoints(count, kind)
+
+
+@pytest.mark.parametrize("count", [0, -3])
+def test_no_views_are_refused(count):
+    with pytest.raises(ValueError, match=f"views is {count}; expected 1 or more"):
+        viewpoints(count)

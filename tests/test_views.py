@@ -1,0 +1,144 @@
+"""Drawing view sets: one frame from each cluster of a pool."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.views import NO_CLUSTER, Views, ViewSets, random_parts, read_views, write_views
+
+DRAWS = 6000
+
+
+@st.composite
+def clustered(draw):
+    """Clusters and pools (n,) in any order, some clusters empty, every pool with frames; and V."""
+    views, pools = draw(st.integers(1, 6)), draw(st.integers(1, 4))
+    extra = draw(st.lists(st.integers(0, pools - 1), max_size=30))
+    pool = np.array(draw(st.permutations([*range(pools), *extra])))
+    cluster = np.array(draw(st.lists(st.integers(0, views - 1), min_size=len(pool), max_size=len(pool))))
+    return cluster, pool, views
+
+
+def naive_draw(cluster, pool, views, anchor, rng):
+    """One view set by the definition."""
+    sets = []
+    for column in range(views):
+        members = [i for i in range(len(pool)) if pool[i] == pool[anchor] and cluster[i] == column]
+        members = members or [i for i in range(len(pool)) if pool[i] == pool[anchor]]
+        sets.append(anchor if column == cluster[anchor] else members[int(rng.integers(len(members)))])
+    return sets
+
+
+@given(clustered(), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_each_column_holds_a_frame_of_its_cluster_and_the_anchor_its_own(case, seed):
+    cluster, pool, views = case
+    drawn, anchors = ViewSets(cluster, pool, views), np.arange(len(pool))
+    sets = drawn.draw(anchors, np.random.default_rng(seed))
+    assert sets.shape == (len(pool), views)
+    np.testing.assert_array_equal(sets[anchors, cluster], anchors)
+    for anchor, row in enumerate(sets):
+        assert (pool[row] == pool[anchor]).all()
+        for column, frame in enumerate(row):
+            assert drawn.empty[pool[anchor], column] or cluster[frame] == column
+
+
+@given(clustered(), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_the_anchor_assignment_puts_the_anchor_first_and_keeps_the_set(case, seed):
+    cluster, pool, views = case
+    drawn, anchors = ViewSets(cluster, pool, views), np.arange(len(pool))
+    by_index = drawn.draw(anchors, np.random.default_rng(seed))
+    by_anchor = drawn.draw(anchors, np.random.default_rng(seed), "anchor")
+    np.testing.assert_array_equal(by_anchor[:, 0], anchors)
+    np.testing.assert_array_equal(np.sort(by_anchor, axis=1), np.sort(by_index, axis=1))
+
+
+def test_the_anchor_assignment_shuffles_the_others():
+    drawn = ViewSets(np.arange(4), np.zeros(4, dtype=int), 4)
+    sets = drawn.draw(np.full(DRAWS, 2), np.random.default_rng(0), "anchor")
+    orders, counts = np.unique(sets, axis=0, return_counts=True)
+    assert len(orders) == 6
+    np.testing.assert_allclose(counts / DRAWS, 1 / 6, atol=0.025)
+
+
+@given(clustered())
+@settings(max_examples=40, deadline=None)
+def test_empty_clusters_are_counted(case):
+    cluster, pool, views = case
+    present = set(zip(pool.tolist(), cluster.tolist(), strict=True))
+    expected = [[(p, c) not in present for c in range(views)] for p in range(pool.max() + 1)]
+    assert ViewSets(cluster, pool, views).empty.tolist() == expected
+
+
+def test_frames_are_drawn_as_often_as_by_a_loop():
+    cluster, pool = np.array([0, 1, 0, 0, 1, 3, 3, 3, 0]), np.array([0, 0, 0, 0, 0, 0, 0, 0, 1])
+    sets = ViewSets(cluster, pool, 4).draw(np.full(DRAWS, 2), np.random.default_rng(0))
+    rng = np.random.default_rng(1)
+    naive = np.array([naive_draw(cluster, pool, 4, 2, rng) for _ in range(DRAWS)])
+    for column in range(4):
+        ours, theirs = (np.bincount(s[:, column], minlength=9) / DRAWS for s in (sets, naive))
+        np.testing.assert_allclose(ours, theirs, atol=0.03)
+
+
+def test_an_empty_cluster_is_drawn_from_the_whole_pool():
+    cluster, pool = np.array([0, 1, 0, 1, 0]), np.array([1, 1, 1, 1, 0])
+    sets = ViewSets(cluster, pool, 3).draw(np.zeros(DRAWS, dtype=int), np.random.default_rng(0))
+    np.testing.assert_allclose(np.bincount(sets[:, 2], minlength=5) / DRAWS, [0.25, 0.25, 0.25, 0.25, 0], atol=0.03)
+
+
+@given(st.lists(st.integers(0, 3), min_size=1, max_size=60), st.integers(1, 9), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_random_parts_of_a_pool_are_equally_large(pool, views, seed):
+    pool = np.array(pool)
+    parts = random_parts(pool, views, np.random.default_rng(seed))
+    for number in np.unique(pool):
+        sizes = np.bincount(parts[pool == number], minlength=views)
+        assert len(sizes) == views
+        assert sizes.max() - sizes.min() <= 1
+
+
+def test_a_frame_falls_into_each_part_equally_often():
+    rng, pool = np.random.default_rng(0), np.repeat([0, 1], 8)
+    counts = np.bincount([random_parts(pool, 4, rng)[3] for _ in range(2000)], minlength=4)
+    np.testing.assert_allclose(counts / 2000, 0.25, atol=0.04)
+
+
+@given(st.lists(st.integers(4, 12), min_size=1, max_size=4), st.integers(1, 4), st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_unclustered_view_sets_are_distinct_frames_of_one_pool(sizes, count, seed):
+    rng = np.random.default_rng(seed)
+    pool = rng.permutation(np.repeat(np.arange(len(sizes)) * 5, sizes))
+    views = Views(np.full(len(pool), NO_CLUSTER, np.int16), pool, np.zeros((count, 3)))
+    anchors = np.arange(len(pool))
+    sets = views.on(anchors, rng).draw(anchors, rng)
+    assert (pool[sets] == pool[anchors, None]).all()
+    assert (np.sort(sets, axis=1)[:, 1:] > np.sort(sets, axis=1)[:, :-1]).all()
+    assert (sets == anchors[:, None]).any(axis=1).all()
+
+
+def test_every_other_frame_of_a_pool_joins_an_unclustered_set_equally_often():
+    views = Views(np.full(7, NO_CLUSTER, np.int16), np.zeros(7, dtype=int), np.zeros((3, 3)))
+    rng, index = np.random.default_rng(0), np.arange(7)
+    sets = np.concatenate([views.on(index, rng).draw(np.array([4]), rng) for _ in range(3000)])
+    joined = np.bincount(sets.ravel(), minlength=7) / 3000
+    np.testing.assert_allclose(np.delete(joined, 4), 2 / 6, atol=0.04)
+    assert joined[4] == 1
+
+
+def test_view_sets_of_some_frames_number_them_from_nought():
+    views = Views(np.array([9, 0, 1, 9, 1, 0], np.int16), np.array([7, 3, 3, 7, 5, 5]), np.zeros((2, 3)))
+    sets = views.on(np.array([1, 2, 4, 5]), np.random.default_rng(0)).draw(np.array([0, 3]), np.random.default_rng(0))
+    assert sets.tolist() == [[0, 1], [3, 2]]
+
+
+@pytest.mark.parametrize("cluster", [[2, NO_CLUSTER, 0], [NO_CLUSTER] * 3])
+def test_views_come_back_as_they_were_written(tmp_path, cluster):
+    views = Views(np.array(cluster, np.int16), np.array([0, 4, 1]), np.random.default_rng(0).random((3, 3)))
+    write_views(tmp_path / "views.h5", views)
+    back = read_views(tmp_path / "views.h5")
+    for name in ("cluster", "pool", "viewpoints"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
+        assert getattr(back, name).dtype == getattr(views, name).dtype
+    assert back.clustered == (0 in cluster)
