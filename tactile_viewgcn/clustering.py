@@ -4,6 +4,7 @@ The paper says "kNN"; clusters of unlabelled frames and the released code mean k
 """
 
 import numpy as np
+from tqdm import tqdm
 
 from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.views import random_parts
@@ -34,7 +35,8 @@ def cluster_pools(
         return random_parts(pool, views, rng)
     scores = scores or pool_scores(points, pool, how.components)
     cluster = np.empty(len(pool), dtype=np.int64)
-    for number, own in enumerate(scores):
+    bar = tqdm(scores, desc="k-means", unit="pool", disable=None, leave=False)
+    for number, own in enumerate(bar):
         cluster[pool == number] = kmeans(own, views, restarts=how.restarts, seed=int(rng.integers(2**31)))
     return cluster
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from tqdm import tqdm
 
 from tactile_viewgcn.files import whole
 
@@ -81,7 +82,8 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
     low = np.full(source.shape, np.inf)
     high = np.full(source.shape, -np.inf)
     total = 0
-    with whole(path) as part, h5py.File(part, "w") as file:
+    bar = tqdm(desc="ingest", unit="frame", unit_scale=True, disable=None)
+    with whole(path) as part, h5py.File(part, "w") as file, bar:
         pressure = file.create_dataset(
             "pressure",
             (0, *source.shape),
@@ -103,6 +105,7 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
             pressure.resize(total, axis=0)
             pressure[-len(counts) :] = counts
             _append_columns(file, block, len(counts), total)
+            bar.update(len(counts))
         if not total:
             raise ValueError(f"{source.path}: no frames; expected at least one recording with frames in it")
         file["live"] = low < high

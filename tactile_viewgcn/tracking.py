@@ -179,13 +179,12 @@ def _open(uri: str) -> tuple[Any, str]:
     from mlflow.exceptions import MlflowException
 
     name = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
-    local = uri == _default_store()
     try:
         with FileLock(_root() / "mlflow.db.lock"):
             client = MlflowClient(tracking_uri=uri)
             found = client.get_experiment_by_name(name)
             if found is None:
-                place = (_root() / "mlruns").as_uri() if local else None
+                place = (_root() / "mlruns").as_uri() if uri.startswith("sqlite:") else None
                 return client, client.create_experiment(name, artifact_location=place, tags=KIND)
     except MlflowException as error:
         raise TrackingError(

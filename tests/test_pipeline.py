@@ -86,8 +86,8 @@ def clone(tmp_path_factory):
         section, _, name = key.rpartition(".")
         (tree[section] if section else tree)[name] = value
     (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
-    for words in (("init", "-q"), ("add", "-A"), ("-c", "user.name=t", "-c", "user.email=t@t", "commit", "-qm", "t")):
-        sh("git", *words, cwd=place)
+    for words in ("init -q", "config user.name t", "config user.email t@localhost", "add -A", "commit -qm tiny"):
+        sh("git", *words.split(), cwd=place)
     output = sh("dvc", "repro", cwd=place)
     assert ran(output) == ALL
     return place
