@@ -6,6 +6,7 @@ import numpy as np
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.clustering import cluster_pools, pool_ids
 from tactile_viewgcn.frames import read_frames
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.split import TEST, TRAIN
 from tactile_viewgcn.viewpoints import viewpoints
 from tactile_viewgcn.views import NO_CLUSTER, Views, ViewSets, write_views
@@ -20,18 +21,18 @@ def cluster(params, run, frames, out):
     places = viewpoints(count, params.viewpoints)
     pool = pool_ids(table.label, table.recording, table.side, params.cluster.scope)
     views = Views(np.full(len(table), NO_CLUSTER, dtype=np.int16), pool, places)
-    metrics = {"pools": len(np.unique(pool[table.side != TEST]))}
+    sizes = np.unique(pool[table.side != TEST], return_counts=True)[1]
     if params.cluster.method == "none":
-        print("cluster: none; view sets are drawn at random from each pool")
+        empty = int(np.maximum(0, count - sizes).sum())
+        print(f"cluster: none; view sets are drawn at random from each of {len(sizes)} pools")
     else:
-        metrics["empty_clusters"] = _cluster(params, table, views)
-        print(
-            f"cluster: {metrics['pools']} pools in {count} clusters each; {metrics['empty_clusters']} clusters "
-            "have no frame of their own and are drawn from their whole pool, with repetition"
-        )
+        empty = _cluster(params, table, views)
+        print(f"cluster: {len(sizes)} pools in {count} clusters each")
         run.figure("cluster_means.png", lambda: _picture(table, views))
+    if empty:
+        print(f"  {empty} of {len(sizes) * count} views have no frame of their own and repeat one of their pool's")
     write_views(out, views)
-    return metrics
+    return {"pools": len(sizes), "empty_clusters": empty}
 
 
 def _cluster(params, table, views) -> int:
@@ -39,7 +40,7 @@ def _cluster(params, table, views) -> int:
     index = np.flatnonzero(table.side != TEST)
     pool = np.unique(views.pool[index], return_inverse=True)[1].ravel()
     points = table.inputs(index)[:, table.live]
-    found = cluster_pools(points, pool, params.views, params.cluster, np.random.default_rng(params.seed))
+    found = cluster_pools(points, pool, params.views, params.cluster, stream(params.seed, "cluster"))
     views.cluster[index] = found
     return int(ViewSets(found, pool, params.views).empty.sum())
 

@@ -2,6 +2,7 @@
 
 import json
 import resource
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import Any
 import click
 
 from tactile_viewgcn import tracking
-from tactile_viewgcn.files import md5, whole
+from tactile_viewgcn.files import whole
 from tactile_viewgcn.params import Params, flat, load
 
 
@@ -48,10 +49,10 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
                 given = SimpleNamespace(**{key: getattr(params, key) for key in reads})
                 logged = flat(params) if row else _declared(params, reads)
                 _run(body, given, logged, _inputs(context, paths), record, paths)
-            except (ValueError, OSError, tracking.TrackingError) as error:
-                if debug:
+            except (ValueError, OSError, MemoryError, RuntimeError) as error:
+                if debug or not _expected(error):
                     raise
-                raise click.ClickException(" ".join(str(error).split())) from None
+                raise click.ClickException(" ".join(str(error).split()) or "out of memory") from None
 
         command.__click_params__ = body.__click_params__ + command.__click_params__
         made = click.command(body.__name__, help=body.__doc__)(command)
@@ -70,13 +71,21 @@ def _run(
     paths: dict[str, Any],
 ) -> None:
     begin = time.perf_counter()
-    with tracking.stage_run(body.__name__, {name: md5(path) for name, path in inputs.items()}) as run:
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # `dvc queue kill`: the run is closed, nothing half-written
+    with tracking.stage_run(body.__name__) as run:
+        run.inputs(inputs)
         run.parameters(logged)
         metrics = body(given, run, **paths)
         costs = {"seconds": time.perf_counter() - begin, "peak_mb": peak_mb()}
         run.metrics((metrics or {}) | costs)
         with whole(record) as part:
             part.write_text(json.dumps({"stage": body.__name__, "run_id": run.id, **costs}, indent=2) + "\n")
+
+
+def _expected(error: Exception) -> bool:
+    """Whether the user can mend it; any other RuntimeError is a fault of ours and shows its traceback."""
+    out_of_memory = isinstance(error, MemoryError) or "memory" in str(error)
+    return out_of_memory or isinstance(error, ValueError | OSError | tracking.TrackingError)
 
 
 def _declared(params: Params, reads: tuple[str, ...]) -> dict[str, Any]:
@@ -100,6 +109,9 @@ def _inputs(context: click.Context, paths: dict[str, Any]) -> dict[str, Path]:
 
 
 def peak_mb() -> float:
-    """The most memory this process has held, in MB."""
-    unit = 1e6 if sys.platform == "darwin" else 1e3  # bytes there, kilobytes on Linux
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+    """The most memory this process has held, in MB (10^6 bytes)."""
+    status = Path("/proc/self/status")
+    if status.exists():  # Linux, whose ru_maxrss would count the process that started this one
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) * 1024 / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6

@@ -4,7 +4,7 @@ import click
 
 from stages.command import INPUT, OUTPUT, peak_mb, stage
 from tactile_viewgcn.classifier import load_classifier
-from tactile_viewgcn.compute import choose
+from tactile_viewgcn.compute import choose, keep_freed_memory
 from tactile_viewgcn.evaluation import evaluate_table
 from tactile_viewgcn.frames import read_frames
 from tactile_viewgcn.results import costs, lines, metrics_tree, numbers, read_records, write_results
@@ -17,10 +17,11 @@ from tactile_viewgcn.results import costs, lines, metrics_tree, numbers, read_re
 @click.option("--out", type=OUTPUT, required=True, help="Folder of the results.")
 def evaluate(params, run, frames, classifier, after, out):
     """Ten trials on the test side: error with its interval, run time, confusion."""
+    keep_freed_memory()
     compute, table = choose(params.device, params.precision), read_frames(frames)
     model, _ = load_classifier(classifier)
     records = read_records(after)
-    run.tags({f"run.{name}": record["run_id"] for name, record in records.items()})
+    run.tags({f"run.{name}": record["run_id"] for name, record in records.items() if record["run_id"]})
     run.tags({"device": compute.device, "precision": compute.precision})
     evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed)
     metrics = metrics_tree(evaluation, table, model.views)

@@ -5,7 +5,8 @@ import torch
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.classifier import save_classifier
-from tactile_viewgcn.compute import choose
+from tactile_viewgcn.compute import choose, keep_freed_memory
+from tactile_viewgcn.files import readable
 from tactile_viewgcn.finetuning import finetune_classifier
 from tactile_viewgcn.frames import read_frames
 from tactile_viewgcn.views import read_views
@@ -18,9 +19,11 @@ from tactile_viewgcn.views import read_views
 @click.option("--out", type=OUTPUT, required=True)
 def finetune(params, run, frames, views, backbone, out):
     """Train Tactile-ViewGCN on view sets, from the pretrained backbone."""
+    keep_freed_memory()
     compute, table = choose(params.device, params.precision), read_frames(frames)
     run.tags({"device": compute.device, "precision": compute.precision})
-    weights = torch.load(backbone, map_location="cpu", weights_only=True)["backbone"]
+    with readable(backbone):
+        weights = torch.load(backbone, map_location="cpu", weights_only=True)["backbone"]
     classifier, curves = finetune_classifier(
         table,
         read_views(views),

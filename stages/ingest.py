@@ -4,7 +4,6 @@ import click
 import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.files import md5
 from tactile_viewgcn.recordings import Recordings, write_recordings
 from tactile_viewgcn.source import open_source
 
@@ -14,7 +13,7 @@ from tactile_viewgcn.source import open_source
 @click.option("--out", type=OUTPUT, required=True)
 def ingest(params, run, source, out):
     """Read the source's recordings into one checked table of raw counts."""
-    write_recordings(out, open_source(source), md5(source))
+    write_recordings(out, open_source(source), run.md5s["source"])
     with Recordings(out) as table:
         used = {name: len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
         live = int(table.live.sum())

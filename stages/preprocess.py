@@ -9,18 +9,19 @@ from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.files import whole
 from tactile_viewgcn.frames import write_frames
 from tactile_viewgcn.preprocessing import account, prepare
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recordings import Recordings
 from tactile_viewgcn.split import SIDES
 
 
-@stage("seed", "preprocess", "split")
+@stage("preprocess", "split")
 @click.option("--recordings", type=INPUT, required=True)
 @click.option("--out", type=OUTPUT, required=True)
 @click.option("--kept", type=OUTPUT, required=True, help="Account of kept and dropped frames, per object and session.")
 def preprocess(params, run, recordings, out, kept):
     """Subtract the rest of the empty hand, filter, split and balance the frames."""
     with Recordings(recordings) as table:
-        frames, selection = prepare(table, params.preprocess, params.split, np.random.default_rng(params.seed))
+        frames, selection = prepare(table, params.preprocess, params.split, stream(params.split.seed, "preprocess"))
         rows = account(table, selection)
     write_frames(out, frames)
     with whole(kept) as part, part.open("w", newline="") as file:

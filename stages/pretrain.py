@@ -4,7 +4,7 @@ import click
 import torch
 
 from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.compute import choose
+from tactile_viewgcn.compute import choose, keep_freed_memory
 from tactile_viewgcn.files import whole
 from tactile_viewgcn.frames import read_frames
 from tactile_viewgcn.pretraining import pretrain_backbone
@@ -15,6 +15,7 @@ from tactile_viewgcn.pretraining import pretrain_backbone
 @click.option("--out", type=OUTPUT, required=True)
 def pretrain(params, run, frames, out):
     """Train the modified ResNet-18 from scratch to tell objects by single frames."""
+    keep_freed_memory()
     compute, table = choose(params.device, params.precision), read_frames(frames)
     run.tags({"device": compute.device, "precision": compute.precision})
     backbone, classifier, curves = pretrain_backbone(table, params.pretrain, compute, params.seed)

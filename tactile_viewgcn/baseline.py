@@ -51,6 +51,9 @@ def trimmed(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def empty_hand_rest(recordings: Recordings) -> Rest:
     """Rest over the empty-hand recordings of each session, as the paper subtracts it.
 
+    All of a session's empty-hand frames count, those on the test side too: the rest is a calibration of the glove,
+    which a user of a new session has to record as well. The empty hand's own accuracy is flattered by it.
+
     Raises:
         ValueError: a session without enough frames of the empty hand.
     """

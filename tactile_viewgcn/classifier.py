@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.compute import choose
-from tactile_viewgcn.files import whole
+from tactile_viewgcn.files import readable, whole
 from tactile_viewgcn.frames import Frames, transform
 from tactile_viewgcn.nn.backbone import Backbone, features_of
 from tactile_viewgcn.nn.view_gcn import ViewGCN
@@ -83,9 +83,10 @@ def save_classifier(
 
 def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:
     """The classifier in evaluation mode, and the rest of its checkpoint, see `save_classifier`."""
-    content = torch.load(path, map_location="cpu", weights_only=True)
-    classifier = Classifier(content["viewpoints"], len(content["classes"]), Model(**content["model"]))
-    classifier.load_state_dict(content.pop("weights"))
+    with readable(path):
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        classifier = Classifier(content["viewpoints"], len(content["classes"]), Model(**content["model"]))
+        classifier.load_state_dict(content.pop("weights"))
     return classifier.eval(), content
 
 
@@ -104,7 +105,9 @@ class Recogniser:
         self._rest = dict(zip(content["rest_names"], content["rest_mean"].numpy(), strict=True))
 
     def rest(self, name: str = "") -> np.ndarray:
-        """Rest (H, W) in counts of a session that the classifier knows; their mean without a name.
+        """Rest (H, W) in counts of a session that the classifier knows (with baseline `quiet`, of a recording).
+
+        Without a name it is the mean of all of them.
 
         Raises:
             ValueError: an unknown session.
@@ -137,8 +140,8 @@ class Recogniser:
             )
         if rest.shape != self.shape:
             raise ValueError(f"rest has shape {rest.shape}; expected {self.shape}")
-        if not np.isfinite(counts).all():
-            raise ValueError("counts holds values that are not finite; expected a number from every sensor")
+        if not (np.isfinite(counts).all() and np.isfinite(rest).all()):
+            raise ValueError("counts or rest holds values that are not finite; expected a number from every sensor")
         if not len(counts):
             return np.empty((0, len(self.classes)), dtype=np.float32)
         inputs = transform(counts.astype(np.float32) - rest.astype(np.float32), self._kind, self._scale)

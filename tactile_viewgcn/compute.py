@@ -36,8 +36,6 @@ def choose(device: str = "auto", precision: str = "auto") -> Compute:
         device = "cuda" if torch.cuda.is_available() else "cpu"
     if device == "cuda" and not torch.cuda.is_available():
         raise ValueError("device is cuda, and torch finds no CUDA device; expected one, or device: cpu or auto")
-    if device == "cpu":
-        keep_freed_memory()
     if precision == "auto":
         precision = "bfloat16" if native_bfloat16(device) else "float32"
     return Compute(torch.device(device), precision)
@@ -54,7 +52,8 @@ def keep_freed_memory() -> None:
     """Have glibc keep freed arrays for the next step instead of giving their pages back to the kernel.
 
     By default every large activation is mapped, zeroed page by page and unmapped again, in every step; that can
-    cost more than the arithmetic. Other C libraries are left as they are.
+    cost more than the arithmetic. It holds for the whole process, so it is for programs, not for libraries. Other
+    C libraries are left as they are.
     """
     trim_threshold, mmap_max = -1, -4  # the names of mallopt(3)
     try:

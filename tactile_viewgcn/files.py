@@ -4,6 +4,9 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from pickle import UnpicklingError
+
+RECORDINGS = (".mat", ".h5", ".hdf5")  # beside them, STAG's folders hold gigabytes of video frames
 
 
 @contextmanager
@@ -23,12 +26,28 @@ def whole(path: str | Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+@contextmanager
+def readable(path: str | Path) -> Iterator[None]:
+    """For reading what an earlier stage wrote.
+
+    Raises:
+        ValueError: the file is damaged, or of another version of the project.
+    """
+    try:
+        yield
+    except (OSError, KeyError, TypeError, RuntimeError, EOFError, UnpicklingError) as error:
+        raise ValueError(
+            f"{path}: damaged, or not written by this version ({type(error).__name__}: {error}); "
+            "delete it and run `dvc repro` again"
+        ) from error
+
+
 def md5(path: str | Path) -> str:
-    """The md5 of a file, or of a folder's files: their paths and md5s in sorted order."""
+    """The md5 of a file, or of a folder's recordings: their paths and md5s in sorted order."""
     path = Path(path)
     digest = hashlib.md5(usedforsecurity=False)
     if path.is_dir():
-        for file in sorted(p for p in path.rglob("*") if p.is_file()):
+        for file in sorted(p for p in path.rglob("*") if p.suffix in RECORDINGS):
             digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode())
         return digest.hexdigest()
     with path.open("rb") as stream:

@@ -1,5 +1,6 @@
 """The whole network, trained on view sets from a pretrained backbone."""
 
+import math
 from collections.abc import Iterator
 from functools import partial
 
@@ -14,6 +15,7 @@ from tactile_viewgcn.frames import Frames, full_scale
 from tactile_viewgcn.nn.backbone import features_of
 from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
 from tactile_viewgcn.params import Finetune, Model
+from tactile_viewgcn.randomness import stream, torch_seed
 from tactile_viewgcn.split import TRAIN, VALIDATION
 from tactile_viewgcn.training import compounding_cosine, error_rate, fit, generators, set_losses
 from tactile_viewgcn.views import Views
@@ -24,7 +26,7 @@ class Side:
 
     def __init__(self, side: int, table: Frames, views: Views, compute: Compute, seed: int, assignment: str):
         self._index, self._views, self._assignment = table.on(side), views, assignment
-        self._rng = np.random.default_rng([seed, side])
+        self._rng = stream(seed, "finetune.draw", side)
         self.anchors = np.flatnonzero(table.anchor[self._index])
         self.frames = compute.frames(torch.from_numpy(table.inputs(self._index)))
         self.labels = torch.from_numpy(table.label[self._index].astype(np.int64)).to(compute.device)
@@ -52,7 +54,7 @@ def finetune_classifier(
     Raises:
         ValueError: the training diverges, or `model` does not fit the number of views.
     """
-    torch.manual_seed(seed)  # initial weights and dropout
+    torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
     classifier = Classifier(torch.from_numpy(views.viewpoints), len(table.classes), model)
     classifier.backbone.load_state_dict(weights)
     if not how.backbone_dropout:
@@ -64,7 +66,7 @@ def finetune_classifier(
         momentum=how.momentum,
         weight_decay=how.weight_decay,
     )
-    order, on_device = generators(seed, compute.device)
+    order, on_device = generators(seed, "finetune", compute.device)
     train, held_out = (Side(side, table, views, compute, seed, assignment) for side in (TRAIN, VALIDATION))
     kept = {"train": train.draw(), "validation": held_out.draw() if len(held_out.anchors) else None}
 
@@ -98,6 +100,7 @@ def finetune_classifier(
     def factor(epoch: int) -> float:
         return compounding_cosine(epoch, epochs=how.epochs) if how.schedule == "compounding_cosine" else 1.0
 
-    with tqdm(total=how.epochs, desc="finetune", unit="epoch", disable=None) as bar:
+    steps = how.epochs * math.ceil(len(train.anchors) / how.batch)
+    with tqdm(total=steps, desc="finetune", unit="batch", disable=None) as bar:
         curves = fit(how.epochs, optimiser, factor, losses, validate, bar)
     return classifier, curves

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tactile_viewgcn.files import whole
+from tactile_viewgcn.files import readable, whole
 
 
 def transform(excess: np.ndarray, kind: str, scale: float) -> np.ndarray:
@@ -93,7 +93,7 @@ def write_frames(path: str | Path, frames: Frames) -> None:
 
 def read_frames(path: str | Path) -> Frames:
     """The table that `write_frames` wrote, whole in memory."""
-    with h5py.File(path, "r") as file:
+    with readable(path), h5py.File(path, "r") as file:
         values = {}
         for field in fields(Frames):
             if field.name in file.attrs:

@@ -5,7 +5,7 @@
 /valid        (T,)       the object is held, optional
 /grasp        (T,)       number of the grasp, optional
 /grasp_valid  (T,)       frame belongs to the steady part of its grasp, optional
-attributes    object, session; optional: recording (else the file's name), weight (grams),
+attributes    object, session; optional: recording (else the file's path in the folder), weight (grams),
               split ("train" or "test")
 """
 
@@ -15,7 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tactile_viewgcn.recordings import BLOCK, COLUMNS, EMPTY_HAND, TEST, TRAIN, Source, check_shape, storage_type
+from tactile_viewgcn.recordings import BLOCK, EMPTY_HAND, TEST, TRAIN, Source, check_shape, storage_type
 
 OPTIONAL = ("time", "valid", "grasp", "grasp_valid")
 
@@ -31,7 +31,8 @@ def read_own(path: Path) -> Source:
     files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix in (".h5", ".hdf5"))
     if not files:
         raise ValueError(f"{path}: no .h5 or .hdf5 recordings in it")
-    heads = [_head(file) for file in files]
+    root = path.parent if path.is_file() else path
+    heads = [_head(file, root) for file in files]
     first = heads[0]
     for file, head in zip(files, heads, strict=True):
         for what in ("shape", "columns"):
@@ -80,8 +81,8 @@ def read_own(path: Path) -> Source:
     )
 
 
-def _head(path: Path) -> dict:
-    """What one file says of itself, checked."""
+def _head(path: Path, root: Path) -> dict:
+    """What one file below `root` says of itself, checked."""
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -90,18 +91,22 @@ def _head(path: Path) -> dict:
         if not isinstance(file.get("pressure"), h5py.Dataset):
             raise ValueError(f"{path}: no dataset /pressure; found {', '.join(file) or 'nothing'}")
         for name in ("object", "session"):
-            if name not in file.attrs:
+            if not _text(file.attrs.get(name, "")):
                 raise ValueError(f"{path}: no attribute {name!r}; expected a text on the file's root")
         shape = check_shape(file["pressure"].shape, str(path))
         frames = len(file["pressure"])
         columns = [name for name in OPTIONAL if name in file]
         for name in columns:
+            if not isinstance(file[name], h5py.Dataset):
+                raise ValueError(f"{path}: /{name} is a group; expected a dataset")
             if file[name].shape != (frames,):
                 raise ValueError(f"{path}: /{name} has shape {file[name].shape}; expected ({frames},)")
         attributes = {name: _text(value) for name, value in file.attrs.items()}
         split, weight = attributes.get("split"), attributes.get("weight")
         try:
             weight = None if weight is None else float(weight)
+            if weight is not None and not 0 <= weight < np.inf:
+                raise ValueError(weight)
         except ValueError:
             raise ValueError(f"{path}: attribute weight is {weight!r}; expected grams") from None
         if split not in (None, "train", "test"):
@@ -112,7 +117,7 @@ def _head(path: Path) -> dict:
             "object": attributes["object"],
             "session": attributes["session"],
             "columns": columns,
-            "recording": attributes.get("recording", path.stem),
+            "recording": attributes.get("recording", path.relative_to(root).with_suffix("").as_posix()),
             "weight": weight,
             "split": {"train": TRAIN, "test": TEST}.get(split),
             "frames": frames,
@@ -127,15 +132,8 @@ def _text(value: object) -> str:
 
 
 def _values(dataset: h5py.Dataset, column: str, at: slice, path: Path) -> np.ndarray:
-    """Part of an optional column: seconds since the first frame, or whole numbers that its type holds."""
+    """Part of an optional column of numbers; seconds count from the first frame."""
     values = dataset[at]
     if values.dtype.kind not in "biuf":
         raise ValueError(f"{path}: /{column} is of type {values.dtype}; expected numbers")
-    if column == "time":
-        return values - dataset[0]
-    kind = COLUMNS[column]
-    low, high = (0, 1) if kind is np.bool_ else (np.iinfo(kind).min, np.iinfo(kind).max)
-    bad = values[~((values >= low) & (values <= high) & (values == np.floor(values)))]
-    if len(bad):
-        raise ValueError(f"{path}: /{column} holds {bad[0]}; expected whole numbers from {low} to {high}")
-    return values.astype(kind)
+    return values - dataset[0] if column == "time" else values

@@ -36,7 +36,8 @@ Count = Annotated[int, Range(1)]
 Positive = Annotated[float, Range(0, open="low")]
 NotNegative = Annotated[float, Range(0)]
 Share = Annotated[float, Range(0, 1, open="high")]
-Views = Annotated[int, Range(1, 1000)]
+NumberOfViews = Annotated[int, Range(1, 1000)]
+Seed = Annotated[int, Range(0, 2**32 - 1)]
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class Split:
     by: Literal["source", "recording", "grasp", "session"]
     folds: Annotated[int, Range(2)]
     fold: Annotated[int, Range(0)]
+    seed: Seed
     validation: Share
 
 
@@ -120,8 +122,8 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Params:
-    seed: Annotated[int, Range(0, 2**32 - 1)]
-    views: Views
+    seed: Seed
+    views: NumberOfViews
     viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere"]
     device: Literal["auto", "cpu", "cuda"]
     precision: Literal["auto", "float32", "bfloat16"]

@@ -1,5 +1,6 @@
 """The backbone, trained from scratch to tell objects by single frames."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,6 +12,7 @@ from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import Frames, full_scale
 from tactile_viewgcn.nn.backbone import FEATURES, Backbone, features_of
 from tactile_viewgcn.params import Pretrain
+from tactile_viewgcn.randomness import torch_seed
 from tactile_viewgcn.split import TRAIN, VALIDATION
 from tactile_viewgcn.training import error_rate, fit, frame_losses, generators, halving
 
@@ -31,13 +33,13 @@ def pretrain_backbone(
         index = np.flatnonzero(table.anchor & (table.side == side))
         inputs[side] = compute.frames(torch.from_numpy(table.inputs(index)))
         labels[side] = torch.from_numpy(table.label[index].astype(np.int64)).to(compute.device)
-    torch.manual_seed(seed)  # initial weights and dropout
+    torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
     backbone = Backbone().to(compute.device, memory_format=torch.channels_last)
     classifier = torch.nn.Linear(FEATURES, len(table.classes), device=compute.device)
     optimiser = torch.optim.SGD(
         [*backbone.parameters(), *classifier.parameters()], how.lr, momentum=how.momentum, weight_decay=how.weight_decay
     )
-    order, on_device = generators(seed, compute.device)
+    order, on_device = generators(seed, "pretrain", compute.device)
     noise = how.noise * full_scale(table.kind, table.scale)
 
     def losses(_: int) -> Iterator[Tensor]:
@@ -62,7 +64,8 @@ def pretrain_backbone(
         logits = classifier(features)
         return {"validation_error": error_rate(logits, labels[VALIDATION])}
 
-    with tqdm(total=how.epochs, desc="pretrain", unit="epoch", disable=None) as bar:
+    steps = how.epochs * math.ceil(len(labels[TRAIN]) / how.batch)
+    with tqdm(total=steps, desc="pretrain", unit="batch", disable=None) as bar:
         curves = fit(
             how.epochs,
             optimiser,

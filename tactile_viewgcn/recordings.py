@@ -6,14 +6,14 @@ raw ADC counts (or whatever unit the user's glove has), axes are (frame, row, co
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 from tqdm import tqdm
 
-from tactile_viewgcn.files import whole
+from tactile_viewgcn.files import readable, whole
 
 EMPTY_HAND = "empty_hand"  # the class that holds nothing, by STAG's name for it
 TRAIN, TEST = 0, 1  # codes of the published split
@@ -51,7 +51,6 @@ class Source:
     blocks: Iterator[dict[str, np.ndarray]]  # "pressure" (n, H, W) and columns (n,), in the file's order
     weights: np.ndarray | None = None  # (objects,) grams, NaN where unknown
     action: np.ndarray | None = None  # (recordings, 2) seconds from and to which it is handled, -1: never
-    ignored: list[str] = field(default_factory=list)  # files of the source that were passed over
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
@@ -94,7 +93,7 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
             compression_opts=1,
             shuffle=True,
         )
-        for block in source.blocks:
+        for block in _blocks(source):
             counts = block["pressure"]
             if not len(counts):
                 continue
@@ -131,14 +130,30 @@ def _check_block(block: dict[str, np.ndarray], names: dict[str, list[str]], sour
         bad = start + int(inside.argmin())
         raise ValueError(f"{path}: pressure of frame {bad} is not finite; expected a number from every sensor")
     for column, among in (("object", "objects"), ("recording", "recordings"), ("session", "sessions")):
-        ids, count = block[column], len(names[among])
-        outside = (ids < 0) | (ids >= count)
-        if outside.any():
-            at = int(outside.argmax())
-            raise ValueError(
-                f"{path}: {column} id {ids[at]} of frame {start + at} is out of range; "
-                f"expected 0 to {count - 1} ({count} {among})"
-            )
+        count = len(names[among])
+        _check_range(block[column], f"{column} id", (0, count - 1), f"({count} {among})", path, start)
+    for column, kind in COLUMNS.items():
+        if column in block and kind is not np.float64:
+            low, high = (0, 1) if kind is np.bool_ else (np.iinfo(kind).min, np.iinfo(kind).max)
+            _check_range(block[column], column, (low, high), "in whole numbers", path, start)
+
+
+def _check_range(values: np.ndarray, what: str, limits: tuple[int, int], remark: str, path: Path, start: int) -> None:
+    inside = (values >= limits[0]) & (values <= limits[1]) & (values == np.floor(values))
+    if not inside.all():
+        at = int(inside.argmin())
+        raise ValueError(
+            f"{path}: {what} {values[at]} of frame {start + at} is out of range; "
+            f"expected {limits[0]} to {limits[1]} {remark}"
+        )
+
+
+def _blocks(source: Source) -> Iterator[dict[str, np.ndarray]]:
+    """The source's blocks; what cannot be unpacked is said of its file."""
+    try:
+        yield from source.blocks
+    except OSError as error:
+        raise ValueError(f"{source.path}: damaged or cut short ({error}); download or record it again") from None
 
 
 def _storable(counts: np.ndarray) -> np.ndarray:
@@ -153,7 +168,7 @@ def _append_columns(file: h5py.File, block: dict[str, np.ndarray], count: int, t
         if name not in file:
             file.create_dataset(name, (0,), dtype, maxshape=(None,), chunks=(BLOCK,))
         file[name].resize(total, axis=0)
-        file[name][-count:] = block[name]
+        file[name][-count:] = block[name].astype(dtype)
 
 
 class Recordings:
@@ -168,7 +183,8 @@ class Recordings:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._file = h5py.File(path, "r")
+        with readable(path):
+            self._file = h5py.File(path, "r")
         self.objects, self.recordings, self.sessions = (
             [text.decode() for text in self._file[name][()]] for name in ("objects", "recordings", "sessions")
         )
@@ -195,14 +211,12 @@ class Recordings:
 
     def frames(self, index: np.ndarray) -> np.ndarray:
         """Counts (n, H, W) of the frames of a rising index (n,), read block by block."""
-        out = np.empty((len(index), *self.shape), self.dtype)
-        done = 0
-        for start, block in self.blocks():
-            inside = index[done : np.searchsorted(index, start + len(block))]
-            out[done : done + len(inside)] = block[inside - start]
-            done += len(inside)
-            if done == len(index):
-                break
+        out, pressure, done = np.empty((len(index), *self.shape), self.dtype), self._file["pressure"], 0
+        for start in range(0, len(self), BLOCK):
+            stop = int(np.searchsorted(index, start + BLOCK))
+            if stop > done:
+                out[done:stop] = pressure[start : start + BLOCK][index[done:stop] - start]
+                done = stop
         return out
 
     def blocks(self) -> Iterator[tuple[int, np.ndarray]]:

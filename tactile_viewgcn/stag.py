@@ -120,6 +120,9 @@ def _read_hdf5(path: Path) -> tuple[tuple, Any, dict[str, Any]]:
     try:
         file = h5py.File(path, "r")
         _need([name for name in file if not name.startswith("#")], path)
+        for name in (*REQUIRED, *FIELDS, *NAMES, *PER_ENTRY):
+            if name in file and not isinstance(file[name], h5py.Dataset):
+                raise ValueError(f"{path}: {name} is a structure; expected an array")
         fields: dict[str, Any] = {}
         for name in (*REQUIRED, *FIELDS, *NAMES, *PER_ENTRY):
             if name == "pressure" or name not in file:

@@ -14,12 +14,15 @@ import urllib.error
 import urllib.request
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
+from http.client import HTTPException
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from filelock import FileLock
+
+from tactile_viewgcn.files import md5
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,6 +46,12 @@ class Run:
 
     def __init__(self, client: Any = None, run_id: str | None = None, experiment: str | None = None, uri: str = ""):
         self._client, self.id, self._experiment, self._uri = client, run_id, experiment, uri
+        self.md5s: dict[str, str] = {}
+
+    def inputs(self, paths: dict[str, Path]) -> None:
+        """Note the md5 of each input, under its name, in `md5s` too."""
+        self.md5s = {name: md5(path) for name, path in paths.items()}
+        self.tags({f"md5.{name}": digest for name, digest in self.md5s.items()})
 
     def parameters(self, values: dict[str, Any]) -> None:
         """Parameters by dotted key."""
@@ -133,7 +142,7 @@ class Run:
 
 
 @contextmanager
-def stage_run(name: str, md5s: dict[str, str]) -> Iterator[Run]:
+def stage_run(name: str) -> Iterator[Run]:
     """The run of one stage: FINISHED when the block ends well, else FAILED with its traceback as artifact.
 
     Raises:
@@ -145,22 +154,36 @@ def stage_run(name: str, md5s: dict[str, str]) -> Iterator[Run]:
         return
     client, experiment = _open(uri)
     tags = {"stage": name, "command": " ".join(sys.orig_argv[1:])} | _revision()
-    tags |= {f"md5.{key}": value for key, value in md5s.items()}
     if "DVC_EXP_NAME" in os.environ:
         tags["dvc.experiment"] = os.environ["DVC_EXP_NAME"]
-    run = Run(client, client.create_run(experiment, run_name=name, tags=tags).info.run_id, experiment, uri)
+    from mlflow.exceptions import MlflowException
+
+    try:
+        run = Run(client, client.create_run(experiment, run_name=name, tags=tags).info.run_id, experiment, uri)
+    except MlflowException as error:
+        raise _refusal(uri, error) from None
     status = "FAILED"
     try:
         yield run
         status = "FINISHED"
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         status = "KILLED"
         raise
+    except MlflowException as error:  # the server went away, or refuses what it is given
+        raise _refusal(uri, error) from error
     except Exception:
-        run.text(traceback.format_exc(), "traceback.txt")
+        with suppress(MlflowException):  # the stage's own error is the one to tell
+            run.text(traceback.format_exc(), "traceback.txt")
         raise
     finally:
-        client.set_terminated(run.id, status)
+        with suppress(MlflowException):
+            client.set_terminated(run.id, status)
+
+
+def _refusal(uri: str, error: Exception) -> TrackingError:
+    return TrackingError(
+        f"MLflow store {uri}: {' '.join(str(error).split())}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}"
+    )
 
 
 def _root() -> Path:
@@ -179,17 +202,19 @@ def _open(uri: str) -> tuple[Any, str]:
     from mlflow.exceptions import MlflowException
 
     name = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
+    local = uri.startswith("sqlite:")
     try:
-        with FileLock(_root() / "mlflow.db.lock"):
+        with FileLock(_root() / "mlflow.db.lock") if local else nullcontext():
             client = MlflowClient(tracking_uri=uri)
             found = client.get_experiment_by_name(name)
             if found is None:
-                place = (_root() / "mlruns").as_uri() if uri.startswith("sqlite:") else None
+                place = (_root() / "mlruns").as_uri() if local else None
                 return client, client.create_experiment(name, artifact_location=place, tags=KIND)
-    except MlflowException as error:
-        raise TrackingError(
-            f"MLflow store {uri}: {' '.join(str(error).split())}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}"
-        ) from None
+    except (MlflowException, OSError, ImportError) as error:
+        raise _refusal(uri, error) from None
+    if found.lifecycle_stage == "deleted":
+        remedy = f"restore it (mlflow experiments restore -x {found.experiment_id}) or name another"
+        raise TrackingError(f"MLflow experiment {name!r} is deleted; {remedy} with MLFLOW_EXPERIMENT_NAME")
     return client, found.experiment_id
 
 
@@ -199,7 +224,7 @@ def _reach(uri: str) -> None:
         urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=REACH_SECONDS).close()
     except urllib.error.HTTPError:
         return
-    except OSError as error:
+    except (OSError, ValueError, HTTPException) as error:
         raise TrackingError(
             f"MLflow server {uri} does not answer ({error}); start it, correct MLFLOW_TRACKING_URI, "
             f"or set it to {DISABLED}"

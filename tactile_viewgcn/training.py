@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from tactile_viewgcn.compute import Compute
+from tactile_viewgcn.randomness import torch_seed
 
 
 def batches(count: int, size: int, generator: torch.Generator) -> Iterator[Tensor]:
@@ -64,6 +65,7 @@ def fit(
             loss.backward()
             optimiser.step()
             total, count = total + loss.detach(), count + 1
+            bar.update()
         mean = float(total) / count
         if not math.isfinite(mean):
             rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
@@ -74,7 +76,6 @@ def fit(
         schedule.step()
         for name, value in ({"loss": mean} | validate()).items():
             curves.setdefault(name, []).append(value)
-        bar.update()
         bar.set_postfix({name: f"{line[-1]:.3f}" for name, line in curves.items()})
     return curves
 
@@ -140,9 +141,9 @@ def set_losses(
         yield loss(logits, view_logits, labels[chosen[:, 0]])
 
 
-def generators(seed: int, device: torch.device) -> tuple[torch.Generator, torch.Generator]:
+def generators(seed: int, purpose: str, device: torch.device) -> tuple[torch.Generator, torch.Generator]:
     """Two streams of random numbers: one for the order of batches, on the processor, one on the device."""
     order, on_device = torch.Generator(), torch.Generator(device)
-    order.manual_seed(seed)
-    on_device.manual_seed(seed + 1)
+    order.manual_seed(torch_seed(seed, f"{purpose}.order"))
+    on_device.manual_seed(torch_seed(seed, f"{purpose}.noise"))
     return order, on_device

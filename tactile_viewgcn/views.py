@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tactile_viewgcn.files import whole
+from tactile_viewgcn.files import readable, whole
 
 NO_CLUSTER = -1
 
@@ -102,5 +102,5 @@ def write_views(path: str | Path, views: Views) -> None:
 
 def read_views(path: str | Path) -> Views:
     """What `write_views` wrote."""
-    with h5py.File(path, "r") as file:
+    with readable(path), h5py.File(path, "r") as file:
         return Views(**{name: file[name][()] for name in ("cluster", "pool", "viewpoints")})

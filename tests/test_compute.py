@@ -83,16 +83,12 @@ def allocator(monkeypatch):
     return calls
 
 
-def test_on_the_processor_freed_memory_is_kept(monkeypatch, allocator):
+def test_freed_memory_is_kept_where_a_program_asks_for_it(monkeypatch, allocator):
     pretend(monkeypatch)
     choose("cpu")
-    assert sorted(allocator) == [(-4, 0), (-1, 2**31 - 1)]  # M_MMAP_MAX and M_TRIM_THRESHOLD of malloc.h
-
-
-def test_on_a_cuda_device_the_allocator_is_left_alone(monkeypatch, allocator):
-    pretend(monkeypatch, cuda=True)
-    choose("cuda")
     assert allocator == []
+    keep_freed_memory()
+    assert sorted(allocator) == [(-4, 0), (-1, 2**31 - 1)]  # M_MMAP_MAX and M_TRIM_THRESHOLD of malloc.h
 
 
 @pytest.mark.parametrize("library", [lambda _: SimpleNamespace(), lambda _: (_ for _ in ()).throw(OSError("none"))])

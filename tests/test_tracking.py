@@ -12,6 +12,7 @@ import torch
 
 from tactile_viewgcn import tracking
 from tactile_viewgcn.classifier import Classifier, Recogniser, save_classifier
+from tactile_viewgcn.files import md5
 from tactile_viewgcn.frames import Frames
 from tactile_viewgcn.params import load
 from tactile_viewgcn.viewpoints import viewpoints
@@ -42,7 +43,8 @@ def runs_of(client):
 
 def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client, monkeypatch):
     monkeypatch.setenv("DVC_EXP_NAME", "brave-mug")
-    with tracking.stage_run("cluster", {"frames": "abc"}) as run:
+    with tracking.stage_run("cluster") as run:
+        run.inputs({"frames": ROOT / "LICENSE"})
         run.parameters({"views": 8, "cluster.method": "kmeans"})
         run.metrics({"pools": 26})
         run.curves({"loss": [3.0, 2.0, 1.0]}, picture="curves.png")
@@ -52,14 +54,14 @@ def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client,
     assert found.data.params == {"views": "8", "cluster.method": "kmeans"}
     assert found.data.metrics == {"pools": 26.0, "loss": 1.0}
     assert [metric.value for metric in client.get_metric_history(found.info.run_id, "loss")] == [3.0, 2.0, 1.0]
-    assert found.data.tags["md5.frames"] == "abc" and found.data.tags["dvc.experiment"] == "brave-mug"
+    assert found.data.tags["md5.frames"] == md5(ROOT / "LICENSE") and found.data.tags["dvc.experiment"] == "brave-mug"
     assert len(found.data.tags["mlflow.source.git.commit"]) == 40
     assert {file.path for file in client.list_artifacts(found.info.run_id)} == {"curves.png", "notes.txt"}
     assert found.info.artifact_uri.startswith((store / "mlruns").as_uri())
 
 
 def test_a_stage_that_fails_leaves_a_failed_run_with_its_traceback(store, client):
-    with pytest.raises(ValueError, match="no such luck"), tracking.stage_run("ingest", {}):
+    with pytest.raises(ValueError, match="no such luck"), tracking.stage_run("ingest"):
         raise ValueError("no such luck")
     (found,) = runs_of(client)
     assert found.info.status == "FAILED"
@@ -68,7 +70,7 @@ def test_a_stage_that_fails_leaves_a_failed_run_with_its_traceback(store, client
 
 
 def test_trials_are_children(store, client):
-    with tracking.stage_run("evaluate", {}) as run:
+    with tracking.stage_run("evaluate") as run:
         run.child("trial 3", {"object.error": 0.25}, {"trial": 3})
     child, parent = runs_of(client)
     assert child.data.tags["mlflow.parentRunId"] == parent.info.run_id
@@ -78,7 +80,7 @@ def test_trials_are_children(store, client):
 def test_disabled_imports_no_mlflow_and_draws_nothing(tmp_path):
     code = (
         "import sys; from tactile_viewgcn import tracking\n"
-        "with tracking.stage_run('ingest', {}) as run:\n"
+        "with tracking.stage_run('ingest') as run:\n"
         "    run.metrics({'a': 1}); run.figure('a.png', lambda: 1 / 0); run.curves({'a': [1]}, picture='b.png')\n"
         "    run.parameters({'a': 1}); run.child('b', {}, {}); run.tags({'a': 1}); assert run.id is None\n"
         "assert not {'mlflow', 'matplotlib'} & set(sys.modules)"
@@ -92,7 +94,7 @@ def test_a_server_that_does_not_answer_is_said_at_once_and_before_any_work(monke
     begin = time.monotonic()
     with (
         pytest.raises(tracking.TrackingError, match=r"http://127.0.0.1:9 does not answer.*disabled"),
-        tracking.stage_run("ingest", {}),
+        tracking.stage_run("ingest"),
     ):
         pytest.fail("the work began")
     assert time.monotonic() - begin < tracking.REACH_SECONDS + 1
@@ -100,12 +102,32 @@ def test_a_server_that_does_not_answer_is_said_at_once_and_before_any_work(monke
 
 def test_a_store_that_mlflow_refuses_is_one_line(store, monkeypatch):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", (store / "files").as_uri())
-    with pytest.raises(tracking.TrackingError, match="MLFLOW_TRACKING_URI"), tracking.stage_run("ingest", {}):
+    with pytest.raises(tracking.TrackingError, match="MLFLOW_TRACKING_URI"), tracking.stage_run("ingest"):
         pytest.fail("the work began")
 
 
+def test_a_server_address_that_is_none_is_one_line(monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://localhost:50x0")
+    with pytest.raises(tracking.TrackingError, match="localhost:50x0"), tracking.stage_run("ingest"):
+        pytest.fail("the work began")
+
+
+def test_a_deleted_experiment_is_one_line_that_says_how_to_restore_it(store, client):
+    with tracking.stage_run("ingest"):
+        pass
+    client.delete_experiment(client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id)
+    with pytest.raises(tracking.TrackingError, match="mlflow experiments restore"), tracking.stage_run("ingest"):
+        pytest.fail("the work began")
+
+
+def test_a_stage_that_is_told_to_stop_is_killed_not_running(store, client):
+    with pytest.raises(SystemExit), tracking.stage_run("pretrain"):
+        raise SystemExit(143)
+    assert runs_of(client)[0].info.status == "KILLED"
+
+
 def test_processes_that_open_a_fresh_store_at_once_do_not_race(store, client):
-    code = "from tactile_viewgcn import tracking\nwith tracking.stage_run('cluster', {}) as run: run.metrics({'a': 1})"
+    code = "from tactile_viewgcn import tracking\nwith tracking.stage_run('cluster') as run: run.metrics({'a': 1})"
     started = [subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stderr=subprocess.PIPE) for _ in range(3)]
     errors = [process.communicate()[1].decode() for process in started]
     assert [process.returncode for process in started] == [0, 0, 0], errors
@@ -125,7 +147,7 @@ def test_the_logged_model_gives_the_recogniser_s_probabilities(store, client):
         ["a", "b", "c"], ["x", "y"], ["000", "001"], ["000", "001"], "clip", 150.0,
     )  # fmt: skip
     save_classifier(store / "classifier.pt", classifier, model, table)
-    with tracking.stage_run("evaluate", {}) as run:
+    with tracking.stage_run("evaluate") as run:
         run.model(store / "classifier.pt", 2, (6, 4), np.dtype(np.int16), 3)
     import mlflow
 

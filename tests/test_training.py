@@ -190,7 +190,9 @@ def test_set_losses_pair_each_view_set_with_the_class_of_its_frames():
 
 
 def test_the_two_streams_of_random_numbers_differ_and_repeat():
-    first, again, other = ([torch.rand(4, generator=g) for g in generators(s, CPU.device)] for s in (5, 5, 9))
+    first, again, other = (
+        [torch.rand(4, generator=g) for g in generators(s, "pretrain", CPU.device)] for s in (5, 5, 9)
+    )
     assert torch.equal(first[0], again[0])
     assert torch.equal(first[1], again[1])
     assert not torch.equal(first[0], first[1])

@@ -117,6 +117,18 @@ def test_messages_from_two_projections_equal_those_of_every_pair():
     torch.testing.assert_close(passing.received(nodes), pairs, rtol=1e-6, atol=1e-6 * pairs.abs().max().item())
 
 
+def test_messages_in_parts_equal_those_at_once_and_so_do_their_gradients(monkeypatch):
+    torch.manual_seed(0)
+    passing = NonLocalMessagePassing(16)
+    nodes = torch.randn(2, 9, 16, requires_grad=True)
+    at_once = passing.received(nodes)
+    (gradient,) = torch.autograd.grad(at_once.square().sum(), nodes)
+    monkeypatch.setattr("tactile_viewgcn.nn.view_gcn.PAIRS_AT_ONCE", 2 * 9 * 16 * 4)
+    in_parts = passing.received(nodes)
+    torch.testing.assert_close(in_parts, at_once)
+    torch.testing.assert_close(torch.autograd.grad(in_parts.square().sum(), nodes)[0], gradient)
+
+
 def test_local_convolution_equals_the_plain_loop():
     torch.manual_seed(0)
     convolution = LocalGraphConvolution(4, neighbours=3, edge_distance="squared").eval()

@@ -52,7 +52,7 @@ class Backbone(nn.Module):
 
     def forward(self, frames: Tensor) -> Tensor:
         maps = self.stage2(self.dropout(self.stage1(self.stem(frames))))  # (B, 128, H / 4, W / 4)
-        return maps.mean(dim=(2, 3))
+        return maps.float().mean(dim=(2, 3))
 
 
 @torch.no_grad()

@@ -1,11 +1,14 @@
 """The geometry of the view-graph: distances, neighbours, furthest points, and what an edge knows.
 
 Positions are (..., N, 3). Squared distances are sums of squared differences, never the expansion of the
-square, so that coincident points are at exactly zero. Ties go to the lowest index.
+square, so that coincident points are at exactly zero. Ties go to the lowest index: distances that differ by less
+than the largest one's 65,536th part are ties, since on a circle or a dodecahedron equal ones differ by rounding.
 """
 
 import torch
 from torch import Tensor
+
+STEPS = 2.0**16
 
 
 def squared_distances(positions: Tensor) -> Tensor:
@@ -13,9 +16,16 @@ def squared_distances(positions: Tensor) -> Tensor:
     return (positions.unsqueeze(-2) - positions.unsqueeze(-3)).square().sum(dim=-1)
 
 
+def _ranks(positions: Tensor) -> Tensor:
+    """Squared distances (..., N, N) in whole steps of a 65,536th of the largest, by which nodes are compared."""
+    distances = squared_distances(positions)
+    largest = distances.amax(dim=(-2, -1), keepdim=True)
+    return (distances / largest.clamp_min(torch.finfo(distances.dtype).tiny) * STEPS).round()
+
+
 def nearest(positions: Tensor, count: int) -> Tensor:
     """Indices (..., N, min(count, N)) of each node's nearest, itself included, nearest first."""
-    order = squared_distances(positions).sort(dim=-1, stable=True).indices
+    order = _ranks(positions).sort(dim=-1, stable=True).indices
     return order[..., :count]
 
 
@@ -24,7 +34,7 @@ def furthest_points(positions: Tensor, count: int) -> Tensor:
 
     Each next node is the one furthest from those chosen so far.
     """
-    distances = squared_distances(positions)
+    distances = _ranks(positions)
     chosen = torch.zeros(positions.shape[:-2], dtype=torch.long, device=positions.device)
     picks = [chosen]
     to_chosen = distances.select(-2, 0)  # (..., N), to the nearest chosen node

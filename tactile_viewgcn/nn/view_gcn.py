@@ -9,11 +9,13 @@ from itertools import pairwise
 import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
+from torch.utils.checkpoint import checkpoint
 
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest
 
 SLOPE = 0.2  # of every LeakyReLU
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
+PAIRS_AT_ONCE = 1 << 26  # numbers in the largest array of messages; above it, receivers are taken in parts
 LEVELS = 3  # V, V / 2, V / 4 nodes
 
 
@@ -42,10 +44,10 @@ class LocalGraphConvolution(nn.Module):
         self.norm = nn.BatchNorm1d(features)
 
     def forward(self, nodes: Tensor, positions: Tensor) -> Tensor:
-        """nodes (B, N, C), positions (B, N, 3) -> (B, N, C)."""
-        near = nearest(positions, self.neighbours)  # (B, N, K)
-        weights = self.relation(edge_geometry(positions, near, self.edge_distance))  # (B, N, K, 1)
-        gathered = (weights * gather_nodes(nodes, near)).sum(dim=2)
+        """nodes (B, N, C), positions (B, N, 3), or (1, N, 3) where they are common to all -> (B, N, C)."""
+        near = nearest(positions, self.neighbours)  # (B or 1, N, K)
+        weights = self.relation(edge_geometry(positions, near, self.edge_distance))  # (B or 1, N, K, 1)
+        gathered = (weights * gather_nodes(nodes, near.expand(len(nodes), -1, -1))).sum(dim=2)
         out = self.norm(self.linear(gathered).flatten(0, 1))
         return functional.leaky_relu(out, SLOPE).view_as(nodes)
 
@@ -68,12 +70,20 @@ class NonLocalMessagePassing(nn.Module):
         sender, receiver = self.message.weight.chunk(2, dim=1)
         sent = functional.linear(nodes, sender)
         taken = functional.linear(nodes, receiver, self.message.bias)
-        return functional.leaky_relu(taken.unsqueeze(2) + sent.unsqueeze(1), SLOPE).sum(dim=2)
+        parts = taken.split(max(1, PAIRS_AT_ONCE // sent.numel()), dim=1)
+        if len(parts) == 1:
+            return _sum_over_senders(taken, sent)
+        return torch.cat([checkpoint(_sum_over_senders, part, sent, use_reentrant=False) for part in parts], dim=1)
 
     def forward(self, nodes: Tensor) -> Tensor:
         """(B, N, C) -> (B, N, C)."""
         fused = self.fusion(torch.cat([nodes, self.received(nodes)], dim=-1))
         return functional.leaky_relu(self.norm(fused.flatten(0, 1)), SLOPE).view_as(nodes)
+
+
+def _sum_over_senders(taken: Tensor, sent: Tensor) -> Tensor:
+    """taken (B, M, C) of the receivers, sent (B, N, C) by the senders -> (B, M, C)."""
+    return functional.leaky_relu(taken.unsqueeze(2) + sent.unsqueeze(1), SLOPE).sum(dim=2)
 
 
 class SelectiveViewSampling(nn.Module):
@@ -108,14 +118,14 @@ class SelectiveViewSampling(nn.Module):
         return out.view(batch, near, samples, self.classes).transpose(1, 2) if self.joint else out
 
     def forward(self, nodes: Tensor, positions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """nodes (B, N, C), positions (B, N, 3) -> nodes (B, M, C), positions (B, M, 3), logits (B, M, K, classes)."""
-        sampled = furthest_points(positions, self.samples)  # (B, M)
-        near = nearest(positions, self.neighbours)  # (B, N, K)
-        near = near.gather(1, sampled.unsqueeze(-1).expand(-1, -1, near.shape[-1]))  # (B, M, K)
+        """nodes (B, N, C), positions (B or 1, N, 3) -> nodes (B, M, C), positions (B, M, 3), logits (B, M, K, Y)."""
+        sampled = furthest_points(positions, self.samples)  # (B or 1, M)
+        near = gather_nodes(nearest(positions, self.neighbours), sampled)  # (B or 1, M, K)
+        near = near.expand(len(nodes), -1, -1)
         logits = self.logits(gather_nodes(nodes, near))
         certainty = logits.softmax(dim=1 if self.joint else -1).amax(dim=-1)  # (B, M, K)
         chosen = near.gather(-1, certainty.argmax(dim=-1, keepdim=True)).squeeze(-1)
-        return gather_nodes(nodes, chosen), gather_nodes(positions, chosen), logits
+        return gather_nodes(nodes, chosen), gather_nodes(positions.expand(len(nodes), -1, -1), chosen), logits
 
 
 class LinearPerView(nn.Module):
@@ -198,7 +208,7 @@ class ViewGCN(nn.Module):
         """views (B, V, C) -> logits (B, classes), and each sampler's logits (B, M, K, classes) for the view loss."""
         with torch.autocast(views.device.type, enabled=False):
             nodes = views.float()
-            positions = self.viewpoints.expand(len(nodes), -1, -1)
+            positions = self.viewpoints[None]
             descriptors, view_logits = [] if self.convolutions else [nodes[:, 0]], []
             for level, convolution in enumerate(self.convolutions):
                 nodes = convolution(nodes, positions)
