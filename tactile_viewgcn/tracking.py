@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPERIMENT = "tactile-viewgcn"
-KIND = {"mlflow.experimentKind": "custom_model_development"}  # the UI opens on runs, not on chat traces
 DISABLED = "disabled"
 REACH_SECONDS = 5
 BATCH = 100  # parameters, MLflow's limit for one call
@@ -209,7 +208,7 @@ def _open(uri: str) -> tuple[Any, str]:
             found = client.get_experiment_by_name(name)
             if found is None:
                 place = (_root() / "mlruns").as_uri() if local else None
-                return client, client.create_experiment(name, artifact_location=place, tags=KIND)
+                return client, client.create_experiment(name, artifact_location=place)
     except (MlflowException, OSError, ImportError) as error:
         raise _refusal(uri, error) from None
     if found.lifecycle_stage == "deleted":
