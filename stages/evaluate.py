@@ -36,8 +36,10 @@ def evaluate(params, run, frames, classifier, after, out):
             f"{scope}.error": float(1 - trials.right[number].mean()) for scope, trials in evaluation.protocols.items()
         }
         run.child(f"trial {number}", scores, {"trial": number})
-    run.model(classifier, model.views, table.live.shape, table.counts.dtype, len(table.classes))
-    print("\n".join(lines(metrics, timing)))
+    address = run.model(classifier, model.views, table.live.shape, table.counts.dtype, table.classes)
+    print(
+        "\n".join(([f"classifier: mlflow.pyfunc.load_model({address!r})"] if address else []) + lines(metrics, timing))
+    )
     return numbers(metrics) | numbers(timing)
 
 

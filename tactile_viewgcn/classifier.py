@@ -122,16 +122,17 @@ class Recogniser:
         return self._rest[name]
 
     @torch.inference_mode()
-    def probabilities(self, counts: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """Class probabilities float32 (B, classes).
+    def probabilities(self, counts: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
+        """Class probabilities float32 (B, classes), a column for each of `classes`.
 
         Args:
             counts: raw counts (B, V, H, W).
-            rest: of the empty hand in the same session, (H, W) counts.
+            rest: of the empty hand in the same session, (H, W) counts; the mean of the known rests if None.
 
         Raises:
             ValueError: counts or rest of another shape, or counts that are not finite.
         """
+        rest = self.rest() if rest is None else rest
         expected = (self.classifier.views, *self.shape)
         if counts.ndim != 4 or counts.shape[1:] != expected:
             raise ValueError(

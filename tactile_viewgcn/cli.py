@@ -22,10 +22,13 @@ def cli(context: click.Context, debug: bool) -> None:
 @click.option("--params", "path", type=click.Path(path_type=Path), default="params.yaml", show_default=True)
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of the file.")
 def check(path: Path, changes: tuple[str, ...]) -> None:
-    """Check params.yaml and list every mistake."""
+    """Check params.yaml, list every mistake, and see whether data.source is there."""
     from tactile_viewgcn.params import flat, load
 
-    click.echo(f"{path}: {len(flat(load(path, changes)))} values, all allowed")
+    params = load(path, changes)
+    click.echo(f"{path}: {len(flat(params))} values, all allowed")
+    if not Path(params.data.source).exists():
+        raise FileNotFoundError(f"data.source is {params.data.source}: no such file or folder")
 
 
 @cli.command()

@@ -59,7 +59,7 @@ def select(recordings: Recordings, rest: Rest, how: Preprocess, split: Split, rn
     else:
         filtered = in_contact(recordings, rest, sensors=how.contact_sensors, sigmas=how.contact_sigmas)
     keep = filtered.copy()
-    notes = _emptied(recordings, filtered)
+    notes = _emptied(recordings, filtered, how)
     if not how.empty_hand_class:
         keep &= objects != _index(recordings.objects, EMPTY_HAND)
     group = split_groups(recordings.columns, split.by)
@@ -109,15 +109,18 @@ def account(recordings: Recordings, selection: Selection) -> list[dict[str, obje
     return rows
 
 
-def _emptied(recordings: Recordings, filtered: np.ndarray) -> list[str]:
+def _emptied(recordings: Recordings, filtered: np.ndarray, how: Preprocess) -> list[str]:
     """Recordings and objects of which the filter leaves nothing."""
-    notes = []
+    notes, bar = (
+        [],
+        f"{how.contact_sensors} sensors above {how.contact_sigmas:g} sd" if how.filter == "contact" else "a flag",
+    )
     for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
         had = np.bincount(recordings.columns[column], minlength=len(names)) > 0
         left = np.bincount(recordings.columns[column][filtered], minlength=len(names)) > 0
         gone = [names[i] for i in np.flatnonzero(had & ~left)]
         if gone:
-            notes.append(f"filter: {len(gone)} of {had.sum()} {column}s dropped, no frame passes: {', '.join(gone)}")
+            notes.append(f"filter: {len(gone)} of {had.sum()} {column}s dropped, no frame has {bar}: {', '.join(gone)}")
     return notes
 
 

@@ -114,30 +114,38 @@ class Run:
         below.metrics(metrics)
         self._client.set_terminated(below.id, "FINISHED")
 
-    def model(self, checkpoint: Path, views: int, shape: tuple[int, int], dtype: np.dtype, classes: int) -> None:
-        """The classifier as an MLflow model: raw view sets of counts (n, V, H, W) in, probabilities out."""
+    def model(
+        self, checkpoint: Path, views: int, shape: tuple[int, int], dtype: np.dtype, classes: list[str]
+    ) -> str | None:
+        """The classifier as an MLflow model: raw view sets of counts (n, V, H, W) in, probabilities out.
+
+        Returns:
+            Its address, by which `mlflow.pyfunc.load_model` finds it; None without tracking.
+        """
         if self._client is None:
-            return
+            return None
         import mlflow
         from mlflow.models import ModelSignature
         from mlflow.types import ParamSchema, ParamSpec, Schema, TensorSpec
 
         signature = ModelSignature(
             Schema([TensorSpec(dtype, (-1, views, *shape))]),
-            Schema([TensorSpec(np.dtype(np.float32), (-1, classes))]),
+            Schema([TensorSpec(np.dtype(np.float32), (-1, len(classes)))]),
             ParamSchema([ParamSpec("session", "string", ""), ParamSpec("rest", "float", [], shape=(-1,))]),
         )
         mlflow.set_tracking_uri(self._uri)
         with warnings.catch_warnings(), mlflow.start_run(run_id=self.id):
             warnings.filterwarnings("ignore", message=".*input example")  # it would copy frames of the data set
-            mlflow.pyfunc.log_model(
+            logged = mlflow.pyfunc.log_model(
                 name="classifier",
                 loader_module="tactile_viewgcn.served",
                 data_path=str(checkpoint),
                 code_paths=[str(Path(__file__).parent)],
                 signature=signature,
                 pip_requirements=["torch", "numpy", "h5py", "pyyaml"],
+                metadata={"classes": classes},
             )
+        return logged.model_uri
 
 
 @contextmanager

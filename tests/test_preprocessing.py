@@ -156,8 +156,8 @@ def test_a_recording_and_an_object_that_the_filter_empties_are_named(tmp_path):
     valid = COLUMNS["valid"] & (COLUMNS["object"] != 2) & (COLUMNS["recording"] != 4)
     frames, selection, rows = prepared(tmp_path, columns=COLUMNS | {"valid": valid})
     recordings = ", ".join(f"recording{i}" for i in (4, 6, 7, 8, 15, 16, 17))
-    assert f"filter: 7 of 18 recordings dropped, no frame passes: {recordings}" in selection.notes
-    assert "filter: 1 of 3 objects dropped, no frame passes: object2" in selection.notes
+    assert f"filter: 7 of 18 recordings dropped, no frame has a flag: {recordings}" in selection.notes
+    assert "filter: 1 of 3 objects dropped, no frame has a flag: object2" in selection.notes
     assert frames.classes == ["empty_hand", "object1"]
     assert [row["kept"] for row in rows] == [3 * HELD, 3 * HELD, 2 * HELD, 3 * HELD, 0, 0]
 

@@ -1,0 +1,67 @@
+"""The command line `tactile-viewgcn`."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactile_viewgcn.cli import preset_changes
+from tactile_viewgcn.params import flat, load
+from tests.stag_files import metadata, save_matlab5
+
+ROOT = Path(__file__).parents[1]
+
+
+def call(*words, cwd=ROOT):
+    command = [sys.executable, "-m", "tactile_viewgcn", *map(str, words)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_check_counts_the_values_and_looks_for_the_source(tmp_path):
+    source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=2, frames=4))
+    result = call("check", "--set", f"data.source={source}")
+    count = len(flat(load(ROOT / "params.yaml")))
+    assert result.returncode == 0 and result.stdout == f"params.yaml: {count} values, all allowed\n"
+    result = call("check", "--set", "data.source=nowhere.mat")
+    assert result.returncode == 1 and result.stderr == "Error: data.source is nowhere.mat: no such file or folder\n"
+
+
+def test_check_lists_every_mistake_in_one_line():
+    result = call("check", "--set", "views=0", "--set", "colour=red")
+    assert result.returncode == 1 and len(result.stderr.splitlines()) == 1
+    assert "unknown key colour" in result.stderr and "views is 0; expected an integer in [1, 1000]" in result.stderr
+
+
+def test_inspect_says_what_a_source_holds(tmp_path):
+    source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=3, recordings=2, frames=5))
+    result = call("inspect", source)
+    assert "30 frames of 32 x 32, 6 recordings, 1 sessions" in result.stdout
+    assert "empty_hand 10, object1 10, object2 10" in result.stdout and "split" in result.stdout
+
+
+def test_inspect_of_nothing_is_one_line():
+    result = call("inspect", "nowhere")
+    assert result.returncode == 1 and result.stderr.startswith("Error: nowhere: no such file") and not result.stdout
+
+
+def test_the_released_preset_is_allowed_and_differs_from_the_default():
+    default, released = (
+        flat(load(ROOT / "params.yaml", changes)) for changes in ((), tuple(preset_changes("released")))
+    )
+    assert released["model.neighbours"] == [3, 3, 2] and released["finetune.backbone_dropout"] is False
+    assert released["pretrain.lr"] == pytest.approx(5e-4) and default["pretrain.lr"] == pytest.approx(5e-3)
+    words = call("preset", "released").stdout.split()
+    assert words[::2] == ["-S"] * (len(words) // 2) and words[1::2] == preset_changes("released")
+
+
+def test_help_takes_no_heavy_imports():
+    code = "import sys; from tactile_viewgcn.cli import cli; cli(['--help'], standalone_mode=False)\n"
+    code += "assert not {'torch', 'mlflow', 'numpy', 'sklearn'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True)
+
+
+def test_a_wrong_word_is_a_usage_error():
+    assert call("preset", "relesed").returncode == 2
