@@ -7,6 +7,7 @@ per-frame fields are column vectors (T, 1), names are cell arrays (1, K).
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -84,21 +85,28 @@ def _need(found: list[str], path: Path) -> None:
         )
 
 
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """For reading alone, no checks: a damaged file fails in SciPy and zlib in a dozen ways."""
+    try:
+        yield
+    except Exception as error:
+        raise ValueError(
+            f"{path}: not a readable MAT-file, or cut short ({type(error).__name__}: "
+            f"{' '.join(str(error).split())}); expected MATLAB 5 or 7.3; download it again"
+        ) from None
+
+
 def _read_matlab5(path: Path) -> tuple[tuple, Any, dict[str, Any]]:
     from scipy import io
 
-    try:
+    with _readable(path):
         shapes = {name: shape for name, shape, _ in io.whosmat(str(path))}
-        _need(list(shapes), path)
-        check_shape(shapes["pressure"], str(path))  # before the large array is read
-        wanted = [name for name in (*REQUIRED, *FIELDS, *NAMES, *PER_ENTRY) if name in shapes]
+    _need(list(shapes), path)
+    check_shape(shapes["pressure"], str(path))  # before the large array is read
+    wanted = [name for name in (*REQUIRED, *FIELDS, *NAMES, *PER_ENTRY) if name in shapes]
+    with _readable(path):
         tree = io.loadmat(str(path), variable_names=wanted)
-    except (io.matlab.MatReadError, NotImplementedError, TypeError, OSError, EOFError, MemoryError) as error:
-        raise _unreadable(path, error) from None
-    except Exception as error:
-        if isinstance(error, ValueError) and str(path) in str(error):
-            raise  # one of the checks above
-        raise _unreadable(path, error) from None  # zlib.error, struct.error, ... of a damaged file
     pressure = tree.pop("pressure")
     fields = {
         name: [str(np.squeeze(cell)) for cell in value.ravel()] if name in NAMES else value
@@ -108,36 +116,28 @@ def _read_matlab5(path: Path) -> tuple[tuple, Any, dict[str, Any]]:
     return pressure.shape, lambda at: np.ascontiguousarray(pressure[at]), fields
 
 
-def _unreadable(path: Path, error: Exception) -> ValueError:
-    return ValueError(
-        f"{path}: not a readable MAT-file, or cut short ({type(error).__name__}: "
-        f"{' '.join(str(error).split())}); expected MATLAB 5 or 7.3; download it again"
-    )
-
-
 def _read_hdf5(path: Path) -> tuple[tuple, Any, dict[str, Any]]:
     """MATLAB 7.3 is HDF5 with reversed axes; a cell array holds references to arrays of character codes."""
-    try:
+    with _readable(path):
         file = h5py.File(path, "r")
-        _need([name for name in file if not name.startswith("#")], path)
-        for name in (*REQUIRED, *FIELDS, *NAMES, *PER_ENTRY):
-            if name in file and not isinstance(file[name], h5py.Dataset):
-                raise ValueError(f"{path}: {name} is a structure; expected an array")
-        fields: dict[str, Any] = {}
-        for name in (*REQUIRED, *FIELDS, *NAMES, *PER_ENTRY):
-            if name == "pressure" or name not in file:
-                continue
-            if name in NAMES:
-                if h5py.check_ref_dtype(file[name].dtype) is None:
-                    raise ValueError(f"{path}: {name} is of type {file[name].dtype}; expected a cell array of names")
-                fields[name] = ["".join(map(chr, file[reference][()].ravel())) for reference in file[name][()].ravel()]
-            else:
-                fields[name] = file[name][()].T
-        pressure = file["pressure"]
-    except OSError as error:
-        raise _unreadable(path, error) from None
+        found = {name: file[name] for name in file if not name.startswith("#")}
+    _need(list(found), path)
+    used = {name: found[name] for name in (*REQUIRED, *FIELDS, *NAMES, *PER_ENTRY) if name in found}
+    for name, dataset in used.items():
+        if not isinstance(dataset, h5py.Dataset):
+            raise ValueError(f"{path}: {name} is a structure; expected an array")
+        if name in NAMES and h5py.check_ref_dtype(dataset.dtype) is None:
+            raise ValueError(f"{path}: {name} is of type {dataset.dtype}; expected a cell array of names")
+    pressure = used.pop("pressure")
+    with _readable(path):
+        fields = {name: _texts(file, dataset) if name in NAMES else dataset[()].T for name, dataset in used.items()}
     reverse = tuple(range(pressure.ndim))[::-1]
     return pressure.shape[::-1], lambda at: pressure[..., at].transpose(reverse), fields
+
+
+def _texts(file: h5py.File, cells: h5py.Dataset) -> list[str]:
+    """The texts of a cell array."""
+    return ["".join(map(chr, file[reference][()].ravel())) for reference in cells[()].ravel()]
 
 
 def _column(values: np.ndarray, name: str, frames: int, path: Path) -> np.ndarray:
@@ -210,14 +210,12 @@ def _raw(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """pressure (N, H, W), seconds since the first frame (N,), frame number (N,) of one raw recording."""
     from scipy import io
 
-    try:
+    with _readable(path):
         if h5py.is_hdf5(path):
             with h5py.File(path, "r") as file:
                 tree = {name: file[name][()].T for name in ("pressure", "tStamp", "frame") if name in file}
         else:
             tree = io.loadmat(str(path), variable_names=["pressure", "tStamp", "frame"])
-    except Exception as error:
-        raise _unreadable(path, error) from None
     if "pressure" not in tree:
         raise ValueError(f"{path}: no field pressure; expected STAG's pressuredata.mat")
     pressure = tree["pressure"]
