@@ -32,9 +32,6 @@ DISABLED = "disabled"
 REACH_SECONDS = 5
 BATCH = 100  # parameters, MLflow's limit for one call
 
-os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
-
 
 class TrackingError(RuntimeError):
     """The tracking server does not answer."""
@@ -159,6 +156,8 @@ def stage_run(name: str) -> Iterator[Run]:
     if uri == DISABLED:
         yield Run()
         return
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # MLflow looks when it is imported
+    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
     client, experiment = _open(uri)
     tags = {"stage": name, "command": " ".join(sys.orig_argv[1:])} | _revision()
     if "DVC_EXP_NAME" in os.environ:
