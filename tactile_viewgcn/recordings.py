@@ -19,6 +19,7 @@ EMPTY_HAND = "empty_hand"  # the class that holds nothing, by STAG's name for it
 TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64
 BLOCK = 4096  # frames read or written at once
+LISTED = 10  # mistakes told in one sentence
 
 #: One value per frame. The first five are always there; the others where the source has them.
 COLUMNS = {
@@ -69,6 +70,13 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     if not all(1 <= side <= MAX_SIDE for side in shape[1:]):
         raise ValueError(f"{where}: frames of {shape[1]} x {shape[2]}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}")
     return shape[1], shape[2]
+
+
+def refuse(mistakes: list[str]) -> None:
+    """ValueError that lists what is wrong with a source's files, the first ten in full; nothing where all is well."""
+    if mistakes:
+        more = [f"and {len(mistakes) - LISTED} more"] if len(mistakes) > LISTED else []
+        raise ValueError("; ".join(mistakes[:LISTED] + more))
 
 
 def write_recordings(path: str | Path, source: Source, md5: str) -> None:

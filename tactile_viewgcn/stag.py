@@ -5,6 +5,7 @@ the human grasp using a scalable tactile glove", Nature 569, 698-702 (2019). All
 per-frame fields are column vectors (T, 1), names are cell arrays (1, K).
 """
 
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,9 +15,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tactile_viewgcn.recordings import BLOCK, TEST, TRAIN, Source, check_shape, storage_type
+from tactile_viewgcn.recordings import BLOCK, TEST, TRAIN, Source, check_shape, refuse, storage_type
 
 REQUIRED = ("pressure", "objectId", "objects", "recordingId", "recordings", "batchId", "batches")
+RAW = ("pressure", "tStamp", "frame")  # of a raw recording
 NAMES = ("objects", "recordings", "batches", "splits")
 #: STAG's field -> our column
 FIELDS = {
@@ -173,6 +175,10 @@ def read_folder(path: Path) -> Source:
 
     A recording's object is its name without the number ("003-tea_box" holds tea_box). The raw recordings
     carry no flags and no split; objects are numbered in the order of their names, the empty hand first.
+
+    Raises:
+        ValueError: no recordings, or mistakes in the kinds and shapes of their fields, which are looked at in all
+            files before any is read; the sentence lists them. Other damage shows when its file is read.
     """
     files = sorted(path.glob("*/*/pressuredata.mat"))
     if not files:
@@ -180,14 +186,12 @@ def read_folder(path: Path) -> Source:
     sessions = sorted({file.parent.parent.name for file in files})
     held = [re.sub(r"^\d+-", "", file.parent.name) for file in files]
     objects = sorted(set(held), key=lambda name: (name != "empty_hand", name))
-    first = _raw(files[0])[0]
-    shape, dtype = check_shape(first.shape, str(files[0])), storage_type(first.dtype, str(files[0]))
+    shape = _same_shape(files)
+    dtype = storage_type(_raw(files[0])[0].dtype, str(files[0]))
 
     def blocks() -> Iterator[dict[str, np.ndarray]]:
         for number, (file, name) in enumerate(zip(files, held, strict=True)):
             pressure, time, frame = _raw(file)
-            if check_shape(pressure.shape, str(file)) != shape:
-                raise ValueError(f"{file}: frames of {pressure.shape[1:]}; expected {shape} as in {files[0]}")
             if storage_type(pressure.dtype, str(file)) != dtype:
                 raise ValueError(f"{file}: pressure is of type {pressure.dtype}; expected {dtype} as in {files[0]}")
             for start in range(0, len(pressure), BLOCK):
@@ -206,6 +210,50 @@ def read_folder(path: Path) -> Source:
     return Source(path, objects, names, sessions, shape, dtype, blocks())
 
 
+def _same_shape(files: list[Path]) -> tuple[int, int]:
+    """(H, W) of the frames of all raw recordings; ValueError that lists the files which do not fit."""
+    shapes, mistakes = {}, []
+    for file in files:
+        try:
+            shapes[file] = _raw_shape(file)
+        except ValueError as error:
+            mistakes.append(str(error))
+    first = next(iter(shapes), None)
+    mistakes += [
+        f"{file}: frames of {shape}; expected {shapes[first]} as in {first}"
+        for file, shape in shapes.items()
+        if shape != shapes[first]
+    ]
+    refuse(mistakes)
+    return shapes[first]
+
+
+def _raw_shape(path: Path) -> tuple[int, int]:
+    """(H, W) of a raw recording whose fields are of the right kinds and lengths, by its headers alone.
+
+    A header does not tell in which type MATLAB stored whole numbers of class double, so types are compared when
+    the frames are read.
+    """
+    from scipy import io
+
+    with _readable(path):
+        if h5py.is_hdf5(path):
+            with h5py.File(path, "r") as file:
+                found = {name: (file[name].shape[::-1], str(file[name].dtype)) for name in RAW if name in file}
+        else:
+            found = {name: (shape, kind) for name, shape, kind in io.whosmat(str(path))}
+    if "pressure" not in found:
+        raise ValueError(f"{path}: no field pressure; expected STAG's pressuredata.mat")
+    shape, kind = found["pressure"]
+    sides = check_shape(shape, str(path))
+    if kind in ("char", "cell", "struct", "object", "function", "opaque"):
+        raise ValueError(f"{path}: pressure is of type {kind}; expected integer counts or real numbers")
+    for name in ("tStamp", "frame"):
+        if name in found and (size := math.prod(found[name][0])) != shape[0]:
+            raise ValueError(f"{path}: {name} has {size} values; expected one per frame, {shape[0]}")
+    return sides
+
+
 def _raw(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """pressure (N, H, W), seconds since the first frame (N,), frame number (N,) of one raw recording."""
     from scipy import io
@@ -213,9 +261,9 @@ def _raw(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     with _readable(path):
         if h5py.is_hdf5(path):
             with h5py.File(path, "r") as file:
-                tree = {name: file[name][()].T for name in ("pressure", "tStamp", "frame") if name in file}
+                tree = {name: file[name][()].T for name in RAW if name in file}
         else:
-            tree = io.loadmat(str(path), variable_names=["pressure", "tStamp", "frame"])
+            tree = io.loadmat(str(path), variable_names=RAW)
     if "pressure" not in tree:
         raise ValueError(f"{path}: no field pressure; expected STAG's pressuredata.mat")
     pressure = tree["pressure"]

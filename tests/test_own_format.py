@@ -1,5 +1,7 @@
 """The project's own recordings, for gloves other than STAG."""
 
+import re
+
 import h5py
 import numpy as np
 import pytest
@@ -229,6 +231,46 @@ def test_files_that_do_not_go_together_are_refused(tmp_path, second, sentence):
     record(tmp_path / "own" / "b.h5", **second)
     with pytest.raises(ValueError, match=sentence):
         read_own(tmp_path / "own")
+
+
+def told(folder) -> str:
+    """What `read_own` says of a folder that it refuses, without the folder's name."""
+    with pytest.raises(ValueError, match=r"own") as caught:
+        read_own(folder)
+    return str(caught.value).replace(f"{folder}/", "").replace(str(folder), "own")
+
+
+def test_the_mistakes_of_all_files_are_listed_at_once(tmp_path):
+    record(tmp_path / "own" / "a.h5", attributes={"session": None, "weight": "heavy"}, time=np.arange(3.0))
+    record(tmp_path / "own" / "b.h5")
+    record(tmp_path / "own" / "c.h5", pressure=COUNTS[0])
+    (tmp_path / "own" / "d.h5").write_text("no recording")
+    record(tmp_path / "own" / "e.h5", pressure=COUNTS[:, :3], attributes={"recording": "b"})
+    text = re.sub(r"cut short \(.*?\); ", "cut short; ", told(tmp_path / "own"))
+    assert text == (
+        "a.h5: /time has shape (3,); expected (4,); "
+        "a.h5: no attribute 'session'; expected a text on the file's root; "
+        "a.h5: attribute weight is 'heavy'; expected grams; "
+        "c.h5: pressure has shape (5, 7); expected (frames, rows, columns); "
+        "d.h5: not a readable HDF5 file, or cut short; "
+        "e.h5: shape (3, 7); expected (5, 7) as in b.h5; "
+        "own: two recordings are named 'b'; give each its own `recording` attribute"
+    )
+
+
+def test_after_ten_bad_files_the_others_are_counted(tmp_path):
+    for number in range(13):
+        record(tmp_path / "own" / f"{number:02d}.h5", attributes={"object": None})
+    text = told(tmp_path / "own")
+    assert re.findall(r"\d\d\.h5", text) == [f"{number:02d}.h5" for number in range(10)]
+    assert text.endswith("; and 3 more")
+
+
+def test_ten_bad_files_are_all_named(tmp_path):
+    for number in range(10):
+        record(tmp_path / "own" / f"{number}.h5", attributes={"object": None})
+    text = told(tmp_path / "own")
+    assert text.count(".h5: no attribute 'object'") == 10 and "more" not in text
 
 
 @pytest.mark.parametrize("share", [0, 0.01, 0.5, 0.99])

@@ -308,6 +308,42 @@ def test_a_mistake_in_a_raw_recording_names_its_file(tmp_path, fields, sentence)
     assert not list(tmp_path.glob("t.h5*"))
 
 
+def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_path, monkeypatch):
+    raw = tmp_path / "raw"
+    _raw(raw, "000/000-mug", frame=np.arange(3))
+    _raw(raw, "000/001-pen", pressure=COUNTS, frame=np.arange(4))
+    _raw(raw, "000/002-cup", pressure=COUNTS)
+    _raw(raw, "001/003-can", pressure=COUNTS[:, :3])
+    _raw(raw, "001/004-ball", pressure=np.full((3, 4, 5), "a"))
+    monkeypatch.setattr(io, "loadmat", lambda *_, **__: pytest.fail("a recording was read"))
+    with pytest.raises(ValueError, match="000-mug") as caught:
+        read_folder(raw)
+    assert str(caught.value).replace(f"{raw}/", "").replace("/pressuredata.mat", "") == (
+        "000/000-mug: no field pressure; expected STAG's pressuredata.mat; "
+        "000/001-pen: frame has 4 values; expected one per frame, 3; "
+        "001/004-ball: pressure is of type char; expected integer counts or real numbers; "
+        "001/003-can: frames of (3, 5); expected (4, 5) as in 000/002-cup"
+    )
+
+
+@pytest.mark.parametrize("save", [io.savemat, save_matlab73])
+def test_raw_recordings_are_compared_in_both_forms_of_matlab(tmp_path, save):
+    for name, counts in (("000-mug", COUNTS), ("001-pen", COUNTS[:, :3])):
+        (tmp_path / "000" / name).mkdir(parents=True)
+        save(tmp_path / "000" / name / "pressuredata.mat", {"pressure": counts})
+    with pytest.raises(ValueError, match=r"001-pen.*: frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"):
+        read_folder(tmp_path)
+
+
+def test_a_raw_recording_of_another_type_is_named_when_it_is_read(tmp_path):
+    _raw(tmp_path, "000/000-mug", pressure=COUNTS)
+    _raw(tmp_path, "000/001-pen", pressure=COUNTS / 8)
+    blocks = read_folder(tmp_path).blocks
+    assert len(next(blocks)["pressure"]) == 3
+    with pytest.raises(ValueError, match=r"001-pen.*: pressure is of type float64; expected int16 as in .*000-mug"):
+        next(blocks)
+
+
 def test_a_raw_recording_cut_short_is_named(tmp_path):
     _raw(tmp_path, "raw/000/000-mug", pressure=COUNTS)
     path = _raw(tmp_path, "raw/000/001-pen", pressure=COUNTS)
