@@ -34,19 +34,24 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
 def inspect(source: Path) -> None:
-    """Say what SOURCE holds: a STAG metadata.mat, a STAG folder, or own recordings."""
+    """Say what SOURCE holds: a STAG metadata.mat, a STAG folder, own recordings, or the table that ingest wrote."""
     import numpy as np
 
+    from tactile_viewgcn.recordings import is_table, read_table
     from tactile_viewgcn.source import open_source
 
-    found, columns = open_source(source), {"pressure"}
+    table = is_table(source)
+    found, columns = read_table(source) if table else open_source(source), {"pressure"}
     counts = np.zeros(len(found.objects), dtype=np.int64)
+    low, high = np.full(found.shape, np.inf), np.full(found.shape, -np.inf)
     for block in found.blocks:
         counts += np.bincount(block["object"], minlength=len(counts))
         columns |= block.keys()
+        low, high = np.minimum(low, block["pressure"].min(axis=0)), np.maximum(high, block["pressure"].max(axis=0))
     click.echo(
-        f"{source}: {counts.sum():,} frames of {found.shape[0]} x {found.shape[1]}, {len(found.recordings)} "
-        f"recordings, {len(found.sessions)} sessions\n  columns: {', '.join(sorted(columns))}\n  frames per object: "
+        f"{source}{', the table that ingest wrote' if table else ''}: {counts.sum():,} frames of {found.shape[0]} x "
+        f"{found.shape[1]}, {len(found.recordings)} recordings, {len(found.sessions)} sessions, "
+        f"{(low < high).sum()} sensors that vary\n  columns: {', '.join(sorted(columns))}\n  frames per object: "
         + ", ".join(f"{name} {count:,}" for name, count in zip(found.objects, counts, strict=True))
     )
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tactile_viewgcn.recordings import BLOCK, EMPTY_HAND, TEST, TRAIN, Source, check_shape, refuse, storage_type
+from tactile_viewgcn.recordings import BLOCK, EMPTY_HAND, MARK, TEST, TRAIN, Source, check_shape, refuse, storage_type
 
 SPLITS = {"train": TRAIN, "test": TEST}
 OPTIONAL = ("time", "valid", "grasp", "grasp_valid")
@@ -106,6 +106,8 @@ def _head(path: Path, root: Path) -> dict:
     except OSError as error:
         raise ValueError(f"{path}: not a readable HDF5 file, or cut short ({error})") from None
     with file:
+        if MARK in file.attrs:
+            raise ValueError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
         pressure = file.get("pressure")
         if not isinstance(pressure, h5py.Dataset):
             raise ValueError(f"{path}: no dataset /pressure; found {', '.join(file) or 'nothing'}")

@@ -19,6 +19,7 @@ EMPTY_HAND = "empty_hand"  # the class that holds nothing, by STAG's name for it
 TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64
 BLOCK = 4096  # frames read or written at once
+MARK = "source_md5"  # attribute of the table: what it was read from
 LISTED = 10  # mistakes told in one sentence
 
 #: One value per frame. The first five are always there; the others where the source has them.
@@ -122,7 +123,35 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
             file["weights"] = np.asarray(source.weights, dtype=np.float64)
         if source.action is not None:
             file["action"] = np.asarray(source.action, dtype=np.float64)
-        file.attrs["source_md5"] = md5
+        file.attrs[MARK] = md5
+
+
+def is_table(path: Path) -> bool:
+    """Whether a file is such a table, by the mark that `write_recordings` leaves."""
+    try:
+        with h5py.File(path, "r") as file:
+            return MARK in file.attrs
+    except OSError:  # no HDF5 file, or cut short
+        return False
+
+
+def read_table(path: Path) -> Source:
+    """A table as the source that it was written from.
+
+    Raises:
+        ValueError: damaged, or of another version.
+    """
+    with Recordings(path) as table:
+        shape, dtype = table.shape, table.dtype
+
+    def blocks() -> Iterator[dict[str, np.ndarray]]:
+        with Recordings(path) as table:
+            for start, counts in table.blocks():
+                at = slice(start, start + len(counts))
+                yield {"pressure": counts, **{name: values[at] for name, values in table.columns.items()}}
+
+    names = table.objects, table.recordings, table.sessions
+    return Source(path, *names, shape, dtype, blocks(), weights=table.weights, action=table.action)
 
 
 def _check_block(block: dict[str, np.ndarray], names: dict[str, list[str]], source: Source, start: int) -> None:
@@ -187,18 +216,21 @@ class Recordings:
         columns: one array (T,) per column that the source had, see `COLUMNS`.
         live: bool (H, W), sensors whose counts ever vary.
         weights: grams per object, or None.
+        action: seconds (recordings, 2) from and to which each is handled, or None.
     """
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
         with readable(path):
             self._file = h5py.File(path, "r")
-        self.objects, self.recordings, self.sessions = (
-            [text.decode() for text in self._file[name][()]] for name in ("objects", "recordings", "sessions")
-        )
-        self.columns = {name: self._file[name][()] for name in COLUMNS if name in self._file}
-        self.live = self._file["live"][()]
-        self.weights = self._file["weights"][()] if "weights" in self._file else None
+            self.objects, self.recordings, self.sessions = (
+                [text.decode() for text in self._file[name][()]] for name in ("objects", "recordings", "sessions")
+            )
+            self.columns = {name: self._file[name][()] for name in COLUMNS if name in self._file}
+            self.live = self._file["live"][()]
+            self.weights, self.action = (
+                self._file[name][()] if name in self._file else None for name in ("weights", "action")
+            )
 
     def __enter__(self) -> "Recordings":
         return self

@@ -5,7 +5,7 @@ from pathlib import Path
 import h5py
 
 from tactile_viewgcn.own_format import read_own
-from tactile_viewgcn.recordings import Source
+from tactile_viewgcn.recordings import Source, is_table
 from tactile_viewgcn.stag import read_folder, read_metadata
 
 REMEDY = "set data.source to a STAG metadata.mat, a STAG folder, or recordings in the HDF5 form of the README"
@@ -29,6 +29,8 @@ def open_source(path: str | Path) -> Source:
         raise ValueError(f"{path}: neither [batch]/[recording]/pressuredata.mat nor .h5 recordings in it; {REMEDY}")
     if not path.stat().st_size:
         raise ValueError(f"{path}: an empty file; {REMEDY}")
+    if is_table(path):
+        raise ValueError(f"{path}: the table that ingest writes, not what it reads; {REMEDY}")
     if h5py.is_hdf5(path):
         return read_own(path) if path.suffix in (".h5", ".hdf5") or _names_object(path) else read_metadata(path)
     return read_metadata(path)

@@ -9,6 +9,8 @@ import pytest
 
 from tactile_viewgcn.cli import preset_changes
 from tactile_viewgcn.params import flat, load
+from tactile_viewgcn.recordings import write_recordings
+from tactile_viewgcn.source import open_source
 from tests.stag_files import metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
@@ -40,6 +42,19 @@ def test_inspect_says_what_a_source_holds(tmp_path):
     result = call("inspect", source)
     assert "30 frames of 32 x 32, 6 recordings, 1 sessions" in result.stdout
     assert "empty_hand 10, object1 10, object2 10" in result.stdout and "split" in result.stdout
+
+
+def test_inspect_of_the_pipelines_table_says_the_same_as_of_its_source(tmp_path):
+    tree = metadata(objects=3, recordings=2, frames=5)
+    source = save_matlab5(tmp_path / "metadata.mat", tree)
+    write_recordings(tmp_path / "recordings.h5", open_source(source), "0" * 32)
+    first, *rest = call("inspect", source).stdout.replace(str(source), "IT").splitlines()
+    result = call("inspect", tmp_path / "recordings.h5")
+    assert first == "IT: 30 frames of 32 x 32, 6 recordings, 1 sessions, 548 sensors that vary"
+    assert result.stdout.replace(str(tmp_path / "recordings.h5"), "IT").splitlines() == [
+        first.replace("IT:", "IT, the table that ingest wrote:"),
+        *rest,
+    ]
 
 
 def test_inspect_of_nothing_is_one_line():

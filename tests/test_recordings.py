@@ -1,5 +1,7 @@
 """The table of raw counts."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -8,7 +10,15 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn import recordings as module
 from tactile_viewgcn.files import md5
-from tactile_viewgcn.recordings import COLUMNS, Recordings, check_shape, storage_type, write_recordings
+from tactile_viewgcn.recordings import (
+    COLUMNS,
+    Recordings,
+    check_shape,
+    is_table,
+    read_table,
+    storage_type,
+    write_recordings,
+)
 from tests.sources import source, written
 
 RNG = np.random.default_rng(0)
@@ -45,6 +55,39 @@ def test_what_is_written_in_blocks_is_read_back_whole(tmp_path):
 
 def test_a_table_without_weights_has_none(kept):
     assert kept.weights is None
+
+
+def test_a_table_is_read_as_the_source_that_it_was_written_from(tmp_path, monkeypatch):
+    columns = {"object": np.repeat([0, 1], 25), "valid": np.arange(50) % 3 == 0, "time": np.arange(50) * 0.136}
+    given = source(COUNTS, weights=np.array([0, np.nan]), **columns)
+    write_recordings(tmp_path / "t.h5", replace(given, action=np.array([[-1.0, 2.5]])), "0" * 32)
+    monkeypatch.setattr(module, "BLOCK", 20)
+    found = read_table(tmp_path / "t.h5")
+    assert (found.objects, found.recordings, found.sessions) == (given.objects, given.recordings, given.sessions)
+    assert (found.shape, found.dtype) == (given.shape, given.dtype)
+    assert found.action.tolist() == [[-1.0, 2.5]]
+    np.testing.assert_array_equal(found.weights, [0, np.nan])
+    blocks = list(found.blocks)
+    assert [len(block["pressure"]) for block in blocks] == [20, 20, 10]
+    for name, values in ({"pressure": COUNTS} | columns).items():
+        np.testing.assert_array_equal(np.concatenate([block[name] for block in blocks]), values, err_msg=name)
+
+
+def test_a_table_is_known_by_its_mark(tmp_path, kept):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["pressure"] = COUNTS
+    (tmp_path / "text.h5").write_text("no table")
+    assert is_table(kept.path)
+    assert not any(is_table(tmp_path / name) for name in ("other.h5", "text.h5", "nowhere.h5", "."))
+
+
+@pytest.mark.parametrize("name", ["objects", "live"])
+def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
+    written(tmp_path / "t.h5", COUNTS).__exit__()
+    with h5py.File(tmp_path / "t.h5", "r+") as file:
+        del file[name]
+    with pytest.raises(ValueError, match=r"t\.h5: damaged, or not written by this version .*dvc repro"):
+        read_table(tmp_path / "t.h5")
 
 
 def test_names_may_hold_any_letters(tmp_path):

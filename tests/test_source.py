@@ -58,6 +58,20 @@ def test_an_own_recording_without_its_object_is_told_so(tmp_path):
         open_source(tmp_path / "grip.h5")
 
 
+@pytest.mark.parametrize("name", ["recordings.h5", "recordings.dat"])
+def test_the_pipelines_own_table_is_no_source(tmp_path, name):
+    write_recordings(tmp_path / name, open_source(save_matlab5(tmp_path / "m.mat", TREE)), "0" * 32)
+    with pytest.raises(ValueError, match=rf"{name}: the table that ingest writes, not what it reads{REMEDY}"):
+        open_source(tmp_path / name)
+
+
+def test_the_pipelines_own_table_in_a_folder_of_recordings_is_named(tmp_path):
+    path = save_own(tmp_path / "own", TREE)
+    write_recordings(path / "recordings.h5", open_source(path), "0" * 32)
+    with pytest.raises(ValueError, match=r"recordings\.h5: the table that ingest writes, not a recording; keep it out"):
+        open_source(path)
+
+
 def test_the_path_may_be_given_as_text(tmp_path):
     assert len(open_source(str(save_matlab5(tmp_path / "m.mat", TREE))).recordings) == 12
 
