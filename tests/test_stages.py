@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -109,6 +110,26 @@ def test_an_unclustered_run_takes_no_scikit_learn(place):
     )
     environment = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT)}
     subprocess.run([sys.executable, "-c", code], check=True, cwd=place, env=environment)
+
+
+@pytest.mark.parametrize("name", ["it's mine.mat", 'a "b" `c`.mat', "$HOME & ${seed};#*.mat"])
+def test_dvc_hands_on_a_source_whatever_letters_its_path_has(place, name):
+    shutil.copy(ROOT / "dvc.yaml", place)
+    for package in ("stages", "tactile_viewgcn"):
+        shutil.copytree(ROOT / package, place / package, ignore=shutil.ignore_patterns("__pycache__"))
+    save_matlab5(place / name, metadata(objects=3, frames=10))
+    tree = yaml.safe_load((place / "params.yaml").read_text())
+    tree["data"]["source"] = name
+    (place / "params.yaml").write_text(yaml.safe_dump(tree))
+    environment = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "DVC_NO_ANALYTICS": "1"}
+    environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for words in (("init", "--no-scm", "-q"), ("repro", "ingest")):
+        command = [sys.executable, "-m", "dvc", *words]
+        result = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr
+    assert "90 frames of 32 x 32" in result.stdout
+    locked = yaml.safe_load((place / "dvc.lock").read_text())["stages"]["ingest"]["deps"]
+    assert name in {dep["path"] for dep in locked}
 
 
 def test_a_run_leaves_its_record(place):
