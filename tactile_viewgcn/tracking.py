@@ -2,7 +2,8 @@
 
 The store is `mlflow.db` at the root of the repository that `dvc` was called in (DVC_ROOT names it inside the
 temporary workspaces of `dvc exp run --temp` and `--queue`), artifacts in `mlruns/` beside it. MLflow's own
-environment variables override both; MLFLOW_TRACKING_URI=disabled leaves MLflow out altogether.
+environment variables override both, a relative `sqlite:///my.db` counts from the same root;
+MLFLOW_TRACKING_URI=disabled leaves MLflow out altogether.
 """
 
 import os
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 EXPERIMENT = "tactile-viewgcn"
 DISABLED = "disabled"
+SQLITE = "sqlite:///"
 REACH_SECONDS = 5
 BATCH = 100  # parameters, MLflow's limit for one call
 
@@ -152,7 +154,7 @@ def stage_run(name: str) -> Iterator[Run]:
     Raises:
         TrackingError: the server does not answer; before the block runs.
     """
-    uri = os.environ.get("MLFLOW_TRACKING_URI") or _default_store()
+    uri = _store(os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db")
     if uri == DISABLED:
         yield Run()
         return
@@ -196,8 +198,12 @@ def _root() -> Path:
     return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
 
 
-def _default_store() -> str:
-    return f"sqlite:///{_root() / 'mlflow.db'}"
+def _store(uri: str) -> str:
+    """A store's address with an absolute path: DVC deletes a temporary workspace, and what is relative to it."""
+    path = uri.removeprefix(SQLITE)
+    if path == uri or path.startswith((":memory:", "file:")):
+        return uri
+    return f"{SQLITE}{_root() / path}"  # a path that is absolute already, after a fourth slash, stays so
 
 
 def _open(uri: str) -> tuple[Any, str]:

@@ -106,6 +106,37 @@ def test_a_store_that_mlflow_refuses_is_one_line(store, monkeypatch):
         pytest.fail("the work began")
 
 
+def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_workspace(store, monkeypatch):
+    workspace = store / ".dvc" / "tmp" / "exps" / "tmp1"
+    workspace.mkdir(parents=True)
+    monkeypatch.chdir(workspace)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "sqlite:///my.db")
+    with tracking.stage_run("ingest") as run:
+        run.text("one note\n", "notes.txt")
+    from mlflow import MlflowClient
+
+    (found,) = runs_of(MlflowClient(f"sqlite:///{store / 'my.db'}"))
+    assert found.info.status == "FINISHED" and found.info.artifact_uri.startswith((store / "mlruns").as_uri())
+    assert not list(workspace.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("given", "used"),
+    [
+        ("sqlite:///my.db", "sqlite:///{root}/my.db"),
+        ("sqlite:///./stores/my.db?timeout=5", "sqlite:///{root}/stores/my.db?timeout=5"),
+        ("sqlite:////srv/my.db", "sqlite:////srv/my.db"),
+        ("sqlite:///:memory:", "sqlite:///:memory:"),
+        ("sqlite://", "sqlite://"),
+        ("http://localhost:5000", "http://localhost:5000"),
+        ("postgresql://db/runs", "postgresql://db/runs"),
+        ("disabled", "disabled"),
+    ],
+)
+def test_only_a_relative_path_of_sqlite_is_changed(store, given, used):
+    assert tracking._store(given) == used.format(root=store)
+
+
 def test_a_server_address_that_is_none_is_one_line(monkeypatch):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://localhost:50x0")
     with pytest.raises(tracking.TrackingError, match="localhost:50x0"), tracking.stage_run("ingest"):
