@@ -3,9 +3,13 @@
 import sys
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import yaml
+
+if TYPE_CHECKING:
+    from tactile_viewgcn.recordings import Source
 
 PRESETS = ("released",)
 
@@ -37,23 +41,43 @@ def inspect(source: Path) -> None:
     """Say what SOURCE holds: a STAG metadata.mat, a STAG folder, own recordings, or the table that ingest wrote."""
     import numpy as np
 
-    from tactile_viewgcn.recordings import is_table, read_table
-    from tactile_viewgcn.source import open_source
+    from tactile_viewgcn.recordings import checked, is_table
 
-    table = is_table(source)
-    found, columns = read_table(source) if table else open_source(source), {"pressure"}
+    found, columns = _opened(source), {"pressure"}
     counts = np.zeros(len(found.objects), dtype=np.int64)
     low, high = np.full(found.shape, np.inf), np.full(found.shape, -np.inf)
-    for block in found.blocks:
+    for block in checked(found):
         counts += np.bincount(block["object"], minlength=len(counts))
         columns |= block.keys()
         low, high = np.minimum(low, block["pressure"].min(axis=0)), np.maximum(high, block["pressure"].max(axis=0))
+    remark = ", the table that ingest wrote" if is_table(source) else ""
     click.echo(
-        f"{source}{', the table that ingest wrote' if table else ''}: {counts.sum():,} frames of {found.shape[0]} x "
-        f"{found.shape[1]}, {len(found.recordings)} recordings, {len(found.sessions)} sessions, "
-        f"{(low < high).sum()} sensors that vary\n  columns: {', '.join(sorted(columns))}\n  frames per object: "
+        f"{source}{remark}: {counts.sum():,} frames of {found.shape[0]} x {found.shape[1]}, {len(found.recordings)} "
+        f"recordings, {len(found.sessions)} sessions, {(low < high).sum()} sensors that vary\n"
+        f"  columns: {', '.join(sorted(columns))}\n  frames per object: "
         + ", ".join(f"{name} {count:,}" for name, count in zip(found.objects, counts, strict=True))
     )
+
+
+@cli.command()
+@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+def convert(source: Path, out: Path) -> None:
+    """Write what `inspect` reads as a new file OUT in the form of STAG's metadata.mat, all frames in memory at once."""
+    from tactile_viewgcn.stag_form import write_metadata
+
+    if out.exists():
+        raise FileExistsError(f"{out}: already there; name a new file, or delete it first")
+    fields = write_metadata(out, _opened(source))
+    click.echo(f"{out}: {len(fields['pressure']):,} frames; fields: {', '.join(sorted(fields))}")
+
+
+def _opened(path: Path) -> "Source":
+    """A source, or the table that ingest wrote from one."""
+    from tactile_viewgcn.recordings import is_table, read_table
+    from tactile_viewgcn.source import open_source
+
+    return read_table(path) if is_table(path) else open_source(path)
 
 
 @cli.command()

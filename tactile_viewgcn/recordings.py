@@ -86,7 +86,6 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
     Raises:
         ValueError: no frames, an id out of range, or pressure that is not finite; nothing is left behind.
     """
-    names = {"objects": source.objects, "recordings": source.recordings, "sessions": source.sessions}
     low = np.full(source.shape, np.inf)
     high = np.full(source.shape, -np.inf)
     total = 0
@@ -102,11 +101,8 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
             compression_opts=1,
             shuffle=True,
         )
-        for block in _blocks(source):
+        for block in checked(source):
             counts = block["pressure"]
-            if not len(counts):
-                continue
-            _check_block(block, names, source, total)
             low = np.minimum(low, counts.min(axis=0))
             high = np.maximum(high, counts.max(axis=0))
             total += len(counts)
@@ -114,9 +110,8 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
             pressure[-len(counts) :] = counts
             _append_columns(file, block, len(counts), total)
             bar.update(len(counts))
-        if not total:
-            raise ValueError(f"{source.path}: no frames; expected at least one recording with frames in it")
         file["live"] = low < high
+        names = {"objects": source.objects, "recordings": source.recordings, "sessions": source.sessions}
         for name, values in names.items():
             file[name] = np.array(values, dtype=h5py.string_dtype())
         if source.weights is not None:
@@ -154,7 +149,26 @@ def read_table(path: Path) -> Source:
     return Source(path, *names, shape, dtype, blocks(), weights=table.weights, action=table.action)
 
 
-def _check_block(block: dict[str, np.ndarray], names: dict[str, list[str]], source: Source, start: int) -> None:
+def checked(source: Source) -> Iterator[dict[str, np.ndarray]]:
+    """The source's blocks that hold frames, each checked.
+
+    Raises:
+        ValueError: no frames, a damaged file, an id out of range, or pressure that cannot be stored.
+    """
+    total = 0
+    try:
+        for block in source.blocks:
+            if len(block["pressure"]):
+                _check_block(block, source, total)
+                total += len(block["pressure"])
+                yield block
+    except OSError as error:
+        raise ValueError(f"{source.path}: damaged or cut short ({error}); download or record it again") from None
+    if not total:
+        raise ValueError(f"{source.path}: no frames; expected at least one recording with frames in it")
+
+
+def _check_block(block: dict[str, np.ndarray], source: Source, start: int) -> None:
     counts, path = block["pressure"], source.path
     if source.dtype.kind == "i" and not np.can_cast(counts.dtype, source.dtype):
         limits = np.iinfo(source.dtype)
@@ -167,7 +181,7 @@ def _check_block(block: dict[str, np.ndarray], names: dict[str, list[str]], sour
         bad = start + int(inside.argmin())
         raise ValueError(f"{path}: pressure of frame {bad} is not finite; expected a number from every sensor")
     for column, among in (("object", "objects"), ("recording", "recordings"), ("session", "sessions")):
-        count = len(names[among])
+        count = len(getattr(source, among))
         _check_range(block[column], f"{column} id", (0, count - 1), f"({count} {among})", path, start)
     for column, kind in COLUMNS.items():
         if column in block and kind is not np.float64:
@@ -183,14 +197,6 @@ def _check_range(values: np.ndarray, what: str, limits: tuple[int, int], remark:
             f"{path}: {what} {values[at]} of frame {start + at} is out of range; "
             f"expected {limits[0]} to {limits[1]} {remark}"
         )
-
-
-def _blocks(source: Source) -> Iterator[dict[str, np.ndarray]]:
-    """The source's blocks; what cannot be unpacked is said of its file."""
-    try:
-        yield from source.blocks
-    except OSError as error:
-        raise ValueError(f"{source.path}: damaged or cut short ({error}); download or record it again") from None
 
 
 def _storable(counts: np.ndarray) -> np.ndarray:
