@@ -51,3 +51,9 @@ def written(path: Path, counts: np.ndarray, **how: object) -> Recordings:
     """The same as a table written to `path` and opened."""
     write_recordings(path, source(counts, **how), "0" * 32)
     return Recordings(path)
+
+
+def read(source: Source) -> dict[str, np.ndarray]:
+    """Pressure and columns of all blocks, joined."""
+    blocks = list(source.blocks)
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}

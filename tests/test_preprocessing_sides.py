@@ -1,0 +1,172 @@
+"""From raw recordings to frames to learn from: sides, classes and anchors."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.split import SIDES, TEST, TRAIN, VALIDATION
+from tests.grips import BLANK, COLUMNS, COUNTS, HELD, prepared
+
+
+@pytest.mark.parametrize("by", ["source", "recording", "grasp", "session"])
+@pytest.mark.parametrize("fold", [0, 1])
+def test_no_group_stands_on_two_sides_and_both_sides_have_every_class(tmp_path, by, fold):
+    frames, selection, _ = prepared(tmp_path, f"split.by={by}", "split.folds=2", f"split.fold={fold}")
+    for group in np.unique(frames.group):
+        assert len(np.unique(frames.side[frames.group == group])) == 1
+    for side in (TRAIN, TEST):
+        assert np.unique(frames.label[frames.side == side]).tolist() == [0, 1, 2]
+    np.testing.assert_array_equal(frames.side, selection.side[selection.keep])
+    np.testing.assert_array_equal(frames.group, selection.group[selection.keep])
+
+
+@pytest.mark.parametrize("by", ["recording", "grasp", "session"])
+def test_every_kept_frame_is_tested_in_exactly_one_fold(tmp_path, by):
+    times = np.zeros(len(COUNTS), dtype=int)
+    for fold in range(2):
+        _, selection, _ = prepared(tmp_path, f"split.by={by}", "split.folds=2", f"split.fold={fold}")
+        times += selection.keep & (selection.side == TEST)
+    np.testing.assert_array_equal(times, COLUMNS["valid"])
+
+
+def test_the_published_split_is_taken_as_it_is(tmp_path):
+    frames, selection, _ = prepared(tmp_path)
+    np.testing.assert_array_equal(selection.side[selection.keep] == TEST, COLUMNS["split"][COLUMNS["valid"]] == 1)
+    assert (frames.on(TRAIN).size, frames.on(TEST).size) == (12 * HELD, 6 * HELD)
+    assert "split: the published split has 0 recordings on both sides" in selection.notes
+
+
+def test_recordings_that_the_published_split_shares_are_counted(tmp_path):
+    split = COLUMNS["split"].copy()
+    split[np.isin(COLUMNS["recording"], [0, 4, 7]) & (COLUMNS["frame"] >= 12)] = 1
+    split[(COLUMNS["recording"] == 9) & ~COLUMNS["valid"]] = 1  # frames that the filter drops share nothing
+    split[(COLUMNS["recording"] == 11) & ~COLUMNS["valid"]] = 0
+    _, selection, _ = prepared(tmp_path, columns=COLUMNS | {"split": split})
+    assert "split: the published split has 3 recordings on both sides" in selection.notes
+
+
+def test_validation_groups_are_taken_off_the_training_side(tmp_path):
+    before = prepared(tmp_path, "split.by=recording")[1]
+    frames, after, rows = prepared(tmp_path, "split.by=recording", "split.validation=0.3")
+    moved = after.side == VALIDATION
+    assert (before.side[moved] == TRAIN).all()
+    np.testing.assert_array_equal(before.side == TEST, after.side == TEST)
+    assert not set(frames.group[frames.side == VALIDATION]) & set(frames.group[frames.side != VALIDATION])
+    assert [len(np.unique(frames.group[(frames.side == VALIDATION) & (frames.label == i)])) for i in range(3)] == [
+        1
+    ] * 3
+    assert sum(row["anchors_validation"] for row in rows) == 3 * HELD
+
+
+def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
+    frames, selection, rows = prepared(tmp_path, "preprocess.empty_hand_class=false")
+    assert frames.classes == ["object1", "object2"]
+    assert np.unique(frames.label).tolist() == [0, 1]
+    np.testing.assert_array_equal(selection.keep, COLUMNS["valid"] & (COLUMNS["object"] > 0))
+    assert rows[0] == {
+        "object": "empty_hand",
+        "session": "session0",
+        "frames": 60,
+        "dropped_by_filter": 3 * BLANK,
+        "dropped_with_class": 3 * HELD,
+        "kept": 0,
+        "anchors_train": 0,
+        "anchors_validation": 0,
+        "anchors_test": 0,
+    }
+
+
+def _one_empty_recording():
+    """The grips with a single recording of the empty hand in each session, one session only."""
+    mine = (COLUMNS["session"] == 0) & ((COLUMNS["object"] > 0) | (COLUMNS["recording"] == 0))
+    return COUNTS[mine], {name: values[mine] for name, values in COLUMNS.items()}
+
+
+@pytest.mark.parametrize("by", ["recording", "source"])
+def test_an_empty_hand_that_cannot_stand_on_both_sides_leaves_the_classes_and_stays_the_baseline(tmp_path, by):
+    counts, columns = _one_empty_recording()
+    frames, selection, _ = prepared(tmp_path, f"split.by={by}", counts=counts, columns=columns)
+    assert "classes: empty_hand cannot stand on both sides and leaves; it stays the baseline" in selection.notes
+    assert frames.classes == ["object1", "object2"]
+    assert not (selection.keep & (columns["object"] == 0)).any()
+    np.testing.assert_allclose(frames.rest_mean.mean(), 514, atol=0.2)
+
+
+def test_an_empty_hand_of_one_recording_stays_where_its_grasps_can_be_split(tmp_path):
+    counts, columns = _one_empty_recording()
+    frames, selection, _ = prepared(tmp_path, "split.by=grasp", counts=counts, columns=columns)
+    assert frames.classes == ["empty_hand", "object1", "object2"]
+    assert not any(note.startswith("classes: ") for note in selection.notes)
+
+
+def test_a_class_without_training_frames_leaves_and_one_without_test_frames_stays(tmp_path):
+    objects, recordings = COLUMNS["object"], COLUMNS["recording"]
+    more = np.where(recordings == 6, 3, np.where(recordings == 7, 4, objects))
+    split = np.where(more == 3, 1, np.where(more == 4, 0, COLUMNS["split"]))
+    frames, selection, rows = prepared(tmp_path, columns=COLUMNS | {"object": more, "split": split})
+    assert "classes: object3 has no training frames and leaves" in selection.notes
+    assert "classes: object4 has no test frames; it stays a class that can be mistaken for others" in selection.notes
+    assert frames.classes == ["empty_hand", "object1", "object2", "object4"]
+    assert frames.label[frames.recording == 7].tolist() == [3] * HELD
+    gone = next(row for row in rows if row["object"] == "object3")
+    assert (gone["dropped_by_filter"], gone["dropped_with_class"], gone["kept"]) == (BLANK, HELD, 0)
+
+
+def test_the_sources_own_balanced_frames_are_the_anchors(tmp_path):
+    balanced = COLUMNS["frame"] % 2 == 0
+    frames, selection, _ = prepared(tmp_path, columns=COLUMNS | {"balanced": balanced})
+    np.testing.assert_array_equal(selection.anchor, balanced & COLUMNS["valid"])
+    np.testing.assert_array_equal(frames.anchor, balanced[COLUMNS["valid"]])
+    assert "anchors: the source's own balanced frames" in selection.notes
+
+
+@pytest.mark.parametrize("side", ["train", "test"])
+def test_balanced_frames_that_leave_a_side_without_anchors_are_refused(tmp_path, side):
+    balanced = COLUMNS["split"] == (side == "train")
+    with pytest.raises(ValueError, match=rf"the {side} side .* no (anchors|balanced frames)"):
+        prepared(tmp_path, columns=COLUMNS | {"balanced": balanced})
+
+
+@pytest.mark.parametrize("change", ["split.by=recording", "preprocess.filter=contact"])
+def test_balanced_frames_of_another_selection_are_not_the_anchors(tmp_path, change):
+    columns = COLUMNS | {"balanced": np.zeros(len(COUNTS), dtype=bool)}
+    _, selection, _ = prepared(tmp_path, change, columns=columns)
+    for side in (TRAIN, TEST):
+        anchors = np.bincount(COLUMNS["object"][selection.anchor & (selection.side == side)])
+        assert anchors.tolist() == [anchors.min()] * 3
+        assert anchors.min() > 0
+
+
+def test_a_poor_class_keeps_what_it_has(tmp_path):
+    valid = COLUMNS["valid"] & ((COLUMNS["object"] != 1) | (COLUMNS["frame"] >= 18))
+    change = "preprocess.balance_minimum=50"
+    _, selection, rows = prepared(tmp_path, change, columns=COLUMNS | {"valid": valid})
+    train = {
+        name: sum(row["anchors_train"] for row in rows if row["object"] == name) for name in ("object1", "object2")
+    }
+    assert train == {"object1": 4 * 2, "object2": 50}
+    assert (
+        "train: 1 of 3 classes have fewer than 50 anchors and keep all their frames, 8 in the poorest"
+        in selection.notes
+    )
+
+
+def test_anchors_are_kept_frames_and_the_account_adds_up(tmp_path):
+    frames, selection, rows = prepared(tmp_path, "split.by=grasp", "split.validation=0.3")
+    assert not (selection.anchor & ~selection.keep).any()
+    assert not (selection.keep & ~selection.filtered).any()
+    for row in rows:
+        assert row["frames"] == row["dropped_by_filter"] + row["dropped_with_class"] + row["kept"]
+    assert sum(row["frames"] for row in rows) == len(COUNTS)
+    assert sum(row["kept"] for row in rows) == len(frames)
+    for code, name in enumerate(SIDES):
+        assert sum(row[f"anchors_{name}"] for row in rows) == (frames.anchor & (frames.side == code)).sum()
+
+
+def test_one_seed_draws_the_same_anchors_and_another_draws_others(tmp_path):
+    valid = COLUMNS["valid"] & ((COLUMNS["object"] != 1) | (COLUMNS["frame"] >= 12))
+    changes = ("split.by=recording", "split.validation=0.3")
+    drawn = [
+        prepared(tmp_path, *changes, seed=seed, columns=COLUMNS | {"valid": valid})[1].anchor.tolist()
+        for seed in (0, 0, 1)
+    ]
+    assert drawn[0] == drawn[1] != drawn[2]
