@@ -121,6 +121,39 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Effects:
+    motion: bool
+    weight: bool
+    shift: bool
+    tremor: bool
+    fit: bool
+    bending: bool
+    saturation: bool
+    hysteresis: bool
+    crosstalk: bool
+    noise: bool
+    common_mode: bool
+    defects: bool
+
+
+@dataclass(frozen=True)
+class Glove:
+    scale: Literal["small", "stag"]
+    sessions: Annotated[int, Range(2)]
+    grasps: Count
+    grasp_frames: Count
+    objects: Literal["all"] | list[str | dict]
+    seed: Seed
+    frame_rate: Positive
+    skin_stiffness: Positive
+    skin_thickness: Positive
+    joint_damping: Positive
+    object_damping: Positive
+    tolerance: Positive
+    effects: Effects
+
+
+@dataclass(frozen=True)
 class Params:
     seed: Seed
     views: NumberOfViews
@@ -135,6 +168,7 @@ class Params:
     model: Model
     finetune: Finetune
     evaluate: Evaluate
+    glove: Glove
 
 
 def flat(params: Any, prefix: str = "") -> dict[str, Any]:
@@ -261,7 +295,7 @@ def _describe(hint: Any) -> str:
         return " or ".join(_describe(arg) for arg in args)
     if is_dataclass(hint):
         return "a section"
-    return {int: "an integer", float: "a number", bool: "true or false", str: "a text"}[hint]
+    return {int: "an integer", float: "a number", bool: "true or false", str: "a text", dict: "a mapping"}[hint]
 
 
 def _clashes(params: Params) -> list[str]:

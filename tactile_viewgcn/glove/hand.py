@@ -1,0 +1,180 @@
+"""The hand: a palm and five jointed fingers that carry STAG's 548 sensors.
+
+Axes of the palm: x towards the fingertips, y from the little finger to the thumb, z out of the palm, towards what
+it holds; metres, the wrist at x = 0. Each finger has three flexion joints and two degrees of freedom: the base joint
+turns by q[0], the middle one by q[1] and the last one by 2/3 q[1], as the tendons of a human finger couple them.
+The thumb's plane of flexion is turned about x by the opposition angle.
+
+Where the sensors sit in the 32 x 32 frame follows the description of STAG (Sundaram et al., Nature 569, 698-702
+(2019)); lengths are those of an adult hand.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FINGERS = ("little", "ring", "middle", "index", "thumb")
+SHAPE = (32, 32)
+COUPLING = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2 / 3]])  # joint angles (3) of a finger from its unknowns (2)
+LINKS = np.array(  # m: proximal, middle and distal link; of the thumb: metacarpal, proximal, distal
+    [[0.033, 0.020, 0.018], [0.043, 0.026, 0.020], [0.046, 0.029, 0.021], [0.041, 0.025, 0.020], [0.044, 0.032, 0.026]]
+)
+BASES = np.array(  # m: the base joint of each finger
+    [[0.082, -0.032, 0], [0.088, -0.011, 0], [0.090, 0.010, 0], [0.087, 0.031, 0], [0.026, 0.036, 0.004]]
+)
+SPREAD = np.array([-0.16, -0.06, 0.02, 0.10])  # rad about z, away from the middle finger
+THUMB_LEAN = 0.98  # rad between the thumb's rest direction and x
+RADIUS = 0.008  # m from a finger's bone to its skin
+SIDE_TILT = 0.45  # rad by which the outer rows of sensors look aside
+PALM = (0.090, 0.084)  # m: length and width that the sensors cover
+PALM_CUP = 0.007  # m by which the palm's edges stand above its middle
+TILE = 6  # the palm's sensors come in tiles of so many squared
+LINK_PATCHES = 15  # the first patches are the fingers' links, three each; the others belong to the palm
+
+
+@dataclass(frozen=True)
+class Hand:
+    """S sensors in patches, each patch on one link or on the palm; the sensors come patch by patch.
+
+    Attributes:
+        row, column: (S,) place in the frame.
+        patch: (S,) 3 x finger + link, or LINK_PATCHES and above on the palm.
+        local: (S, 3) m, normal: (S, 3): on a link, along it from its joint, aside, and towards the skin; on the
+            palm, in the palm's axes.
+        area: (S,) m^2 of skin that each sensor covers.
+        bases: (5, 3) m; links: (5, 3) m.
+    """
+
+    row: np.ndarray
+    column: np.ndarray
+    patch: np.ndarray
+    local: np.ndarray
+    normal: np.ndarray
+    area: np.ndarray
+    bases: np.ndarray
+    links: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def frame(self, values: np.ndarray, elsewhere: float) -> np.ndarray:
+        """Values (..., S) at their places in frames (..., 32, 32)."""
+        out = np.full((*values.shape[:-1], *SHAPE), elsewhere, values.dtype)
+        out[..., self.row, self.column] = values
+        return out
+
+
+def stag_hand(*, scale: float = 1.0, slip: tuple[float, float] = (0.0, 0.0)) -> Hand:
+    """A hand of `scale` times the usual size, on which the glove sits `slip` m further along and aside."""
+    parts = []
+    for finger, first in enumerate((0, 6, 10, 15)):
+        row, column = np.mgrid[first : first + 3, 0:14].reshape(2, -1)
+        parts.append((row, column, *_on_finger(finger, (13.5 - column) / 14, row - first - 1.0, 3, scale, slip)))
+    row, column = np.mgrid[18:32, 25:29].reshape(2, -1)
+    parts.append((row, column, *_on_finger(4, (row - 17.5) / 14, 26.5 - column, 4, scale, slip)))
+    row, column = np.mgrid[0:18, 14:32].reshape(2, -1)
+    parts.append((row, column, *_on_palm(row, column - 14, scale, slip)))
+    row, column, patch, local, normal, area = (np.concatenate(values) for values in zip(*parts, strict=True))
+    order = np.argsort(patch, kind="stable")
+    sensors = (values[order] for values in (row, column, patch, local, normal, area))
+    return Hand(*sensors, BASES * scale, LINKS * scale)
+
+
+def _on_finger(
+    finger: int, along: np.ndarray, aside: np.ndarray, across: int, scale: float, slip: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Patch, local, normal and area of a finger's sensors: `along` from 0 at its base to 1 at its tip, `aside` rows."""
+    ends = np.cumsum(LINKS[finger]) * scale
+    distance = along * ends[-1]
+    link = np.searchsorted(ends[:2], distance, side="right")
+    step = 2 * SIDE_TILT / (across - 1)
+    tilt, radius = aside * step, RADIUS * scale
+    start, zero = np.concatenate([[0], ends[:2]])[link], np.zeros(len(link))
+    local = np.stack([distance - start + slip[0], radius * np.sin(tilt) + slip[1], radius * np.cos(tilt)], axis=1)
+    normal = np.stack([zero, np.sin(tilt), np.cos(tilt)], axis=1)
+    return 3 * finger + link, local, normal, np.full(len(link), ends[-1] / 14 * radius * step)
+
+
+def _on_palm(
+    row: np.ndarray, column: np.ndarray, scale: float, slip: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same of the palm's 18 x 18 sensors, the columns counted from the fingers."""
+    length, width = PALM[0] * scale, PALM[1] * scale
+    x, y = (17.5 - column) / 18 * length + slip[0], (row - 8.5) / 18 * width + slip[1]
+    cup = PALM_CUP * scale * (2 / width) ** 2
+    normal = np.stack([np.zeros(len(y)), -2 * cup * y, np.ones(len(y))], axis=1)
+    patch = LINK_PATCHES + row // TILE * (18 // TILE) + column // TILE
+    local = np.stack([x, y, cup * y**2], axis=1)
+    area = np.full(len(y), length * width / 18**2)
+    return patch, local, normal / np.linalg.norm(normal, axis=1, keepdims=True), area
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the patches of R hands are.
+
+    Attributes:
+        origin: (R, N, 3) m: of a link, its joint; axes: (R, N, 3, 3): columns along, aside and towards the skin.
+        hinge: (R, 5, 3) direction about which each finger flexes.
+    """
+
+    origin: np.ndarray
+    axes: np.ndarray
+    hinge: np.ndarray
+
+
+class Hands:
+    """B hands with the same sensors that differ in their fit; `Hand` says what the attributes are.
+
+    Attributes:
+        centre: (B, N, 3) m in the patch's axes, reach: (N,) m: a sphere around each patch's sensors.
+        start, count: (N,) the first sensor of each patch, and how many it has.
+    """
+
+    def __init__(self, hands: list[Hand]):
+        one = hands[0]
+        self.one, self.patch = one, one.patch
+        self.local, self.normal, self.area, self.bases, self.links = (
+            np.stack([getattr(hand, name) for hand in hands]) for name in ("local", "normal", "area", "bases", "links")
+        )
+        patches = np.arange(max(one.patch.max() + 1, LINK_PATCHES))
+        self.start = np.searchsorted(one.patch, patches)
+        self.count = np.searchsorted(one.patch, patches, side="right") - self.start
+        self.centre, self.reach = np.zeros((len(hands), len(patches), 3)), np.zeros(len(patches))
+        for n, (first, count) in enumerate(zip(self.start, self.count, strict=True)):
+            if count:
+                own = self.local[:, first : first + count]
+                self.centre[:, n] = own.mean(axis=1)
+                self.reach[n] = np.linalg.norm(own - self.centre[:, n, None], axis=-1).max()
+
+    def pose(self, rows: np.ndarray, q: np.ndarray, opposition: np.ndarray) -> Pose:
+        """Forward kinematics of the hands `rows` (R,) at q (R, 5, 2) rad, the thumbs opposed by (R,) rad."""
+        along, aside, skin = _finger_axes(opposition)  # (R, 5, 3) each
+        angle = np.cumsum(q @ COUPLING.T, axis=-1)[..., None]  # (R, 5, 3, 1)
+        cos, sin = np.cos(angle), np.sin(angle)
+        ahead = cos * along[:, :, None] + sin * skin[:, :, None]  # (R, 5, 3, 3): along each link
+        out = cos * skin[:, :, None] - sin * along[:, :, None]  # towards its skin
+        steps = self.links[rows][..., None] * ahead
+        origin = np.zeros((len(rows), len(self.start), 3))
+        axes = np.zeros((len(rows), len(self.start), 3, 3))
+        joint = self.bases[rows][:, :, None] + np.cumsum(steps, axis=2) - steps
+        origin[:, :LINK_PATCHES] = joint.reshape(len(rows), LINK_PATCHES, 3)
+        sides = np.broadcast_to(aside[:, :, None], ahead.shape)
+        axes[:, :LINK_PATCHES] = np.stack([ahead, sides, out], axis=-1).reshape(len(rows), LINK_PATCHES, 3, 3)
+        axes[:, LINK_PATCHES:] = np.eye(3)
+        return Pose(origin, axes, -aside)
+
+
+def _finger_axes(opposition: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each finger's directions (R, 5, 3) when straight: along it, aside, and out of its skin."""
+    count = len(opposition)
+    along, aside, skin = np.zeros((count, 5, 3)), np.zeros((count, 5, 3)), np.zeros((count, 5, 3))
+    along[:, :4, 0], along[:, :4, 1] = np.cos(SPREAD), np.sin(SPREAD)
+    aside[:, :4, 0], aside[:, :4, 1] = -np.sin(SPREAD), np.cos(SPREAD)
+    skin[:, :4, 2] = 1
+    cos, sin = np.cos(opposition), np.sin(opposition)
+    lean = np.cos(THUMB_LEAN), np.sin(THUMB_LEAN)
+    along[:, 4] = np.stack([np.full(count, lean[0]), lean[1] * cos, lean[1] * sin], axis=1)
+    aside[:, 4] = np.stack([np.full(count, -lean[1]), lean[0] * cos, lean[0] * sin], axis=1)
+    skin[:, 4] = np.stack([np.zeros(count), -sin, cos], axis=1)
+    return along, aside, skin

@@ -1,0 +1,196 @@
+"""Recordings of the virtual glove: plan the scenes, solve their mechanics, read the sensors, write them, block by block.
+
+Everything made here is simulated. VERSION numbers all that decides what a recording looks like, and stands in every
+file: the constants of this package were calibrated on what is known of STAG's frames and on simple classifiers, and
+are left alone since.
+"""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+import numpy as np
+from tqdm import tqdm
+
+from tactile_viewgcn.files import whole_folder
+from tactile_viewgcn.glove.contact import Drive, Layer, Mechanics
+from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
+from tactile_viewgcn.glove.integrator import Implicit, Work
+from tactile_viewgcn.glove.objects import Thing
+from tactile_viewgcn.glove.scene import OPEN, Habits, plan
+from tactile_viewgcn.glove.sensor import Sensors, Spread, electronics
+from tactile_viewgcn.glove.shapes import Solids
+from tactile_viewgcn.randomness import stream
+
+VERSION = 1
+BLOCK = 64  # frames solved before they are read and written
+MECHANICS = ("motion", "weight", "shift", "tremor", "fit")
+READING = ("bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects")
+EFFECTS = MECHANICS + READING
+SLIP, SCALE = 0.002, 0.02  # m and share, standard deviations: how the glove sits in another session
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What to simulate: every object in every session, `repeats` recordings each.
+
+    Args:
+        things: the objects, the empty hand among them.
+        frames: of each recording, which holds `grasps` grasps.
+        rate: frames a second.
+        layer: skin, glove and damping.
+        tolerance: relative error of the sensors' forces in a step, see `integrator.py`.
+        effects: those of EFFECTS that the scenes have; what is not named costs nothing.
+
+    Raises:
+        ValueError: an effect that is not known, or no recordings.
+    """
+
+    things: tuple[Thing, ...]
+    sessions: int
+    frames: int
+    grasps: int
+    seed: int
+    layer: Layer
+    rate: float = 7.35
+    repeats: int = 1
+    tolerance: float = 0.05
+    effects: frozenset[str] = frozenset(EFFECTS)
+    habits: Habits = field(default_factory=Habits)
+    spread: Spread = field(default_factory=Spread)
+
+    def __post_init__(self) -> None:
+        unknown = sorted(self.effects - set(EFFECTS))
+        if unknown:
+            raise ValueError(f"unknown effect {', '.join(unknown)}; known: {', '.join(EFFECTS)}")
+        for name in ("sessions", "repeats", "grasps"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; expected at least 1")
+        if not 0 < self.rate < np.inf:
+            raise ValueError(f"rate is {self.rate} frames a second; expected more than 0, and finite")
+
+
+class Simulation:
+    """All recordings of a recipe, side by side.
+
+    Attributes:
+        cells: (session, number of the object, repeat) of each recording.
+        plan: their scenes.
+        work: what the integration has cost so far; deep: sensor readings so far at which the layer was pressed
+            together by more than its thickness.
+    """
+
+    def __init__(self, recipe: Recipe):
+        self.recipe = recipe
+        things, sessions = range(len(recipe.things)), range(recipe.sessions)
+        self.cells = [(s, thing, repeat) for s in sessions for thing in things for repeat in range(recipe.repeats)]
+        fits = [self._fit(session) for session in sessions]
+        self.hands = Hands([fits[s] for s, _, _ in self.cells])
+        held = [recipe.things[thing] for _, thing, _ in self.cells]
+        self.solids = Solids([list(thing.parts) for thing in held])
+        self.stiffness = np.array([thing.stiffness for thing in held])
+        self.plan = plan(
+            held, self.hands, self.solids, self._streams("scene"), recipe.habits,
+            frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
+        )  # fmt: skip
+        seed, one = recipe.seed, fits[0]
+        kits = [
+            electronics(one, stream(seed, "glove"), stream(seed, "glove session", s), recipe.effects, recipe.spread)
+            for s in sessions
+        ]
+        self.sensors = Sensors(one, [kits[s] for s, _, _ in self.cells], self._streams("noise"), recipe.effects)
+        self.work, self.deep = Work(), 0
+
+    def blocks(self) -> Iterator[np.ndarray]:
+        """Counts (B, T, 32, 32) int16 of all B recordings, T frames at a time."""
+        recipe, y = self.recipe, None
+        for start in range(0, recipe.frames, BLOCK):
+            stop = min(start + BLOCK, recipe.frames)
+            drive = Drive(**{name: values[:, start : stop + 1] for name, values in vars(self.plan.drive).items()})
+            mechanics = Mechanics(
+                self.hands, self.solids, self.stiffness, drive, recipe.layer, motion="motion" in recipe.effects
+            )
+            y = mechanics.start() if y is None else y
+            states = Implicit(mechanics, 1 / recipe.rate, recipe.tolerance, work=self.work).run(y, stop - start)
+            y = states[:, -1]
+            yield self.sensors.read(*self.felt(mechanics, states))
+
+    def felt(self, mechanics: Mechanics, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pressure (B, T, S) Pa on the sensors, and flexion (B, T, S) rad that stretches the glove there."""
+        count, frames, _ = states.shape
+        pressure, rows = np.zeros((count, frames, len(self.hands.patch))), np.arange(count)
+        limit = mechanics.layer.stiffness * mechanics.layer.thickness
+        for t in range(frames):
+            at = mechanics.balance(rows, np.full(count, t + 1.0), states[:, t], palm=True)
+            row, sensor = at.contacts.row, at.contacts.sensor
+            np.add.at(pressure[:, t], (row, sensor), at.force * at.facing / self.hands.area[row, sensor])
+            self.deep += int((at.force / self.hands.area[row, sensor] > limit).sum())
+        if "bending" not in self.recipe.effects:
+            return pressure, np.zeros((1, 1, 1))
+        bend = np.maximum(states[:, :, :10].reshape(count, frames, 5, 2) - OPEN, 0)
+        patch = self.hands.patch
+        on = patch < LINK_PATCHES
+        flexion = np.repeat(bend[..., 0].mean(axis=-1, keepdims=True), len(patch), axis=-1)  # the palm's folds
+        flexion[..., on] = bend[:, :, patch[on] // 3, np.minimum(patch[on] % 3, 1)]
+        return pressure, flexion
+
+    def _fit(self, session: int):
+        """The hand as the glove sits on it in a session."""
+        if "fit" not in self.recipe.effects:
+            return stag_hand()
+        rng = stream(self.recipe.seed, "glove fit", session)
+        return stag_hand(scale=1 + SCALE * rng.normal(), slip=tuple(SLIP * rng.normal(size=2)))
+
+    def _streams(self, purpose: str) -> list[np.random.Generator]:
+        """A generator for each recording, the same whatever other recordings there are."""
+        names = [self.recipe.things[thing].name for _, thing, _ in self.cells]
+        return [
+            stream(self.recipe.seed, f"glove {purpose} {name}", session, repeat)
+            for name, (session, _, repeat) in zip(names, self.cells, strict=True)
+        ]
+
+
+def simulate(recipe: Recipe, folder: str | Path) -> Simulation:
+    """Write a recipe's recordings to `folder`/[session]/[number]-[object].h5, whole or not at all.
+
+    The form is the project's own, see `own_format.py`; the last session is the test side of the published split.
+    Memory holds one block of frames of every recording, whatever their length.
+
+    Raises:
+        ValueError: grasps too short for their phases, or an object that starts inside the palm.
+    """
+    run = Simulation(recipe)
+    bar = tqdm(total=len(run.cells) * recipe.frames, desc="simulate", unit="frame", unit_scale=True, disable=None)
+    with whole_folder(folder) as part, ExitStack() as stack, bar:
+        files = [stack.enter_context(_file(part, run, b)) for b in range(len(run.cells))]
+        start = 0
+        for counts in run.blocks():
+            for file, own in zip(files, counts, strict=True):
+                file["pressure"][start : start + len(own)] = own
+            start += counts.shape[1]
+            bar.update(counts.shape[0] * counts.shape[1])
+    return run
+
+
+def _file(folder: Path, run: Simulation, b: int) -> h5py.File:
+    """A recording's file with everything in it but the counts."""
+    recipe, (session, number, repeat) = run.recipe, run.cells[b]
+    thing = recipe.things[number]
+    name = f"{number * recipe.repeats + repeat:03d}-{thing.name}"
+    (folder / f"{session:03d}").mkdir(exist_ok=True)
+    file = h5py.File(folder / f"{session:03d}" / f"{name}.h5", "w")
+    file.create_dataset(
+        "pressure", (recipe.frames, 32, 32), np.int16, chunks=(min(BLOCK, recipe.frames), 32, 32),
+        compression="gzip", compression_opts=1, shuffle=True,
+    )  # fmt: skip
+    file["time"] = np.arange(recipe.frames) / recipe.rate
+    file["valid"] = run.plan.held
+    file["grasp"] = run.plan.grasp.astype(np.int16)
+    file.attrs.update({
+        "object": thing.name, "session": f"{session:03d}", "weight": float(thing.weight),
+        "split": "test" if session == recipe.sessions - 1 else "train",
+        "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
+    })  # fmt: skip
+    return file
