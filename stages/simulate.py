@@ -16,8 +16,8 @@ def simulate(params, run, out):
     done = write(recipe_of(params.glove), out, workers=os.cpu_count() or 1)
     steps, evaluations = done.work.steps / done.frames, done.work.evaluations / done.frames
     print(
-        f"simulate: {done.frames:,} simulated frames of {done.recordings} recordings, virtual glove version {VERSION}; "
-        f"{steps:.1f} steps and {evaluations:.0f} evaluations a frame, {done.deep:,} readings beyond the skin's thickness"
+        f"simulate: {done.frames:,} simulated frames of {done.recordings} recordings, virtual glove version {VERSION}\n"
+        f"  {steps:.1f} steps and {evaluations:.0f} evaluations a frame, {done.deep:,} readings beyond the skin"
     )
     return {
         "frames": done.frames,

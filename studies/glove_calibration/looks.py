@@ -118,7 +118,7 @@ def _neighbours(table: Excess) -> tuple[float, float]:
 
 
 def _cosines(table: Excess) -> dict[str, float]:
-    """Mean cosine of two held frames, cells above FELT alone: of one recording, of one object in two recordings, of two objects."""
+    """Mean cosine of two held frames, cells above FELT alone: of one recording, of one object's two, of two objects."""
     x = np.where(table.values[table.held] > FELT, table.values[table.held], 0)
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
     similar = x @ x.T

@@ -41,7 +41,7 @@ class Work:
 
 
 class _Stages:
-    """The stage that each of B hands is in: the Y that minimises damping |Y - base|^2 / (2 reach) + U(Y) - drive . Y."""
+    """The stage each of B hands is in: find the Y least in damping |Y - base|^2 / (2 reach) + U(Y) - drive . Y."""
 
     def __init__(self, y: np.ndarray, goal: float, iterations: int):
         count = len(y)
@@ -171,7 +171,7 @@ class Implicit:
         return out
 
     def _error(self, rows: np.ndarray, at: Balance, y: np.ndarray, stages: _Stages, slope: np.ndarray) -> np.ndarray:
-        """(R,) error, in tolerances, of steps that end at y (R, n): of the forces, or of places by the layer's depth."""
+        """(R,) error, in tolerances, of steps that end at y (R, n): of forces, or of places by the skin's thickness."""
         mechanics, reach = self.mechanics, stages.reach[rows, None]
         shift = mechanics.damping / reach
         error = mechanics.solve(at, shift, shift * (y - stages.base[rows] - reach * slope[rows]))

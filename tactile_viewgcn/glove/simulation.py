@@ -1,4 +1,4 @@
-"""Recordings of the virtual glove: plan the scenes, solve their mechanics, read the sensors, write them, block by block.
+"""Recordings of the virtual glove: plan the scenes, solve the mechanics, read the sensors, write, block by block.
 
 Everything made here is simulated. VERSION numbers all that decides what a recording looks like, and stands in every
 file: the constants of this package were calibrated on what is known of STAG's frames and on simple classifiers, and
