@@ -9,11 +9,11 @@ from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.source import open_source
 
 DRAWN, EACH = ("coin", "mug", "ball", "empty_hand"), 3
-MOST = 40  # counts above rest at the end of the colour scale
+MOST = 30  # counts above rest at the end of the colour scale
 
 
 def frames_on_hand(path: Path) -> Figure:
-    """Three held frames, of three recordings where there are as many, of each of DRAWN; counts above rest."""
+    """The busiest held frame of three recordings of each of DRAWN; counts above rest."""
     source = open_source(path)
     blocks = list(source.blocks)
     counts, thing, recording, valid = (
@@ -27,10 +27,12 @@ def frames_on_hand(path: Path) -> Figure:
         own = np.flatnonzero((thing == source.objects.index(name)) & (valid == 1))
         chosen = [own[recording[own] == one] for one in np.unique(recording[own])[:EACH]]
         for panel, frames in zip(line, chosen, strict=True):
-            excess = (counts[frames[len(frames) // 2]] - rest)[row, column]
-            dots = panel.scatter(place[:, 1], place[:, 0], c=excess, s=9, cmap="magma", vmin=0, vmax=MOST)
+            excess = np.clip(counts[frames] - rest, 0, MOST)[:, row, column]
+            busiest = excess[excess.sum(axis=1).argmax()]
+            size = 5 + 2 * busiest
+            dots = panel.scatter(place[:, 1], place[:, 0], c=busiest, s=size, cmap="YlOrRd", vmin=0, vmax=MOST)
             panel.set(aspect="equal", xticks=[], yticks=[], title=name.replace("_", " "))
-            panel.set_facecolor("0.92")
+            panel.set_facecolor("0.8")
     figure.colorbar(dots, ax=panels, label="counts above rest (simulated)", shrink=0.4)
     return figure
 
