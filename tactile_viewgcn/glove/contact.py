@@ -113,13 +113,19 @@ class Balance:
 class Mechanics:
     """The ordinary differential equation of B hands; `motion` adds the object's three unknowns.
 
+    Args:
+        hands, solids: B of each; stiffness: (B,) Pa/m of the objects.
+        names: of the objects, for errors.
+
     Raises:
         ValueError: an object that starts inside the palm.
     """
 
     def __init__(
-        self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *, motion: bool
-    ):
+        self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *,
+        motion: bool, names: list[str] | None = None,
+    ):  # fmt: skip
+        self.names = names
         self.hands, self.solids, self.drive, self.layer, self.motion = hands, solids, drive, layer, motion
         self.stiffness = layer.series(np.asarray(stiffness, dtype=float))
         self.size = 13 if motion else 10
@@ -137,8 +143,8 @@ class Mechanics:
         if (inside.patch >= LINK_PATCHES).any():
             worst = np.where(inside.patch >= LINK_PATCHES, inside.depth, 0).argmax()
             raise ValueError(
-                f"scene {inside.row[worst]}: the object starts {inside.depth[worst] * 1e3:.3g} mm inside the palm; "
-                "expected it outside; start it further away"
+                f"{self.names[inside.row[worst]] if self.names else 'the object'} starts "
+                f"{inside.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; place it further away"
             )
         y = np.zeros((count, self.size))
         y[:, :10] = self.drive.posture[:, 0].reshape(count, 10)

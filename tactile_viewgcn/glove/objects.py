@@ -47,9 +47,9 @@ class Thing:
 
     def __post_init__(self) -> None:
         if not self.stiffness > 0:
-            raise ValueError(f"object {self.name}: stiffness is {self.stiffness} Pa/m; expected more than 0")
+            raise ValueError(f"stiffness of {self.name} is {self.stiffness:g} Pa/m; expected more than 0")
         if not 0 <= self.weight < np.inf:
-            raise ValueError(f"object {self.name}: weight is {self.weight} g; expected 0 or more")
+            raise ValueError(f"weight of {self.name} is {self.weight:g} g; expected 0 or more")
 
     def extent(self, turn: np.ndarray, direction: np.ndarray) -> float:
         """How far it reaches (m) from its origin in a direction (3,), when turned by a matrix (3, 3)."""
@@ -161,12 +161,22 @@ def _described(entry: dict) -> Thing:
         parts = []
         for part in entry["parts"]:
             ((shape, sizes),) = part.items()
-            parts.append(SHAPES[shape](**sizes))
-        return Thing(**(entry | {"parts": tuple(parts)}))
+            parts.append(SHAPES[shape](**{key: _numbers(value) for key, value in sizes.items()}))
+        numbers = {key: float(entry[key]) for key in ("weight", "stiffness")}
+        vectors = {key: _numbers(entry[key]) for key in ("lie", "place") if key in entry}
+        thing = Thing(**(entry | numbers | vectors | {"parts": tuple(parts)}))
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
             f"object {name}: not understood ({error}); expected name, weight, stiffness and parts, "
             f"each part one of {', '.join(SHAPES)} with its sizes in metres"
         ) from None
     except ValueError as error:
-        raise ValueError(f"object {name}: {error}" if name not in str(error) else str(error)) from None
+        raise ValueError(f"object {name}: {error}") from None
+    if not parts:
+        raise ValueError(f"object {name}: no parts; name at least one of {', '.join(SHAPES)}")
+    return thing
+
+
+def _numbers(value: float | str | list) -> float | tuple[float, ...]:
+    """A number or several; PyYAML reads 1e9, which has no point and sign, as text."""
+    return tuple(map(float, value)) if isinstance(value, list) else float(value)

@@ -121,7 +121,7 @@ class Simulation:
         self.hands = Hands([fits[s] for s, _, _ in self.cells])
         held = [recipe.things[thing] for _, thing, _ in self.cells]
         self.solids = Solids([list(thing.parts) for thing in held])
-        self.stiffness = np.array([thing.stiffness for thing in held])
+        self.stiffness, self.names = np.array([thing.stiffness for thing in held]), [thing.name for thing in held]
         self.plan = plan(
             held, self.hands, self.solids, self._streams("scene"), recipe.habits,
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
@@ -149,7 +149,9 @@ class Simulation:
         """The equation of some frames; its first knot is the moment before them."""
         drive = Drive(**{name: values[:, start : stop + 1] for name, values in vars(self.plan.drive).items()})
         motion = "motion" in self.recipe.effects
-        return Mechanics(self.hands, self.solids, self.stiffness, drive, self.recipe.layer, motion=motion)
+        return Mechanics(
+            self.hands, self.solids, self.stiffness, drive, self.recipe.layer, motion=motion, names=self.names
+        )
 
     def felt(self, mechanics: Mechanics, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pressure (B, T, S) Pa on the sensors, and flexion (B, T, S) rad that stretches the glove there."""
