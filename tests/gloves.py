@@ -1,0 +1,57 @@
+"""Small scenes of the virtual glove, for tests: a flat bed of sensors, a drive that stands still, a short recipe."""
+
+import numpy as np
+
+from tactile_viewgcn.glove.contact import Drive, Layer
+from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, Hand, Pose
+from tactile_viewgcn.glove.objects import Thing, choose
+from tactile_viewgcn.glove.shapes import Solids
+from tactile_viewgcn.glove.simulation import EFFECTS, Recipe
+
+LAYER = Layer(stiffness=2e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
+OPEN_PALM = np.zeros((5, 2))
+
+
+def bed(count: int, width: float, *, tiles: int = 4) -> Hand:
+    """A flat palm of count x count sensors that fill a square about the origin, z up; its fingers feel nothing."""
+    pitch = width / count
+    row, column = np.mgrid[:count, :count].reshape(2, -1)
+    patch = LINK_PATCHES + row * tiles // count * tiles + column * tiles // count
+    order = np.argsort(patch, kind="stable")
+    row, column, patch = row[order], column[order], patch[order]
+    middle = (count - 1) / 2
+    local = np.stack([(column - middle) * pitch, (row - middle) * pitch, np.zeros(len(row))], axis=1)
+    normal = np.tile([0.0, 0.0, 1.0], (len(row), 1))
+    return Hand(row, column, patch, local, normal, np.full(len(row), pitch**2), BASES, LINKS)
+
+
+def still(place, *, posture=OPEN_PALM, squeeze=0.0, opposition=0.3, turn=(0.0, 0.0, 0.0), load=0.0, knots=2) -> Drive:
+    """The same at every knot, for objects wanted at `place` (B, 3)."""
+    place = np.atleast_2d(np.asarray(place, dtype=float))
+    shapes = {"posture": (5, 2), "squeeze": (5,), "opposition": (), "place": (3,), "turn": (3,), "load": (3,)}
+    given = {
+        "posture": posture, "squeeze": squeeze, "opposition": opposition, "place": place[:, None],
+        "turn": turn, "load": load,
+    }  # fmt: skip
+    size = len(place), knots
+    return Drive(
+        **{name: np.broadcast_to(given[name], (*size, *shape)).astype(float) for name, shape in shapes.items()}
+    )
+
+
+def solids(*things: Thing) -> Solids:
+    """What the things are made of, one union each."""
+    return Solids([list(thing.parts) for thing in things])
+
+
+def points(hand: Hand, pose: Pose, row: int) -> np.ndarray:
+    """(S, 3) m: where the sensors of one hand are, looked up one by one."""
+    places = [pose.origin[row, n] + pose.axes[row, n] @ own for n, own in zip(hand.patch, hand.local, strict=True)]
+    return np.array(places)
+
+
+def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
+    """Two sessions of one grasp of 22 frames, all effects but those in `without`."""
+    things = choose(list(objects)) if not isinstance(objects, str) else choose(objects)
+    given = {"sessions": 2, "frames": 22, "grasps": 1, "seed": 0, "layer": LAYER}
+    return Recipe(things, effects=frozenset(EFFECTS) - set(without), **(given | changes))
