@@ -12,37 +12,11 @@ from scipy.spatial.transform import Rotation
 from tactile_viewgcn.glove.contact import HOLDING, Layer, Mechanics, touching
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
 from tactile_viewgcn.glove.integrator import Implicit
-from tactile_viewgcn.glove.objects import THINGS, Thing
+from tactile_viewgcn.glove.objects import Thing
 from tactile_viewgcn.glove.shapes import sphere
-from tests.gloves import LAYER, bed, points, solids, still
+from tests.gloves import HELD, KNOWN, LAYER, bed, gripping, points, solids, still
 
-KNOWN = {thing.name: thing for thing in THINGS}
-HELD = [KNOWN[name] for name in ("ball", "mug", "chain", "empty_hand", "tea_box", "safety_glasses")]
-FITS = [{}, {"scale": 1.03}, {"slip": (0.002, -0.001)}, {}, {"scale": 0.97}, {}]
 WIDTH, RADIUS, DEPTH = 0.04, 0.1, 0.001  # m: of the bed; of a sphere, and how deep it is in the bed
-
-
-def gripping(*, motion, seed=0, things=HELD):
-    """Hands with half-closed fingers around objects that are pressed a little into the palm, and a state (B, n)."""
-    rng = np.random.default_rng(seed)
-    count = len(things)
-    turn = np.stack(
-        [(Rotation.from_rotvec(rng.normal(0, 0.2, 3)) * Rotation.from_rotvec(t.lie)).as_rotvec() for t in things]
-    )
-    height = [
-        t.extent(Rotation.from_rotvec(v).as_matrix(), np.array([0.0, 0, -1])) for t, v in zip(things, turn, strict=True)
-    ]
-    place = np.stack([np.full(count, 0.07), rng.normal(0, 0.004, count), np.array(height) - 0.001], axis=1)
-    q = rng.uniform(0.5, 1.3, (count, 5, 2))
-    q[0, 3] = 1.75, 2.0  # beyond the limits
-    drive = still(
-        place, posture=q[:, None] - 0.1, squeeze=0.1, opposition=0.9, turn=turn[:, None], load=(0.1, -0.2, -0.5)
-    )  # fmt: skip
-    hands = Hands([stag_hand(**fit) for fit in FITS[:count]])
-    stiffness = np.array([thing.stiffness for thing in things])
-    mechanics = Mechanics(hands, solids(*things), stiffness, drive, LAYER, motion=motion)
-    y = q.reshape(count, 10)
-    return mechanics, np.concatenate([y, place + rng.normal(0, 3e-4, place.shape)], axis=1) if motion else y
 
 
 def balanced(mechanics, y, *, palm=True):

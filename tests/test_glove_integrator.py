@@ -11,8 +11,7 @@ from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import Implicit
 from tactile_viewgcn.glove.objects import THINGS, Thing
 from tactile_viewgcn.glove.shapes import sphere
-from tests.gloves import LAYER, bed, solids, still
-from tests.test_glove_contact import FITS, HELD, gripping
+from tests.gloves import FITS, HELD, LAYER, bed, gripping, solids, still
 
 FRAME, RADIUS = 0.1, 0.1  # s, m
 BALL = Thing("ball", 1, 1e15, (sphere(RADIUS),))
