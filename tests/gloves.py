@@ -73,7 +73,7 @@ def points(hand: Hand, pose: Pose, row: int) -> np.ndarray:
 
 
 def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
-    """Two sessions of one grasp of 22 frames, all effects but those in `without`."""
+    """Two sessions of one grasp of 18 frames, all effects but those in `without`."""
     things = choose(list(objects)) if not isinstance(objects, str) else choose(objects)
-    given = {"sessions": 2, "frames": 22, "grasps": 1, "seed": 0, "layer": LAYER}
+    given = {"sessions": 2, "frames": 18, "grasps": 1, "seed": 0, "layer": LAYER}
     return Recipe(things, effects=frozenset(EFFECTS) - set(without), **(given | changes))
