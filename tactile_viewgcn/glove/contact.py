@@ -114,27 +114,26 @@ def touching(
     Patches and primitives whose bounding spheres are apart are not looked at.
     """
     patches = len(hands.start) if palm else LINK_PATCHES
-    turns = turn[:, None] @ solids.turn[rows]  # (R, P, 3, 3)
-    middle = place[:, None] + (turn[:, None] @ solids.centre[rows][..., None])[..., 0]  # (R, P, 3)
-    axes = pose.axes[:, :patches]
-    ball = pose.origin[:, :patches] + (axes @ hands.centre[rows, :patches][..., None])[..., 0]  # (R, N, 3)
-    apart = ball[:, :, None] - middle[:, None]  # (R, N, P, 3)
-    near = np.maximum(hands.reach[:patches, None] + solids.reach[rows][:, None], 0) ** 2
-    r, n, p = np.nonzero((apart**2).sum(axis=-1) < near)
-    own = np.einsum("nij,ni->nj", turns[r, p], apart[r, n, p])
+    middle = place[:, None] + np.einsum("rij,rpj->rpi", turn, solids.centre[rows])
+    ball = pose.origin[:, :patches] + np.einsum("rnij,rnj->rni", pose.axes[:, :patches], hands.centre[rows, :patches])
+    far = sum((ball[:, :, None, axis] - middle[:, None, :, axis]) ** 2 for axis in range(3))  # (R, N, P)
+    r, n, p = np.nonzero(far < np.maximum(hands.reach[:patches, None] + solids.reach[rows][:, None], 0) ** 2)
+    turns = turn[r] @ solids.turn[rows[r], p]
+    own = np.einsum("nij,ni->nj", turns, ball[r, n] - middle[r, p])
     close = solids.distance(rows[r], p, own) < hands.reach[n]
-    r, n, p = r[close], n[close], p[close]
+    r, n, p, turns = r[close], n[close], p[close], turns[close]
     count = hands.count[n]
     first = np.repeat(hands.start[n] - np.cumsum(count) + count, count)
-    r, n, p = np.repeat(r, count), np.repeat(n, count), np.repeat(p, count)
+    pair = np.repeat(np.arange(len(r)), count)
+    r, n, p, turns = r[pair], n[pair], p[pair], turns[pair]
     sensor = first + np.arange(len(r))
     point = pose.origin[r, n] + np.einsum("nij,nj->ni", pose.axes[r, n], hands.local[rows[r], sensor])
-    own = np.einsum("nij,ni->nj", turns[r, p], point - middle[r, p])
+    own = np.einsum("nij,ni->nj", turns, point - middle[r, p])
     distance = solids.distance(rows[r], p, own)
     inside = np.flatnonzero(distance < 0)
     inside = inside[np.argsort(r[inside] * len(hands.patch) + sensor[inside], kind="stable")]
     r, p, own = r[inside], p[inside], own[inside]
-    normal = np.einsum("nij,nj->ni", turns[r, p], solids.gradient(rows[r], p, own))
+    normal = np.einsum("nij,nj->ni", turns[inside], solids.gradient(rows[r], p, own))
     return Contacts(r, sensor[inside], n[inside], -distance[inside], normal, point[inside])
 
 
@@ -169,7 +168,9 @@ class Mechanics:
         ValueError: an object that starts inside the palm.
     """
 
-    def __init__(self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *, motion: bool):
+    def __init__(
+        self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *, motion: bool
+    ):
         self.hands, self.solids, self.drive, self.layer, self.motion = hands, solids, drive, layer, motion
         self.stiffness = layer.series(np.asarray(stiffness, dtype=float))
         self.size = 13 if motion else 10
@@ -247,6 +248,19 @@ class Mechanics:
         if self.motion:
             deeper += np.einsum("ni,ni->n", at.slope[:, 2:], dy[row, 10:])
         return self.stiffness[rows[row]] * self.hands.area[rows[row], at.contacts.sensor] * deeper
+
+    def hessian(self, at: Balance) -> np.ndarray:
+        """d2U/dy2 as (R, n, n)."""
+        out = np.zeros((*at.residual.shape, self.size))
+        for finger in range(5):
+            own = slice(2 * finger, 2 * finger + 2)
+            out[:, own, own] = at.fingers[:, finger]
+            if self.motion:
+                out[:, own, 10:] = at.cross[:, finger]
+                out[:, 10:, own] = at.cross[:, finger].swapaxes(1, 2)
+        if self.motion:
+            out[:, 10:, 10:] = at.thing
+        return out
 
     def solve(self, at: Balance, shift: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """x (R, n) of (Hessian + diag(shift)) x = residual, for shift (R, n): fingers first, then the object."""

@@ -16,7 +16,7 @@ from tactile_viewgcn.glove.objects import Thing
 from tactile_viewgcn.glove.shapes import Solids
 
 OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])  # rad: from and to which a finger closes
-RELAXED, IDLE = 0.4, 0.15  # of that way: a finger that finds nothing; one of an empty hand
+RELAXED, IDLE = 0.4, 0.2  # of that way: a finger that finds nothing; one of an empty hand
 ASIDE = 0.3  # rad: the thumb's opposition while the hand is open
 AWAY = 0.08  # m: how far the object is off before and after a grasp
 POWER = np.array([0.080, 0.002, 0.001])  # m: where an object lies against the palm, its lower side at z
@@ -39,14 +39,14 @@ class Habits:
         tremor: share of the squeeze that comes and goes.
     """
 
-    place_recording: float = 0.005
+    place_recording: float = 0.004
     place_grasp: float = 0.003
-    turn_recording: float = 0.2
+    turn_recording: float = 0.15
     turn_grasp: float = 0.10
-    roll: float = 0.3
-    finger: float = 0.35
+    roll: float = 0.25
+    finger: float = 0.25
     opposition: tuple[float, float] = (0.95, 0.15)
-    squeeze: tuple[float, float] = (0.08, 0.5)
+    squeeze: tuple[float, float] = (0.07, 0.58)
     shift_place: float = 0.0015
     shift_turn: float = 0.04
     tremor: float = 0.12

@@ -17,7 +17,7 @@ SENSITIVITY = 9e-4  # counts per Pa of a usual sensor, at little pressure
 HYSTERESIS, RECOVERY = 0.25, 0.6  # share of a reading that lags behind its own peak; what is left of it a frame later
 CROSSTALK = (0.3, 0.3)  # share of its row's and its column's mean that a sensor reads besides its own
 DRIFT = 0.95  # correlation of the common mode from frame to frame
-BENDING = 2.4  # counts that the stretched glove adds to a usual sensor for a radian of flexion
+BENDING = 2.0  # counts that the stretched glove adds to a usual sensor for a radian of flexion
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,9 @@ class Primitive:
         if not all(np.isfinite(size) and size >= 0 for size in sizes):
             raise ValueError(f"shape sizes are {sizes}; expected finite numbers of metres, none negative")
         if min(self.half) + self.round <= 0:
-            raise ValueError(f"shape with half sizes {self.half} and rounding {self.round} m has no extent; give it some")
+            raise ValueError(
+                f"shape with half sizes {self.half} and rounding {self.round} m has no extent; give it some"
+            )
 
     @property
     def reach(self) -> float:

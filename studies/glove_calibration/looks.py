@@ -1,16 +1,19 @@
 """What frames look like: the statistics that the virtual glove is calibrated on, of any recordings."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
-from sklearn.model_selection import StratifiedKFold, cross_val_score
+from sklearn.model_selection import KFold, cross_val_score
+
+from tactile_viewgcn.recordings import EMPTY_HAND
+from tactile_viewgcn.source import open_source
 
 CONTACT_CELLS, CONTACT_COUNTS = 13, 5.0  # a frame is in contact where more cells than this exceed rest by so much
 FELT = 3.0  # counts above rest that a cosine counts as felt
 PERCENTILES = (50, 75, 90, 95, 99, 99.9)
-PALM = np.zeros((32, 32), dtype=bool)
-PALM[:18, 14:] = True
+TREES = 300
 
 
 @dataclass(frozen=True)
@@ -27,32 +30,44 @@ class Excess:
     rest: np.ndarray
     object: np.ndarray
     recording: np.ndarray
-    session: np.ndarray
     empty: np.ndarray
     held: np.ndarray
     contact: np.ndarray
     sensors: np.ndarray
 
 
-def excess(
-    counts: np.ndarray, object_: np.ndarray, recording: np.ndarray, session: np.ndarray, empty: np.ndarray, held: np.ndarray
-) -> Excess:
-    """Counts (T, H, W) minus each session's rest: the median of its empty hand, per sensor; `held` says where."""
-    sensors = counts.min(axis=0) < counts.max(axis=0)
-    values = counts[:, sensors].astype(np.float32)
+def excess(path: str | Path) -> tuple[Excess, np.ndarray]:
+    """Everything that a source holds, minus each session's rest (the median of its empty hand, per sensor), and the
+    objects' weights (objects,) in grams, NaN where unknown.
+
+    Held are the frames that the source flags: `valid`, or `grasp_valid` where there are grasps, of which each counts
+    as a recording. Raises ValueError for a session without an empty hand, and as `open_source` does.
+    """
+    source = open_source(path)
+    blocks = list(source.blocks)
+    column = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    empty = column["object"] == source.objects.index(EMPTY_HAND)
+    sensors = column["pressure"].min(axis=0) < column["pressure"].max(axis=0)
+    values = column["pressure"][:, sensors].astype(np.float32)
     rest = []
-    for one in np.unique(session):
-        at = session == one
+    for session in np.unique(column["session"]):
+        at = column["session"] == session
         if not (at & empty).any():
-            raise ValueError(f"session {one} has no frames of the empty hand; its rest is unknown")
+            raise ValueError(f"{path}: session {source.sessions[session]} has no frames of the empty hand to rest on")
         rest.append(values[at & empty].mean(axis=0))
         values[at] -= np.median(values[at & empty], axis=0)
+    recording = column["recording"].astype(int)
+    if "grasp_valid" in column:
+        recording = recording * (1 + int(column["grasp"].max())) + column["grasp"]
+    held = ~empty & column["grasp_valid" if "grasp_valid" in column else "valid"].astype(bool)
     contact = ~empty & ((values > CONTACT_COUNTS).sum(axis=1) > CONTACT_CELLS)
-    return Excess(values, np.array(rest), object_, recording, session, empty, held, contact, sensors)
+    grams = np.full(len(source.objects), np.nan) if source.weights is None else source.weights
+    table = Excess(values, np.array(rest), column["object"], recording, empty, held, contact, sensors)
+    return table, grams
 
 
 def looks(table: Excess, grams: np.ndarray) -> dict[str, float]:
-    """The statistics of STAG's frames, by name; `grams` (objects,) NaN where unknown."""
+    """Statistics of the frames by name, in counts unless said otherwise; `grams` (objects,) NaN where unknown."""
     held, empty = table.values[table.held], table.values[table.empty]
     cells = (held > CONTACT_COUNTS).sum(axis=1)
     out = {"rest": float(table.rest.mean()), "rest spread": float(table.rest.std(axis=1).mean())}
@@ -103,7 +118,7 @@ def _neighbours(table: Excess) -> tuple[float, float]:
 
 
 def _cosines(table: Excess) -> dict[str, float]:
-    """Mean cosine of two held frames, cells above FELT alone: of one recording, of one object in two recordings, of two objects."""
+    """Mean cosine of two held frames, cells above FELT alone: of one recording, of one object's two, of two objects."""
     x = np.where(table.values[table.held] > FELT, table.values[table.held], 0)
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
     similar = x @ x.T
@@ -117,11 +132,11 @@ def _cosines(table: Excess) -> dict[str, float]:
     }
 
 
-def difficulty(table: Excess, seed: int, *, trees: int = 300) -> dict[str, float]:
+def difficulty(table: Excess, seed: int) -> dict[str, float]:
     """Top-1 % of extremely randomised trees on single contact frames, log(1 + x): frames at random; a recording out."""
     x, y = np.log1p(np.maximum(table.values[table.contact], 0)), table.object[table.contact]
-    model = ExtraTreesClassifier(trees, random_state=seed, n_jobs=-1)
-    at_random = cross_val_score(model, x, y, cv=StratifiedKFold(4, shuffle=True, random_state=seed)).mean()
+    model = ExtraTreesClassifier(TREES, random_state=seed, n_jobs=-1)
+    at_random = cross_val_score(model, x, y, cv=KFold(4, shuffle=True, random_state=seed)).mean()
     recording = table.recording[table.contact]
     order = np.zeros(len(y), dtype=int)  # which of its object's recordings a frame is of
     for thing in np.unique(y):

@@ -1,0 +1,22 @@
+"""What every study leaves: its table as CSV and as Markdown, whole or not at all."""
+
+import csv
+from pathlib import Path
+
+from tactile_viewgcn.files import whole
+
+
+def write_table(folder: Path, rows: list[dict], text: str) -> None:
+    """`results.csv` of rows with the same keys, and `results.md` with a text above them; numbers at three digits."""
+    with whole(folder / "results.csv") as part, part.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    lines = [list(rows[0]), ["---"] * len(rows[0]), *([_short(value) for value in row.values()] for row in rows)]
+    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    with whole(folder / "results.md") as part:
+        part.write_text(f"{text.strip()}\n\n{table}\n")
+
+
+def _short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
