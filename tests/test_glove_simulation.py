@@ -29,23 +29,29 @@ def counts(given):
     return np.concatenate(list(run.blocks()), axis=1)[..., HAND.row, HAND.column], run
 
 
+def inside_the_palm():
+    """A ball that begins where the palm is: it is wanted below it, and starts above where it is wanted."""
+    ball = {"name": "ball", "weight": 55, "stiffness": 2e7, "parts": [{"sphere": {"radius": 0.034}}]}
+    return ball | {"place": [0.05, 0, -0.1]}
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Three objects, two sessions, two grasps in 45 frames, all effects; and the simulation that wrote them."""
+    """Three objects, two sessions, two grasps in 45 frames, all effects."""
     path = tmp_path_factory.mktemp("glove") / "recordings"
-    return path, simulate(recipe(frames=45, grasps=2, seed=7), path)
+    done = simulate(recipe(frames=45, grasps=2, seed=7), path)
+    assert (done.recordings, done.frames) == (6, 6 * 45) and done.work.steps > done.frames
+    return path
 
 
 def test_each_object_of_each_session_is_a_file_in_the_projects_own_form(folder):
-    path, run = folder
     names = ["000-empty_hand", "001-ball", "002-coin"]
-    files = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
+    files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
     assert files == [f"{session}/{name}.h5" for session in ("000", "001") for name in names]
-    assert run.cells == [(session, thing, 0) for session in (0, 1) for thing in range(3)]
     _, _, grasp = schedule(45, 2)
     for name, weight in (("000-empty_hand", 0), ("001-ball", 55), ("002-coin", 14)):
         for session, split in (("000", "train"), ("001", "test")):
-            with h5py.File(path / session / f"{name}.h5") as file:
+            with h5py.File(folder / session / f"{name}.h5") as file:
                 assert dict(file.attrs) == {
                     "object": name[4:], "session": session, "weight": weight, "split": split,
                     "simulated": f"virtual glove, version {VERSION}, seed 7",
@@ -58,7 +64,7 @@ def test_each_object_of_each_session_is_a_file_in_the_projects_own_form(folder):
 
 
 def test_the_files_are_a_source_with_the_last_session_on_the_test_side(folder):
-    source = open_source(folder[0])
+    source = open_source(folder)
     assert source.objects == ["empty_hand", "ball", "coin"] and source.sessions == ["000", "001"]
     assert source.shape == (32, 32) and source.dtype == np.int16
     columns = read(source)
@@ -68,7 +74,7 @@ def test_the_files_are_a_source_with_the_last_session_on_the_test_side(folder):
 
 
 def test_frames_have_ten_bits_and_the_objects_are_felt_while_they_are_held(folder):
-    columns = read(open_source(folder[0]))
+    columns = read(open_source(folder))
     pressure = columns["pressure"].astype(int)
     assert pressure.min() >= 0 and pressure.max() <= 1023
     elsewhere = np.ones((32, 32), dtype=bool)
@@ -86,15 +92,14 @@ def test_frames_have_ten_bits_and_the_objects_are_felt_while_they_are_held(folde
 
 
 def test_ingest_and_stags_form_keep_every_frame(folder, tmp_path):
-    path = folder[0]
-    write_metadata(tmp_path / "metadata.mat", open_source(path))
-    first, second = read(open_source(path)), read(read_metadata(tmp_path / "metadata.mat"))
+    write_metadata(tmp_path / "metadata.mat", open_source(folder))
+    first, second = read(open_source(folder)), read(read_metadata(tmp_path / "metadata.mat"))
     assert first.keys() == second.keys() == {
         "pressure", "object", "recording", "session", "frame", "time", "split", "valid", "grasp",
     }  # fmt: skip
     for name, values in first.items():
         np.testing.assert_array_equal(values, second[name], err_msg=name)
-    write_recordings(tmp_path / "table", open_source(path), "0" * 32)
+    write_recordings(tmp_path / "table", open_source(folder), "0" * 32)
     with Recordings(tmp_path / "table") as table:
         np.testing.assert_array_equal(table.frames(np.arange(len(table))), first["pressure"])
         assert np.count_nonzero(table.live) <= 548
@@ -125,6 +130,19 @@ def test_a_recording_is_the_same_whatever_other_objects_are_simulated():
     more, _ = counts(recipe(["mug", "coin"]))
     fewer, _ = counts(recipe(["coin"], sessions=1))  # and whatever other sessions
     np.testing.assert_array_equal(more[[0, 2]], fewer)
+
+
+def test_recordings_are_the_same_whatever_the_number_of_processes(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "FEWEST", 1)
+    one, three = (simulate(recipe(["ball"]), tmp_path / str(workers), workers=workers) for workers in (1, 3))
+    assert one == three and one.recordings == 4 and md5(tmp_path / "1") == md5(tmp_path / "3")
+
+
+def test_what_a_process_refuses_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "FEWEST", 1)
+    with pytest.raises(ValueError, match=r"the object starts .* mm inside the palm; expected it outside"):
+        simulate(recipe([inside_the_palm()]), tmp_path / "own", workers=2)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
@@ -261,9 +279,8 @@ def test_a_recipe_that_cannot_be_is_refused(case):
 def test_grasps_too_short_and_objects_in_the_palm_leave_nothing(tmp_path):
     with pytest.raises(ValueError, match="18 frames for 2 grasps leave 9 each"):
         simulate(recipe(["ball"], grasps=2), tmp_path / "own")
-    ball = {"name": "ball", "weight": 55, "stiffness": 2e7, "parts": [{"sphere": {"radius": 0.034}}]}
     with pytest.raises(ValueError, match=r"the object starts .* mm inside the palm; expected it outside"):
-        simulate(recipe([ball | {"place": [0.05, 0, -0.1]}]), tmp_path / "own")
+        simulate(recipe([inside_the_palm()]), tmp_path / "own")
     assert list(tmp_path.iterdir()) == []
 
 
