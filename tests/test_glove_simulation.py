@@ -193,17 +193,17 @@ def test_felt_is_each_sensors_force_per_area_where_the_skin_faces_it():
 
 @pytest.fixture(scope="module")
 def all_effects():
-    return counts(recipe(["ball"]))[0]
+    return counts(recipe(["ball"], sessions=1))[0]
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_every_effect_can_be_left_out_and_is_then_missed(all_effects, effect):
-    found, _ = counts(recipe(["ball"], without=[effect]))
-    assert found.shape == all_effects.shape == (4, 18, 548)
+    found, _ = counts(recipe(["ball"], sessions=1, without=[effect]))
+    assert found.shape == all_effects.shape == (2, 18, 548)
     changed = found != all_effects
     assert np.count_nonzero(changed) >= 5
     if effect in ("weight", "shift"):  # of the object: an empty hand does not miss them
-        assert not changed[[0, 2]].any()
+        assert not changed[0].any()
 
 
 def test_without_any_effect_a_sensor_reads_its_rest_or_what_presses_it():
@@ -225,9 +225,9 @@ def test_a_glove_sits_differently_in_each_session_where_its_fit_varies():
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e5])
 def test_readings_beyond_a_soft_layers_thickness_are_counted_and_finite(stiffness):
-    found, run = counts(recipe(["ball"], layer=replace(LAYER, stiffness=stiffness)))
-    assert run.deep > 50 and found.min() >= 0 and found.max() <= 1023
-    _, firm = counts(recipe(["ball"], layer=replace(LAYER, stiffness=1e9)))
+    found, run = counts(recipe(["ball"], sessions=1, layer=replace(LAYER, stiffness=stiffness)))
+    assert run.deep > 25 and found.min() >= 0 and found.max() <= 1023
+    _, firm = counts(recipe(["ball"], sessions=1, layer=replace(LAYER, stiffness=1e9)))
     assert firm.deep == 0
 
 
