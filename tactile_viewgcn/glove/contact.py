@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands, Pose
 from tactile_viewgcn.glove.shapes import Solids
+from tactile_viewgcn.glove.touching import Contacts, touching
 
 LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: beyond them a stiff spring
 JOINT = np.array([0.25, 0.16])  # N m / rad
@@ -86,65 +87,13 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Contacts:
-    """Sensors inside an object, C entries in the order of row and sensor.
-
-    Where primitives of an object overlap, each counts: a sensor in the groove between two is pressed by both, so that
-    the forces stay continuous.
-
-    Attributes:
-        row: (C,) among the rows asked for; sensor: (C,); patch: (C,) that carries it.
-        depth: (C,) m, above 0.
-        normal: (C, 3) out of the object; point: (C, 3) m, where the sensor is.
-    """
-
-    row: np.ndarray
-    sensor: np.ndarray
-    patch: np.ndarray
-    depth: np.ndarray
-    normal: np.ndarray
-    point: np.ndarray
-
-
-def touching(
-    hands: Hands, solids: Solids, rows: np.ndarray, pose: Pose, place: np.ndarray, turn: np.ndarray, *, palm: bool
-) -> Contacts:
-    """Which sensors of hands `rows` (R,) are inside their objects, placed at (R, 3) m and turned by (R, 3, 3).
-
-    Patches and primitives whose bounding spheres are apart are not looked at.
-    """
-    patches = len(hands.start) if palm else LINK_PATCHES
-    middle = place[:, None] + np.einsum("rij,rpj->rpi", turn, solids.centre[rows])
-    ball = pose.origin[:, :patches] + np.einsum("rnij,rnj->rni", pose.axes[:, :patches], hands.centre[rows, :patches])
-    far = sum((ball[:, :, None, axis] - middle[:, None, :, axis]) ** 2 for axis in range(3))  # (R, N, P)
-    r, n, p = np.nonzero(far < np.maximum(hands.reach[:patches, None] + solids.reach[rows][:, None], 0) ** 2)
-    turns = turn[r] @ solids.turn[rows[r], p]
-    own = np.einsum("nij,ni->nj", turns, ball[r, n] - middle[r, p])
-    close = solids.distance(rows[r], p, own) < hands.reach[n]
-    r, n, p, turns = r[close], n[close], p[close], turns[close]
-    count = hands.count[n]
-    first = np.repeat(hands.start[n] - np.cumsum(count) + count, count)
-    pair = np.repeat(np.arange(len(r)), count)
-    r, n, p, turns = r[pair], n[pair], p[pair], turns[pair]
-    sensor = first + np.arange(len(r))
-    point = pose.origin[r, n] + np.einsum("nij,nj->ni", pose.axes[r, n], hands.local[rows[r], sensor])
-    own = np.einsum("nij,ni->nj", turns, point - middle[r, p])
-    distance = solids.distance(rows[r], p, own)
-    inside = np.flatnonzero(distance < 0)
-    inside = inside[np.argsort(r[inside] * len(hands.patch) + sensor[inside], kind="stable")]
-    r, p, own = r[inside], p[inside], own[inside]
-    normal = np.einsum("nij,nj->ni", turns[inside], solids.gradient(rows[r], p, own))
-    return Contacts(r, sensor[inside], n[inside], -distance[inside], normal, point[inside])
-
-
-@dataclass(frozen=True)
 class Balance:
     """The mechanics of R rows at one state.
 
     Attributes:
         residual: (R, n) dU/dy - drive.
         energy: (R,) U - drive . y.
-        fingers: (R, 5, 2, 2), cross: (R, 5, 2, 3), thing: (R, 3, 3): the Hessian's blocks.
+        fingers: (R, 5, 2, 2), cross: (R, 5, 2, 3), thing: (R, 3, 3), empty without motion: the Hessian's blocks.
         contacts: the sensors in contact; force: (C,) N along the contact's normal.
         slope: (C, 5) of each depth in the two coordinates of its finger and the object's three.
         facing: (C,) cosine between the sensor's and the contact's pressure direction, not below 0.
@@ -220,13 +169,14 @@ class Mechanics:
         energy += 0.5 * np.bincount(touch.row, force * touch.depth, count)
         block = blocks[:, :5, :2, :2].copy()
         block[..., [0, 1], [0, 1]] += JOINT + LIMIT * (over != 0)
+        whole = np.empty((count, 0, 0))
         if self.motion:
+            whole = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING * np.eye(3)
             apart = thing - now["place"]
             residual[:, 10:] = HOLDING * apart + pulls[:, :, 2:].sum(axis=1) - now["load"]
             energy += 0.5 * HOLDING * (apart**2).sum(axis=1) - (now["load"] * thing).sum(axis=1)
         skin = np.einsum("nij,nj->ni", pose.axes[touch.row, touch.patch], self.hands.normal[own])
         facing = np.maximum(-np.einsum("ni,ni->n", skin, touch.normal), 0)
-        whole = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING * np.eye(3)
         return Balance(residual, energy, block, blocks[:, :5, :2, 2:], whole, touch, force, slope, facing)
 
     def _slope(self, touch: Contacts, pose: Pose) -> np.ndarray:

@@ -10,10 +10,11 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.contact import GRAVITY, Drive, touching
+from tactile_viewgcn.glove.contact import GRAVITY, Drive
 from tactile_viewgcn.glove.hand import Hands
 from tactile_viewgcn.glove.objects import Thing
 from tactile_viewgcn.glove.shapes import Solids
+from tactile_viewgcn.glove.touching import touching
 
 OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])  # rad: from and to which a finger closes
 RELAXED, IDLE = 0.4, 0.2  # of that way: a finger that finds nothing; one of an empty hand
