@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.contact import GRAVITY, touching
+from tactile_viewgcn.glove.contact import GRAVITY
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
 from tactile_viewgcn.glove.objects import THINGS
 from tactile_viewgcn.glove.scene import (
@@ -25,6 +25,7 @@ from tactile_viewgcn.glove.scene import (
     plan,
     schedule,
 )
+from tactile_viewgcn.glove.touching import touching
 from tactile_viewgcn.randomness import stream
 from tests.gloves import KNOWN, solids
 
