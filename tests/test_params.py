@@ -53,10 +53,13 @@ def test_the_shipped_file_is_the_recipe_of_the_paper():
 
 def test_the_flat_form_has_every_value_of_the_file_under_its_dotted_key():
     tree = yaml.safe_load(FILE.read_text())
-    expected = {key: value for key, value in tree.items() if not isinstance(value, dict)}
-    for section, values in tree.items():
-        if isinstance(values, dict):
-            expected |= {f"{section}.{key}": value for key, value in values.items()}
+
+    def leaves(branch, prefix):
+        for key, value in branch.items():
+            yield from leaves(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
+
+    expected = dict(leaves(tree, ""))
+    assert "glove.effects.motion" in expected and "seed" in expected
     assert flat(params()) == expected
 
 

@@ -17,8 +17,8 @@ from tests.imports import closure, imported
 from tests.stag_files import as_weights, metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
-PIPELINE = yaml.safe_load((ROOT / "dvc.yaml").read_text())
-STAGES = sorted(PIPELINE["stages"])
+FILES = ("dvc.yaml", "data/virtual/dvc.yaml")
+STAGES = {name: stage for file in FILES for name, stage in yaml.safe_load((ROOT / file).read_text())["stages"].items()}
 
 
 def run_stage(name, *words, cwd):
@@ -57,26 +57,26 @@ def left(place) -> set[str]:
     return {path.name for path in place.iterdir()} - {"params.yaml", "metadata.mat", "recordings.h5", "ingest.json"}
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("name", sorted(STAGES))
 def test_a_stage_depends_on_the_modules_that_it_imports(name):
-    listed = {path for path in PIPELINE["stages"][name]["deps"] if path.endswith(".py")}
+    listed = {path for path in STAGES[name]["deps"] if path.endswith(".py")}
     assert listed == closure(f"stages/{name}.py")
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("name", sorted(STAGES))
 def test_a_stage_is_given_the_parameters_that_dvc_watches(name):
     import importlib
 
     module = importlib.import_module(f"stages.{name}")
-    assert list(getattr(module, name).reads) == PIPELINE["stages"][name]["params"]
+    assert list(getattr(module, name).reads) == STAGES[name]["params"]
 
 
 def test_every_parameter_is_watched_by_a_stage():
-    watched = {key for stage in PIPELINE["stages"].values() for key in stage["params"]}
+    watched = {key for stage in STAGES.values() for key in stage["params"]}
     assert watched == set(yaml.safe_load((ROOT / "params.yaml").read_text()))
 
 
-@pytest.mark.parametrize("package", ["stages", "tactile_viewgcn", "tactile_viewgcn/nn"])
+@pytest.mark.parametrize("package", ["stages", "tactile_viewgcn", "tactile_viewgcn/nn", "tactile_viewgcn/glove"])
 def test_package_files_hold_nothing_that_a_stage_could_depend_on(package):
     import ast
 
@@ -91,6 +91,29 @@ def test_only_tracking_imports_mlflow_and_networks_import_nothing_of_the_rest():
     for path in ROOT.glob("tactile_viewgcn/nn/*.py"):
         own = {name for name in imported(str(path.relative_to(ROOT))) if name.startswith("tactile_viewgcn")}
         assert all(name.startswith("tactile_viewgcn.nn") for name in own), path
+
+
+def test_nothing_but_the_simulate_stage_imports_the_virtual_glove_and_it_imports_little_of_the_rest():
+    glove = "tactile_viewgcn.glove"
+    for path in (*ROOT.glob("tactile_viewgcn/**/*.py"), *ROOT.glob("stages/*.py")):
+        names = {name for name in imported(str(path.relative_to(ROOT))) if name.startswith("tactile_viewgcn.")}
+        if path.parent.name == "glove":
+            allowed = (glove, "tactile_viewgcn.files", "tactile_viewgcn.randomness")
+            assert all(name.startswith(allowed) for name in names), path
+        elif path != ROOT / "stages" / "simulate.py":
+            assert not any(name.startswith(glove) for name in names), path
+
+
+def test_the_virtual_glove_takes_no_torch():
+    code = "import sys, stages.simulate; assert not {'torch', 'mlflow', 'sklearn', 'matplotlib'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+def test_dvc_runs_the_virtual_glove_in_the_root_and_its_output_is_the_sources_default():
+    stage = STAGES["simulate"]
+    place = (ROOT / "data" / "virtual" / stage["wdir"]).resolve()
+    source = yaml.safe_load((ROOT / "params.yaml").read_text())["data"]["source"]
+    assert place == ROOT and source in stage["outs"] and f"--out {source} " in stage["cmd"]
 
 
 def test_importing_the_package_takes_no_torch():

@@ -106,13 +106,14 @@ class Sensors:
         if "defects" in effects:
             excess = np.where(np.isnan(self.stuck)[:, None], excess, self.stuck[:, None])
         counts = self.rest[:, None] + excess
-        frames = counts.shape[1]
-        for b, rng in enumerate(self.rngs):
+        _, frames, sensors = counts.shape
+        for b, rng in enumerate(self.rngs if effects & {"noise", "common_mode"} else ()):
+            draws = rng.standard_normal((frames, sensors + 33))  # frame by frame, so that blocks may have any length
             if "noise" in effects:
-                counts[b] += self.noise[b] * rng.standard_normal(counts[b].shape)
-                counts[b] += row_noise * rng.standard_normal((frames, 32))[:, self.hand.row]
+                counts[b] += self.noise[b] * draws[:, :sensors]
+                counts[b] += row_noise * draws[:, sensors:-1][:, self.hand.row]
             if "common_mode" in effects:
-                for t, kick in enumerate(rng.standard_normal(frames)):
+                for t, kick in enumerate(draws[:, -1]):
                     self.drift[b] = DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * kick
                     counts[b, t] += self.drift[b]
         return self.hand.frame(np.clip(np.rint(counts), 0, FULL).astype(np.int16), NOWHERE)

@@ -1,0 +1,278 @@
+"""Contact: forces are slopes of the energy, and a sphere on a flat bed obeys the elastic foundation's closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from tactile_viewgcn.glove.contact import HOLDING, Layer, Mechanics
+from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
+from tactile_viewgcn.glove.integrator import Implicit
+from tactile_viewgcn.glove.objects import Thing
+from tactile_viewgcn.glove.shapes import sphere
+from tactile_viewgcn.glove.touching import touching
+from tests.gloves import HELD, KNOWN, LAYER, bed, gripping, points, solids, still
+
+WIDTH, RADIUS, DEPTH = 0.04, 0.1, 0.001  # m: of the bed; of a sphere, and how deep it is in the bed
+
+
+def balanced(mechanics, y, *, palm=True):
+    return mechanics.balance(np.arange(len(y)), np.zeros(len(y)), y, palm=palm)
+
+
+def dense(at):
+    """(R, n, n): the Hessian's blocks in one matrix."""
+    count, size = at.residual.shape
+    matrix = np.zeros((count, size, size))
+    for finger in range(5):
+        own = slice(2 * finger, 2 * finger + 2)
+        matrix[:, own, own] = at.fingers[:, finger]
+        if size == 13:
+            matrix[:, own, 10:] = at.cross[:, finger]
+            matrix[:, 10:, own] = at.cross[:, finger].swapaxes(-1, -2)
+    if size == 13:
+        matrix[:, 10:, 10:] = at.thing
+    return matrix
+
+
+def pressed(count, place, *, radius=RADIUS, stiffness=1e9):
+    """Contact of spheres at (B, 3) with a bed of count x count sensors that fill WIDTH."""
+    place = np.atleast_2d(place)
+    hands = Hands([bed(count, WIDTH)] * len(place))
+    balls = solids(*[Thing("ball", 1, stiffness, (sphere(radius),))] * len(place))
+    mechanics = Mechanics(hands, balls, np.full(len(place), stiffness), still(place), LAYER, motion=False)
+    return balanced(mechanics, np.zeros((len(place), 10)))
+
+
+@pytest.mark.parametrize("motion", [False, True])
+def test_the_residual_is_the_slope_of_the_energy(motion):
+    mechanics, y = gripping(motion=motion)
+    at = balanced(mechanics, y)
+    on_palm = at.contacts.patch >= LINK_PATCHES
+    for held in (0, 1, 4):
+        assert {False, True} == set(on_palm[at.contacts.row == held])  # fingers and palm
+    step = 1e-7
+    for unknown in range(mechanics.size):
+        ahead, behind = y.copy(), y.copy()
+        ahead[:, unknown] += step
+        behind[:, unknown] -= step
+        slope = (balanced(mechanics, ahead).energy - balanced(mechanics, behind).energy) / (2 * step)
+        np.testing.assert_allclose(at.residual[:, unknown], slope, rtol=2e-5, atol=2e-6)
+
+
+def test_forces_on_the_object_are_those_of_the_contacts_the_holding_and_the_load():
+    mechanics, y = gripping(motion=True)
+    at = balanced(mechanics, y)
+    for row in range(len(y)):
+        mine = at.contacts.row == row
+        push = -(at.force[mine, None] * at.contacts.normal[mine]).sum(axis=0)  # the skin's on the object
+        held = HOLDING * (mechanics.drive.place[row, 0] - y[row, 10:])
+        np.testing.assert_allclose(-at.residual[row, 10:], push + held + mechanics.drive.load[row, 0], atol=1e-9)
+
+
+def test_a_contacts_force_is_layer_and_object_in_series_times_area_and_depth():
+    mechanics, y = gripping(motion=False)
+    at = balanced(mechanics, y)
+    for row, sensor, depth, force in zip(
+        at.contacts.row, at.contacts.sensor, at.contacts.depth, at.force, strict=True
+    ):  # fmt: skip
+        stiff = 1 / (1 / LAYER.stiffness + 1 / HELD[row].stiffness)
+        assert force == pytest.approx(stiff * mechanics.hands.area[row, sensor] * depth, rel=1e-12)
+
+
+def test_the_hessian_is_the_sum_over_contacts_and_springs():
+    mechanics, y = gripping(motion=True)
+    at, far = balanced(mechanics, y), y.copy()
+    far[:, 12] += 1.0  # no contact: what is left are the springs
+    naive = dense(balanced(mechanics, far))
+    for entry, (row, patch) in enumerate(zip(at.contacts.row, at.contacts.patch, strict=True)):
+        slope = np.zeros(13)
+        slope[10:] = at.slope[entry, 2:]
+        if patch < LINK_PATCHES:
+            slope[2 * (patch // 3) :][:2] = at.slope[entry, :2]
+        naive[row] += at.force[entry] / at.contacts.depth[entry] * np.outer(slope, slope)
+    np.testing.assert_allclose(dense(at), naive, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("motion", [False, True])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_hessian_is_never_indefinite(motion, seed):
+    mechanics, y = gripping(motion=motion, seed=seed)
+    at = balanced(mechanics, y)
+    matrix = dense(at)
+    np.testing.assert_allclose(matrix, matrix.swapaxes(1, 2))
+    assert (np.linalg.eigvalsh(matrix)[:, 0] > 0).all()
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 1000), motion=st.booleans())
+def test_solving_by_blocks_equals_solving_the_whole(seed, motion):
+    mechanics, y = gripping(motion=motion, seed=seed)
+    at = balanced(mechanics, y)
+    rng = np.random.default_rng(seed)
+    shift, residual = rng.uniform(0, 5, y.shape), rng.normal(size=y.shape)
+    whole = dense(at) + shift[:, :, None] * np.eye(mechanics.size)
+    expected = np.linalg.solve(whole, residual[..., None])[..., 0]
+    np.testing.assert_allclose(mechanics.solve(at, shift, residual), expected, rtol=1e-7, atol=1e-10)
+
+
+@pytest.mark.parametrize("motion", [False, True])
+def test_the_change_of_the_forces_is_that_of_a_small_step(motion):
+    mechanics, y = gripping(motion=motion)
+    at = balanced(mechanics, y)
+    dy = 1e-7 * np.random.default_rng(0).normal(size=y.shape)
+    after = balanced(mechanics, y + dy)
+    np.testing.assert_array_equal(after.contacts.sensor, at.contacts.sensor)
+    found = mechanics.change(at, np.arange(len(y)), dy)
+    np.testing.assert_allclose(found, after.force - at.force, atol=1e-3 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("palm", [True, False])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_touching_finds_what_looking_at_every_sensor_and_primitive_finds(palm, seed):
+    mechanics, y = gripping(motion=True, seed=seed)
+    hands, shapes, rows = mechanics.hands, mechanics.solids, np.array([2, 0, 5, 4, 1, 3])
+    pose = hands.pose(rows, y[rows, :10].reshape(-1, 5, 2), mechanics.drive.opposition[rows, 0])
+    turn = Rotation.from_rotvec(mechanics.drive.turn[rows, 0]).as_matrix()
+    found = touching(hands, shapes, rows, pose, y[rows, 10:], turn, palm=palm)
+    naive, one = [], np.zeros(1, dtype=int)
+    for r, row in enumerate(rows):
+        fit = replace(hands.one, local=hands.local[row])
+        places = points(fit, pose, r)
+        for s in range(len(fit)):
+            for p in range(len(HELD[row].parts)):
+                own = turn[r].T @ (places[s] - y[row, 10:])
+                own = shapes.turn[row, p].T @ (own - shapes.centre[row, p])
+                depth = -shapes.distance(one + row, one + p, own[None])[0]
+                if depth > 0 and (palm or fit.patch[s] < LINK_PATCHES):
+                    slope = turn[r] @ shapes.turn[row, p] @ shapes.gradient(one + row, one + p, own[None])[0]
+                    naive.append((r, s, fit.patch[s], depth, *slope, *places[s]))
+    naive = np.array(naive)
+    assert len(naive) > 50
+    np.testing.assert_array_equal(np.stack([found.row, found.sensor, found.patch], axis=1), naive[:, :3])
+    np.testing.assert_allclose(found.depth, naive[:, 3], atol=1e-15)
+    np.testing.assert_allclose(found.normal, naive[:, 4:7], atol=1e-12)
+    np.testing.assert_allclose(found.point, naive[:, 7:], atol=1e-15)
+
+
+def test_facing_is_the_cosine_between_the_skin_and_the_pressure():
+    at = pressed(16, (0, 0, RADIUS - DEPTH))
+    np.testing.assert_allclose(at.facing, -at.contacts.normal[:, 2], rtol=1e-12)
+    under = pressed(16, (0, 0, DEPTH - RADIUS))  # a sphere that comes from behind presses no sensor
+    assert len(under.facing) == len(at.facing) and not under.facing.any()
+
+
+def test_layers_in_series_by_hand():
+    layer = Layer(6e6, 1e-3, 1.0, 1.0)
+    np.testing.assert_allclose(layer.series(np.array([6e6, 3e6, np.inf])), [3e6, 2e6, 6e6])
+
+
+@pytest.mark.parametrize("name", ["stiffness", "thickness", "joint_damping", "object_damping"])
+@pytest.mark.parametrize("value", [0, -1.0, np.inf, np.nan])
+def test_a_layer_that_cannot_be_is_refused(name, value):
+    with pytest.raises(ValueError, match=rf"glove.{name} is {value}; expected more than 0, and finite"):
+        replace(LAYER, **{name: value})
+
+
+def test_an_object_that_starts_inside_the_palm_is_refused():
+    things = [KNOWN["ball"]] * 2
+    hands, inside = Hands([stag_hand()] * 2), np.array([[0.05, 0, 0.06], [0.05, 0, 0.031]])
+    mechanics = Mechanics(hands, solids(*things), np.ones(2), still(inside), LAYER, motion=True)
+    deepest = 34 - 31  # mm: nearly, the sensors are a pitch apart
+    with pytest.raises(
+        ValueError, match=r"scene 1: the object starts .* mm inside the palm; expected it outside"
+    ) as told:
+        mechanics.start()
+    assert float(str(told.value).split()[5]) == pytest.approx(deepest, abs=0.3)
+    outside = Mechanics(hands, solids(*things), np.ones(2), still(inside + np.array([0, 0, 0.02])), LAYER, motion=True)
+    np.testing.assert_array_equal(outside.start()[:, 10:], inside + np.array([0, 0, 0.02]))
+
+
+def test_a_sphere_on_a_bed_carries_the_load_of_the_elastic_foundation():
+    at = pressed(40, (0, 0, RADIUS - DEPTH))
+    stiff = LAYER.series(1e9)
+    force = -(at.force * at.contacts.normal[:, 2]).sum()
+    assert force == pytest.approx(np.pi * stiff * RADIUS * DEPTH**2, rel=0.02)
+    radius = np.linalg.norm(at.contacts.point[:, :2], axis=1).max()
+    assert radius == pytest.approx(np.sqrt(2 * RADIUS * DEPTH), abs=WIDTH / 40)
+    np.testing.assert_allclose((at.force[:, None] * at.contacts.normal).sum(axis=0)[:2], 0, atol=1e-12)
+
+
+def test_finer_beds_come_ever_closer_to_the_closed_form():
+    """The exact form: depth R - s at distance s from the centre, R - d <= s <= R, so F_z = pi k (R - d) d^2."""
+    stiff, height = LAYER.series(1e9), RADIUS - DEPTH
+    load = np.pi * stiff * height * DEPTH**2
+    total = np.pi * stiff * (RADIUS * DEPTH**2 - 2 / 3 * DEPTH**3)  # of the forces' sizes, whatever their directions
+    edge = np.sqrt(2 * RADIUS * DEPTH - DEPTH**2)
+    errors = []
+    for count in (8, 16, 32, 64):
+        pitch = WIDTH / count
+        aside = np.random.default_rng(0).uniform(-0.5, 0.5, (16, 2)) * pitch
+        at = pressed(count, np.c_[aside, np.full(16, height)])
+        row = at.contacts.row
+        away = np.linalg.norm(at.contacts.point[:, :2] - aside[row], axis=1)
+        furthest = np.array([away[row == one].max() for one in range(16)])
+        assert (np.abs(furthest - edge) < pitch).all()
+        found = np.stack([
+            np.bincount(row, -at.force * at.contacts.normal[:, 2]) / load,
+            np.bincount(row, at.force) / total,
+            np.sqrt(np.bincount(row) / np.pi) * pitch / edge,  # the radius of a disc of so many sensors' area
+        ])  # fmt: skip
+        errors.append(np.sqrt(((found - 1) ** 2).mean(axis=1)))
+    assert (np.array(errors[0]) < 0.05).all() and (np.array(errors[-1]) < 1e-3).all()
+    assert (np.diff(errors, axis=0) < 0).all()
+
+
+def test_a_softer_object_is_a_softer_spring_in_the_row():
+    forces = [pressed(32, (0, 0, RADIUS - DEPTH), stiffness=stiffness).force.sum() for stiffness in (1e6, 1e7, 1e15)]
+    series = [1 / (1 / LAYER.stiffness + 1 / stiffness) for stiffness in (1e6, 1e7, 1e15)]
+    np.testing.assert_allclose(np.array(forces) / forces[-1], np.array(series) / series[-1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("load", [2.0, 20.0])
+def test_a_sphere_at_rest_balances_its_load(load):
+    wanted = np.array([0.0005, -0.0003, RADIUS + 0.0002])
+    hands = Hands([bed(32, WIDTH)])
+    balls = solids(Thing("ball", 1, 1e9, (sphere(RADIUS),)))
+    drive = still(wanted, load=(0.02, 0.01, -load), knots=31)
+    mechanics = Mechanics(hands, balls, np.array([1e9]), drive, LAYER, motion=True)
+    rest = Implicit(mechanics, 0.2, 1e-8, step=0.2).run(mechanics.start(), 30)[:, -1]
+    at = balanced(mechanics, rest)
+    contacts = (at.force[:, None] * at.contacts.normal).sum(axis=0)
+    holding = HOLDING * (wanted - rest[0, 10:])
+    np.testing.assert_allclose(contacts, holding + drive.load[0, 0], atol=1e-6 * load)
+
+    def spare(depth):  # N, of the closed form
+        return np.pi * LAYER.series(1e9) * (RADIUS - depth) * depth**2 + HOLDING * (depth + 0.0002) - load
+
+    assert RADIUS - rest[0, 12] == pytest.approx(brentq(spare, 0, 0.01), rel=0.01)
+
+
+def forces(hands, place, radius):
+    """(B, 32, 32) N: each sensor's force of spheres at (B, 3) on palms without fingers that bend."""
+    balls = solids(*[Thing("ball", 1, 1e9, (sphere(radius),))] * len(place))
+    mechanics = Mechanics(hands, balls, np.full(len(place), 1e9), still(place), LAYER, motion=False)
+    at = balanced(mechanics, np.zeros((len(place), 10)))
+    values = np.zeros((len(place), len(hands.patch)))
+    np.add.at(values, (at.contacts.row, at.contacts.sensor), at.force)
+    return hands.one.frame(values, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("hand", "rows", "place", "radius"),
+    [
+        (bed(32, WIDTH), slice(0, 32), (0.003, 0.006, RADIUS - DEPTH), RADIUS),
+        (bed(30, WIDTH), slice(0, 30), (-0.011, 0.0101, 0.015), 0.016),
+        (stag_hand(), slice(0, 18), (0.041, 0.012, 0.023), 0.025),
+    ],
+    ids=["bed", "small sphere", "palm"],
+)
+def test_a_mirrored_scene_gives_the_mirrored_frame(hand, rows, place, radius):
+    both = np.array([place, np.array(place) * [1, -1, 1]])
+    one, other = forces(Hands([hand] * 2), both, radius)[:, rows]
+    assert np.count_nonzero(one) > 10 and np.abs(one - one[::-1]).max() > 0.1 * one.max()
+    np.testing.assert_allclose(other, one[::-1], rtol=1e-9, atol=1e-12)

@@ -1,0 +1,212 @@
+"""Scenes: phases and grasps, what each effect adds to them, and that no recording depends on another."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tactile_viewgcn.glove.contact import GRAVITY
+from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
+from tactile_viewgcn.glove.objects import THINGS
+from tactile_viewgcn.glove.scene import (
+    ASIDE,
+    AWAY,
+    CLOSED,
+    DIP,
+    IDLE,
+    OPEN,
+    PHASES,
+    RELAXED,
+    Habits,
+    closing,
+    plan,
+    schedule,
+)
+from tactile_viewgcn.glove.touching import touching
+from tactile_viewgcn.randomness import stream
+from tests.gloves import KNOWN, solids
+
+HAND = stag_hand()
+FIXED = sum(PHASES.values())
+LAST = dict(zip(PHASES, range(6), strict=True))  # number of each phase
+
+
+def planned(names, *, effects=(), frames=50, grasps=2, seed=0):
+    things = [KNOWN[name] for name in names]
+    rngs = [stream(seed, f"scene {name}") for name in names]
+    return plan(
+        things, Hands([HAND] * len(things)), solids(*things), rngs, Habits(), frames=frames, grasps=grasps,
+        effects=frozenset(effects),
+    )  # fmt: skip
+
+
+def holds(found, grasp):
+    """Knots of the steady part of a grasp."""
+    return 1 + np.flatnonzero(found.held & (found.grasp == grasp))
+
+
+def test_phases_by_hand():
+    phase, share, grasp = schedule(2 * (FIXED + 2) + 1, 2)
+    first = [number for number, length in enumerate(PHASES.values()) for _ in range(length or 2)]
+    assert phase.tolist() == [0, *first, *first]
+    assert grasp.tolist() == [0] * (FIXED + 3) + [1] * (FIXED + 2)
+    for number in range(1, 6):
+        length = np.count_nonzero(np.array(first) == number)
+        np.testing.assert_allclose(share[-FIXED - 2 :][np.array(first) == number], np.arange(1, length + 1) / length)
+
+
+@settings(max_examples=50, deadline=None)
+@given(grasps=st.integers(1, 9), each=st.integers(FIXED + 1, 40), rest=st.integers(0, 8))
+def test_every_grasp_has_all_its_phases_whatever_the_number_of_frames(grasps, each, rest):
+    rest = min(rest, grasps - 1)
+    phase, share, grasp = schedule(grasps * each + rest, grasps)
+    assert len(phase) == len(share) == len(grasp) == grasps * each + rest
+    assert (np.diff(grasp) >= 0).all() and set(grasp) == set(range(grasps))
+    for number in range(grasps):
+        own = phase[grasp == number]
+        counts = np.bincount(own, minlength=6)
+        expected = np.array([length or each - FIXED for length in PHASES.values()])
+        expected[0] += rest * (number == 0)
+        assert counts.tolist() == expected.tolist() and (np.diff(own) >= 0).all()
+    ends = np.flatnonzero(np.diff(phase, append=-1))
+    np.testing.assert_array_equal(share[ends], 1)
+    assert ((share > 0) & (share <= 1)).all()
+
+
+@pytest.mark.parametrize(("frames", "grasps"), [(FIXED, 1), (3 * FIXED + 2, 3), (5, 1), (10, 30)])
+def test_grasps_too_short_for_their_phases_are_refused(frames, grasps):
+    with pytest.raises(
+        ValueError, match=f"{frames} frames for {grasps} grasps leave .* each; expected more than {FIXED}"
+    ):
+        schedule(frames, grasps)
+
+
+def test_without_effects_nothing_moves_while_the_object_is_held():
+    found = planned(["ball", "pen", "mug"])
+    assert found.held.sum() == 2 * (25 - FIXED) and found.drive.squeeze.shape == (3, 51, 5)
+    for grasp in (0, 1):
+        knots = holds(found, grasp)
+        for name, values in vars(found.drive).items():
+            assert np.ptp(values[:, knots], axis=1).max() < 1e-12, name
+        assert (found.drive.squeeze[:, knots] > 0).all()
+    assert not found.drive.load.any()
+    first, second = (found.drive.place[:, holds(found, grasp)[0]] for grasp in (0, 1))
+    assert np.abs(first - second).max() > 1e-4  # another grasp is another place
+
+
+def test_a_grasp_begins_and_ends_with_an_open_hand_and_the_object_away():
+    found = planned(["ball", "mug"])
+    phase, _, grasp = schedule(50, 2)
+    for number in (0, 1):
+        rest = 1 + np.flatnonzero((phase == LAST["rest"]) & (grasp == number))
+        end = 1 + np.flatnonzero(grasp == number)[-1]
+        held = found.drive.place[:, holds(found, number)[0]]
+        for knot in (*rest, end):
+            np.testing.assert_allclose(found.drive.place[:, knot], held + np.array([0, 0, AWAY]))
+            np.testing.assert_array_equal(found.drive.squeeze[:, knot], 0)
+            np.testing.assert_allclose(found.drive.posture[:, knot], np.broadcast_to(OPEN, (2, 5, 2)))
+            np.testing.assert_allclose(found.drive.opposition[:, knot], ASIDE)
+    for values in vars(found.drive).values():
+        np.testing.assert_array_equal(values[:, 0], values[:, 1])  # before the first frame all stands still
+
+
+@pytest.mark.parametrize(("effect", "moves"), [("shift", {"place", "turn"}), ("tremor", {"squeeze"})])
+def test_an_effect_moves_what_it_names_and_nothing_else(effect, moves):
+    without, found = planned(["ball", "mug"]), planned(["ball", "mug"], effects=[effect])
+    knots = holds(found, 1)
+    for name, values in vars(found.drive).items():
+        before = getattr(without.drive, name)
+        assert (np.ptp(values[:, knots], axis=1).max() > 1e-5) == (name in moves), name
+        assert np.array_equal(values, before) == (name not in moves), name
+    phase, _, _ = schedule(50, 2)
+    rest = 1 + np.flatnonzero(phase <= LAST["close"])
+    for name in moves:  # an open hand does not move what it does not hold
+        np.testing.assert_array_equal(getattr(found.drive, name)[:, rest], getattr(without.drive, name)[:, rest])
+
+
+def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
+    found = planned(["ball", "mug", "empty_hand"], effects=["weight"])
+    grams = np.array([55, 509, 0])
+    for grasp in (0, 1):
+        load = found.drive.load[:, holds(found, grasp)]
+        np.testing.assert_array_equal(load[..., :2], 0)
+        np.testing.assert_allclose(load[..., 2], np.tile(-1e-3 * grams[:, None] * GRAVITY, load.shape[1]))
+    phase, _, _ = schedule(50, 2)
+    np.testing.assert_array_equal(found.drive.load[:, 1 + np.flatnonzero(phase <= LAST["close"])], 0)
+
+
+def test_heavier_objects_are_squeezed_more():
+    names = ["ball", "mug"]
+    squeezes = [planned(names, seed=seed).drive.squeeze[:, -8 - PHASES["release"]].sum(axis=1) for seed in range(20)]
+    light, heavy = np.mean(squeezes, axis=0)
+    assert heavy > 1.5 * light
+
+
+def test_the_empty_hand_touches_nothing_and_its_fingers_bend_a_little():
+    found = planned(["empty_hand"], effects=["shift", "tremor", "weight"])
+    hands, shapes = Hands([HAND]), solids(KNOWN["empty_hand"])
+    row = np.array([0])
+    for knot in range(51):
+        now = {name: values[:, knot] for name, values in vars(found.drive).items()}
+        pose = hands.pose(row, now["posture"], now["opposition"])
+        turn = Rotation.from_rotvec(now["turn"]).as_matrix()
+        assert len(touching(hands, shapes, row, pose, now["place"], turn, palm=True).row) == 0
+    np.testing.assert_allclose(
+        found.drive.posture[0, holds(found, 0)[0]], np.tile(OPEN + IDLE * (CLOSED - OPEN), (5, 1))
+    )
+    assert not found.drive.load.any()
+
+
+def test_the_scene_of_a_recording_does_not_depend_on_the_others():
+    effects = ["shift", "tremor", "weight"]
+    together = planned(["ball", "mug", "empty_hand", "pen"], effects=effects)
+    for row, name in enumerate(["ball", "mug", "empty_hand", "pen"]):
+        alone = planned([name], effects=effects)
+        for part, values in vars(alone.drive).items():
+            np.testing.assert_array_equal(values[0], getattr(together.drive, part)[row], err_msg=part)
+
+
+def test_another_generator_gives_another_scene():
+    one, other = planned(["ball"], seed=0), planned(["ball"], seed=1)
+    assert np.abs(one.drive.place[0, 20] - other.drive.place[0, 20]).max() > 1e-4
+    assert np.abs(one.drive.turn[0, 20] - other.drive.turn[0, 20]).max() > 1e-2
+
+
+def test_no_object_is_wanted_deep_inside_the_palm_nor_through_it():
+    things = [thing for thing in THINGS if thing.parts and thing.place is None]
+    found = planned([thing.name for thing in things], frames=60, grasps=3)
+    for row, thing in enumerate(things):
+        for grasp in range(3):
+            knot = holds(found, grasp)[0]
+            turn = Rotation.from_rotvec(found.drive.turn[row, knot]).as_matrix()
+            below = thing.extent(turn, np.array([0, 0, -1.0]))
+            assert found.drive.place[row, knot, 2] - below >= -DIP - 1e-12, thing.name
+
+
+def test_fingers_close_until_they_touch():
+    things = [KNOWN["mug"], KNOWN["ball"], KNOWN["empty_hand"]]
+    hands, shapes = Hands([HAND] * 3), solids(*things)
+    place = np.tile([0.080, 0.002, 0.042], (3, 1, 1))
+    turn = np.array([Rotation.from_rotvec(thing.lie).as_rotvec() for thing in things])[:, None]
+    lie = SimpleNamespace(place=place, turn=turn, opposition=np.full((3, 1), 0.95), squeeze=np.zeros((3, 1, 5)))
+    share = closing(hands, shapes, lie, 0)
+
+    def touched(part):
+        """(B, 5): whether fingers that are closed so far are inside the object."""
+        pose = hands.pose(np.arange(3), OPEN + part[..., None] * (CLOSED - OPEN), np.full(3, 0.95))
+        matrix = Rotation.from_rotvec(turn[:, 0]).as_matrix()
+        found = touching(hands, shapes, np.arange(3), pose, place[:, 0], matrix, palm=False)
+        out = np.zeros((3, 5), dtype=bool)
+        out[found.row, found.patch // 3] = True
+        assert (found.patch < LINK_PATCHES).all()
+        return out
+
+    closed = touched(share)
+    assert closed[0, :4].all() and not closed[2].any()
+    assert (share > 0)[closed].any() and not touched(share - 0.05)[closed & (share > 0)].any()
+    np.testing.assert_array_equal(share[2], IDLE)
+    np.testing.assert_array_equal(share[:2][~closed[:2]], RELAXED)
+    assert ((share >= 0) & (share <= 1)).all()

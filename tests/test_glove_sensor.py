@@ -1,0 +1,252 @@
+"""From pressure to counts: each effect by itself, against loops and hand-worked cases."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.glove.hand import stag_hand
+from tactile_viewgcn.glove.sensor import (
+    CROSSTALK,
+    FULL,
+    HYSTERESIS,
+    NOWHERE,
+    RECOVERY,
+    SATURATION,
+    SENSITIVITY,
+    Electronics,
+    Sensors,
+    Spread,
+    electronics,
+)
+from tactile_viewgcn.glove.simulation import EFFECTS, READING
+from tactile_viewgcn.randomness import stream
+
+HAND = stag_hand()
+COUNT = len(HAND)
+FLAT = np.zeros((1, 1, 1))  # no flexion
+PA = 1 / SENSITIVITY  # of one count at little pressure
+
+
+def kit(**changes):
+    """Electronics of equal sensors with rest 100, whose gain turns a `count` of pressure into a count."""
+    given = {
+        "gain": np.ones(COUNT), "stuck": np.full(COUNT, np.nan), "bend": np.zeros(COUNT),
+        "rest": np.full(COUNT, 100.0), "noise": np.zeros(COUNT), "common": 0.0,
+    }  # fmt: skip
+    return Electronics(**(given | changes))
+
+
+def sensors(*effects, seed=0, **changes):
+    return Sensors(HAND, [kit(**changes)], [stream(seed, "noise")], frozenset(effects))
+
+
+def read(pressure, *effects, flexion=FLAT, seed=0, **changes):
+    """Counts (T, S) above rest of pressures (T, S), or (T,) alike on all sensors, given in counts."""
+    pressure = np.asarray(pressure, dtype=float)
+    if pressure.ndim == 1:
+        pressure = np.repeat(pressure[:, None], COUNT, axis=1)
+    frames = sensors(*effects, seed=seed, **changes).read(pressure[None] * PA, flexion)
+    return frames[0][:, HAND.row, HAND.column] - changes.get("rest", np.full(COUNT, 100.0)).astype(int)
+
+
+def test_without_effects_counts_are_rest_plus_sensitivity_times_pressure():
+    gain = np.linspace(0.5, 2, COUNT)
+    pressure = np.random.default_rng(0).uniform(0, 300, (6, COUNT))
+    np.testing.assert_array_equal(read(pressure, gain=gain), np.rint(100 + gain * pressure) - 100)
+
+
+def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
+    pressure = np.zeros((2, 3, COUNT))
+    pressure[0], pressure[1, :, ::2] = 1e9, -1e9
+    both = Sensors(HAND, [kit(), kit()], [stream(0, "a"), stream(0, "b")], frozenset())
+    frames = both.read(pressure, FLAT)
+    assert frames.shape == (2, 3, 32, 32) and frames.dtype == np.int16
+    there = np.zeros((32, 32), dtype=bool)
+    there[HAND.row, HAND.column] = True
+    assert (frames[:, :, ~there] == NOWHERE).all() and there.sum() == 548
+    assert (frames[0][:, there] == FULL).all() and FULL == 1023
+    assert set(np.unique(frames[1][:, there])) == {0, 100}
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.19])
+def test_without_contact_counts_are_the_rest_and_its_noise(scale):
+    given = electronics(HAND, stream(3, "glove"), stream(3, "session", 1), frozenset(["noise"]), Spread())
+    glove = Sensors(HAND, [given], [stream(3, "noise")], frozenset(["noise", "saturation", "hysteresis", "crosstalk"]))
+    frames = glove.read(np.zeros((1, 5, COUNT)), FLAT, row_noise=scale)[0]
+    again = stream(3, "noise")
+    for frame in frames:
+        draws = again.standard_normal(COUNT + 33)
+        noise = given.noise * draws[:COUNT] + scale * draws[COUNT:-1][HAND.row]
+        np.testing.assert_array_equal(frame[HAND.row, HAND.column], np.rint(given.rest + noise))
+
+
+def test_rest_and_noise_are_spread_as_they_should_be():
+    spread = Spread()
+    kits = [
+        electronics(HAND, stream(seed, "glove"), stream(seed, "session"), frozenset(), spread) for seed in range(40)
+    ]
+    rest, noise = np.array([one.rest for one in kits]), np.array([one.noise for one in kits])
+    assert rest.mean() == pytest.approx(spread.base[0], abs=4 * spread.base[1] / np.sqrt(40))
+    within = np.sqrt(spread.row**2 + spread.sensor**2)
+    assert (rest - rest.mean(axis=1, keepdims=True)).std() == pytest.approx(within, rel=0.1)
+    assert np.median(noise) == pytest.approx(spread.noise[0], rel=0.02)
+    common = [one.common for one in kits]
+    assert spread.common[0] <= min(common) < max(common) <= spread.common[1]
+    assert not any(np.isfinite(one.stuck).any() for one in kits) and all((one.gain > 0).all() for one in kits)
+
+
+def test_a_glove_keeps_its_sensors_from_session_to_session_and_its_rest_moves():
+    first, second = (
+        electronics(HAND, stream(0, "glove"), stream(0, "session", s), frozenset(["defects"]), Spread()) for s in (0, 1)
+    )
+    np.testing.assert_array_equal(first.bend, second.bend)
+    np.testing.assert_array_equal(first.noise, second.noise)
+    np.testing.assert_array_equal(first.gain == 0, second.gain == 0)
+    np.testing.assert_array_equal(first.stuck, second.stuck)
+    live = first.gain > 0
+    assert 0.6 < np.corrcoef(np.log(first.gain[live]), np.log(second.gain[live]))[0, 1] < 0.99
+    assert np.abs(first.rest - second.rest).mean() > 0.1
+
+
+def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():
+    gain = np.full(COUNT, 800 / (SATURATION * SENSITIVITY))  # 800 counts at the saturation pressure, were it linear
+    pressure = np.linspace(0, 10, 101) * SATURATION * SENSITIVITY
+    counts = read(pressure, "saturation", gain=gain, rest=np.zeros(COUNT))[:, 0]
+    assert (counts[10], counts[30], counts[100]) == (400, 600, round(8000 / 11))
+    rise = np.diff(counts)
+    assert (rise >= 0).all() and (np.diff(counts, 2) <= 1).all()  # concave but for the rounding
+    assert counts[1] == round(80 / 1.1)
+
+
+def test_hysteresis_by_hand():
+    up, down, low = 100.0, 40.0, 0.0
+    counts = read([up, down, low, low], "hysteresis")[:, 0]
+    peak = [up, max(down, RECOVERY * up), 0.0, 0.0]
+    peak[2] = RECOVERY * peak[1]
+    peak[3] = RECOVERY * peak[2]
+    expected = [now + HYSTERESIS * (top - now) for now, top in zip((up, down, low, low), peak, strict=True)]
+    np.testing.assert_array_equal(counts, np.rint(expected))
+
+
+def test_unloading_reads_more_than_loading_at_the_same_pressure():
+    fall = np.rint(900 * (0.8 * RECOVERY) ** np.arange(5))  # faster than the peak is forgotten
+    counts = read(np.concatenate([fall[::-1], fall[1:]]), "hysteresis")[:, 0]
+    np.testing.assert_array_equal(counts[:5], fall[::-1])
+    assert (counts[5:] > fall[1:]).all() and (np.diff(counts[4:]) < 0).all()
+
+
+def test_what_is_constant_reads_itself_and_nothing_reads_less():
+    np.testing.assert_array_equal(read(np.full(20, 37.0), "hysteresis"), 37)
+    np.testing.assert_array_equal(read([300.0] + [0.0] * 30, "hysteresis")[-1], 0)  # a peak is forgotten
+    pressure = np.rint(np.random.default_rng(0).uniform(0, 400, (40, COUNT)))
+    counts = read(pressure, "hysteresis")
+    assert (counts >= pressure).all() and 0.1 < (counts > pressure).mean() < 0.9
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 100))
+def test_crosstalk_is_what_a_double_loop_over_rows_and_columns_gives(seed):
+    pressure = np.random.default_rng(seed).uniform(0, 400, COUNT)
+    frame = HAND.frame(pressure, np.nan)
+    expected = frame.copy()
+    for row in range(32):
+        for column in range(32):
+            if not np.isnan(frame[row, column]):
+                expected[row, column] += CROSSTALK[0] * np.nanmean(frame[row])
+                expected[row, column] += CROSSTALK[1] * np.nanmean(frame[:, column])
+    found = read(pressure[None], "crosstalk")[0]
+    np.testing.assert_allclose(found, expected[HAND.row, HAND.column], atol=0.5 + 1e-6)
+
+
+def test_crosstalk_stays_in_the_pressed_row_and_column():
+    pressed = 300
+    pressure = np.zeros((1, COUNT))
+    pressure[0, pressed] = 900.0
+    counts = read(pressure, "crosstalk")[0]
+    row, column = HAND.row == HAND.row[pressed], HAND.column == HAND.column[pressed]
+    assert (counts[row | column] > 0).all() and not counts[~row & ~column].any()
+    others = row & ~column
+    np.testing.assert_array_equal(counts[others], round(CROSSTALK[0] * 900 / row.sum()))
+
+
+def test_the_common_mode_moves_all_sensors_alike_and_wanders():
+    kits, rngs = [kit(common=40.0)] * 2, [stream(0, "noise", n) for n in (0, 1)]
+    glove = Sensors(HAND, kits, rngs, frozenset(["common_mode"]))
+    counts = glove.read(np.zeros((2, 2000, COUNT)), FLAT)[..., HAND.row, HAND.column]
+    assert not np.ptp(counts, axis=-1).any()
+    drift = counts[..., 0].astype(float)
+    assert abs(np.corrcoef(drift)[0, 1]) < 0.4
+    level = drift[0, 100:]
+    assert level.std() == pytest.approx(40, rel=0.4)
+    assert np.corrcoef(level[1:], level[:-1])[0, 1] > 0.8
+
+
+def test_bending_adds_each_sensors_share_of_its_own_flexion():
+    bend, flexion = np.linspace(0, 3, COUNT), np.random.default_rng(0).uniform(0, 1.5, (1, 4, COUNT))
+    found = read(np.zeros((4, COUNT)), "bending", bend=bend, flexion=flexion)
+    np.testing.assert_array_equal(found, np.rint(100 + bend * flexion[0]) - 100)
+    np.testing.assert_array_equal(read(np.zeros((4, COUNT)), bend=bend, flexion=flexion), 0)
+
+
+def test_dead_sensors_never_move_and_stuck_ones_neither():
+    effects = frozenset(["defects", "saturation", "hysteresis"])
+    given = electronics(HAND, stream(0, "glove"), stream(0, "session"), effects, Spread(dead=0.05, stuck=0.05))
+    dead, stuck = given.gain == 0, np.isfinite(given.stuck)
+    assert 10 < dead.sum() < 50 and 10 < stuck.sum() < 50 and not (dead & stuck).any()
+    pressure = np.random.default_rng(0).uniform(0, 1e5, (1, 30, COUNT))
+    counts = Sensors(HAND, [given], [stream(0, "noise")], effects).read(pressure, FLAT)[0][:, HAND.row, HAND.column]
+    moves = np.ptp(counts, axis=0) > 0
+    assert not moves[dead | stuck].any() and moves[~dead & ~stuck].mean() > 0.95
+    np.testing.assert_array_equal(counts[:, dead], np.rint(given.rest[dead])[None].repeat(30, 0))
+    np.testing.assert_array_equal(counts[:, stuck], np.rint(given.rest + given.stuck)[stuck][None].repeat(30, 0))
+
+
+def test_sensors_that_are_whole_have_the_same_gain_with_and_without_defects():
+    with_, without = (
+        electronics(HAND, stream(0, "glove"), stream(0, "session"), frozenset(effects), Spread())
+        for effects in (["defects"], [])
+    )
+    whole = with_.gain > 0
+    assert 0 < (~whole).sum() < 40
+    np.testing.assert_array_equal(with_.gain[whole], without.gain[whole])
+    np.testing.assert_array_equal(with_.rest, without.rest)
+
+
+@pytest.mark.parametrize("cuts", [(1,), (7,), (3, 4, 15)])
+def test_blocks_of_any_length_give_the_same_frames(cuts):
+    rng = np.random.default_rng(0)
+    pressure = rng.uniform(0, 3e4, (2, 20, COUNT)) * (rng.random((2, 20, 1)) < 0.5)
+    flexion = rng.uniform(0, 1, (2, 20, COUNT))
+    effects = frozenset(EFFECTS)
+    kits = [electronics(HAND, stream(0, "glove"), stream(0, "session", s), effects, Spread()) for s in (0, 1)]
+
+    def glove():
+        return Sensors(HAND, kits, [stream(0, "noise", s) for s in (0, 1)], effects)
+
+    whole, parts = glove().read(pressure, flexion), glove()
+    blocks = zip(np.split(pressure, cuts, axis=1), np.split(flexion, cuts, axis=1), strict=True)
+    np.testing.assert_array_equal(np.concatenate([parts.read(*block) for block in blocks], axis=1), whole)
+
+
+@pytest.mark.parametrize("effect", READING)
+def test_every_effect_of_reading_changes_the_counts(effect):
+    rng = np.random.default_rng(0)
+    pressure, flexion = rng.uniform(0, 3e4, (1, 12, COUNT)), rng.uniform(0, 1, (1, 12, COUNT))
+
+    def counts(*effects):
+        given = electronics(HAND, stream(0, "glove"), stream(0, "session"), frozenset(effects), Spread())
+        return Sensors(HAND, [given], [stream(0, "noise")], frozenset(effects)).read(pressure, flexion)
+
+    assert np.count_nonzero(counts(effect) != counts()) > 10
+
+
+def test_a_recording_is_read_the_same_alone_and_among_others():
+    rng = np.random.default_rng(0)
+    pressure, flexion = rng.uniform(0, 3e4, (3, 9, COUNT)), rng.uniform(0, 1, (3, 9, COUNT))
+    effects = frozenset(EFFECTS)
+    kits = [electronics(HAND, stream(0, "glove"), stream(0, "session", s), effects, Spread()) for s in range(3)]
+    together = Sensors(HAND, kits, [stream(0, "noise", s) for s in range(3)], effects).read(pressure, flexion)
+    for s in range(3):
+        alone = Sensors(HAND, kits[s : s + 1], [stream(0, "noise", s)], effects)
+        np.testing.assert_array_equal(alone.read(pressure[s : s + 1], flexion[s : s + 1])[0], together[s])

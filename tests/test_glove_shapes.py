@@ -1,0 +1,190 @@
+"""Signed distances of the solids, and the directions in which they grow."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tactile_viewgcn.glove.shapes import BOX, REVOLVED, Primitive, Solids, box, capsule, cylinder, sphere, torus, tube
+
+HAND_WORKED = [  # shape, point, distance
+    (sphere(2), (5, 0, 0), 3),
+    (sphere(2), (0, 3, -4), 3),
+    (sphere(2), (0, 0, 0), -2),
+    (box(2, 4, 6), (4, 0, 0), 3),
+    (box(2, 4, 6), (0, -2, 3), 0),
+    (box(2, 4, 6), (-4, 6, 0), 5),
+    (box(2, 4, 6), (2, 4, 5), 3),
+    (box(2, 4, 6), (0, 0, 0), -1),
+    (box(2, 4, 6), (0.25, 1.5, 0), -0.5),
+    (box(2, 4, 6, 0.5), (1, 0, 0), 0),
+    (box(2, 4, 6, 0.5), (1, 2, 3), 0.5 * np.sqrt(3) - 0.5),
+    (box(2, 4, 6, 0.5), (3.5, 5.5, 0), 4.5),
+    (cylinder(1, 4), (0, -3, 0), 2),
+    (cylinder(1, 4), (0, 0, 5), 3),
+    (cylinder(1, 4), (0, 4, 6), 5),
+    (cylinder(1, 4), (0, 0, 0), -1),
+    (cylinder(1, 4), (0.5, 0, -1.75), -0.25),
+    (cylinder(1, 4, 0.5), (0, 1, 0), 0),
+    (cylinder(1, 4, 0.5), (3.5, 0, 5.5), 4.5),
+    (capsule(1, 6), (0, 0, 5), 2),
+    (capsule(1, 6), (0, 3, 1), 2),
+    (capsule(1, 6), (3, 0, -6), 4),
+    (capsule(1, 6), (0, 0, 1), -1),
+    (torus(3, 1), (3, 0, 0), -1),
+    (torus(3, 1), (0, 5, 0), 1),
+    (torus(3, 1), (0, 0, 0), 2),
+    (torus(3, 1), (0, -7, 3), 4),
+    (tube(2, 3, 4), (0, 0, 0), 2),
+    (tube(2, 3, 4), (0, 5, 0), 2),
+    (tube(2, 3, 4), (-2.5, 0, 0), -0.5),
+    (tube(2, 3, 4), (2.5, 0, 4), 2),
+    (tube(2, 3, 4), (0, 6, -6), 5),
+    (tube(2, 3, 4, 0.25), (0, 2, 0), 0),
+    (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 3), 2),
+    (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 1.5), 0.5),
+    (sphere(2, cut=(0, 0, 1, 1)), (0, 0, -3), 1),
+    (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 0), -1),
+]
+PARTS = (
+    sphere(0.03), box(0.02, 0.05, 0.09), box(0.02, 0.05, 0.09, 0.006),
+    cylinder(0.02, 0.05, 0.004), cylinder(0.04, 0.02), capsule(0.01, 0.06),
+    torus(0.03, 0.008), tube(0.02, 0.03, 0.04, 0.003), tube(0.0, 0.02, 0.05),
+    box(0.03, 0.04, 0.05, cut=(0.6, 0.0, 0.8, 0.01)), torus(0.03, 0.01, cut=(-1.0, 0.0, 0.0, 0.01)),
+)  # fmt: skip
+place = st.tuples(*[st.floats(-0.08, 0.08)] * 3).map(np.array)
+
+
+def distance(part, at):
+    at = np.atleast_2d(np.asarray(at, dtype=float))
+    first = np.zeros(len(at), dtype=int)
+    return Solids([[part]]).distance(first, first, at)
+
+
+def gradient(part, at):
+    at = np.atleast_2d(np.asarray(at, dtype=float))
+    first = np.zeros(len(at), dtype=int)
+    return Solids([[part]]).gradient(first, first, at)
+
+
+def directions(count=4000):
+    """Unit vectors spread evenly: a spiral over the sphere."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    return np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+
+
+@pytest.mark.parametrize(("part", "at", "expected"), HAND_WORKED)
+def test_distances_by_hand(part, at, expected):
+    assert distance(part, at)[0] == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("part", "at", "expected"),
+    [
+        (sphere(2), (0, 3, 4), (0, 0.6, 0.8)),
+        (sphere(2), (-1, 0, 0), (-1, 0, 0)),
+        (box(2, 4, 6), (0.9, 0, 0), (1, 0, 0)),
+        (box(2, 4, 6), (-4, 6, 0), (-0.6, 0.8, 0)),
+        (cylinder(1, 4), (0, 0, -1.9), (0, 0, -1)),
+        (cylinder(1, 4), (0, 4, 6), (0, 0.6, 0.8)),
+        (torus(3, 1), (0, 2.5, 0), (0, -1, 0)),
+        (tube(2, 3, 4), (-2.1, 0, 0), (1, 0, 0)),
+        (sphere(2, cut=(0, 0, 1, 1)), (0.5, 0, 3), (0, 0, 1)),
+        (sphere(2, cut=(0, 0, 1, 1)), (0, 0, -3), (0, 0, -1)),
+    ],
+)
+def test_gradients_by_hand(part, at, expected):
+    np.testing.assert_allclose(gradient(part, at)[0], expected, atol=1e-12)
+
+
+@settings(max_examples=300, deadline=None)
+@given(part=st.sampled_from(PARTS), at=place)
+def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, at):
+    step = 1e-6
+    ahead, behind = distance(part, at + step * np.eye(3)), distance(part, at - step * np.eye(3))
+    here = distance(part, at)
+    assume(np.abs(ahead + behind - 2 * here).max() < 1e-3 * step)  # no edge, axis or middle surface in between
+    slope = gradient(part, at)[0]
+    np.testing.assert_allclose(slope, (ahead - behind) / (2 * step), atol=1e-3)
+    assert np.linalg.norm(slope) == pytest.approx(1, abs=1e-12)
+
+
+@pytest.mark.parametrize("at", [(0, 0, 0), (0, 0, 0.07), (0.03, 0, 0), (0, -0.03, 0)])
+@pytest.mark.parametrize("part", PARTS)
+def test_on_axes_and_kinks_the_gradient_is_still_a_unit_vector(part, at):
+    assert np.linalg.norm(gradient(part, at)[0]) == pytest.approx(1, abs=1e-12)
+
+
+@pytest.mark.parametrize("part", [part for part in PARTS if part.cut[3] == np.inf])
+def test_the_reach_is_the_radius_of_the_smallest_sphere_about_the_centre(part):
+    around = directions()
+    assert (distance(part, 1.0001 * part.reach * around) > 0).all()
+    assert (distance(part, 0.99 * part.reach * around) < 0).any()
+
+
+@pytest.mark.parametrize("part", [part for part in PARTS if part.cut[3] < np.inf])
+def test_the_reach_of_what_is_cut_is_that_of_the_whole(part):
+    whole = Primitive(part.kind, part.half, part.round, part.offset)
+    assert part.reach == whole.reach and (distance(part, 1.0001 * part.reach * directions()) > 0).all()
+
+
+def test_many_unions_at_once_give_what_each_primitive_gives_alone():
+    rng = np.random.default_rng(0)
+    unions = [[], list(PARTS[:3]), [PARTS[9]], list(PARTS[3:])]
+    solids = Solids(unions)
+    b, p = np.nonzero(np.isfinite(solids.reach))
+    assert len(b) == 3 + 1 + 8 and solids.reach.shape == (4, 8) and (solids.reach[0] < 0).all()
+    pick = rng.integers(len(b), size=200)
+    at = rng.uniform(-0.06, 0.06, (200, 3))
+    far, slope = solids.distance(b[pick], p[pick], at), solids.gradient(b[pick], p[pick], at)
+    for n, one in enumerate(pick):
+        part = unions[b[one]][p[one]]
+        assert far[n] == pytest.approx(distance(part, at[n])[0], abs=1e-16)
+        np.testing.assert_allclose(slope[n], gradient(part, at[n])[0], atol=1e-15)
+    for n in range(len(b)):
+        assert solids.reach[b[n], p[n]] == unions[b[n]][p[n]].reach
+
+
+def test_centre_and_turn_are_kept_for_whoever_places_the_object():
+    solids = Solids([[sphere(1.0)], [sphere(1.0), box(1, 1, 1, centre=(1, 2, 3), turn=(0, 0, np.pi / 2))]])
+    np.testing.assert_array_equal(solids.centre[1, 1], [1, 2, 3])
+    np.testing.assert_allclose(solids.turn[1, 1] @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(solids.turn[1, 0], Rotation.identity().as_matrix())
+    assert solids.kind[1].tolist() == [REVOLVED, BOX]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: sphere(-0.01),
+        lambda: sphere(np.nan),
+        lambda: sphere(np.inf),
+        lambda: box(0.02, -0.03, 0.04),
+        lambda: box(0.02, 0.03, 0.04, round=0.011),
+        lambda: cylinder(0.02, -0.04),
+        lambda: capsule(0.02, 0.03),  # shorter than its two half balls
+        lambda: torus(-0.02, 0.01),
+        lambda: tube(0.03, 0.02, 0.04),  # wider inside than outside
+    ],
+)
+def test_sizes_that_are_negative_or_no_numbers_are_refused(make):
+    with pytest.raises(ValueError, match=r"shape sizes are \(.*\); expected finite numbers of metres, none negative"):
+        make()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: sphere(0),
+        lambda: box(0.02, 0, 0.04),
+        lambda: cylinder(0, 0.04),
+        lambda: cylinder(0.02, 0),
+        lambda: torus(0.02, 0),
+        lambda: tube(0.02, 0.02, 0.04),
+    ],
+)
+def test_shapes_without_extent_are_refused(make):
+    with pytest.raises(ValueError, match=r"shape with half sizes .* has no extent; give it some"):
+        make()
