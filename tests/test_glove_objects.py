@@ -104,8 +104,8 @@ def test_a_description_makes_an_object():
     }
     bob |= {"pinch": True, "lie": [0, 0, 1], "place": [0.08, 0, 0.05]}
     thing = choose(["ball", CUP, bob])[3]
-    assert thing.parts[0].reach == 0.02 and thing.parts[0].centre == [0, 0, 0.01]
-    assert (thing.pinch, thing.lie, thing.place) == (True, [0, 0, 1], [0.08, 0, 0.05])
+    assert thing.parts[0].reach == 0.02 and thing.parts[0].centre == (0, 0, 0.01)
+    assert (thing.pinch, thing.lie, thing.place) == (True, (0, 0, 1), (0.08, 0, 0.05))
 
 
 BAD = {

@@ -140,7 +140,7 @@ def test_recordings_are_the_same_whatever_the_number_of_processes(tmp_path, monk
 
 def test_what_a_process_refuses_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "FEWEST", 1)
-    with pytest.raises(ValueError, match=r"the object starts .* mm inside the palm; expected it outside"):
+    with pytest.raises(ValueError, match=r"object ball starts .* mm inside the palm; expected it outside"):
         simulate(recipe([inside_the_palm()]), tmp_path / "own", workers=2)
     assert list(tmp_path.iterdir()) == []
 
@@ -279,7 +279,7 @@ def test_a_recipe_that_cannot_be_is_refused(case):
 def test_grasps_too_short_and_objects_in_the_palm_leave_nothing(tmp_path):
     with pytest.raises(ValueError, match="18 frames for 2 grasps leave 9 each"):
         simulate(recipe(["ball"], grasps=2), tmp_path / "own")
-    with pytest.raises(ValueError, match=r"the object starts .* mm inside the palm; expected it outside"):
+    with pytest.raises(ValueError, match=r"object ball starts .* mm inside the palm; expected it outside"):
         simulate(recipe([inside_the_palm()]), tmp_path / "own")
     assert list(tmp_path.iterdir()) == []
 

@@ -143,8 +143,8 @@ class Mechanics:
         if (inside.patch >= LINK_PATCHES).any():
             worst = np.where(inside.patch >= LINK_PATCHES, inside.depth, 0).argmax()
             raise ValueError(
-                f"{self.names[inside.row[worst]] if self.names else 'the object'} starts "
-                f"{inside.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; place it further away"
+                f"object {self.names[inside.row[worst]] if self.names else inside.row[worst]} starts "
+                f"{inside.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; start it further away"
             )
         y = np.zeros((count, self.size))
         y[:, :10] = self.drive.posture[:, 0].reshape(count, 10)

@@ -7,6 +7,7 @@ shapes and materials are ours. An object's own z is its long or round axis; `lie
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import pi
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -47,9 +48,9 @@ class Thing:
 
     def __post_init__(self) -> None:
         if not self.stiffness > 0:
-            raise ValueError(f"stiffness of {self.name} is {self.stiffness:g} Pa/m; expected more than 0")
+            raise ValueError(f"object {self.name}: stiffness is {self.stiffness} Pa/m; expected more than 0")
         if not 0 <= self.weight < np.inf:
-            raise ValueError(f"weight of {self.name} is {self.weight:g} g; expected 0 or more")
+            raise ValueError(f"object {self.name}: weight is {self.weight} g; expected 0 or more")
 
     def extent(self, turn: np.ndarray, direction: np.ndarray) -> float:
         """How far it reaches (m) from its origin in a direction (3,), when turned by a matrix (3, 3)."""
@@ -162,21 +163,27 @@ def _described(entry: dict) -> Thing:
         for part in entry["parts"]:
             ((shape, sizes),) = part.items()
             parts.append(SHAPES[shape](**{key: _numbers(value) for key, value in sizes.items()}))
-        numbers = {key: float(entry[key]) for key in ("weight", "stiffness")}
-        vectors = {key: _numbers(entry[key]) for key in ("lie", "place") if key in entry}
-        thing = Thing(**(entry | numbers | vectors | {"parts": tuple(parts)}))
+        values = {key: _numbers(value) for key, value in entry.items() if key not in ("name", "parts")}
+        thing = Thing(name=entry["name"], parts=tuple(parts), **values)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
             f"object {name}: not understood ({error}); expected name, weight, stiffness and parts, "
             f"each part one of {', '.join(SHAPES)} with its sizes in metres"
         ) from None
     except ValueError as error:
-        raise ValueError(f"object {name}: {error}") from None
+        raise ValueError(f"object {name}: {str(error).removeprefix(f'object {name}: ')}") from None
     if not parts:
         raise ValueError(f"object {name}: no parts; name at least one of {', '.join(SHAPES)}")
     return thing
 
 
-def _numbers(value: float | str | list) -> float | tuple[float, ...]:
-    """A number or several; PyYAML reads 1e9, which has no point and sign, as text."""
-    return tuple(map(float, value)) if isinstance(value, list) else float(value)
+def _numbers(value: Any) -> Any:
+    """A number that YAML reads as text (1e9 has no point and sign) as a number, a list as a tuple."""
+    if isinstance(value, list):
+        return tuple(_numbers(one) for one in value)
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            raise TypeError(f"{value!r} is no number") from None
+    return value
