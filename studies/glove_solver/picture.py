@@ -33,7 +33,8 @@ def diagram(rows: list[dict]) -> Figure:
                 seconds, errors = ([row[name] for row in good] for name in ("seconds", "error"))
                 panel.plot(seconds, np.clip(errors, 1e-6, 1e2), style, color=f"C{color}", label=method)
             lost = [row["seconds"] for row in found if not np.isfinite(row["error"])]
-            panel.plot(lost, [6e1] * len(lost), "x", color=f"C{color}", label=None if good else f"{method}: gave up")
+            if lost:
+                panel.plot(lost, [6e1] * len(lost), "x", color=f"C{color}", label=None if good else f"{method}: lost")
         panel.legend(fontsize=7)
-    figure.suptitle("Virtual glove: error of the sensors' forces against run time; x: blew up or gave up")
+    figure.suptitle("Virtual glove: error of the sensors' forces against run time; x: blew up or gave up; grey: 1 %")
     return figure
