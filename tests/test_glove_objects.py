@@ -108,6 +108,15 @@ def test_a_description_makes_an_object():
     assert (thing.pinch, thing.lie, thing.place) == (True, (0, 0, 1), (0.08, 0, 0.05))
 
 
+NAN = float("nan")
+BALL = {"sphere": {"radius": 0.02}}
+
+
+def ball(**changes):
+    """The cup as a ball with another place or cut."""
+    return CUP | {"parts": [{"sphere": BALL["sphere"] | changes}]}
+
+
 BAD = {
     "another name": ("mugg", "unknown object 'mugg'; did you mean mug?"),
     "a name like no other": ("xylophone", "unknown object 'xylophone'; known: empty_hand, allen_key_set, ball,"),
@@ -130,6 +139,22 @@ BAD = {
     "another key": (CUP | {"colour": "red"}, "object cup: not understood ("),
     "no parts": ({"name": "cup", "weight": 1, "stiffness": 1}, "object cup: not understood ('parts'); expected name"),
     "no name": ({"weight": 1, "stiffness": 1, "parts": []}, "object without a name: not understood ("),
+    "a name that is a number": (CUP | {"name": 5}, "object 5: expected a name of letters, digits,"),
+    "a name that is a path": (CUP | {"name": "../cup"}, "object ../cup: expected a name of letters, digits,"),
+    "an empty name": (CUP | {"name": ""}, "object : expected a name of letters, digits,"),
+    "the empty hand's name": (CUP | {"name": "empty_hand"}, "object empty_hand: that name is taken"),
+    "an empty list of parts": (CUP | {"parts": []}, "object cup: no parts; name at least one of sphere, box,"),
+    "two shapes in one part": (CUP | {"parts": [BALL | {"box": {}}]}, "object cup: too many values to unpack"),
+    "a place that is no number": (CUP | {"place": [0, 0, NAN]}, "object cup: place is (0, 0, nan); expected 3 numbers"),
+    "a place of two numbers": (CUP | {"place": [0, 1]}, "object cup: place is (0, 1); expected 3 numbers"),
+    "a place of none": (CUP | {"place": []}, "object cup: place is (); expected 3 numbers"),
+    "a place in words": (CUP | {"place": "here"}, "object cup: not understood ('here' is no number)"),
+    "a lie of two numbers": (CUP | {"lie": [0, 1]}, "object cup: lie is (0, 1); expected 3 numbers"),
+    "a centre that is no number": (ball(centre=[0, NAN, 0]), "object cup: shape's centre is (0, nan, 0); expected 3"),
+    "a centre of two numbers": (ball(centre=[0, 1]), "object cup: shape's centre is (0, 1); expected 3 numbers"),
+    "a turn of one number": (ball(turn=[1]), "object cup: shape's turn is (1,); expected 3 numbers"),
+    "a cut of three numbers": (ball(cut=[0, 0, 1]), "object cup: shape's cut is (0, 0, 1); expected 4 numbers"),
+    "a cut that is no number": (ball(cut=[0, 0, 1, NAN]), "object cup: shape's cut is (0, 0, 1, nan); expected 4"),
 }
 
 
@@ -143,6 +168,12 @@ def test_what_is_no_object_is_refused_by_its_name(case):
 def test_a_description_that_is_not_understood_names_the_shapes():
     with pytest.raises(ValueError, match=f"each part one of {', '.join(SHAPES)} with its sizes in metres"):
         choose([CUP | {"parts": [{"cone": {}}]}])
+
+
+def test_numbers_may_be_written_as_yaml_reads_them():
+    """YAML 1.1 takes 1e9, which has no point, for text."""
+    cup = choose([CUP | {"stiffness": "1e9", "place": ["8e-2", 0, 0.05]}])[1]
+    assert cup.stiffness == 1e9 and cup.place == (0.08, 0, 0.05)
 
 
 @pytest.mark.parametrize("wanted", [["empty_hand"], []])

@@ -4,6 +4,7 @@ Names, their order and the weights in grams are those of the data set of Sundara
 shapes and materials are ours. An object's own z is its long or round axis; `lie` turns it into the hand.
 """
 
+import re
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import pi
@@ -19,6 +20,7 @@ PLUSH, FOAM, RUBBER, SOFT, CARD, PLASTIC, STEEL = 1e6, 4e6, 2e7, 5e7, 2e8, 2e9, 
 ACROSS = (pi / 2, 0.0, 0.0)  # the long axis lies across the palm, the fingers close around it
 ALONG = (0.0, pi / 2, 0.0)  # the long axis points along the fingers
 FACING = (0.0, 0.0, 0.0)  # the long axis stands on the palm
+NAME = re.compile(r"\w[\w .-]*")
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,8 @@ class Thing:
         place: (x, y, z) m where it is held, if not where `pinch` says.
 
     Raises:
-        ValueError: a stiffness that is not above 0, or a negative weight.
+        ValueError: a name that no file can have, a stiffness that is not above 0, a negative weight, or a place that
+            is not three numbers.
     """
 
     name: str
@@ -47,10 +50,17 @@ class Thing:
     place: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not NAME.fullmatch(self.name):
+            raise ValueError(
+                f"object {self.name}: expected a name of letters, digits, '_', '-', '.' and spaces: it names files"
+            )
         if not self.stiffness > 0:
             raise ValueError(f"object {self.name}: stiffness is {self.stiffness} Pa/m; expected more than 0")
         if not 0 <= self.weight < np.inf:
             raise ValueError(f"object {self.name}: weight is {self.weight} g; expected 0 or more")
+        for name, values in (("lie", self.lie), ("place", (0, 0, 0) if self.place is None else self.place)):
+            if np.shape(values) != (3,) or not np.isfinite(values).all():
+                raise ValueError(f"object {self.name}: {name} is {values}; expected 3 numbers")
 
     def extent(self, turn: np.ndarray, direction: np.ndarray) -> float:
         """How far it reaches (m) from its origin in a direction (3,), when turned by a matrix (3, 3)."""
@@ -172,6 +182,8 @@ def _described(entry: dict) -> Thing:
         ) from None
     except ValueError as error:
         raise ValueError(f"object {name}: {str(error).removeprefix(f'object {name}: ')}") from None
+    if name == THINGS[0].name:
+        raise ValueError(f"object {name}: that name is taken, for a hand that holds nothing; choose another")
     if not parts:
         raise ValueError(f"object {name}: no parts; name at least one of {', '.join(SHAPES)}")
     return thing

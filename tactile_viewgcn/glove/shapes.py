@@ -30,7 +30,7 @@ class Primitive:
         cut: (nx, ny, nz, c) keeps the points n . x <= c of the primitive's own frame.
 
     Raises:
-        ValueError: a size that is negative or not finite, or a shape of no extent.
+        ValueError: a size that is negative or not finite, a place that is not three numbers, or a shape of no extent.
     """
 
     kind: int
@@ -42,6 +42,10 @@ class Primitive:
     cut: tuple[float, float, float, float] = NO_CUT
 
     def __post_init__(self) -> None:
+        for name, count in (("centre", 3), ("turn", 3), ("cut", 4)):
+            values = getattr(self, name)
+            if np.shape(values) != (count,) or not np.isfinite(values[:3]).all() or np.isnan(values[-1]):
+                raise ValueError(f"shape's {name} is {values}; expected {count} numbers")
         sizes = (*self.half, self.round, self.offset)
         if not all(np.isfinite(size) and size >= 0 for size in sizes):
             raise ValueError(f"shape sizes are {sizes}; expected finite numbers of metres, none negative")
