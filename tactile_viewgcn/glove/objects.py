@@ -18,7 +18,6 @@ from tactile_viewgcn.glove.shapes import BOX, Primitive, box, capsule, cylinder,
 #: Pa/m: pressure per depth of the object's own surface
 PLUSH, FOAM, RUBBER, SOFT, CARD, PLASTIC, STEEL = 1e6, 4e6, 2e7, 5e7, 2e8, 2e9, 5e10
 ACROSS = (pi / 2, 0.0, 0.0)  # the long axis lies across the palm, the fingers close around it
-ALONG = (0.0, pi / 2, 0.0)  # the long axis points along the fingers
 FACING = (0.0, 0.0, 0.0)  # the long axis stands on the palm
 NAME = re.compile(r"\w[\w .-]*")
 
