@@ -96,6 +96,7 @@ def test_the_hessian_is_the_sum_over_contacts_and_springs():
             slope[2 * (patch // 3) :][:2] = at.slope[entry, :2]
         naive[row] += at.force[entry] / at.contacts.depth[entry] * np.outer(slope, slope)
     np.testing.assert_allclose(dense(at), naive, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(mechanics.hessian(at), dense(at))
 
 
 @pytest.mark.parametrize("motion", [False, True])

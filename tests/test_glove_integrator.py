@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tactile_viewgcn.glove.comparison import GaveUp, by_scipy, explicit_euler
 from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON, Drive, Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import Implicit
@@ -160,3 +161,25 @@ def test_a_frame_tolerance_or_step_that_is_not_above_zero_is_refused(name, value
     given = {"frame": FRAME, "tolerance": 0.1, "step": 0.1} | {name: value}
     with pytest.raises(ValueError, match=rf"{name} is {value}; expected more than 0, and finite"):
         Implicit(smooth()[0], **given)
+
+
+@pytest.mark.parametrize("method", ["RK45", "BDF", "Radau"])
+def test_scipys_integrators_of_the_comparison_solve_the_same_equation(method):
+    mechanics, y = smooth()
+    found, spent = by_scipy(method, mechanics, 0, y[0], 1, FRAME, rtol=1e-6, most=20_000)
+    assert found.shape == (1, 13) and 10 < spent <= 20_000
+    assert np.max(np.abs(found[0] - reference(mechanics, y)) * UNITS) < 1e-6
+
+
+def test_explicit_euler_of_the_comparison_has_order_one_and_blows_up_where_it_is_stiff():
+    mechanics, y = smooth()
+    exact = reference(mechanics, y)
+    coarse, fine = (
+        np.max(np.abs(explicit_euler(mechanics, y, 1, FRAME, steps)[0, 0] - exact) * UNITS) for steps in (64, 128)
+    )
+    assert fine < 1e-4 and coarse / fine == pytest.approx(2, rel=0.1)
+    stiff = empty(still([0, 0, 0.5], posture=np.full((5, 2), 0.3)), joint_damping=1e-6)
+    with pytest.raises(GaveUp, match="blew up in frame 0"):
+        explicit_euler(stiff, y, 1, FRAME, 64)
+    with pytest.raises(GaveUp, match="spent 5 evaluations"):
+        by_scipy("BDF", mechanics, 0, y[0], 1, FRAME, rtol=1e-6, most=5)

@@ -127,14 +127,14 @@ def test_repeats_are_recordings_of_their_own(tmp_path):
 
 
 def test_a_recording_is_the_same_whatever_other_objects_are_simulated():
-    more, _ = counts(recipe(["mug", "coin"]))
+    more, _ = counts(recipe(["pen", "coin"]))
     fewer, _ = counts(recipe(["coin"], sessions=1))  # and whatever other sessions
     np.testing.assert_array_equal(more[[0, 2]], fewer)
 
 
 def test_recordings_are_the_same_whatever_the_number_of_processes(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "FEWEST", 1)
-    one, three = (simulate(recipe(["ball"]), tmp_path / str(workers), workers=workers) for workers in (1, 3))
+    one, three = (simulate(recipe(["coin"]), tmp_path / str(workers), workers=workers) for workers in (1, 3))
     assert one == three and one.recordings == 4 and md5(tmp_path / "1") == md5(tmp_path / "3")
 
 

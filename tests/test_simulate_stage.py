@@ -64,6 +64,10 @@ BAD = {
         described(place=[0.05, 0, -0.1]),
         "mm inside the palm; expected it outside; start it further away",
     ),
+    "a place that is no number": (
+        described(place=[0, 0, ".nan"]).replace('".nan"', ".nan"),
+        "object cup: place is (0, 0, nan); expected 3 numbers",
+    ),
     "another effect": ("glove.effects.frcition=true", "unknown key glove.effects.frcition"),
     "an effect that is a number": ("glove.effects.motion=1", "glove.effects.motion is 1; expected true or false"),
     "another object": ("glove.objects=[mugg]", "unknown object 'mugg'; did you mean mug?"),
