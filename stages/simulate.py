@@ -17,7 +17,8 @@ def simulate(params, run, out):
     steps, evaluations = done.work.steps / done.frames, done.work.evaluations / done.frames
     print(
         f"simulate: {done.frames:,} simulated frames of {done.recordings} recordings, virtual glove version {VERSION}\n"
-        f"  {steps:.1f} steps and {evaluations:.0f} evaluations a frame, {done.deep:,} readings beyond the skin"
+        f"  {steps:.1f} steps and {evaluations:.0f} evaluations a frame, {done.deep:,} contacts beyond the skin; "
+        f"of {done.work.steps:,} steps {done.work.forced:,} missed the tolerance"
     )
     return {
         "frames": done.frames,
@@ -26,6 +27,8 @@ def simulate(params, run, out):
         "steps_per_frame": steps,
         "evaluations_per_frame": evaluations,
         "beyond_thickness": done.deep,
+        "steps_forced": done.work.forced,
+        "stages_unsolved": done.work.unsolved,
     }
 
 

@@ -31,15 +31,20 @@ def whole(path: str | Path) -> Iterator[Path]:
 def whole_folder(path: str | Path) -> Iterator[Path]:
     """The same for a folder: an empty one to write to, which takes the place of `path` when the block ends well."""
     path = Path(path)
-    part = path.with_name(path.name + ".part")
-    shutil.rmtree(part, ignore_errors=True)
+    if path.exists() and (path.is_symlink() or not path.is_dir()):
+        raise FileExistsError(f"{path}: there, and no folder; remove it, or name another")
+    part, old = path.with_name(path.name + ".part"), path.with_name(path.name + ".old")
+    for stale in (part, old):
+        shutil.rmtree(stale, ignore_errors=True)
     part.mkdir(parents=True)
     try:
         yield part
-        shutil.rmtree(path, ignore_errors=True)
+        if path.exists():
+            path.replace(old)
         part.replace(path)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        for stale in (part, old):
+            shutil.rmtree(stale, ignore_errors=True)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from tactile_viewgcn.glove.simulation import VERSION, recipe_of, simulate
 
 SEEDS = (2000, 2001, 2002)  # the constants were set on 1000 to 1003; the default data is of seed 0
 SAMPLE = {"sessions": 1, "repeats": 4, "frames": 32, "grasps": 1}  # of the size of STAG's blindfolded set
-#: From and to what STAG's blindfolded and weights sets were measured; None where no figure is known.
+#: What STAG's blindfolded and weights sets were measured at, from and to (Sundaram et al., Nature 569, 698-702 (2019)).
 TARGETS = {
     "rest": (513.9, 516.2),
     "rest spread": (0.66, 1.32),

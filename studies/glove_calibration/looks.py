@@ -75,7 +75,6 @@ def looks(table: Excess, grams: np.ndarray) -> dict[str, float]:
     sd = still.std(axis=0) / np.sqrt(2)
     out |= {"noise sd": float(np.median(sd))}
     out |= {f"noise sd {p} %": float(np.percentile(sd, p)) for p in (5, 95)}
-    out["common mode sd"] = float(still.mean(axis=1).std() / np.sqrt(2))
     out["empty hand 99.9 %"] = float(np.percentile(empty, 99.9))
     out["empty hand maximum"] = float(empty.max())
     out |= {f"excess {p} %": float(np.percentile(held, p)) for p in PERCENTILES}

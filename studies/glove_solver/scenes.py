@@ -30,7 +30,7 @@ def scene(skin: float, thing: float, joint: float, motion: float, *, rate: float
 
 
 def stiffness(mechanics: Mechanics, states: np.ndarray, frame: float) -> float:
-    """lambda h: the largest eigenvalue of the Jacobian at the states (B, T, n), times the frame interval."""
+    """lambda h: the largest eigenvalue of the (Gauss-Newton) Jacobian at states (B, T, n), times the frame interval."""
     rows, root, largest = np.arange(len(states)), np.sqrt(mechanics.damping), 0.0
     for number in range(states.shape[1]):
         at = mechanics.balance(rows, np.full(len(rows), number + 1.0), states[:, number], palm=mechanics.motion)

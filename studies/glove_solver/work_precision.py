@@ -19,12 +19,16 @@ from tactile_viewgcn.glove.simulation import Simulation, recipe_of
 
 SEED = 3000
 REFERENCE = 1e-10  # rtol of Radau
-MOST, PATIENT = 20_000, 1_000_000  # evaluations of the mechanics: of a method, of the reference
-TOLERANCES = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
+MOST, PATIENT = 10_000, 1_000_000  # evaluations of the mechanics: of a method, of the reference
+TOLERANCES = (0.2, 0.05, 0.02, 0.005)
 FIXED = (1, 4)  # steps a frame
-EULER = (1, 8, 64, 512)
+EULER = (1, 8, 64, 256)
 RTOLS = (1e-1, 1e-2, 1e-3, 1e-4)
 SET_REFERENCE, SET_RTOLS = 1e-7, (1e-2, 1e-3, 1e-4)
+TEXT = f"""Relative error of the sensors' forces against run time: one grasp of {FRAMES} frames, simulated. The default
+tolerance of ours is {{tolerance:g}}. The reference is Radau at {REFERENCE:g}, for the whole set at {SET_REFERENCE:g}. All
+implicit methods are given the Gauss-Newton Hessian. Ours stops at every frame, where the scene's drive has its kinks;
+SciPy's methods step over them, at most a frame at a time."""
 
 
 @stage("glove")
@@ -36,9 +40,7 @@ def work_precision(params, run, out):
         rows += one_scene(scene(*setting, rate=params.glove.frame_rate, seed=SEED), frame, params.glove.tolerance)
     recipe = replace(recipe_of(params.glove), sessions=1, frames=FRAMES, grasps=1, seed=SEED)
     rows += whole_set(Simulation(recipe), frame, params.glove.tolerance)
-    write_table(
-        out, rows, f"Virtual glove, {FRAMES} frames. ours: tolerance {params.glove.tolerance:g} is the default."
-    )
+    write_table(out, rows, TEXT.format(tolerance=params.glove.tolerance))
     with whole(out / "results.png") as part:
         diagram(rows).savefig(part, format="png", dpi=110)
     for name in ("results.csv", "results.png"):
@@ -111,7 +113,7 @@ def timed(solve: Callable[[], tuple[np.ndarray, int]], error: Callable[[np.ndarr
     try:
         states, spent = solve()
     except GaveUp as reason:
-        return {"error": np.nan, "seconds": time.perf_counter() - start, "evaluations": 0, "remark": str(reason)}
+        return {"error": np.nan, "seconds": time.perf_counter() - start, "evaluations": np.nan, "remark": str(reason)}
     seconds = time.perf_counter() - start
     return {"error": error(states), "seconds": seconds, "evaluations": spent, "remark": ""}
 

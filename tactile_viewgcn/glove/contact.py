@@ -49,7 +49,7 @@ class Layer:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not 0 < value < np.inf:
-                raise ValueError(f"glove.{name} is {value}; expected more than 0, and finite")
+                raise ValueError(f"{name} is {value}; expected more than 0, and finite")
 
     def series(self, stiffness: np.ndarray) -> np.ndarray:
         """Pa/m of the layer in series with objects of some stiffness."""
@@ -131,8 +131,8 @@ class Mechanics:
         self.size = 13 if motion else 10
         self.damping = np.full(self.size, layer.joint_damping)
         self.damping[10:] = layer.object_damping
-        self.scale = np.ones(self.size)  # N m of each unknown's force: forces act on a lever
-        self.scale[10:] = LEVER
+        self.lever = np.ones(self.size)  # makes the torque of a joint and the force on the object comparable
+        self.lever[10:] = LEVER
 
     def start(self) -> np.ndarray:
         """(B, n): everything where the scene wants it at first."""
@@ -206,7 +206,7 @@ class Mechanics:
         return self.stiffness[rows[row]] * self.hands.area[rows[row], at.contacts.sensor] * deeper
 
     def hessian(self, at: Balance) -> np.ndarray:
-        """d2U/dy2 as (R, n, n)."""
+        """The Gauss-Newton Hessian of U as (R, n, n)."""
         out = np.zeros((*at.residual.shape, self.size))
         for finger in range(5):
             own = slice(2 * finger, 2 * finger + 2)

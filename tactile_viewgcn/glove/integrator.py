@@ -32,12 +32,14 @@ class Work:
     Attributes:
         steps: all of them, with the `rejected` ones; evaluations: of the mechanics.
         unsolved: stages whose Newton iteration did not reach its tolerance.
+        forced: steps kept for being as short as SMALLEST, in spite of their error.
     """
 
     steps: int = 0
     rejected: int = 0
     evaluations: int = 0
     unsolved: int = 0
+    forced: int = 0
 
 
 class _Stages:
@@ -66,7 +68,7 @@ class _Stages:
         residual = at.residual + shift * moved
         step = -mechanics.solve(at, shift, residual)
         torque = np.bincount(at.contacts.row, at.force, len(rows)) * LEVER
-        size = np.abs(residual / mechanics.scale).max(axis=1)
+        size = np.abs(residual * mechanics.lever).max(axis=1)
         solved = size <= self.goal * np.maximum(torque, FLOOR * LEVER)
         expected = self.energy[rows] + 1e-4 * self.length[rows] * self.descent[rows]
         lower = solved | (energy <= expected + ROUNDING * np.abs(energy))
@@ -94,7 +96,7 @@ class Implicit:
     Args:
         mechanics: the equation.
         frame: s between two frames.
-        tolerance: relative error of the sensors' forces that a step may make.
+        tolerance: relative error of the sensors' forces that a step may make, unless it is as short as SMALLEST.
         step: s; a fixed step instead, the last one before a frame cut short.
 
     Raises:
@@ -148,6 +150,7 @@ class Implicit:
                 good = (error <= 1) | (h[over] <= SMALLEST * self.frame) | (self.step is not None)
                 self.work.steps += len(over)
                 self.work.rejected += int((~good).sum())
+                self.work.forced += int((good & (error > 1)).sum())
                 kept = over[good]
                 y[kept], done[kept] = stages.best[kept], done[kept] + h[kept]
                 arrived = self.frame - done[over] < 1e-9 * self.frame

@@ -158,6 +158,8 @@ def choose(wanted: str | list[str | dict]) -> tuple[Thing, ...]:
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
             raise ValueError(f"unknown object {entry!r}; {hint}")
         thing = known[entry] if isinstance(entry, str) else _described(entry)
+        if thing.name in chosen and thing.name != "empty_hand":
+            raise ValueError(f"object {thing.name}: named twice; give each a name of its own")
         chosen[thing.name] = thing
     if len(chosen) == 1:
         raise ValueError("no object besides the empty hand; name at least one")

@@ -108,7 +108,7 @@ def plan(
     load = np.zeros((len(things), frames, 3))
     if "weight" in effects:
         load[..., 2] = -1e-3 * GRAVITY * np.array([[thing.weight] for thing in things]) * loaded
-    opposition = ASIDE + (lie.opposition[:, grasp] - ASIDE) * np.maximum(closed, near)
+    opposition = ASIDE + (lie.opposition[:, grasp] - ASIDE) * near
     drive = Drive(*(np.concatenate([x[:, :1], x], axis=1) for x in (posture, squeeze, opposition, place, turn, load)))
     return Plan(drive, phase == 4, grasp)
 
@@ -169,7 +169,7 @@ def _draw(
 
 
 def _wander(rng: np.random.Generator, frames: int, channels: int) -> np.ndarray:
-    """(T, channels) of a slow, stationary random walk of unit variance."""
+    """(T, channels) of a slow autoregression of order 1 and unit variance."""
     noise = rng.normal(size=(frames, channels))
     noise[1:] *= np.sqrt(1 - WANDER**2)
     return lfilter([1.0], [1.0, -WANDER], noise, axis=0)

@@ -28,7 +28,8 @@ class Electronics:
         gain: (S,) relative to SENSITIVITY; a dead sensor has 0.
         stuck: (S,) counts above rest of a stuck sensor, NaN of the others.
         bend: (S,) counts per radian of the sensor's own joint.
-        rest: (S,) counts; noise: (S,) counts; common: counts.
+        rest: (S,) counts; noise: (S,) counts, standard deviation.
+        common: counts, standard deviation of what all sensors share; row_noise: of what a row shares.
     """
 
     gain: np.ndarray
@@ -37,11 +38,20 @@ class Electronics:
     rest: np.ndarray
     noise: np.ndarray
     common: float
+    row_noise: float
 
 
 @dataclass(frozen=True)
 class Spread:
-    """How gloves and sessions vary; standard deviations in counts, or of a logarithm."""
+    """How gloves and sessions vary.
+
+    Attributes:
+        gain, gain_session: standard deviation of a sensor's gain's logarithm.
+        dead, stuck: share of the sensors; a dead one feels no pressure, a stuck one always reads the same excess.
+        base: counts, mean and standard deviation of a session's rest; row, sensor: standard deviations on top.
+        noise: counts, median of a sensor's noise and standard deviation of its logarithm.
+        common: counts, from and to which a session's common mode varies; row_noise: counts.
+    """
 
     gain: float = 0.75
     gain_session: float = 0.3
@@ -73,7 +83,7 @@ def electronics(
         gain[broken < spread.dead] = 0
         at = broken > 1 - spread.stuck
         stuck[at] = 5 * glove.random(count)[at]
-    return Electronics(gain, stuck, bend, rest, noise, common)
+    return Electronics(gain, stuck, bend, rest, noise, common, spread.row_noise)
 
 
 class Sensors:
@@ -84,12 +94,12 @@ class Sensors:
         self.gain, self.stuck, self.bend, self.rest, self.noise = (
             np.stack([getattr(kit, name) for kit in kits]) for name in ("gain", "stuck", "bend", "rest", "noise")
         )
-        self.common = np.array([kit.common for kit in kits])
+        self.common, self.row_noise = ([getattr(kit, name) for kit in kits] for name in ("common", "row_noise"))
         self.peak = np.zeros_like(self.gain)
         self.drift = np.zeros(len(kits))
         self.row_size, self.column_size = np.bincount(hand.row, minlength=32), np.bincount(hand.column, minlength=32)
 
-    def read(self, pressure: np.ndarray, flexion: np.ndarray, row_noise: float = Spread.row_noise) -> np.ndarray:
+    def read(self, pressure: np.ndarray, flexion: np.ndarray) -> np.ndarray:
         """Counts (B, T, 32, 32), int16, of pressures (B, T, S) in Pa and flexion (B, T, S) in rad."""
         effects = self.effects
         excess = SENSITIVITY * self.gain[:, None] * pressure
@@ -111,7 +121,7 @@ class Sensors:
             draws = rng.standard_normal((frames, sensors + 33))  # frame by frame, so that blocks may have any length
             if "noise" in effects:
                 counts[b] += self.noise[b] * draws[:, :sensors]
-                counts[b] += row_noise * draws[:, sensors:-1][:, self.hand.row]
+                counts[b] += self.row_noise[b] * draws[:, sensors:-1][:, self.hand.row]
             if "common_mode" in effects:
                 for t, kick in enumerate(draws[:, -1]):
                     self.drift[b] = DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * kick

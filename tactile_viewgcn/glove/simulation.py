@@ -1,15 +1,13 @@
 """Recordings of the virtual glove: plan the scenes, solve the mechanics, read the sensors, write, block by block.
 
-Everything made here is simulated. VERSION numbers all that decides what a recording looks like, and stands in every
-file: the constants of this package were calibrated on what is known of STAG's frames and on simple classifiers, and
+Everything made here is simulated. VERSION numbers the constants, and stands in every file beside what a recipe chooses:
+they of this package were calibrated on what is known of STAG's frames and on simple classifiers, and
 are left alone since.
 """
 
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import astuple, dataclass, field
-from itertools import count, repeat
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.files import whole_folder
 from tactile_viewgcn.glove.contact import Drive, Layer, Mechanics
-from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
+from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands, stag_hand
 from tactile_viewgcn.glove.integrator import Implicit, Work
 from tactile_viewgcn.glove.objects import Thing, choose
 from tactile_viewgcn.glove.scene import OPEN, Habits, plan
@@ -48,7 +46,9 @@ class Recipe:
         rate: frames a second.
         layer: skin, glove and damping.
         tolerance: relative error of the sensors' forces in a step, see `integrator.py`.
-        effects: those of EFFECTS that the scenes have; what is not named costs nothing.
+        effects: those of EFFECTS that the scenes have; what is not named is not computed, but for random numbers that
+            effects share. Without `weight` nothing pulls on the object; the squeeze still follows its weight. `weight`
+            needs `motion`.
 
     Raises:
         ValueError: an effect that is not known, or no recordings.
@@ -71,6 +71,8 @@ class Recipe:
         unknown = sorted(self.effects - set(EFFECTS))
         if unknown:
             raise ValueError(f"unknown effect {', '.join(unknown)}; known: {', '.join(EFFECTS)}")
+        if not self.things:
+            raise ValueError("no objects; expected the empty hand and at least one more")
         for name in ("sessions", "repeats", "grasps"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; expected at least 1")
@@ -111,12 +113,12 @@ class Simulation:
     Attributes:
         cells: session, number of the object and repeat of each recording.
         plan: their scenes.
-        work: what the integration has cost so far; deep: sensor readings so far at which the layer was pressed
+        work: what the integration has cost so far; deep: contacts so far at which the layer was pressed
             together by more than its thickness.
     """
 
     def __init__(self, recipe: Recipe, cells: list[Cell] | None = None):
-        self.recipe, self.cells = recipe, cells or recipe.cells
+        self.recipe, self.cells = recipe, recipe.cells if cells is None else cells
         fits = [self._fit(session) for session in range(recipe.sessions)]
         self.hands = Hands([fits[s] for s, _, _ in self.cells])
         held = [recipe.things[thing] for _, thing, _ in self.cells]
@@ -169,7 +171,7 @@ class Simulation:
         patch = self.hands.patch
         on = patch < LINK_PATCHES
         flexion = np.repeat(bend[..., 0].mean(axis=-1, keepdims=True), len(patch), axis=-1)  # the palm's folds
-        flexion[..., on] = bend[:, :, patch[on] // 3, np.minimum(patch[on] % 3, 1)]
+        flexion[..., on] = (bend @ COUPLING.T)[:, :, patch[on] // 3, patch[on] % 3]
         return pressure, flexion
 
     def _fit(self, session: int):
@@ -202,8 +204,8 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Done:
     """Write a recipe's recordings to `folder`/[session]/[number]-[object].h5, whole or not at all.
 
     The form is the project's own, see `own_format.py`; the last session is the test side of the published split.
-    Memory holds one block of frames of every recording, whatever their length. The recordings are shared out among
-    worker processes, and are the same whatever their number.
+    Memory holds one block of every recording's pressures, and some 300 bytes a frame and recording of their scenes.
+    The recordings are shared out among worker processes, and are the same whatever their number.
 
     Raises:
         ValueError: grasps too short for their phases, or an object that starts inside the palm.
@@ -216,10 +218,16 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Done:
         if workers == 1:
             runs = [_write(recipe, shares[0], part)]
         else:
-            with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-                runs = list(pool.map(_write, repeat(recipe), shares, repeat(part), count()))
+            jobs = [(recipe, share, part, worker) for worker, share in enumerate(shares)]
+            with get_context("spawn").Pool(workers) as pool:  # left early, it ends its processes
+                runs = list(pool.imap_unordered(_share, jobs))
     work = Work(*(sum(values) for values in zip(*(astuple(work) for work, _ in runs), strict=True)))
     return Done(len(recipe.cells), len(recipe.cells) * recipe.frames, work, sum(deep for _, deep in runs))
+
+
+def _share(job: tuple) -> tuple[Work, int]:
+    """One process's part."""
+    return _write(*job)
 
 
 def _write(recipe: Recipe, cells: list[Cell], folder: Path, worker: int = 0) -> tuple[Work, int]:
@@ -253,5 +261,6 @@ def _file(folder: Path, run: Simulation, b: int) -> h5py.File:
         "object": thing.name, "session": f"{session:03d}", "weight": float(thing.weight),
         "split": "test" if session == recipe.sessions - 1 else "train",
         "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
+        "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": recipe.tolerance,
     })  # fmt: skip
     return file

@@ -13,7 +13,7 @@ class Contacts:
     """Sensors inside an object, C entries in the order of row and sensor.
 
     Where primitives of an object overlap, each counts: a sensor in the groove between two is pressed by both, so that
-    the forces stay continuous.
+    the forces stay continuous up to half of a wall: a sensor that is pressed past it comes out behind.
 
     Attributes:
         row: (C,) among the rows asked for; sensor: (C,); patch: (C,) that carries it.
