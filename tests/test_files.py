@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from tactile_viewgcn.files import md5, whole
+from tactile_viewgcn.files import md5, whole, whole_folder
 
 
 def test_a_file_appears_when_the_block_ends_and_not_before(tmp_path):
@@ -78,3 +78,25 @@ def test_the_md5_of_a_folder_changes_with_what_is_in_it(tmp_path, change):
     else:
         (tmp_path / "b.h5").write_bytes(b"")
     assert md5(tmp_path) != before
+
+
+def test_a_folder_takes_the_place_of_the_old_one_whole_or_not_at_all(tmp_path):
+    place = tmp_path / "made" / "folder"
+    with whole_folder(place) as part:
+        (part / "a").write_text("first")
+        assert not place.exists()
+    with pytest.raises(RuntimeError, match="cut short"), whole_folder(place) as part:
+        (part / "b").write_text("second")
+        raise RuntimeError("cut short")
+    assert [file.name for file in place.iterdir()] == ["a"]
+    with whole_folder(place) as part:
+        (part / "b").write_text("second")
+    assert [file.name for file in place.iterdir()] == ["b"]
+    assert [file.name for file in place.parent.iterdir()] == ["folder"]
+
+
+def test_a_file_where_a_folder_should_be_is_refused_before_any_work(tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(FileExistsError, match="there, and no folder"), whole_folder(tmp_path / "taken"):
+        raise AssertionError("not reached")
+    assert (tmp_path / "taken").read_text() == "mine"

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tactile_viewgcn.glove.comparison import GaveUp, by_scipy, explicit_euler
-from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON, Drive, Mechanics
+from tactile_viewgcn.glove.contact import HOLDING, JOINT, LEVER, TENDON, Drive, Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import Implicit
 from tactile_viewgcn.glove.objects import THINGS, Thing
@@ -183,3 +183,11 @@ def test_explicit_euler_of_the_comparison_has_order_one_and_blows_up_where_it_is
         explicit_euler(stiff, y, 1, FRAME, 64)
     with pytest.raises(GaveUp, match="spent 5 evaluations"):
         by_scipy("BDF", mechanics, 0, y[0], 1, FRAME, rtol=1e-6, most=5)
+
+
+def test_joint_and_object_are_solved_to_goals_of_one_size():
+    mechanics = Mechanics(
+        Hands([stag_hand()]), solids(THINGS[2]), np.ones(1), still([[0.08, 0, 0.1]]), LAYER, motion=True
+    )
+    force, arm = 3.0, LEVER  # N on the object, and the torque that it makes on a joint at the usual distance
+    assert force * mechanics.lever[10] == pytest.approx(force * arm * mechanics.lever[0])

@@ -87,7 +87,9 @@ def test_the_extent_is_that_of_the_furthest_of_many_points_of_the_surface(thing)
 
 def test_all_are_stags_and_names_come_in_the_wanted_order_after_the_empty_hand():
     assert choose("all") == THINGS
-    assert [thing.name for thing in choose(["tape", "ball", "tape"])] == ["empty_hand", "tape", "ball"]
+    assert [thing.name for thing in choose(["tape", "ball"])] == ["empty_hand", "tape", "ball"]
+    with pytest.raises(ValueError, match="object tape: named twice; give each a name of its own"):
+        choose(["tape", "ball", "tape"])
     assert choose(["empty_hand", "mug"]) == (THINGS[0], THINGS[16])
 
 

@@ -32,7 +32,7 @@ def kit(**changes):
     """Electronics of equal sensors with rest 100, whose gain turns a `count` of pressure into a count."""
     given = {
         "gain": np.ones(COUNT), "stuck": np.full(COUNT, np.nan), "bend": np.zeros(COUNT),
-        "rest": np.full(COUNT, 100.0), "noise": np.zeros(COUNT), "common": 0.0,
+        "rest": np.full(COUNT, 100.0), "noise": np.zeros(COUNT), "common": 0.0, "row_noise": 0.0,
     }  # fmt: skip
     return Electronics(**(given | changes))
 
@@ -71,13 +71,15 @@ def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
 
 @pytest.mark.parametrize("scale", [0.0, 0.19])
 def test_without_contact_counts_are_the_rest_and_its_noise(scale):
-    given = electronics(HAND, stream(3, "glove"), stream(3, "session", 1), frozenset(["noise"]), Spread())
+    given = electronics(
+        HAND, stream(3, "glove"), stream(3, "session", 1), frozenset(["noise"]), Spread(row_noise=scale)
+    )
     glove = Sensors(HAND, [given], [stream(3, "noise")], frozenset(["noise", "saturation", "hysteresis", "crosstalk"]))
-    frames = glove.read(np.zeros((1, 5, COUNT)), FLAT, row_noise=scale)[0]
+    frames = glove.read(np.zeros((1, 5, COUNT)), FLAT)[0]
     again = stream(3, "noise")
     for frame in frames:
-        draws = again.standard_normal(COUNT + 33)
-        noise = given.noise * draws[:COUNT] + scale * draws[COUNT:-1][HAND.row]
+        draws = again.standard_normal(COUNT + 32)
+        noise = given.noise * draws[:COUNT] + scale * draws[COUNT:][HAND.row]
         np.testing.assert_array_equal(frame[HAND.row, HAND.column], np.rint(given.rest + noise))
 
 

@@ -25,10 +25,11 @@ FIXED = (1, 4)  # steps a frame
 EULER = (1, 8, 64, 256)
 RTOLS = (1e-1, 1e-2, 1e-3, 1e-4)
 SET_REFERENCE, SET_RTOLS = 1e-7, (1e-2, 1e-3, 1e-4)
-TEXT = f"""Relative error of the sensors' forces against run time: one grasp of {FRAMES} frames, simulated. The default
-tolerance of ours is {{tolerance:g}}. The reference is Radau at {REFERENCE:g}, for the whole set at {SET_REFERENCE:g}. All
-implicit methods are given the Gauss-Newton Hessian. Ours stops at every frame, where the scene's drive has its kinks;
-SciPy's methods step over them, at most a frame at a time."""
+TEXT = f"""Relative error of the sensors' forces against run time: one grasp of {FRAMES} frames, simulated.
+The default tolerance of ours is {{tolerance:g}}.
+The reference is Radau at {REFERENCE:g}, for the whole set at {SET_REFERENCE:g}.
+All implicit methods are given the Gauss-Newton Hessian. Ours stops at every frame, where the scene's drive has its
+kinks; SciPy's methods step over them, at most a frame at a time."""
 
 
 @stage("glove")

@@ -90,7 +90,8 @@ class Sensors:
     """The reading of B recordings, frame after frame; the only thing it remembers is the hysteresis."""
 
     def __init__(self, hand: Hand, kits: list[Electronics], rngs: list[np.random.Generator], effects: frozenset[str]):
-        self.hand, self.rngs, self.effects = hand, rngs, effects
+        self.hand, self.effects = hand, effects
+        self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]  # of the sensors' noise, and of the common mode
         self.gain, self.stuck, self.bend, self.rest, self.noise = (
             np.stack([getattr(kit, name) for kit in kits]) for name in ("gain", "stuck", "bend", "rest", "noise")
         )
@@ -117,13 +118,16 @@ class Sensors:
             excess = np.where(np.isnan(self.stuck)[:, None], excess, self.stuck[:, None])
         counts = self.rest[:, None] + excess
         _, frames, sensors = counts.shape
-        for b, rng in enumerate(self.rngs if effects & {"noise", "common_mode"} else ()):
-            draws = rng.standard_normal((frames, sensors + 33))  # frame by frame, so that blocks may have any length
+        for b, (own, shared) in enumerate(self.rngs):
             if "noise" in effects:
-                counts[b] += self.noise[b] * draws[:, :sensors]
-                counts[b] += self.row_noise[b] * draws[:, sensors:-1][:, self.hand.row]
+                draws = own.standard_normal(
+                    (frames, sensors + 32)
+                )  # frame by frame, so that blocks may have any length
+                counts[b] += (
+                    self.noise[b] * draws[:, :sensors] + self.row_noise[b] * draws[:, sensors:][:, self.hand.row]
+                )
             if "common_mode" in effects:
-                for t, kick in enumerate(draws[:, -1]):
+                for t, kick in enumerate(shared.standard_normal(frames)):
                     self.drift[b] = DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * kick
                     counts[b, t] += self.drift[b]
         return self.hand.frame(np.clip(np.rint(counts), 0, FULL).astype(np.int16), NOWHERE)

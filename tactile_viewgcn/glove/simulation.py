@@ -46,9 +46,8 @@ class Recipe:
         rate: frames a second.
         layer: skin, glove and damping.
         tolerance: relative error of the sensors' forces in a step, see `integrator.py`.
-        effects: those of EFFECTS that the scenes have; what is not named is not computed, but for random numbers that
-            effects share. Without `weight` nothing pulls on the object; the squeeze still follows its weight. `weight`
-            needs `motion`.
+        effects: those of EFFECTS that the scenes have; what is not named is not computed. Without `weight` nothing
+            pulls on the object, but the squeeze still follows its weight; `weight` needs `motion`.
 
     Raises:
         ValueError: an effect that is not known, or no recordings.
