@@ -114,3 +114,9 @@ def test_help_takes_no_heavy_imports():
 
 def test_a_wrong_word_is_a_usage_error():
     assert call("preset", "relesed").returncode == 2
+
+
+def test_check_knows_that_the_default_source_is_simulated(tmp_path):
+    (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    result = call("check", cwd=tmp_path)
+    assert result.returncode == 0 and "`dvc repro` simulates it" in result.stdout

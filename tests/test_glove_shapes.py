@@ -188,3 +188,11 @@ def test_sizes_that_are_negative_or_no_numbers_are_refused(make):
 def test_shapes_without_extent_are_refused(make):
     with pytest.raises(ValueError, match=r"shape with half sizes .* has no extent; give it some"):
         make()
+
+
+def test_a_rounding_of_half_a_wall_is_allowed_and_a_larger_one_refused():
+    assert tube(0.03, 0.036, 0.08, 0.003).half[0] == 0
+    with pytest.raises(ValueError, match=r"tube wall is 0.006 m, rounded by 0.004 m; expected at most half of it"):
+        tube(0.03, 0.036, 0.08, 0.004)
+    with pytest.raises(ValueError, match=r"inner radius 0.05 m is more than the outer one, 0.036 m"):
+        tube(0.05, 0.036, 0.08)

@@ -62,22 +62,34 @@ class Primitive:
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
 
+def _inner(size: float, round: float, what: str) -> float:
+    """Half a size less the rounding; nearly nothing is nothing, since 0.006 / 2 - 0.003 is not.
+
+    Raises:
+        ValueError: a rounding that is more than half of the size.
+    """
+    if size >= 0 and size / 2 - round < -1e-9:
+        raise ValueError(f"{what} is {size:g} m, rounded by {round:g} m; expected at most half of it")
+    return 0.0 if -1e-9 < size / 2 - round < 0 else size / 2 - round
+
+
 def sphere(radius: float, **rest) -> Primitive:
     return Primitive(REVOLVED, (0, 0), radius, **rest)
 
 
 def box(x: float, y: float, z: float, round: float = 0.0, **rest) -> Primitive:
     """A box of the full sizes x, y and z, its edges rounded."""
-    return Primitive(BOX, (x / 2 - round, y / 2 - round, z / 2 - round), round, **rest)
+    return Primitive(BOX, tuple(_inner(size, round, "box side") for size in (x, y, z)), round, **rest)
 
 
 def cylinder(radius: float, length: float, round: float = 0.0, **rest) -> Primitive:
-    return Primitive(REVOLVED, (radius - round, length / 2 - round), round, **rest)
+    half = _inner(2 * radius, round, "cylinder width"), _inner(length, round, "cylinder length")
+    return Primitive(REVOLVED, half, round, **rest)
 
 
 def capsule(radius: float, length: float, **rest) -> Primitive:
     """A cylinder with half balls at its ends, of that full length."""
-    return Primitive(REVOLVED, (0, length / 2 - radius), radius, **rest)
+    return Primitive(REVOLVED, (0, _inner(length, radius, "capsule length")), radius, **rest)
 
 
 def torus(ring: float, tube: float, **rest) -> Primitive:
@@ -86,8 +98,10 @@ def torus(ring: float, tube: float, **rest) -> Primitive:
 
 def tube(inner: float, outer: float, length: float, round: float = 0.0, **rest) -> Primitive:
     """A hollow cylinder."""
-    wall = (outer - inner) / 2
-    return Primitive(REVOLVED, (wall - round, length / 2 - round), round, (inner + outer) / 2, **rest)
+    if inner > outer:
+        raise ValueError(f"tube: inner radius {inner:g} m is more than the outer one, {outer:g} m")
+    half = _inner(outer - inner, round, "tube wall"), _inner(length, round, "tube length")
+    return Primitive(REVOLVED, half, round, (inner + outer) / 2, **rest)
 
 
 class Solids:
