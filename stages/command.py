@@ -32,7 +32,8 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
         row: the run carries every parameter of params.yaml, as the row that people compare.
 
     The command ends with exit code 1 and one line where the user can mend what is wrong, and writes the run's
-    id, seconds and peak memory to `--record`. The body may return metrics, which are logged.
+    id, seconds and peak memory to `--record`. The body may return metrics, which are logged; the seconds of one that
+    goes on where an earlier run was interrupted include that run's.
     """
 
     def wrap(body: Callable[..., dict[str, float] | None]) -> click.Command:
@@ -75,9 +76,10 @@ def _run(
     with tracking.stage_run(body.__name__) as run:
         run.inputs(inputs)
         run.parameters(logged)
-        metrics = body(given, run, **paths)
-        costs = {"seconds": time.perf_counter() - begin, "peak_mb": peak_mb()}
-        run.metrics((metrics or {}) | costs)
+        metrics = body(given, run, **paths) or {}
+        before = metrics.get("seconds_before_interruption", 0.0)
+        costs = {"seconds": before + time.perf_counter() - begin, "peak_mb": peak_mb()}
+        run.metrics(metrics | costs)
         with whole(record) as part:
             part.write_text(json.dumps({"stage": body.__name__, "run_id": run.id, **costs}, indent=2) + "\n")
 

@@ -19,11 +19,13 @@ def evaluate(params, run, frames, classifier, after, out):
     """Ten trials on the test side: error with its interval, run time, confusion."""
     keep_freed_memory()
     compute, table = choose(params.device, params.precision), read_frames(frames)
-    model, _ = load_classifier(classifier)
+    model, content = load_classifier(classifier)
     records = read_records(after)
     run.tags({f"run.{name}": record["run_id"] for name, record in records.items() if record["run_id"]})
     run.tags({"device": compute.device, "precision": compute.precision})
-    evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed)
+    evaluation = evaluate_table(
+        model, table, params.cluster, params.evaluate, compute, params.seed, content["temperatures"]
+    )
     metrics = metrics_tree(evaluation, table, model.views)
     timing = costs(evaluation, records, peak_mb())
     write_results(out, metrics, timing, evaluation, table.classes)

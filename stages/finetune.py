@@ -4,11 +4,14 @@ import click
 import torch
 
 from stages.command import INPUT, OUTPUT, stage
+from tactile_viewgcn.checkpoint import checkpoint_path
 from tactile_viewgcn.classifier import save_classifier
 from tactile_viewgcn.compute import choose, keep_freed_memory
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.finetuning import finetune_classifier
 from tactile_viewgcn.frames import read_frames
+from tactile_viewgcn.split import VALIDATION
+from tactile_viewgcn.touches import calibrate
 from tactile_viewgcn.views import read_views
 
 
@@ -24,7 +27,8 @@ def finetune(params, run, frames, views, backbone, out):
     run.tags({"device": compute.device, "precision": compute.precision})
     with readable(backbone):
         weights = torch.load(backbone, map_location="cpu", weights_only=True)["backbone"]
-    classifier, curves = finetune_classifier(
+    keep = checkpoint_path("finetune", params, run.md5s)
+    classifier, progress = finetune_classifier(
         table,
         read_views(views),
         weights,
@@ -33,12 +37,18 @@ def finetune(params, run, frames, views, backbone, out):
         params.cluster.assignment,
         compute,
         params.seed,
+        keep,
     )
-    save_classifier(out, classifier, params.model, table, compute.precision)
-    run.curves(curves, picture="finetune_curves.png")
-    last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in curves.items())
-    print(f"finetune: {params.finetune.epochs} epochs on {compute.device} in {compute.precision}; at the end {last}")
-    return {"weights.head": sum(weight.numel() for weight in classifier.head.parameters())}
+    calibrated = params.finetune.sizes == "random" and VALIDATION in table.side
+    temperatures = calibrate(classifier, table, compute, params.seed) if calibrated else None
+    save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
+    keep.unlink()
+    run.curves(progress.curves, picture="finetune_curves.png")
+    print(f"finetune: {progress} on {compute.device} in {compute.precision}")
+    return {
+        "weights.head": sum(weight.numel() for weight in classifier.head.parameters()),
+        "seconds_before_interruption": progress.resumed[1],
+    }
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import click
 import torch
 
 from stages.command import INPUT, OUTPUT, stage
+from tactile_viewgcn.checkpoint import checkpoint_path
 from tactile_viewgcn.compute import choose, keep_freed_memory
 from tactile_viewgcn.files import whole
 from tactile_viewgcn.frames import read_frames
@@ -18,7 +19,8 @@ def pretrain(params, run, frames, out):
     keep_freed_memory()
     compute, table = choose(params.device, params.precision), read_frames(frames)
     run.tags({"device": compute.device, "precision": compute.precision})
-    backbone, classifier, curves = pretrain_backbone(table, params.pretrain, compute, params.seed)
+    keep = checkpoint_path("pretrain", params, run.md5s)
+    backbone, classifier, progress = pretrain_backbone(table, params.pretrain, compute, params.seed, keep)
     with whole(out) as part:
         torch.save(
             {
@@ -28,10 +30,13 @@ def pretrain(params, run, frames, out):
             },
             part,
         )
-    run.curves(curves, picture="pretrain_curves.png")
-    last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in curves.items())
-    print(f"pretrain: {params.pretrain.epochs} epochs on {compute.device} in {compute.precision}; at the end {last}")
-    return {"weights": sum(weight.numel() for weight in backbone.parameters())}
+    keep.unlink()
+    run.curves(progress.curves, picture="pretrain_curves.png")
+    print(f"pretrain: {progress} on {compute.device} in {compute.precision}")
+    return {
+        "weights": sum(weight.numel() for weight in backbone.parameters()),
+        "seconds_before_interruption": progress.resumed[1],
+    }
 
 
 if __name__ == "__main__":

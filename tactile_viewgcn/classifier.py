@@ -3,6 +3,7 @@
 A checkpoint holds tensors and plain values alone, so that it loads with `weights_only=True`.
 """
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,11 @@ from torch import Tensor, nn
 from tactile_viewgcn.compute import choose
 from tactile_viewgcn.files import readable, whole
 from tactile_viewgcn.frames import Frames, transform
-from tactile_viewgcn.nn.backbone import Backbone, features_of
+from tactile_viewgcn.nn.backbone import WIDTH, Backbone, features_of
 from tactile_viewgcn.nn.view_gcn import ViewGCN
 from tactile_viewgcn.params import Model
 
-SETS_AT_ONCE = 1 << 25  # numbers in the largest array of a batch of view sets: pairs of nodes times features
+SETS_AT_ONCE = 1 << 20  # numbers in the nodes of a batch of view sets; more gain no speed
 
 
 class Classifier(nn.Module):
@@ -28,14 +29,16 @@ class Classifier(nn.Module):
         viewpoints: (V, 3).
         classes: number of classes.
         model: the options of the graph network.
+        width: of the backbone.
     """
 
-    def __init__(self, viewpoints: Tensor, classes: int, model: Model):
+    def __init__(self, viewpoints: Tensor, classes: int, model: Model, width: int = WIDTH):
         super().__init__()
-        self.backbone = Backbone()
+        self.backbone = Backbone(width)
         self.head = ViewGCN(
             viewpoints,
             classes,
+            features=self.backbone.features,
             neighbours=model.neighbours,
             selector_neighbours=model.selector_neighbours,
             selector_hidden=model.selector_hidden,
@@ -49,21 +52,28 @@ class Classifier(nn.Module):
         return len(self.head.viewpoints)
 
     def forward(self, frames: Tensor, views: int) -> tuple[Tensor, list[Tensor]]:
-        """frames (B * V, 1, H, W) -> logits (B, classes) and the samplers' logits."""
+        """frames (B * k, 1, H, W) -> logits (B, classes) and the samplers' logits."""
         return self.head(self.backbone(frames).unflatten(0, (-1, views)))
 
 
 def logits_of_sets(head: ViewGCN, features: Tensor, sets: Tensor) -> Tensor:
-    """Logits (A, classes) of view sets (A, V) of indices into features (n, 128), in batches that fit memory."""
-    views = sets.shape[1]
-    batch = max(1, SETS_AT_ONCE // (views * views * features.shape[1]))
+    """Logits (A, classes) of view sets (A, k) of indices into features (n, C), in batches that fit memory."""
+    batch = max(1, SETS_AT_ONCE // (sets.shape[1] * features.shape[1]))
     return torch.cat([head(features[part])[0] for part in sets.split(batch)])
 
 
 def save_classifier(
-    path: str | Path, classifier: Classifier, model: Model, frames: Frames, precision: str = "float32"
+    path: str | Path,
+    classifier: Classifier,
+    model: Model,
+    frames: Frames,
+    precision: str = "float32",
+    temperatures: list[float] | None = None,
 ) -> None:
-    """Write the weights and all that is needed to use them on raw counts, in the precision they were trained in."""
+    """Write the weights and all that is needed to use them on raw counts, in the precision they were trained in.
+
+    Temperatures, see `touches.calibrate`, make it a classifier of any number of views up to V.
+    """
     used = np.unique(frames.rest)  # a session without frames has no rest
     content = {
         "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
@@ -76,6 +86,7 @@ def save_classifier(
         "rest_mean": torch.from_numpy(frames.rest_mean[used]),
         "rest_names": [frames.rest_names[i] for i in used],
         "precision": precision,
+        "temperatures": temperatures,
     }
     with whole(path) as part:
         torch.save(content, part)
@@ -85,8 +96,10 @@ def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:
     """The classifier in evaluation mode, and the rest of its checkpoint, see `save_classifier`."""
     with readable(path):
         content = torch.load(path, map_location="cpu", weights_only=True)
-        classifier = Classifier(content["viewpoints"], len(content["classes"]), Model(**content["model"]))
-        classifier.load_state_dict(content.pop("weights"))
+        weights = content.pop("weights")
+        width = len(weights["backbone.stem.norm.weight"])
+        classifier = Classifier(content["viewpoints"], len(content["classes"]), Model(**content["model"]), width)
+        classifier.load_state_dict(weights)
     return classifier.eval(), content
 
 
@@ -100,7 +113,7 @@ class Recogniser:
     def __init__(self, path: str | Path):
         self.classifier, content = load_classifier(path)
         self.classes, self.shape = content["classes"], tuple(content["shape"])
-        self._kind, self._scale = content["kind"], content["scale"]
+        self._kind, self._scale, self.temperatures = content["kind"], content["scale"], content["temperatures"]
         self._compute = choose("cpu", content["precision"])
         self._rest = dict(zip(content["rest_names"], content["rest_mean"].numpy(), strict=True))
 
@@ -126,18 +139,20 @@ class Recogniser:
         """Class probabilities float32 (B, classes), a column for each of `classes`.
 
         Args:
-            counts: raw counts (B, V, H, W).
+            counts: raw counts (B, V, H, W); of a classifier with temperatures also (B, k, H, W) with fewer views, and
+                the probabilities are calibrated.
             rest: of the empty hand in the same session, (H, W) counts; the mean of the known rests if None.
 
         Raises:
             ValueError: counts or rest of another shape, or counts that are not finite.
         """
         rest = self.rest() if rest is None else rest
-        expected = (self.classifier.views, *self.shape)
-        if counts.ndim != 4 or counts.shape[1:] != expected:
+        most, any_number = self.classifier.views, self.temperatures is not None
+        fits = counts.ndim == 4 and counts.shape[2:] == self.shape
+        if not fits or not (1 if any_number else most) <= counts.shape[1] <= most:
             raise ValueError(
                 f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
-                f"(any, {', '.join(map(str, expected))})"
+                f"(any, {f'1 to {most}' if any_number else most}, {', '.join(map(str, self.shape))})"
             )
         if rest.shape != self.shape:
             raise ValueError(f"rest has shape {rest.shape}; expected {self.shape}")
@@ -149,5 +164,35 @@ class Recogniser:
         frames = self._compute.frames(torch.from_numpy(inputs).flatten(0, 1))
         with self._compute.autocast():
             features = features_of(self.classifier.backbone, frames)
-        sets = torch.arange(len(features)).unflatten(0, (-1, self.classifier.views))
-        return logits_of_sets(self.classifier.head, features, sets).softmax(dim=-1).numpy()
+        sets = torch.arange(len(features)).unflatten(0, counts.shape[:2])
+        logits = logits_of_sets(self.classifier.head, features, sets)
+        heat = self.temperatures[counts.shape[1] - 1] if any_number else 1.0
+        return (logits / heat).softmax(dim=-1).numpy()
+
+    def until_certain(
+        self, frames: Iterable[np.ndarray], stop_at: float, rest: np.ndarray | None = None
+    ) -> tuple[np.ndarray, int]:
+        """Class probabilities (classes,) and the number of touches they took: no more than are needed.
+
+        Args:
+            frames: raw counts (H, W), one after another; none is taken after the answer is certain, or after V.
+            stop_at: the probability that is certain enough.
+            rest: see `probabilities`.
+
+        Raises:
+            ValueError: the classifier takes V views alone; no frames.
+        """
+        if self.temperatures is None:
+            raise ValueError(
+                f"the classifier takes {self.classifier.views} views and no fewer; fine-tune it with finetune.sizes "
+                "random and split.validation above 0"
+            )
+        taken, found = [], None
+        for frame in frames:
+            taken.append(frame)
+            (found,) = self.probabilities(np.stack(taken)[None], rest)
+            if found.max() >= stop_at or len(taken) == self.classifier.views:
+                break
+        if found is None:
+            raise ValueError("frames holds none; expected one touch or more")
+        return found, len(taken)

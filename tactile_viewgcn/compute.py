@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+DATA_SHARE = 0.5  # of a device's free memory, that the frames may take
+
 
 @dataclass(frozen=True)
 class Compute:
@@ -18,8 +20,23 @@ class Compute:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16")
 
     def frames(self, inputs: Tensor) -> Tensor:
-        """Frames (n, H, W) as a batch (n, 1, H, W) in channels-last order on the device."""
-        return inputs.unsqueeze(1).to(self.device, memory_format=torch.channels_last)
+        """Frames (n, H, W) as a batch (n, 1, H, W) in channels-last order, on the device where they fit its memory."""
+        batch = inputs.unsqueeze(1).contiguous(memory_format=torch.channels_last)
+        if self.device.type == "cuda" and batch.nbytes > DATA_SHARE * torch.cuda.mem_get_info(self.device)[0]:
+            return batch
+        return batch.to(self.device)
+
+    def take(self, values: Tensor, index: Tensor) -> Tensor:
+        """The rows of `values` in `index`, which lies on the processor, on the device; never waits for it."""
+        if values.device == self.device:
+            return values[self.bring(index)]
+        return self.bring(values[index])
+
+    def bring(self, values: Tensor) -> Tensor:
+        """A copy on the device, asynchronous from pinned memory; on the processor the values themselves."""
+        if self.device.type != "cuda":
+            return values
+        return values.pin_memory().to(self.device, non_blocking=True)
 
 
 def choose(device: str = "auto", precision: str = "auto") -> Compute:

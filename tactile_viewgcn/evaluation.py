@@ -7,6 +7,7 @@ backbone once, and all trials of both protocols only gather features.
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,6 +23,7 @@ from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.split import TEST
 from tactile_viewgcn.statistics import group_interval
+from tactile_viewgcn.touches import Touched, touch
 from tactile_viewgcn.views import ViewSets
 
 PROTOCOLS = ("object", "recording")
@@ -51,7 +53,7 @@ class Evaluation:
 
     Attributes:
         protocols: trials by protocol; labels, groups: (A,) class and split group of the anchors.
-        scores: of each protocol, see `summary`.
+        scores: of each protocol, see `summary`; of `touches`, where asked for, see `touch_summary`.
         seconds: of all trials, features and clustering included; latency_ms: see `latency`.
     """
 
@@ -74,9 +76,24 @@ class Evaluation:
 
 
 def evaluate_table(
-    classifier: Classifier, table: Frames, how: Cluster, what: Evaluate, compute: Compute, seed: int
+    classifier: Classifier,
+    table: Frames,
+    how: Cluster,
+    what: Evaluate,
+    compute: Compute,
+    seed: int,
+    temperatures: list[float] | None = None,
 ) -> Evaluation:
-    """All trials of the protocols in `what.scope` on the test side of the table."""
+    """All trials of the protocols in `what.scope`, and of touches with `what.stop_at`, on the table's test side.
+
+    Raises:
+        ValueError: touches are asked for, and the classifier has no temperatures.
+    """
+    if what.stop_at and not temperatures:
+        raise ValueError(
+            f"evaluate.stop_at is {what.stop_at:g}, and the classifier is not calibrated: fine-tune it with finetune.sizes "
+            "random and split.validation above 0"
+        )
     begin = time.perf_counter()
     index = table.on(TEST)
     inputs = table.inputs(index)
@@ -96,6 +113,11 @@ def evaluate_table(
                 classifier, features, points, table.label[index], pool, anchors, how, trials=trials, bar=bar
             )
             scores[scope] = summary(found[scope], groups, stream(seed, "interval", number))
+        if what.stop_at:
+            recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")
+            trials = (stream(seed, "touches.trial", trial) for trial in range(what.trials))
+            touched = touch(classifier, temperatures, features, table.label[index], recording, anchors, trials)
+            scores["touches"] = touch_summary(touched, what.stop_at, groups, stream(seed, "touches.interval"))
     seconds = time.perf_counter() - begin
     return Evaluation(found, table.label[index][anchors], groups, scores, seconds, latency(classifier, frames, compute))
 
@@ -155,6 +177,21 @@ def summary(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dic
         "error": {"mean": float(1 - each.mean())},
         "empty_clusters": trials.empty,
     }
+
+
+def touch_summary(touched: Touched, stop_at: float, groups: np.ndarray, rng: np.random.Generator) -> dict[str, Any]:
+    """Error and mean number of touches when stopping at that certainty, and the error of every fixed number.
+
+    Errors are fractions, means over trials, with the 95 % interval that resamples the split groups (A,).
+    """
+
+    def error(right: np.ndarray) -> dict[str, Any]:
+        interval = group_interval(right.mean(axis=0), groups, rng)
+        return {"error": float(1 - right.mean()), "ci95": [1 - interval[1], 1 - interval[0]] if interval else None}
+
+    right, count = touched.stopped(stop_at)
+    fixed = {str(number + 1): error(touched.right[:, number]) for number in range(touched.right.shape[1])}
+    return {"stop_at": stop_at, "mean": float(count.mean()), **error(right), "fixed": fixed}
 
 
 @torch.inference_mode()

@@ -1,6 +1,7 @@
 """Files that appear whole or not at all, and their md5."""
 
 import hashlib
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,6 +9,11 @@ from pathlib import Path
 from pickle import UnpicklingError
 
 RECORDINGS = (".mat", ".h5", ".hdf5")  # beside them, STAG's folders hold gigabytes of video frames
+
+
+def root() -> Path:
+    """Root of the repository that `dvc` was called in, also inside the temporary workspaces of its experiments."""
+    return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
 
 
 @contextmanager

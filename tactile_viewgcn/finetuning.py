@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.classifier import Classifier, logits_of_sets
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import Frames, full_scale
@@ -17,23 +19,44 @@ from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
 from tactile_viewgcn.params import Finetune, Model
 from tactile_viewgcn.randomness import stream, torch_seed
 from tactile_viewgcn.split import TRAIN, VALIDATION
-from tactile_viewgcn.training import compounding_cosine, error_rate, fit, generators, set_losses
+from tactile_viewgcn.training import FeatureBank, compounding_cosine, error_rate, fit, generator, set_losses
 from tactile_viewgcn.views import Views
-
 
 class Side:
     """The frames of one side as tensors, and the view sets drawn from them."""
 
     def __init__(self, side: int, table: Frames, views: Views, compute: Compute, seed: int, assignment: str):
         self._index, self._views, self._assignment = table.on(side), views, assignment
-        self._rng = stream(seed, "finetune.draw", side)
+        self.rng = stream(seed, "finetune.draw", side)
         self.anchors = np.flatnonzero(table.anchor[self._index])
         self.frames = compute.frames(torch.from_numpy(table.inputs(self._index)))
         self.labels = torch.from_numpy(table.label[self._index].astype(np.int64)).to(compute.device)
 
     def draw(self) -> np.ndarray:
         """View sets (A, V) of indices into `frames`, one per anchor."""
-        return self._views.on(self._index, self._rng).draw(self.anchors, self._rng, self._assignment)
+        return self._views.on(self._index, self.rng).draw(self.anchors, self.rng, self._assignment)
+
+    def plan(self, drawn: np.ndarray, how: Finetune) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Batches of the view sets drawn, in random order, that differ by one set at most.
+
+        Yields:
+            sets (B, k): all V frames of each, or as many for a whole batch as `sizes: random` draws, the anchor first.
+            fresh (B, f): the columns whose frames are to pass the backbone, a 1 / `reuse` of them, the anchor's first.
+        """
+        order = self.rng.permutation(len(drawn))
+        for index in np.array_split(order, math.ceil(len(order) / how.batch)):
+            sets, columns = drawn[index], self._anchor_first(drawn[index], self.anchors[index])
+            views = sets.shape[1]
+            if how.sizes == "random" and (fewer := int(self.rng.integers(1, views + 1))) < views:
+                sets = np.take_along_axis(sets, columns[:, :fewer], axis=1)
+                columns, views = np.broadcast_to(np.arange(fewer), sets.shape), fewer
+            yield sets, np.sort(columns[:, : math.ceil(views / how.reuse)], axis=1)
+
+    def _anchor_first(self, sets: np.ndarray, anchors: np.ndarray) -> np.ndarray:
+        """The columns of each set (B, V) in random order, but its anchor's first."""
+        key = self.rng.random(sets.shape)
+        key[np.arange(len(sets)), (sets == anchors[:, None]).argmax(axis=1)] = -1
+        return np.argsort(key, axis=1)
 
 
 def finetune_classifier(
@@ -45,17 +68,22 @@ def finetune_classifier(
     assignment: str,
     compute: Compute,
     seed: int,
-) -> tuple[Classifier, dict[str, list[float]]]:
+    keep: Path | None = None,
+) -> tuple[Classifier, Progress]:
     """The classifier, its backbone started from `weights`, trained on one view set per anchor and epoch.
 
+    Args:
+        keep: the file where the training is kept after every epoch, and gone on with if it was.
+
     Returns:
-        classifier, and per epoch the loss and, where there is a validation side, its error.
+        classifier, and how it went: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
         ValueError: the training diverges, or `model` does not fit the number of views.
     """
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
-    classifier = Classifier(torch.from_numpy(views.viewpoints), len(table.classes), model)
+    width = len(weights["stem.norm.weight"])
+    classifier = Classifier(torch.from_numpy(views.viewpoints), len(table.classes), model, width)
     classifier.backbone.load_state_dict(weights)
     if not how.backbone_dropout:
         classifier.backbone.dropout.p = 0.0
@@ -66,32 +94,37 @@ def finetune_classifier(
         momentum=how.momentum,
         weight_decay=how.weight_decay,
     )
-    order, on_device = generators(seed, "finetune", compute.device)
+    on_device = generator(seed, "finetune.noise", compute.device)
+    noise = how.noise * full_scale(table.kind, table.scale)
     train, held_out = (Side(side, table, views, compute, seed, assignment) for side in (TRAIN, VALIDATION))
-    kept = {"train": train.draw(), "validation": held_out.draw() if len(held_out.anchors) else None}
+    first, held_out_sets = train.draw(), held_out.draw() if len(held_out.anchors) else None
+    state = {"classifier": classifier, "optimiser": optimiser}
+    bank = None
+    if how.reuse > 1 and len(views.viewpoints) > 1:
+        bank = state["bank"] = FeatureBank(classifier.backbone, train.frames, how.batch, noise, compute, on_device)
+    checkpoint = Checkpoint(keep, state, {"noise": on_device}, {"draw": train.rng})
 
     def losses(epoch: int) -> Iterator[Tensor]:
         classifier.train()
-        sets = kept["train"] if how.redraw == "never" or epoch == 0 else train.draw()
+        drawn = first if how.redraw == "never" or epoch == 0 else train.draw()
         return set_losses(
             classifier,
             train.frames,
             train.labels,
-            sets,
-            batch=how.batch,
-            noise=how.noise * full_scale(table.kind, table.scale),
+            train.plan(drawn, how),
+            bank=bank,
+            noise=noise,
             loss=partial(shape_and_view_loss, view_loss=how.view_loss),
             compute=compute,
-            order=order,
             on_device=on_device,
         )
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:
-        if kept["validation"] is None:
+        if held_out_sets is None:
             return {}
         classifier.eval()
-        sets = torch.from_numpy(kept["validation"]).to(compute.device)
+        sets = torch.from_numpy(held_out_sets).to(compute.device)
         with compute.autocast():
             features = features_of(classifier.backbone, held_out.frames)
         logits = logits_of_sets(classifier.head, features, sets)
@@ -102,5 +135,5 @@ def finetune_classifier(
 
     steps = how.epochs * math.ceil(len(train.anchors) / how.batch)
     with tqdm(total=steps, desc="finetune", unit="batch", disable=None) as bar:
-        curves = fit(how.epochs, optimiser, factor, losses, validate, bar)
-    return classifier, curves
+        progress = fit(how.epochs, optimiser, factor, losses, validate, bar, checkpoint)
+    return classifier, progress

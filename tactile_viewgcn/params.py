@@ -87,6 +87,7 @@ class Pretrain:
     halve_early: Annotated[int, Range(0)]
     batch: Annotated[int, Range(2)]
     noise: NotNegative
+    width: Count
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,8 @@ class Finetune:
     batch: Annotated[int, Range(2)]
     noise: NotNegative
     redraw: Literal["epoch", "never"]
+    reuse: Count
+    sizes: Literal["full", "random"]
     view_loss: Literal["sum", "mean"]
     backbone_dropout: bool
 
@@ -117,6 +120,7 @@ class Finetune:
 @dataclass(frozen=True)
 class Evaluate:
     trials: Count
+    stop_at: Share
     scope: list[Literal["object", "recording"]]
 
 
@@ -303,6 +307,13 @@ def _clashes(params: Params) -> list[str]:
     found = []
     if params.split.fold >= params.split.folds:
         found.append(f"split.fold is {params.split.fold}; expected less than split.folds = {params.split.folds}")
+    if params.evaluate.stop_at and not (params.finetune.sizes == "random" and params.split.validation):
+        found.append(
+            f"evaluate.stop_at is {params.evaluate.stop_at:g}, which needs finetune.sizes random and split.validation "
+            "above 0 for its calibration"
+        )
+    if params.finetune.sizes == "random" and params.model.selector == "joint":
+        found.append("model.selector is joint, which needs all views; finetune.sizes is random: expected per_view")
     needed = {"cube": 8, "dodecahedron": 20}.get(params.viewpoints, params.views)
     if params.views != needed:
         found.append(f"viewpoints is {params.viewpoints}, which has {needed} places; views is {params.views}")

@@ -2,28 +2,33 @@
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import Frames, full_scale
-from tactile_viewgcn.nn.backbone import FEATURES, Backbone, features_of
+from tactile_viewgcn.nn.backbone import Backbone, features_of
 from tactile_viewgcn.params import Pretrain
 from tactile_viewgcn.randomness import torch_seed
 from tactile_viewgcn.split import TRAIN, VALIDATION
-from tactile_viewgcn.training import error_rate, fit, frame_losses, generators, halving
+from tactile_viewgcn.training import error_rate, fit, frame_losses, generator, halving
 
 
 def pretrain_backbone(
-    table: Frames, how: Pretrain, compute: Compute, seed: int
-) -> tuple[Backbone, torch.nn.Linear, dict[str, list[float]]]:
+    table: Frames, how: Pretrain, compute: Compute, seed: int, keep: Path | None = None
+) -> tuple[Backbone, torch.nn.Linear, Progress]:
     """The backbone and its linear classifier, trained on the anchor frames of the training side.
 
+    Args:
+        keep: the file where the training is kept after every epoch, and gone on with if it was.
+
     Returns:
-        backbone, classifier, and per epoch the loss and, where there is a validation side, its error.
+        backbone, classifier, and how it went: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
         ValueError: the training diverges.
@@ -34,12 +39,18 @@ def pretrain_backbone(
         inputs[side] = compute.frames(torch.from_numpy(table.inputs(index)))
         labels[side] = torch.from_numpy(table.label[index].astype(np.int64)).to(compute.device)
     torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
-    backbone = Backbone().to(compute.device, memory_format=torch.channels_last)
-    classifier = torch.nn.Linear(FEATURES, len(table.classes), device=compute.device)
+    backbone = Backbone(how.width).to(compute.device, memory_format=torch.channels_last)
+    classifier = torch.nn.Linear(backbone.features, len(table.classes), device=compute.device)
     optimiser = torch.optim.SGD(
         [*backbone.parameters(), *classifier.parameters()], how.lr, momentum=how.momentum, weight_decay=how.weight_decay
     )
-    order, on_device = generators(seed, "pretrain", compute.device)
+    order, on_device = generator(seed, "pretrain.order"), generator(seed, "pretrain.noise", compute.device)
+    checkpoint = Checkpoint(
+        keep,
+        {"backbone": backbone, "classifier": classifier, "optimiser": optimiser},
+        {"order": order, "noise": on_device},
+        {},
+    )
     noise = how.noise * full_scale(table.kind, table.scale)
 
     def losses(_: int) -> Iterator[Tensor]:
@@ -66,12 +77,13 @@ def pretrain_backbone(
 
     steps = how.epochs * math.ceil(len(labels[TRAIN]) / how.batch)
     with tqdm(total=steps, desc="pretrain", unit="batch", disable=None) as bar:
-        curves = fit(
+        progress = fit(
             how.epochs,
             optimiser,
             lambda e: halving(e, every=how.halve_every, early=how.halve_early),
             losses,
             validate,
             bar,
+            checkpoint,
         )
-    return backbone, classifier, curves
+    return backbone, classifier, progress

@@ -106,6 +106,7 @@ def lines(metrics: dict, timing: dict) -> list[str]:
     return [
         head,
         *(_line(scope, metrics[scope]) for scope in ("object", "recording") if scope in metrics),
+        *([_touches(metrics["touches"])] if "touches" in metrics else []),
         "  time: " + ", ".join(f"{name} {value:,.1f} s" for name, value in seconds.items()),
         f"  per view set: {latency['single']['median']:.2f} ms alone (95th percentile "
         f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches; "
@@ -123,6 +124,14 @@ def _line(scope: str, score: dict) -> str:
     return (
         f"  {scope} protocol: error {100 * score['error']['mean']:.1f} % (95 % interval over groups: {between}; "
         f"clustering spread {100 * score['top1']['spread']:.1f}), top-3 error {100 * (1 - score['top3']['mean']):.1f} %"
+    )
+
+
+def _touches(score: dict) -> str:
+    fixed = ", ".join(f"{100 * one['error']:.1f} % with {count}" for count, one in score["fixed"].items())
+    return (
+        f"  touches: error {100 * score['error']:.1f} % at a mean of {score['mean']:.2f} touches, stopping at "
+        f"{score['stop_at']:g}; {fixed}"
     )
 
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from filelock import FileLock
 
-from tactile_viewgcn.files import md5
+from tactile_viewgcn.files import md5, root
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -194,16 +194,12 @@ def _refusal(uri: str, error: Exception) -> TrackingError:
     )
 
 
-def _root() -> Path:
-    return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
-
-
 def _store(uri: str) -> str:
     """A store's address with an absolute path: DVC deletes a temporary workspace, and what is relative to it."""
     path = uri.removeprefix(SQLITE)
     if path == uri or path.startswith((":memory:", "file:")):
         return uri
-    return f"{SQLITE}{_root() / path}"  # a path that is absolute already, after a fourth slash, stays so
+    return f"{SQLITE}{root() / path}"  # a path that is absolute already, after a fourth slash, stays so
 
 
 def _open(uri: str) -> tuple[Any, str]:
@@ -216,11 +212,11 @@ def _open(uri: str) -> tuple[Any, str]:
     name = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
     local = uri.startswith("sqlite:")
     try:
-        with FileLock(_root() / "mlflow.db.lock") if local else nullcontext():
+        with FileLock(root() / "mlflow.db.lock") if local else nullcontext():
             client = MlflowClient(tracking_uri=uri)
             found = client.get_experiment_by_name(name)
             if found is None:
-                place = (_root() / "mlruns").as_uri() if local else None
+                place = (root() / "mlruns").as_uri() if local else None
                 return client, client.create_experiment(name, artifact_location=place)
     except (MlflowException, OSError, ImportError) as error:
         raise _refusal(uri, error) from None

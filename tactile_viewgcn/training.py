@@ -5,7 +5,8 @@ the learning rate moves. Nothing in an epoch waits for the device.
 """
 
 import math
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 import torch
@@ -13,17 +14,9 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.randomness import torch_seed
-
-
-def batches(count: int, size: int, generator: torch.Generator) -> Iterator[Tensor]:
-    """Indices 0 to count - 1 in random order, in batches of at most `size` that differ by one at most.
-
-    So no batch is a lone leftover that batch normalisation could not use, and no frame is left out.
-    """
-    order = torch.randperm(count, generator=generator)
-    yield from order.tensor_split(math.ceil(count / size))
 
 
 def halving(epoch: int, *, every: int, early: int = 0) -> float:
@@ -43,22 +36,28 @@ def fit(
     losses: Callable[[int], Iterator[Tensor]],
     validate: Callable[[], dict[str, float]],
     bar: tqdm,
-) -> dict[str, list[float]]:
+    checkpoint: Checkpoint | None = None,
+) -> Progress:
     """Run the epochs: a step down each loss, with the learning rates times `factor(epoch)`.
 
     Args:
         losses: epoch -> its batches' losses, one by one.
         validate: what to note after an epoch besides the mean loss.
+        checkpoint: where the training is kept after every epoch, and gone on with if it was.
 
     Returns:
-        The mean loss and what `validate` gave, a value per epoch each.
+        The mean loss and what `validate` gave, a value per epoch each, and the seconds spent, those before an
+        interruption too.
 
     Raises:
         ValueError: the loss is no longer finite.
     """
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimiser, factor)
-    curves: dict[str, list[float]] = {}
-    for epoch in range(epochs):
+    rates = [group["lr"] for group in optimiser.param_groups]
+    progress = checkpoint.restore() if checkpoint else Progress()
+    begin = time.perf_counter() - progress.seconds
+    for epoch in range(progress.epoch, epochs):
+        for group, rate in zip(optimiser.param_groups, rates, strict=True):
+            group["lr"] = rate * factor(epoch)
         total, count = 0.0, 0
         for loss in losses(epoch):
             optimiser.zero_grad(set_to_none=True)
@@ -68,16 +67,18 @@ def fit(
             bar.update()
         mean = float(total) / count
         if not math.isfinite(mean):
-            rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
+            found = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
             raise ValueError(
-                f"training diverged in epoch {epoch + 1} at a learning rate of {rates}: the loss is "
+                f"training diverged in epoch {epoch + 1} at a learning rate of {found}: the loss is "
                 f"{mean}; lower lr in params.yaml"
             )
-        schedule.step()
         for name, value in ({"loss": mean} | validate()).items():
-            curves.setdefault(name, []).append(value)
-        bar.set_postfix({name: f"{line[-1]:.3f}" for name, line in curves.items()})
-    return curves
+            progress.curves.setdefault(name, []).append(value)
+        progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
+        if checkpoint:
+            checkpoint.save(progress)
+        bar.set_postfix({name: f"{line[-1]:.3f}" for name, line in progress.curves.items()})
+    return progress
 
 
 def error_rate(logits: Tensor, labels: Tensor) -> float:
@@ -105,45 +106,94 @@ def frame_losses(
     order: torch.Generator,
     on_device: torch.Generator,
 ) -> Iterator[Tensor]:
-    """Cross-entropy of batches of single frames (n, 1, H, W), for one epoch."""
-    for index in batches(len(frames), batch, order):
-        index = index.to(compute.device)
+    """Cross-entropy of batches of single frames (n, 1, H, W), for one epoch.
+
+    Batches are of at most `batch` frames and differ by one at most, so that none is a lone leftover, which batch
+    normalisation could not use, and no frame is left out.
+    """
+    for index in torch.randperm(len(frames), generator=order).tensor_split(math.ceil(len(frames) / batch)):
         with compute.autocast():
-            features = backbone(noisy(frames[index], noise, on_device))
-        yield functional.cross_entropy(classifier(features.float()), labels[index])
+            features = backbone(noisy(compute.take(frames, index), noise, on_device))
+        yield functional.cross_entropy(classifier(features.float()), compute.take(labels, index))
+
+
+class FeatureBank(nn.Module):
+    """Features (n, C) of a side's frames, each as the backbone gave it last, for views that it need not see again.
+
+    While the network is fine-tuned they change slowly. They come from training mode, noise and dropout included.
+
+    Args:
+        frames: (n, 1, H, W), which all pass the backbone once, in batches of `batch`.
+        noise, on_device: see `noisy`.
+    """
+
+    def __init__(
+        self,
+        backbone: nn.Module,
+        frames: Tensor,
+        batch: int,
+        noise: float,
+        compute: Compute,
+        on_device: torch.Generator,
+    ):
+        super().__init__()
+        self._compute = compute
+        backbone.train()
+        order = torch.randperm(len(frames))
+        with torch.no_grad(), compute.autocast():
+            parts = [
+                backbone(noisy(compute.take(frames, index), noise, on_device))
+                for index in order.tensor_split(math.ceil(len(order) / batch))
+            ]
+        self.register_buffer("values", torch.cat(parts)[compute.bring(order.argsort())])
+
+    def nodes(self, sets: np.ndarray, fresh: np.ndarray, features: Tensor) -> Tensor:
+        """The features (B, k, C) of view sets (B, k): of their columns `fresh` (B, f) these (B, f, C), which are kept.
+
+        Of a frame that is there more than once the first is kept.
+        """
+        bring = self._compute.bring
+        rows = np.broadcast_to(np.arange(len(sets))[:, None], fresh.shape)
+        places = (bring(torch.from_numpy(rows.copy())), bring(torch.from_numpy(fresh)))
+        nodes = self.values[bring(torch.from_numpy(sets))].index_put(places, features)
+        frames, first = np.unique(sets[rows, fresh], return_index=True)
+        kept = features.detach().flatten(0, 1)[bring(torch.from_numpy(first))]
+        self.values[bring(torch.from_numpy(frames))] = kept
+        return nodes
 
 
 def set_losses(
-    model: nn.Module,
+    classifier: nn.Module,
     frames: Tensor,
     labels: Tensor,
-    sets: np.ndarray,
+    plan: Iterable[tuple[np.ndarray, np.ndarray]],
     *,
-    batch: int,
+    bank: FeatureBank | None,
     noise: float,
     loss: Callable[..., Tensor],
     compute: Compute,
-    order: torch.Generator,
     on_device: torch.Generator,
 ) -> Iterator[Tensor]:
     """Equation 6's loss of batches of view sets, for one epoch.
 
     Args:
+        classifier: its `backbone` makes features of frames, its `head` logits of their sets.
         frames: (n, 1, H, W); labels: (n,).
-        sets: (A, V) indices into the frames; the first column's label is the view set's.
+        plan: of each batch its view sets (B, k) of indices into the frames, all of one label, and the columns (B, f)
+            whose frames pass the backbone.
+        bank: has the features of the others; None where there are no others.
         loss: logits, view logits and labels to a scalar.
     """
-    drawn = torch.from_numpy(sets)
-    for index in batches(len(sets), batch, order):
-        chosen = drawn[index].to(compute.device)
+    for sets, fresh in plan:
+        index = np.take_along_axis(sets, fresh, axis=1)
+        batch = noisy(compute.take(frames, torch.from_numpy(index.ravel())), noise, on_device)
         with compute.autocast():
-            logits, view_logits = model(noisy(frames[chosen.flatten()], noise, on_device), sets.shape[1])
-        yield loss(logits, view_logits, labels[chosen[:, 0]])
+            features = classifier.backbone(batch).unflatten(0, index.shape)
+        nodes = features if bank is None else bank.nodes(sets, fresh, features)
+        logits, view_logits = classifier.head(nodes)
+        yield loss(logits, view_logits, compute.take(labels, torch.from_numpy(sets[:, 0])))
 
 
-def generators(seed: int, purpose: str, device: torch.device) -> tuple[torch.Generator, torch.Generator]:
-    """Two streams of random numbers: one for the order of batches, on the processor, one on the device."""
-    order, on_device = torch.Generator(), torch.Generator(device)
-    order.manual_seed(torch_seed(seed, f"{purpose}.order"))
-    on_device.manual_seed(torch_seed(seed, f"{purpose}.noise"))
-    return order, on_device
+def generator(seed: int, purpose: str, device: torch.device | str = "cpu") -> torch.Generator:
+    """A stream of random numbers of one purpose on a device."""
+    return torch.Generator(device).manual_seed(torch_seed(seed, purpose))

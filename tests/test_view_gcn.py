@@ -11,6 +11,7 @@ from torch import nn
 
 from tactile_viewgcn.classifier import Classifier
 from tactile_viewgcn.cli import preset_changes
+from tactile_viewgcn.nn.graph import furthest_points
 from tactile_viewgcn.nn.view_gcn import (
     SLOPE,
     LocalGraphConvolution,
@@ -73,7 +74,7 @@ def test_equation_5_by_hand():
     fill(sampling.layers[0].bias, [[0, 0], [-4, 0]])  # surest where |f|, or |f - 4|, is largest
     nodes = torch.tensor([[[1.0], [-2], [3], [4]]])
     # furthest points 0 and 3; 0 chooses among {0, 1} by |f|: 1; 3 chooses among {3, 0} by |f - 4|: 0
-    chosen, places, logits = sampling(nodes, POSITIONS)
+    chosen, places, logits = sampling(nodes, POSITIONS, 2)
     assert chosen.flatten().tolist() == [-2, 1]
     assert torch.equal(places, POSITIONS[:, [1, 0]])
     assert logits[0].tolist() == [[[1, 0], [-2, 0]], [[0, 0], [-3, 0]]]
@@ -83,7 +84,7 @@ def test_equation_5_ties_go_to_the_nearest_of_the_lowest_index():
     sampling = SelectiveViewSampling(1, 3, samples=2, neighbours=4).eval()
     nn.init.zeros_(sampling.layers[0].weight)
     nn.init.zeros_(sampling.layers[0].bias)
-    assert sampling(NODES, POSITIONS)[0].flatten().tolist() == [1, 4]
+    assert sampling(NODES, POSITIONS, 2)[0].flatten().tolist() == [1, 4]
 
 
 @pytest.mark.parametrize(("joint", "chosen"), [(False, [-5, -5]), (True, [1, 1])])
@@ -93,7 +94,7 @@ def test_equation_5_s_probabilities_are_over_classes_and_the_released_code_s_ove
     fill(sampling.layers[0].weight, per_view if joint else [[[1], [0]], [[1], [0]]])
     nn.init.zeros_(sampling.layers[0].bias)
     # over classes f = -5 is surer than f = 1; over the two views, 1 beside -5 is
-    assert sampling(torch.tensor([[[-5.0], [1]]]), POSITIONS[:, :2])[0].flatten().tolist() == chosen
+    assert sampling(torch.tensor([[[-5.0], [1]]]), POSITIONS[:, :2], 2)[0].flatten().tolist() == chosen
 
 
 def test_equation_6_by_hand():
@@ -176,6 +177,29 @@ def test_any_number_of_views_gives_logits_and_gradients(views, joint):
     shape_and_view_loss(logits, view_logits, torch.tensor([0, 1, 2, 3])).backward()
     assert features.grad.isfinite().all()
     assert all(weight.grad is not None and weight.grad.isfinite().all() for weight in head.parameters())
+
+
+@pytest.mark.parametrize("views", [2, 5, 8, 12])
+def test_a_network_for_v_views_takes_any_number_of_them(views):
+    torch.manual_seed(0)
+    head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16).eval()
+    for count in range(1, views + 1):
+        logits, view_logits = head(torch.randn(3, count, 16))
+        assert logits.shape == (3, 5)
+        assert logits.isfinite().all()
+        sizes = [max(1, count >> level) for level in range(len(level_sizes(views)))]
+        assert [out.shape[1:3] for out in view_logits] == [
+            (small, min(4, large, views >> level)) for level, (large, small) in enumerate(pairwise(sizes))]  # fmt: skip
+
+
+def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
+    torch.manual_seed(0)
+    places = torch.from_numpy(viewpoints(8))
+    head = ViewGCN(places, 5, features=16).eval()
+    views, seen = torch.randn(2, 4, 16), []
+    head.convolutions[0].register_forward_hook(lambda _, inputs, __: seen.append(inputs[1][0]))
+    head(views)
+    assert torch.equal(seen[0], places[furthest_points(places, 4)].float())
 
 
 def test_one_view_has_no_graph():

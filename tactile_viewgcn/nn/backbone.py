@@ -6,9 +6,10 @@ Tactile-ViewGCN takes over. 674,240 weights, trained from scratch.
 """
 
 import torch
+import torch.nn.functional as functional
 from torch import Tensor, nn
 
-FEATURES = 128
+WIDTH = 64
 DROPOUT = 0.2
 AT_ONCE = 128  # frames in one pass where nothing is learnt: more gain no speed and take memory
 
@@ -31,32 +32,69 @@ class BasicBlock(nn.Module):
         return torch.relu(self.norm2(self.conv2(out)) + self.shortcut(x))
 
 
+class Stem(nn.Module):
+    """3x3 convolution, batch normalisation, ReLU and maximum pooling: (B, 1, H, W) -> (B, C, H / 2, W / 2).
+
+    What it returns is theirs; how, spares the passes over its maps, the largest of the network. A frame has one
+    channel, so the mean and the variance of every map follow exactly from those of the frame's 3x3 patches,
+    and the normalisation becomes part of the convolution's nine weights. ReLU comes after the pooling, which
+    it commutes with.
+    """
+
+    def __init__(self, outputs: int):
+        super().__init__()
+        self.conv = nn.Conv2d(1, outputs, 3, padding=1, bias=False)
+        self.norm = nn.BatchNorm2d(outputs)
+
+    def forward(self, frames: Tensor) -> Tensor:
+        norm = self.norm
+        with torch.autocast(frames.device.type, enabled=False):
+            mean, variance = self._moments(frames) if self.training else (norm.running_mean, norm.running_var)
+            scale = norm.weight * (variance + norm.eps).rsqrt()
+            weight, bias = self.conv.weight * scale[:, None, None, None], norm.bias - mean * scale
+        maps = functional.conv2d(frames, weight, bias, padding=1)
+        return torch.relu(functional.max_pool2d(maps, 3, stride=2, padding=1))
+
+    def _moments(self, frames: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and variance (C,) of the convolution's maps over the batch, which go into the running ones too."""
+        patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)  # (B, H, W, 3, 3)
+        patches = patches.permute(3, 4, 0, 1, 2).flatten(2).flatten(0, 1)  # (9, B * H * W)
+        count, centre = patches.shape[1], patches.mean(dim=1, keepdim=True)
+        patches = patches - centre
+        weight = self.conv.weight.flatten(1)
+        mean = weight @ centre.squeeze(1)
+        variance = ((weight @ (patches @ patches.T / count)) * weight).sum(dim=1)
+        with torch.no_grad():
+            self.norm.num_batches_tracked += 1
+            self.norm.running_mean.lerp_(mean, self.norm.momentum)
+            self.norm.running_var.lerp_(variance * (count / max(1, count - 1)), self.norm.momentum)
+        return mean, variance
+
+
 class Backbone(nn.Module):
-    """Frames (B, 1, H, W) to features (B, 128); a 32 x 32 frame passes through maps of 128 x 8 x 8.
+    """Frames (B, 1, H, W) to features (B, 2 * width); a 32 x 32 frame passes through maps of 128 x 8 x 8.
 
     Args:
+        width: channels of stage 1, half of stage 2's; the paper's is 64.
         dropout: share of stage 1's channels dropped in training.
     """
 
-    def __init__(self, dropout: float = DROPOUT):
+    def __init__(self, width: int = WIDTH, dropout: float = DROPOUT):
         super().__init__()
-        self.stem = nn.Sequential(
-            nn.Conv2d(1, 64, 3, padding=1, bias=False),
-            nn.BatchNorm2d(64),
-            nn.ReLU(),
-            nn.MaxPool2d(3, stride=2, padding=1),
-        )
-        self.stage1 = nn.Sequential(BasicBlock(64, 64), BasicBlock(64, 64))
+        self.width, self.features = width, 2 * width
+        self.stem = Stem(width)
+        self.stage1 = nn.Sequential(BasicBlock(width, width), BasicBlock(width, width))
         self.dropout = nn.Dropout2d(dropout)
-        self.stage2 = nn.Sequential(BasicBlock(64, FEATURES, stride=2), BasicBlock(FEATURES, FEATURES))
+        self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), BasicBlock(2 * width, 2 * width))
 
     def forward(self, frames: Tensor) -> Tensor:
         maps = self.stage2(self.dropout(self.stage1(self.stem(frames))))  # (B, 128, H / 4, W / 4)
-        return maps.float().mean(dim=(2, 3))
+        return (maps.float() if maps.dtype == torch.bfloat16 else maps).mean(dim=(2, 3))
 
 
 @torch.no_grad()
 def features_of(backbone: Backbone, frames: Tensor) -> Tensor:
-    """Features float32 (n, 128) of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
+    """Features (n, 2 * width) of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
     backbone.eval()
-    return torch.cat([backbone(part).float() for part in frames.split(AT_ONCE)])
+    device = next(backbone.parameters()).device
+    return torch.cat([backbone(part.to(device)) for part in frames.split(AT_ONCE)])

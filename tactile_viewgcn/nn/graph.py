@@ -48,8 +48,10 @@ def furthest_points(positions: Tensor, count: int) -> Tensor:
 
 def gather_nodes(values: Tensor, index: Tensor) -> Tensor:
     """values (B, N, C), index (B, ...) -> (B, ..., C)."""
-    flat = index.reshape(len(index), -1, 1).expand(-1, -1, values.shape[-1])
-    return values.gather(1, flat).reshape(*index.shape, values.shape[-1])
+    batch, nodes, features = values.shape
+    first = torch.arange(0, batch * nodes, nodes, device=index.device).view(-1, *[1] * (index.ndim - 1))
+    rows = values.reshape(-1, features).index_select(0, (index + first).flatten())
+    return rows.view(*index.shape, features)
 
 
 def edge_geometry(positions: Tensor, neighbours: Tensor, distance: str = "squared") -> Tensor:

@@ -9,13 +9,13 @@ from itertools import pairwise
 import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
-from torch.utils.checkpoint import checkpoint
+from torch.autograd.function import once_differentiable
 
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest
 
 SLOPE = 0.2  # of every LeakyReLU
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
-PAIRS_AT_ONCE = 1 << 26  # numbers in the largest array of messages; above it, receivers are taken in parts
+PAIRS_AT_ONCE = 1 << 22  # numbers in the largest array of messages; more gain no speed
 LEVELS = 3  # V, V / 2, V / 4 nodes
 
 
@@ -46,9 +46,9 @@ class LocalGraphConvolution(nn.Module):
     def forward(self, nodes: Tensor, positions: Tensor) -> Tensor:
         """nodes (B, N, C), positions (B, N, 3), or (1, N, 3) where they are common to all -> (B, N, C)."""
         near = nearest(positions, self.neighbours)  # (B or 1, N, K)
-        weights = self.relation(edge_geometry(positions, near, self.edge_distance))  # (B or 1, N, K, 1)
-        gathered = (weights * gather_nodes(nodes, near.expand(len(nodes), -1, -1))).sum(dim=2)
-        out = self.norm(self.linear(gathered).flatten(0, 1))
+        weights = self.relation(edge_geometry(positions, near, self.edge_distance)).squeeze(-1)  # (B or 1, N, K)
+        adjacency = weights.new_zeros(*near.shape[:2], near.shape[1]).scatter(-1, near, weights)  # S, (B or 1, N, N)
+        out = self.norm(self.linear(adjacency @ nodes).flatten(0, 1))
         return functional.leaky_relu(out, SLOPE).view_as(nodes)
 
 
@@ -69,11 +69,7 @@ class NonLocalMessagePassing(nn.Module):
         """r (B, N, C): what each node receives from all nodes, itself included."""
         sender, receiver = self.message.weight.chunk(2, dim=1)
         sent = functional.linear(nodes, sender)
-        taken = functional.linear(nodes, receiver, self.message.bias)
-        parts = taken.split(max(1, PAIRS_AT_ONCE // sent.numel()), dim=1)
-        if len(parts) == 1:
-            return _sum_over_senders(taken, sent)
-        return torch.cat([checkpoint(_sum_over_senders, part, sent, use_reentrant=False) for part in parts], dim=1)
+        return MessageSum.apply(functional.linear(nodes, receiver, self.message.bias), sent)
 
     def forward(self, nodes: Tensor) -> Tensor:
         """(B, N, C) -> (B, N, C)."""
@@ -81,9 +77,36 @@ class NonLocalMessagePassing(nn.Module):
         return functional.leaky_relu(self.norm(fused.flatten(0, 1)), SLOPE).view_as(nodes)
 
 
-def _sum_over_senders(taken: Tensor, sent: Tensor) -> Tensor:
-    """taken (B, M, C) of the receivers, sent (B, N, C) by the senders -> (B, M, C)."""
-    return functional.leaky_relu(taken.unsqueeze(2) + sent.unsqueeze(1), SLOPE).sum(dim=2)
+class MessageSum(torch.autograd.Function):
+    """Sum over the senders j of LeakyReLU(taken_i + sent_j), taken (B, N, C), sent (B, N, C) -> (B, N, C).
+
+    The messages of all pairs are never held at once, neither here nor for the gradient, which makes them anew.
+    """
+
+    @staticmethod
+    def forward(ctx, taken: Tensor, sent: Tensor) -> Tensor:
+        ctx.save_for_backward(taken, sent)
+        total = torch.zeros_like(taken)
+        for part in _senders(sent):
+            total += functional.leaky_relu_(taken.unsqueeze(1) + part.unsqueeze(2), SLOPE).sum(dim=1)
+        return total
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, gradient: Tensor) -> tuple[Tensor, Tensor]:
+        taken, sent = ctx.saved_tensors
+        to_taken, to_sent = torch.zeros_like(taken), []
+        for part in _senders(sent):
+            pairs = taken.unsqueeze(1) + part.unsqueeze(2)  # (B, part of N, N, C)
+            slopes = torch.ops.aten.leaky_relu_backward(gradient.unsqueeze(1), pairs, SLOPE, False)
+            to_taken += slopes.sum(dim=1)
+            to_sent.append(slopes.sum(dim=2))
+        return to_taken, torch.cat(to_sent, dim=1)
+
+
+def _senders(sent: Tensor) -> tuple[Tensor, ...]:
+    """The nodes (B, N, C) in parts that make few enough pairs with all of them."""
+    return sent.split(max(1, PAIRS_AT_ONCE // sent.numel()), dim=1)
 
 
 class SelectiveViewSampling(nn.Module):
@@ -117,9 +140,12 @@ class SelectiveViewSampling(nn.Module):
             out = layer(functional.leaky_relu(out, SLOPE) if number else out)
         return out.view(batch, near, samples, self.classes).transpose(1, 2) if self.joint else out
 
-    def forward(self, nodes: Tensor, positions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """nodes (B, N, C), positions (B or 1, N, 3) -> nodes (B, M, C), positions (B, M, 3), logits (B, M, K, Y)."""
-        sampled = furthest_points(positions, self.samples)  # (B or 1, M)
+    def forward(self, nodes: Tensor, positions: Tensor, samples: int) -> tuple[Tensor, Tensor, Tensor]:
+        """nodes (B, N, C), positions (B or 1, N, 3) -> nodes (B, m, C), positions (B, m, 3), logits (B, m, K, Y).
+
+        m is `samples`, or fewer: those of a graph that has not all its nodes.
+        """
+        sampled = furthest_points(positions, samples)  # (B or 1, m)
         near = gather_nodes(nearest(positions, self.neighbours), sampled)  # (B or 1, M, K)
         near = near.expand(len(nodes), -1, -1)
         logits = self.logits(gather_nodes(nodes, near))
@@ -129,7 +155,7 @@ class SelectiveViewSampling(nn.Module):
 
 
 class LinearPerView(nn.Module):
-    """A linear layer of its own for each sampled view: (B, M, K, i) -> (B, M, K, o)."""
+    """A linear layer of its own for each sampled view: (B, m, K, i) -> (B, m, K, o), m up to M."""
 
     def __init__(self, samples: int, inputs: int, outputs: int):
         super().__init__()
@@ -138,15 +164,19 @@ class LinearPerView(nn.Module):
         self.bias = nn.Parameter(torch.stack([layer.bias.detach() for layer in layers]))
 
     def forward(self, x: Tensor) -> Tensor:
-        return torch.einsum("bmki,moi->bmko", x, self.weight) + self.bias[:, None]
+        views = x.shape[1]
+        return torch.einsum("bmki,moi->bmko", x, self.weight[:views]) + self.bias[:views, None]
 
 
 class ViewGCN(nn.Module):
-    """Features (B, V, C) of V views to class logits.
+    """Features (B, k, C) of k = V views, or fewer, to class logits.
 
     Levels of V, V/2 and V/4 nodes: local graph convolution, whose maximum over the nodes is the level's
     descriptor; then message passing and view sampling down to the next level. The descriptors of all levels
     are concatenated and classified. One view has no graph: its feature is the descriptor.
+
+    A network for V views takes k < V as the graph of k nodes, on the k viewpoints that furthest point sampling comes
+    to first, with k, k/2 and k/4 nodes, one at least, on its levels.
 
     Args:
         viewpoints: (V, 3).
@@ -182,6 +212,7 @@ class ViewGCN(nn.Module):
                 f"each of the {len(sizes)} levels of {len(viewpoints)} views"
             )
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
+        self.register_buffer("order", furthest_points(viewpoints, len(viewpoints)), persistent=False)
         self.convolutions = nn.ModuleList(
             LocalGraphConvolution(features, k, edge_distance) for k, _ in zip(near, sizes, strict=False)
         )
@@ -205,16 +236,18 @@ class ViewGCN(nn.Module):
         )
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """views (B, V, C) -> logits (B, classes), and each sampler's logits (B, M, K, classes) for the view loss."""
+        """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""
         with torch.autocast(views.device.type, enabled=False):
-            nodes = views.float()
-            positions = self.viewpoints[None]
+            nodes = views.to(self.viewpoints.dtype)
+            count = nodes.shape[1]
+            positions = self.viewpoints[None] if count == len(self.order) else self.viewpoints[None, self.order[:count]]
             descriptors, view_logits = [] if self.convolutions else [nodes[:, 0]], []
             for level, convolution in enumerate(self.convolutions):
                 nodes = convolution(nodes, positions)
                 descriptors.append(nodes.amax(dim=1))
                 if level < len(self.samplers):
-                    nodes, positions, logits = self.samplers[level](self.messages[level](nodes), positions)
+                    nodes = self.messages[level](nodes)
+                    nodes, positions, logits = self.samplers[level](nodes, positions, max(1, count >> (level + 1)))
                     view_logits.append(logits)
             return self.classifier(torch.cat(descriptors, dim=-1)), view_logits
 

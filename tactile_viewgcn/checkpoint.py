@@ -1,0 +1,112 @@
+"""A training under way, kept in a file after every epoch, so that one that was interrupted goes on where it was."""
+
+import hashlib
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from tactile_viewgcn.files import readable, root, whole
+
+FOLDER = "checkpoints"
+
+
+def checkpoint_path(stage: str, params: Any, inputs: dict[str, str]) -> Path:
+    """Where the training of a stage is kept: under a name of everything that its result depends on.
+
+    Args:
+        stage: its name.
+        params: the parameters that it was given, an object whose attributes they are.
+        inputs: the md5 of each input.
+
+    Beside these the name depends on the project's code that is loaded, on torch, and on the number of threads.
+    """
+    code = {
+        name: Path(module.__file__).read_bytes()
+        for name, module in sorted(sys.modules.items())
+        if name.partition(".")[0] in ("stages", "studies", "tactile_viewgcn") and getattr(module, "__file__", None)
+    }
+    known = (sorted(vars(params).items()), sorted(inputs.items()), code, torch.__version__, torch.get_num_threads())
+    return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(known).encode()).hexdigest()[:16]}.pt"
+
+
+@dataclass
+class Progress:
+    """How far a training has come.
+
+    Attributes:
+        epoch: epochs done.
+        curves: a value per epoch each.
+        seconds: spent on them.
+        resumed: epochs that were done before the last interruption, and the seconds spent on those.
+    """
+
+    epoch: int = 0
+    curves: dict[str, list[float]] = field(default_factory=dict)
+    seconds: float = 0.0
+    resumed: tuple[int, float] = (0, 0.0)
+
+    def __str__(self) -> str:
+        before = f" ({self.resumed[0]} of them before an interruption)" if self.resumed[0] else ""
+        last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
+        return f"{self.epoch} epochs{before}, at the end {last},"
+
+
+class Checkpoint:
+    """Everything that the rest of a training depends on, in one file.
+
+    Args:
+        path: the file; None keeps nothing.
+        state: what has `state_dict` and `load_state_dict`: modules and the optimiser.
+        generators: torch's generators that are drawn from, beside torch's own of the processor and of CUDA.
+        rngs: NumPy's.
+    """
+
+    def __init__(
+        self,
+        path: Path | None,
+        state: dict[str, Any],
+        generators: dict[str, torch.Generator],
+        rngs: dict[str, np.random.Generator],
+    ):
+        self.path, self._state, self._generators, self._rngs = path, state, generators, rngs
+
+    def save(self, progress: Progress) -> None:
+        """Write the state as it is."""
+        if self.path is None:
+            return
+        content = {
+            "progress": vars(progress),
+            "state": {name: thing.state_dict() for name, thing in self._state.items()},
+            "generators": {name: one.get_state() for name, one in self._generators.items()},
+            "rngs": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
+            "torch": torch.get_rng_state(),
+            "cuda": torch.cuda.get_rng_state_all(),
+        }
+        with whole(self.path) as part:
+            torch.save(content, part)
+
+    def restore(self) -> Progress:
+        """Put everything back as it was kept; where nothing was, it stays, and no epoch is done.
+
+        Raises:
+            ValueError: the file is damaged.
+        """
+        if self.path is None or not self.path.exists():
+            return Progress()
+        with readable(self.path):
+            content = torch.load(self.path, map_location="cpu", weights_only=True)
+            for name, thing in self._state.items():
+                thing.load_state_dict(content["state"][name])
+            for name, one in self._generators.items():
+                one.set_state(content["generators"][name])
+            for name, rng in self._rngs.items():
+                rng.bit_generator.state = content["rngs"][name]
+            torch.set_rng_state(content["torch"])
+            torch.cuda.set_rng_state_all(content["cuda"])
+        progress = Progress(**content["progress"])
+        progress.resumed = progress.epoch, progress.seconds
+        return progress
