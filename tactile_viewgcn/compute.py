@@ -11,17 +11,22 @@ DATA_SHARE = 0.5  # of a device's free memory, that the frames may take
 
 @dataclass(frozen=True)
 class Compute:
-    """A device and the precision of the backbone's products on it: `float32` or `bfloat16`."""
+    """A device and the precision of the backbone's products on it: `float32`, `bfloat16`, or, of all, `float64`."""
 
     device: torch.device
     precision: str
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Of weights and frames."""
+        return torch.float64 if self.precision == "float64" else torch.float32
 
     def autocast(self) -> torch.autocast:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16")
 
     def frames(self, inputs: Tensor) -> Tensor:
         """Frames (n, H, W) as a batch (n, 1, H, W) in channels-last order, on the device where they fit its memory."""
-        batch = inputs.unsqueeze(1).contiguous(memory_format=torch.channels_last)
+        batch = inputs.unsqueeze(1).to(self.dtype, memory_format=torch.channels_last)
         if self.device.type == "cuda" and batch.nbytes > DATA_SHARE * torch.cuda.mem_get_info(self.device)[0]:
             return batch
         return batch.to(self.device)

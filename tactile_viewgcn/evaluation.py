@@ -91,15 +91,15 @@ def evaluate_table(
     """
     if what.stop_at and not temperatures:
         raise ValueError(
-            f"evaluate.stop_at is {what.stop_at:g}, and the classifier is not calibrated: fine-tune it with finetune.sizes "
-            "random and split.validation above 0"
+            f"evaluate.stop_at is {what.stop_at:g}, and the classifier is not calibrated: fine-tune it with "
+            "finetune.sizes random and split.validation above 0"
         )
     begin = time.perf_counter()
     index = table.on(TEST)
     inputs = table.inputs(index)
     anchors = np.flatnonzero(table.anchor[index])
     frames = compute.frames(torch.from_numpy(inputs))
-    classifier.eval().to(compute.device, memory_format=torch.channels_last)
+    classifier.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)
     with compute.autocast():
         features = features_of(classifier.backbone, frames)
     points, groups, found, scores = inputs[:, table.live], table.group[index][anchors], {}, {}

@@ -63,9 +63,9 @@ def readable(path: str | Path) -> Iterator[None]:
     try:
         yield
     except (OSError, KeyError, TypeError, RuntimeError, EOFError, UnpicklingError) as error:
+        reason = f"{type(error).__name__}: {str(error).partition('. ')[0]}"
         raise ValueError(
-            f"{path}: damaged, or not written by this version ({type(error).__name__}: {error}); "
-            "delete it and run `dvc repro` again"
+            f"{path}: damaged, or not written by this version ({reason}); delete it and run `dvc repro` again"
         ) from error
 
 

@@ -22,6 +22,7 @@ from tactile_viewgcn.split import TRAIN, VALIDATION
 from tactile_viewgcn.training import FeatureBank, compounding_cosine, error_rate, fit, generator, set_losses
 from tactile_viewgcn.views import Views
 
+
 class Side:
     """The frames of one side as tensors, and the view sets drawn from them."""
 

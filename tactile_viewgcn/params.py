@@ -313,7 +313,7 @@ def _clashes(params: Params) -> list[str]:
             "above 0 for its calibration"
         )
     if params.finetune.sizes == "random" and params.model.selector == "joint":
-        found.append("model.selector is joint, which needs all views; finetune.sizes is random: expected per_view")
+        found.append("model.selector is joint, which needs all views, and finetune.sizes is random: expected per_view")
     needed = {"cube": 8, "dodecahedron": 20}.get(params.viewpoints, params.views)
     if params.views != needed:
         found.append(f"viewpoints is {params.viewpoints}, which has {needed} places; views is {params.views}")

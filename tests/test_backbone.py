@@ -48,7 +48,9 @@ def test_features_in_batches_equal_those_of_single_frames():
 
 def plain_stem(stem):
     """The layers that the stem stands for, with its weights."""
-    layers = nn.Sequential(nn.Conv2d(1, 8, 3, padding=1, bias=False), nn.BatchNorm2d(8), nn.ReLU(), nn.MaxPool2d(3, 2, 1))
+    layers = nn.Sequential(
+        nn.Conv2d(1, 8, 3, padding=1, bias=False), nn.BatchNorm2d(8), nn.ReLU(), nn.MaxPool2d(3, 2, 1)
+    )
     layers[0].load_state_dict(stem.conv.state_dict())
     layers[1].load_state_dict(stem.norm.state_dict())
     return layers.double()

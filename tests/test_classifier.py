@@ -73,7 +73,7 @@ def test_view_sets_in_batches_have_the_logits_of_all_at_once(monkeypatch):
     classifier.head.register_forward_hook(lambda _, inputs, __: sizes.append(len(inputs[0])))
     with torch.inference_mode():
         together = logits_of_sets(classifier.head, features, sets)
-        monkeypatch.setattr(module, "SETS_AT_ONCE", 3 * 4 * 4 * 128)
+        monkeypatch.setattr(module, "SETS_AT_ONCE", 3 * 4 * 128)
         parts = logits_of_sets(classifier.head, features, sets)
         monkeypatch.setattr(module, "SETS_AT_ONCE", 1)
         singly = logits_of_sets(classifier.head, features, sets)

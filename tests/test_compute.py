@@ -95,3 +95,49 @@ def test_freed_memory_is_kept_where_a_program_asks_for_it(monkeypatch, allocator
 def test_another_c_library_is_left_alone(monkeypatch, library):
     monkeypatch.setattr(compute.ctypes, "CDLL", library)
     keep_freed_memory()
+
+
+class Card:
+    """A compute of a device that is not there, with so many bytes free, and what is pinned and sent to it."""
+
+    def __init__(self, monkeypatch, free):
+        self.sent = []
+        pretend(monkeypatch, cuda=True)
+        monkeypatch.setattr(torch.cuda, "mem_get_info", lambda _: (free, 10 * free))
+        monkeypatch.setattr(torch.Tensor, "pin_memory", lambda values: values)
+        move = torch.Tensor.to
+
+        def to(values, *target, **how):
+            if target and target[0] == torch.device("cuda"):
+                self.sent.append((tuple(values.shape), how.get("non_blocking", False)))
+                return values
+            return move(values, *target, **how)
+
+        monkeypatch.setattr(torch.Tensor, "to", to)
+        self.compute = Compute(torch.device("cuda"), "float32")
+
+
+@pytest.mark.parametrize(("free", "sent"), [(2 * 96 + 1, [((2, 1, 3, 4), False)]), (2 * 96 - 2, [])])
+def test_frames_go_to_a_card_where_they_fit_half_of_its_free_memory(monkeypatch, free, sent):
+    card = Card(monkeypatch, free)
+    card.compute.frames(torch.zeros(2, 3, 4))
+    assert card.sent == sent
+
+
+def test_rows_of_frames_that_did_not_fit_are_copied_without_waiting(monkeypatch):
+    card = Card(monkeypatch, 0)
+    rows = card.compute.take(torch.arange(10.0).view(5, 2), torch.tensor([3, 1]))
+    assert rows.tolist() == [[6, 7], [2, 3]]
+    assert card.sent == [((2, 2), True)]
+
+
+def test_on_the_processor_rows_are_taken_and_nothing_is_copied_twice():
+    values, compute = torch.arange(10.0).view(5, 2), Compute(torch.device("cpu"), "float32")
+    assert compute.take(values, torch.tensor([3, 1])).tolist() == [[6, 7], [2, 3]]
+    assert compute.bring(values) is values
+
+
+@pytest.mark.parametrize(("precision", "dtype"), [("float64", torch.float64), ("bfloat16", torch.float32)])
+def test_weights_and_frames_are_in_float32_but_for_float64(precision, dtype):
+    compute = Compute(torch.device("cpu"), precision)
+    assert compute.dtype == compute.frames(torch.zeros(2, 3, 4)).dtype == dtype

@@ -5,8 +5,11 @@ import pytest
 import torch
 
 from tactile_viewgcn import finetuning
+from tactile_viewgcn.checkpoint import Progress
 from tactile_viewgcn.finetuning import Side, finetune_classifier
-from tactile_viewgcn.split import TRAIN, VALIDATION
+from tactile_viewgcn.nn.backbone import Backbone
+from tactile_viewgcn.split import TEST, TRAIN, VALIDATION
+from tactile_viewgcn.touches import touch
 from tactile_viewgcn.views import ViewSets
 from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
 
@@ -17,9 +20,10 @@ def finetuned(*changes, seed=0, every=1):
     """The classifier and its curves, from each `every`-th anchor."""
     how = recipe(*changes)
     frames = fewer_anchors(table(*(c for c in changes if c.startswith("split"))), every)
-    return finetune_classifier(
+    classifier, progress = finetune_classifier(
         frames, views_of(frames, how), pretrained(), how.finetune, how.model, how.cluster.assignment, CPU, seed
     )
+    return classifier, progress.curves
 
 
 def alike(one, other):
@@ -47,7 +51,7 @@ def fitted(monkeypatch):
 
     def fit(epochs, optimiser, factor, *_):
         given.update(epochs=epochs, groups=optimiser.param_groups, factor=factor)
-        return {}
+        return Progress()
 
     monkeypatch.setattr(finetuning, "fit", fit)
     return given
@@ -163,3 +167,81 @@ def test_a_side_draws_one_set_around_each_of_its_anchors():
 def test_a_training_that_diverges_says_which_learning_rates_to_lower():
     with pytest.raises(ValueError, match=r"training diverged in epoch \d at a learning rate of 0.0001, 1e\+20.*lower"):
         finetuned("finetune.lr=1e20", every=4)
+
+
+def planned(*changes):
+    """A side, its anchors' view sets and the batches of an epoch."""
+    how, frames = recipe(*changes), table()
+    side = Side(TRAIN, frames, views_of(frames, how), CPU, 0, "index")
+    drawn = side.draw()
+    return side, drawn, list(side.plan(drawn, how.finetune))
+
+
+def test_an_epoch_s_batches_hold_every_view_set_once_and_differ_by_one_at_most():
+    _, drawn, plan = planned("finetune.batch=7")
+    found = np.concatenate([sets for sets, _ in plan])
+    assert sorted(map(tuple, found)) == sorted(map(tuple, drawn))
+    assert (found != drawn).any()
+    sizes = {len(sets) for sets, _ in plan}
+    assert max(sizes) == 7 and min(sizes) >= 6
+    for sets, fresh in plan:
+        np.testing.assert_array_equal(fresh, np.broadcast_to(np.arange(4), sets.shape))
+
+
+@pytest.mark.parametrize(("reuse", "fresh"), [(1, 4), (2, 2), (3, 2), (4, 1), (9, 1)])
+def test_one_view_in_reuse_passes_the_backbone_the_anchor_always(reuse, fresh):
+    side, drawn, plan = planned(f"finetune.reuse={reuse}")
+    anchor_of = {tuple(sets): anchor for sets, anchor in zip(drawn, side.anchors, strict=True)}
+    columns = set()
+    for sets, columns_of in plan:
+        assert columns_of.shape == (len(sets), fresh)
+        assert (np.diff(columns_of, axis=1) > 0).all()
+        for row, own in zip(sets, columns_of, strict=True):
+            assert anchor_of[tuple(row)] in row[own]
+        columns |= set(columns_of.ravel().tolist())
+    assert columns == {0, 1, 2, 3}
+
+
+def test_random_sizes_are_all_there_one_a_batch_and_keep_the_anchor():
+    side, _, plan = planned("finetune.sizes=random", "finetune.batch=2", "finetune.reuse=2")
+    sizes = [sets.shape[1] for sets, _ in plan]
+    assert set(sizes) == {1, 2, 3, 4}
+    anchors = set(side.anchors.tolist())
+    for sets, fresh in plan:
+        assert fresh.shape == (len(sets), -(-sets.shape[1] // 2))
+        if sets.shape[1] < 4:
+            assert set(sets[:, 0].tolist()) <= anchors
+            assert (fresh[:, 0] == 0).all()
+
+
+def test_shared_features_learn_to_tell_the_objects_too():
+    _, curves = finetuned("finetune.epochs=2", "finetune.reuse=4", VALIDATED)
+    assert curves["validation_error"][-1] < 0.3  # chance: 0.75
+    assert curves["loss"][1] < 0.7 * curves["loss"][0]
+
+
+def test_sharing_spares_backbone_passes(monkeypatch):
+    passed, forward = [], Backbone.forward
+
+    def counted(self, frames):
+        passed[-1] += len(frames)
+        return forward(self, frames)
+
+    monkeypatch.setattr(Backbone, "forward", counted)
+    for reuse in (1, 2, 4):
+        passed.append(0)
+        finetuned(f"finetune.reuse={reuse}", every=4)
+    frames = fewer_anchors(table(), 4)
+    anchors, kept = int((frames.anchor & (frames.side == TRAIN)).sum()), len(frames.on(TRAIN))
+    assert passed == [4 * anchors, 2 * anchors + kept, anchors + kept]
+
+
+def test_a_classifier_of_any_number_of_views_is_better_than_chance_with_each():
+    classifier, _ = finetuned("finetune.sizes=random", "finetune.epochs=3", VALIDATED)
+    frames = table()
+    index = frames.on(TEST)
+    with torch.inference_mode():
+        features = classifier.eval().backbone(CPU.frames(torch.from_numpy(frames.inputs(index))))
+    found = touch(classifier, [1.0] * 4, features, frames.label[index], frames.recording[index],
+                  np.arange(len(index)), [np.random.default_rng(0)])  # fmt: skip
+    assert (found.right.mean(axis=(0, 2)) > 0.5).all()  # chance: 0.25

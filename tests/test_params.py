@@ -134,7 +134,7 @@ def test_a_wrong_value_is_named_with_what_is_allowed(change, sentence):
         ("view=8", "unknown key view; did you mean views?"),
         ("finetune.epoch=3", "unknown key finetune.epoch; did you mean finetune.epochs?"),
         ("clusters.method=none", "unknown key clusters; did you mean cluster?"),
-        ("evaluate.zzz=1", "unknown key evaluate.zzz; known here: trials, scope"),
+        ("evaluate.zzz=1", "unknown key evaluate.zzz; known here: trials, stop_at, scope"),
     ],
 )
 def test_an_unknown_key_is_named_with_the_nearest_known_one(change, sentence):
@@ -258,3 +258,17 @@ def test_a_range_holds_what_its_inequalities_hold(x, without):
 )
 def test_a_range_is_written_as_in_mathematics(ends, text):
     assert str(Range(*ends)) == text
+
+
+@pytest.mark.parametrize("change", ["finetune.sizes=random", "split.validation=0.2", "model.dropout=0.1"])
+def test_touches_need_random_sizes_and_validation_groups(change):
+    (sentence,) = mistakes("evaluate.stop_at=0.9", change)
+    assert sentence.startswith(
+        "evaluate.stop_at is 0.9, which needs finetune.sizes random and split.validation above 0"
+    )
+    assert params("evaluate.stop_at=0.9", "finetune.sizes=random", "split.validation=0.2").evaluate.stop_at == 0.9
+
+
+def test_the_joint_selector_needs_all_views():
+    (sentence,) = mistakes("finetune.sizes=random", "model.selector=joint")
+    assert sentence == "model.selector is joint, which needs all views, and finetune.sizes is random: expected per_view"

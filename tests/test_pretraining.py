@@ -25,7 +25,8 @@ def alike(one, other):
 
 def test_it_learns_to_tell_the_objects():
     frames = table()
-    backbone, classifier, curves = pretrain_backbone(frames, recipe().pretrain, CPU, 0)
+    backbone, classifier, progress = pretrain_backbone(frames, recipe().pretrain, CPU, 0)
+    curves = progress.curves
     index = frames.on(TEST)
     features = features_of(backbone, CPU.frames(torch.from_numpy(frames.inputs(index))))
     with torch.inference_mode():
@@ -39,7 +40,7 @@ def test_it_learns_to_tell_the_objects():
 def test_the_validation_side_is_watched_where_there_is_one():
     frames = table("split.validation=0.25")
     assert len(frames.on(VALIDATION)) == 48
-    _, _, curves = pretrain_backbone(frames, recipe("pretrain.epochs=5").pretrain, CPU, 0)
+    curves = pretrain_backbone(frames, recipe("pretrain.epochs=5").pretrain, CPU, 0)[2].curves
     assert len(curves["validation_error"]) == 5
     assert curves["validation_error"][-1] < 0.3
 

@@ -6,20 +6,18 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as functional
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from torch import nn
 from tqdm import tqdm
 
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
 from tactile_viewgcn.training import (
-    batches,
+    FeatureBank,
     compounding_cosine,
     error_rate,
     fit,
     frame_losses,
-    generators,
+    generator,
     halving,
     noisy,
     set_losses,
@@ -39,26 +37,9 @@ def fit_slope(factor, *, epochs, lr=1.0, steps=1, validate=dict):
     """One weight from nought down a loss of slope 1, and the curves."""
     weight = nn.Parameter(torch.zeros(()))
     optimiser = torch.optim.SGD([weight], lr)
-    curves = fit(epochs, optimiser, factor, lambda _: (weight * 1 for _ in range(steps)), validate, silent_bar())
-    return float(weight.detach()), curves
-
-
-@given(st.integers(1, 300), st.integers(1, 64), st.integers(0, 1000))
-@settings(max_examples=40, deadline=None)
-def test_batches_hold_every_index_once_and_differ_by_one_at_most(count, size, seed):
-    parts = list(batches(count, size, seeded(seed)))
-    sizes = [len(part) for part in parts]
-    assert sorted(torch.cat(parts).tolist()) == list(range(count))
-    assert max(sizes) - min(sizes) <= 1
-    assert max(sizes) <= size
-    assert len(parts) == math.ceil(count / size)
-
-
-def test_batches_are_in_an_order_that_the_generator_decides():
-    first, again, other = (torch.cat(list(batches(50, 8, seeded(s)))) for s in (0, 0, 1))
-    assert torch.equal(first, again)
-    assert not torch.equal(first, other)
-    assert not torch.equal(first, torch.arange(50))
+    progress = fit(epochs, optimiser, factor, lambda _: (weight * 1 for _ in range(steps)), validate, silent_bar())
+    assert progress.epoch == epochs
+    return float(weight.detach()), progress.curves
 
 
 @pytest.mark.parametrize(("early", "factors"), [(0, [1, 1, 0.5, 0.25]), (1, [1, 0.5, 0.5, 0.25])])
@@ -140,60 +121,134 @@ def test_no_noise_draws_nothing():
     assert torch.equal(generator.get_state(), state)
 
 
+def losses_of_frames(frames, labels, classifier, *, batch, precision="float32", order=0, backbone=None):
+    return list(
+        frame_losses(
+            backbone or nn.Flatten(),
+            classifier,
+            frames,
+            labels,
+            batch=batch,
+            noise=0.0,
+            compute=Compute(torch.device("cpu"), precision),
+            order=seeded(order),
+            on_device=seeded(),
+        )
+    )
+
+
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_frame_losses_of_an_epoch_add_up_to_the_cross_entropy_of_all_frames(precision):
     frames, labels = torch.randn(20, 1, 2, 2, generator=seeded()), torch.arange(20) % 3
     classifier = nn.Linear(4, 3)
-    losses = frame_losses(
-        nn.Flatten(),
-        classifier,
-        frames,
-        labels,
-        batch=5,
-        noise=0.0,
-        compute=Compute(torch.device("cpu"), precision),
-        order=seeded(),
-        on_device=seeded(),
-    )
-    mean = torch.stack(list(losses)).mean()
+    losses = losses_of_frames(frames, labels, classifier, batch=5, precision=precision)
     expected = functional.cross_entropy(classifier(frames.flatten(1)), labels)
-    torch.testing.assert_close(mean, expected)
+    torch.testing.assert_close(torch.stack(losses).mean(), expected)
 
 
-def test_set_losses_pair_each_view_set_with_the_class_of_its_frames():
-    labels = torch.arange(12) % 3
-    frames = functional.one_hot(labels, 3).float().view(12, 1, 1, 3)
-    sets = np.array([[4, 1, 7], [0, 3, 9], [6, 6, 0], [11, 5, 2]])
+@pytest.mark.parametrize(("count", "size"), [(20, 5), (21, 5), (33, 32), (7, 64), (2, 2)])
+def test_batches_hold_every_frame_once_in_random_order_and_differ_by_one_at_most(count, size):
+    frames, seen = torch.arange(float(count)).view(-1, 1, 1, 1), []
 
-    def model(batch, views):
-        nodes = batch.flatten(1).unflatten(0, (-1, views))
+    def backbone(batch):
+        seen.append(batch.flatten().tolist())
+        return batch.flatten(1)
+
+    for order in (0, 0, 1):
+        losses_of_frames(frames, torch.zeros(count).long(), nn.Linear(1, 2), batch=size, order=order, backbone=backbone)
+    parts = math.ceil(count / size)
+    first, again, other = seen[:parts], seen[parts : 2 * parts], seen[2 * parts :]
+    assert first == again
+    assert first != other or count == 2
+    assert sorted(number for part in first for number in part) == list(range(count))
+    sizes = [len(part) for part in first]
+    assert max(sizes) <= size and max(sizes) - min(sizes) <= 1
+
+
+class Sums(nn.Module):
+    """A classifier whose features are the frames themselves, and whose logits the mean of a set's."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen = []
+
+    def backbone(self, frames):
+        self.seen.append(frames.flatten(1))
+        return self.seen[-1]
+
+    def head(self, nodes):
         assert torch.equal(nodes, nodes[:, :1].expand_as(nodes))
         return 50 * nodes[:, 0], []
 
-    def losses_of(sets):
-        return list(
-            set_losses(
-                model,
-                frames,
-                labels,
-                sets,
-                batch=2,
-                noise=0.0,
-                loss=shape_and_view_loss,
-                compute=CPU,
-                order=seeded(),
-                on_device=seeded(),
-            )
+
+def losses_of_sets(classifier, frames, labels, plan, bank=None):
+    return list(
+        set_losses(
+            classifier,
+            frames,
+            labels,
+            plan,
+            bank=bank,
+            noise=0.0,
+            loss=shape_and_view_loss,
+            compute=CPU,
+            on_device=seeded(),
         )
-
-    assert [float(loss) for loss in losses_of(sets)] == pytest.approx([0, 0], abs=1e-6)
-
-
-def test_the_two_streams_of_random_numbers_differ_and_repeat():
-    first, again, other = (
-        [torch.rand(4, generator=g) for g in generators(s, "pretrain", CPU.device)] for s in (5, 5, 9)
     )
-    assert torch.equal(first[0], again[0])
-    assert torch.equal(first[1], again[1])
-    assert not torch.equal(first[0], first[1])
-    assert not torch.equal(first[0], other[0])
+
+
+SETS = np.array([[4, 1, 7], [0, 3, 9], [6, 6, 0], [11, 5, 2]])
+LABELS = torch.arange(12) % 3
+FRAMES = functional.one_hot(LABELS, 3).float().view(12, 1, 1, 3)
+ALL = np.broadcast_to(np.arange(3), (4, 3))
+
+
+def test_set_losses_pair_each_view_set_with_the_class_of_its_frames():
+    losses = losses_of_sets(Sums(), FRAMES, LABELS, [(SETS[:2], ALL[:2]), (SETS[2:], ALL[2:])])
+    assert [float(loss) for loss in losses] == pytest.approx([0, 0], abs=1e-6)
+
+
+class Modes(nn.Flatten):
+    """A backbone that tells in which mode it was."""
+
+    def forward(self, frames):
+        assert self.training
+        return super().forward(frames)
+
+
+def test_the_bank_holds_each_frame_s_features_from_training_mode():
+    frames = torch.arange(24.0).view(12, 1, 1, 2)
+    bank = FeatureBank(Modes().eval(), frames, 5, 0.0, CPU, seeded())
+    assert torch.equal(bank.values, frames.flatten(1))
+    assert not bank.values.requires_grad
+
+
+def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank():
+    classifier, fresh = Sums(), np.array([[1], [0], [2], [0]])
+    bank = FeatureBank(Modes(), FRAMES, 5, 0.0, CPU, seeded())
+    losses = losses_of_sets(classifier, FRAMES, LABELS, [(SETS, fresh)], bank)
+    assert [float(loss) for loss in losses] == pytest.approx([0], abs=1e-6)
+    (seen,) = classifier.seen
+    assert torch.equal(seen, FRAMES.flatten(1)[[1, 0, 0, 11]])
+
+
+def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fresh_alone():
+    frames = torch.arange(12.0).view(12, 1, 1, 1)
+    bank = FeatureBank(Modes(), frames, 5, 0.0, CPU, seeded())
+    features = torch.tensor([[[100.0], [101]], [[102], [103]]], requires_grad=True)
+    sets, fresh = np.array([[4, 1, 7], [0, 4, 9]]), np.array([[0, 2], [1, 2]])
+    nodes = bank.nodes(sets, fresh, features)
+    assert nodes.squeeze(-1).tolist() == [[100, 1, 101], [0, 102, 103]]
+    nodes.square().sum().backward()
+    assert torch.equal(features.grad, 2 * features.detach())
+    assert bank.values.flatten().tolist() == [0, 1, 2, 3, 100, 5, 6, 101, 8, 103, 10, 11]  # of frame 4's two the first
+
+
+def test_streams_of_random_numbers_differ_by_purpose_and_seed_and_repeat():
+    first, again, other, purpose = (
+        torch.rand(4, generator=generator(seed, purpose))
+        for seed, purpose in ((5, "noise"), (5, "noise"), (9, "noise"), (5, "order"))
+    )
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+    assert not torch.equal(first, purpose)

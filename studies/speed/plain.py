@@ -1,0 +1,162 @@
+"""The plain counterparts: what the pipeline computes, written down as one would who does not look at the clock.
+
+The network is the backbone layer by layer in float32, contiguous, without autocast; every view of every view set goes
+through it. View sets are drawn by a loop over anchors and clusters, tables are appended to frame by frame.
+"""
+
+from collections import OrderedDict
+from copy import deepcopy
+from pathlib import Path
+
+import h5py
+import numpy as np
+import torch
+import torch.nn.functional as functional
+from torch import Tensor, nn
+
+from tactile_viewgcn.classifier import Classifier
+from tactile_viewgcn.nn.backbone import Backbone
+from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
+from tactile_viewgcn.params import Finetune
+from tactile_viewgcn.recordings import COLUMNS
+from tactile_viewgcn.stag import FIELDS
+
+SETS = 20  # view sets in a batch, the released code's
+
+
+class PlainBlock(nn.Module):
+    """A residual block: (B, in, H, W) -> (B, out, H / stride, W / stride)."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1):
+        super().__init__()
+        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False)
+        self.norm1 = nn.BatchNorm2d(outputs)
+        self.conv2 = nn.Conv2d(outputs, outputs, 3, padding=1, bias=False)
+        self.norm2 = nn.BatchNorm2d(outputs)
+        self.shortcut = nn.Identity()
+        if stride != 1:
+            self.shortcut = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs))
+
+    def forward(self, x: Tensor) -> Tensor:
+        out = functional.relu(self.norm1(self.conv1(x)))
+        return functional.relu(self.norm2(self.conv2(out)) + self.shortcut(x))
+
+
+class PlainBackbone(nn.Module):
+    """Frames (B, 1, H, W) to features (B, 2 * width), with the weights of a `Backbone`."""
+
+    def __init__(self, backbone: Backbone):
+        super().__init__()
+        width = backbone.width
+        stem = {
+            "conv": nn.Conv2d(1, width, 3, padding=1, bias=False),
+            "norm": nn.BatchNorm2d(width),
+            "relu": nn.ReLU(),
+            "pool": nn.MaxPool2d(3, stride=2, padding=1),
+        }
+        self.stem = nn.Sequential(OrderedDict(stem))
+        self.stage1 = nn.Sequential(PlainBlock(width, width), PlainBlock(width, width))
+        self.dropout = nn.Dropout2d(backbone.dropout.p)
+        self.stage2 = nn.Sequential(PlainBlock(width, 2 * width, stride=2), PlainBlock(2 * width, 2 * width))
+        self.load_state_dict(backbone.state_dict())
+        self.train(backbone.training).to(next(backbone.parameters()).device)
+
+    def forward(self, frames: Tensor) -> Tensor:
+        return self.stage2(self.dropout(self.stage1(self.stem(frames)))).mean(dim=(2, 3))
+
+
+class PlainClassifier(nn.Module):
+    """View sets of frames (B, V, 1, H, W) to logits (B, classes), with the weights of a `Classifier`."""
+
+    def __init__(self, classifier: Classifier):
+        super().__init__()
+        self.backbone, self.head = PlainBackbone(classifier.backbone), deepcopy(classifier.head)
+        self.train(classifier.training)
+
+    def forward(self, frames: Tensor) -> tuple[Tensor, list[Tensor]]:
+        return self.head(self.backbone(frames.flatten(0, 1)).unflatten(0, frames.shape[:2]))
+
+
+def pretrain_epoch(
+    backbone: PlainBackbone,
+    classifier: nn.Linear,
+    optimiser: torch.optim.Optimizer,
+    frames: Tensor,
+    labels: Tensor,
+    *,
+    batch: int,
+    noise: float,
+) -> None:
+    """A step down the cross-entropy of each batch of frames (n, 1, H, W)."""
+    backbone.train()
+    for index in torch.randperm(len(frames)).to(frames.device).split(batch):
+        inputs = frames[index] + noise * torch.randn_like(frames[index])
+        loss = functional.cross_entropy(classifier(backbone(inputs)), labels[index])
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+
+
+def finetune_epoch(
+    classifier: PlainClassifier, frames: Tensor, labels: Tensor, sets: np.ndarray, how: Finetune, noise: float
+) -> None:
+    """A step down equation 6's loss of each 20 of the view sets (A, V) of indices into frames (n, 1, H, W)."""
+    groups = [
+        {"params": classifier.backbone.parameters(), "lr": how.lr_backbone},
+        {"params": classifier.head.parameters()},
+    ]
+    optimiser = torch.optim.SGD(groups, how.lr, momentum=how.momentum, weight_decay=how.weight_decay)
+    classifier.train()
+    for index in torch.from_numpy(sets)[torch.randperm(len(sets))].to(frames.device).split(SETS):
+        inputs = frames[index] + noise * torch.randn_like(frames[index])
+        logits, view_logits = classifier(inputs)
+        loss = shape_and_view_loss(logits, view_logits, labels[index[:, 0]], how.view_loss)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+
+
+@torch.no_grad()
+def logits(classifier: PlainClassifier, frames: Tensor, sets: np.ndarray) -> Tensor:
+    """Logits (A, classes) of the view sets (A, V) of indices into frames (n, 1, H, W), in batches of 20."""
+    classifier.eval()
+    return torch.cat([classifier(frames[index])[0] for index in torch.from_numpy(sets).to(frames.device).split(SETS)])
+
+
+def draw(
+    anchors: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int, rng: np.random.Generator
+) -> np.ndarray:
+    """A view set (V,) around each anchor, (A, V): a frame of cluster i in column i, of any where it has none."""
+    members, everyone = {}, {}
+    for frame, (own_pool, own_cluster) in enumerate(zip(pool.tolist(), cluster.tolist(), strict=True)):
+        members.setdefault((own_pool, own_cluster), []).append(frame)
+        everyone.setdefault(own_pool, []).append(frame)
+    sets = []
+    for anchor in anchors.tolist():
+        drawn = []
+        for view in range(views):
+            choices = members.get((int(pool[anchor]), view), everyone[int(pool[anchor])])
+            drawn.append(anchor if view == cluster[anchor] else choices[rng.integers(len(choices))])
+        sets.append(drawn)
+    return np.array(sets)
+
+
+def ingest(source: Path, out: Path) -> None:
+    """A STAG metadata.mat into a table like the pipeline's, each frame and its columns appended alone."""
+    from scipy import io
+
+    tree = io.loadmat(str(source))
+    pressure = tree["pressure"]
+    columns = {column: tree[field].ravel() for field, column in FIELDS.items() if field in tree}
+    with h5py.File(out, "w") as file:
+        shape = pressure.shape[1:]
+        layout = {"chunks": (64, *shape), "compression": "gzip", "compression_opts": 1, "shuffle": True}
+        file.create_dataset("pressure", (0, *shape), pressure.dtype, maxshape=(None, *shape), **layout)
+        for name in columns:
+            file.create_dataset(name, (0,), COLUMNS[name], maxshape=(None,), chunks=(4096,))
+        for number, counts in enumerate(pressure):
+            file["pressure"].resize(number + 1, axis=0)
+            file["pressure"][number] = counts
+            for name, values in columns.items():
+                file[name].resize(number + 1, axis=0)
+                file[name][number] = values[number]

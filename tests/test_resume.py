@@ -1,0 +1,83 @@
+"""Training stages that are killed and started again."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.stag_files import metadata, save_matlab5
+
+ROOT = Path(__file__).parents[1]
+ENVIRONMENT = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+RECIPE = ("views=4", "split.by=recording", "precision=float32", "pretrain.epochs=6", "finetune.epochs=4")
+
+
+def command(stage, *words):
+    changes = [word for change in RECIPE for word in ("--set", change)]
+    return [sys.executable, "-m", f"stages.{stage}", "--record", f"{stage}.json", *changes, *words]
+
+
+def run(place, stage, *words):
+    result = subprocess.run(
+        command(stage, *words), cwd=place, env=ENVIRONMENT, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def kill_after_an_epoch(place, stage, *words):
+    """SIGKILL, as soon as something is kept."""
+    process = subprocess.Popen(command(stage, *words), cwd=place, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+    while not list(place.glob(f"checkpoints/{stage}-*.pt")):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    assert process.wait() == -9
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with all that the trainings read."""
+    place = tmp_path_factory.mktemp("resume")
+    (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    save_matlab5(place / "metadata.mat", metadata(objects=4, recordings=3, frames=12))
+    run(place, "ingest", "--source", "metadata.mat", "--out", "recordings.h5")
+    run(place, "preprocess", "--recordings", "recordings.h5", "--out", "frames.h5", "--kept", "kept.csv")
+    run(place, "cluster", "--frames", "frames.h5", "--out", "views.h5")
+    return place
+
+
+@pytest.mark.parametrize(
+    ("stage", "inputs", "out"),
+    [
+        ("pretrain", ("--frames", "frames.h5"), "backbone.pt"),
+        (
+            "finetune",
+            ("--frames", "frames.h5", "--views", "views.h5", "--backbone", "backbone.pt", "--set", "finetune.reuse=2"),
+            "classifier.pt",
+        ),
+    ],
+)
+def test_a_stage_that_was_killed_goes_on_and_ends_as_one_that_was_not(place, stage, inputs, out):
+    words = (*inputs, "--out", out)
+    assert "before an interruption" not in run(place, stage, *words)
+    whole = (place / out).read_bytes()
+    (place / out).unlink()
+    kill_after_an_epoch(place, stage, *words)
+    assert not (place / out).exists()
+    kept = list(place.glob("checkpoints/*.pt"))
+    assert "before an interruption" in run(place, stage, *words)
+    assert (place / out).read_bytes() == whole
+    assert not any(path.exists() for path in kept)
+    assert json.loads((place / f"{stage}.json").read_text())["seconds"] > 0
+
+
+def test_another_configuration_starts_anew(place):
+    words = ("--frames", "frames.h5", "--out", "other.pt")
+    kill_after_an_epoch(place, "pretrain", *words)
+    assert "before an interruption" not in run(place, "pretrain", *words, "--set", "pretrain.lr=1e-3")
+    assert "before an interruption" in run(place, "pretrain", *words)
