@@ -12,10 +12,14 @@ def write_table(folder: Path, rows: list[dict], text: str) -> None:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    lines = [list(rows[0]), ["---"] * len(rows[0]), *([_short(value) for value in row.values()] for row in rows)]
-    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     with whole(folder / "results.md") as part:
-        part.write_text(f"{text.strip()}\n\n{table}\n")
+        part.write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
+
+
+def markdown(rows: list[dict]) -> str:
+    """Rows with the same keys as a Markdown table, numbers at three digits."""
+    lines = [list(rows[0]), ["---"] * len(rows[0]), *([_short(value) for value in row.values()] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _short(value: object) -> str:

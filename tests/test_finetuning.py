@@ -203,7 +203,7 @@ def test_one_view_in_reuse_passes_the_backbone_the_anchor_always(reuse, fresh):
 
 
 def test_random_sizes_are_all_there_one_a_batch_and_keep_the_anchor():
-    side, _, plan = planned("finetune.sizes=random", "finetune.batch=2", "finetune.reuse=2")
+    side, _, plan = planned("finetune.sizes=random", "finetune.batch=3", "finetune.reuse=2")
     sizes = [sets.shape[1] for sets, _ in plan]
     assert set(sizes) == {1, 2, 3, 4}
     anchors = set(side.anchors.tolist())

@@ -32,7 +32,7 @@ def picture(rows: list[dict], title: str) -> Figure:
     figure = Figure(figsize=(5.2 * columns, 4.8 * lines), layout="constrained")
     for axes, panel in zip(figure.subplots(lines, columns, squeeze=False).ravel(), panels, strict=False):
         _panel(axes, *panel)
-    figure.suptitle(f"{title}: error, {PROTOCOL} protocol. Bars: 95 % interval over groups; grey: Pareto front")
+    figure.suptitle(f"{title}, {PROTOCOL} protocol. Bars: 95 % interval over groups; grey: Pareto front")
     return figure
 
 
@@ -58,6 +58,9 @@ def _panel(axes: Axes, rows: list[dict], label: str, cost: Callable[[dict], floa
             axes.annotate(rows[number]["value"], place, (4, 3), textcoords="offset points", fontsize=7)
     if rows[0]["axis"] != "touches":
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter("{x:g}")
+        axes.tick_params(axis="x", which="both", labelsize=7)
     axes.set(xlabel=label, ylabel="error, %")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)

@@ -17,7 +17,7 @@ from tactile_viewgcn.statistics import group_interval
 COSTS = ("pretrain", "finetune", "single_ms", "batch_ms", "touches")
 PAPER = {"time": "1", "views": "8", "width": "64", "reuse": "1", "precision": "float32"}
 VIRTUAL, SIMULATED = "data/virtual/recordings", "Simulated by the virtual glove"
-TEXT = """Error in per cent against what it costs; {seeds} training seeds. `low` and `high` are the 95 % interval that
+TEXT = """Error of the {side} side in per cent against what it costs; {seeds} training seeds. `low` and `high` are the 95 % interval that
 resamples the split groups, `spread` is the standard deviation over the seeds, `more` the paired difference in points to
 the row of the same axis marked `reference`, with its interval. `pretrain` and `finetune` are seconds of training,
 `single_ms` and `batch_ms` milliseconds per view set alone and in batches of 256, all medians over the seeds. Precision:
@@ -27,14 +27,15 @@ groups that it is calibrated on; its touches are frames of one recording at rand
 
 @stage("seed", "data")
 @click.option("--trainings", "folder", type=INPUT, required=True, help="Folder of an .npz of each seed.")
+@click.option("--side", type=click.Choice(["test", "validation"]), required=True, help="Where errors were measured.")
 @click.option("--out", type=OUTPUT, required=True, help="Folder of results.csv, results.md and results.png.")
-def table(params, run, folder, out):
+def table(params, run, folder, side, out):
     """Put the trainings of all seeds together."""
     paths, title = sorted(folder.glob("*.npz")), SIMULATED if params.data.source == VIRTUAL else params.data.source
     rows = together(paths, stream(params.seed, "error_time"))
-    write_table(out, rows, f"{title}\n\n" + TEXT.format(seeds=len(paths)))
+    write_table(out, rows, f"{title}\n\n" + TEXT.format(side=side, seeds=len(paths)))
     with whole(out / "results.png") as part:
-        picture(rows, title).savefig(part, format="png", dpi=110)
+        picture(rows, f"{title}: error of the {side} side").savefig(part, format="png", dpi=110)
     for name in ("results.csv", "results.png"):
         run.artifact(out / name)
     print((out / "results.md").read_text(), end="")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import torch
 
+from studies.results import markdown
 from studies.speed.agreement import TOLERANCE
 from tactile_viewgcn.compute import Compute
 
@@ -28,16 +29,6 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def table(rows: list[dict]) -> str:
-    """Rows with the same keys in Markdown, numbers at three digits."""
-    lines = [list(rows[0]), ["---"] * len(rows[0]), *([short(value) for value in row.values()] for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def short(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
 def text(compute: Compute, agreement: list[dict], recipe: list[dict]) -> str:
     """What stands above the table of pairs."""
     limits = " and ".join(f"more than {limit:g} in {name}" for name, limit in TOLERANCE.items())
@@ -49,12 +40,12 @@ One network of a short training on the same view sets, against plain float32: `d
 of a logit as a share of the largest logit, over the view sets that select the same views ({limits} is refused);
 `of all` is that of all view sets, and `changed` counts the selected views that are others.
 
-{table(agreement)}
+{markdown(agreement)}
 
 The paper's recipe on STAG's size, not run but multiplied out from the medians below, against the released design: plain
 float32, batches of 32 frames and of 20 view sets, every view of every view set through the backbone in every trial.
 
-{table(recipe)}
+{markdown(recipe)}
 
 Medians of rounds in which the works take turns: `ratio` is how many times as fast the fast path is (median of the
 rounds' ratios), `of products` and `of convolutions` its rate against that of large matrix products in its precision and
