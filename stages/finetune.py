@@ -42,7 +42,7 @@ def finetune(params, run, frames, views, backbone, out):
     calibrated = params.finetune.sizes == "random" and VALIDATION in table.side
     temperatures = calibrate(classifier, table, compute, params.seed) if calibrated else None
     save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
-    keep.unlink()
+    keep.unlink(missing_ok=True)
     run.curves(progress.curves, picture="finetune_curves.png")
     print(f"finetune: {progress} on {compute.device} in {compute.precision}")
     return {

@@ -30,7 +30,7 @@ def pretrain(params, run, frames, out):
             },
             part,
         )
-    keep.unlink()
+    keep.unlink(missing_ok=True)
     run.curves(progress.curves, picture="pretrain_curves.png")
     print(f"pretrain: {progress} on {compute.device} in {compute.precision}")
     return {

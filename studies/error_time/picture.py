@@ -32,7 +32,7 @@ def picture(rows: list[dict], title: str) -> Figure:
     figure = Figure(figsize=(5.2 * columns, 4.8 * lines), layout="constrained")
     for axes, panel in zip(figure.subplots(lines, columns, squeeze=False).ravel(), panels, strict=False):
         _panel(axes, *panel)
-    figure.suptitle(f"{title}, {PROTOCOL} protocol. Bars: 95 % interval over groups; grey: Pareto front")
+    figure.suptitle(f"{title}, {PROTOCOL} protocol.\nBars: 95 % interval over groups; grey: Pareto front")
     return figure
 
 
@@ -46,7 +46,7 @@ def front(costs: np.ndarray, errors: np.ndarray) -> np.ndarray:
 def _panel(axes: Axes, rows: list[dict], label: str, cost: Callable[[dict], float]) -> None:
     costs, errors = np.array([cost(row) for row in rows]), np.array([row["error"] for row in rows])
     best = front(costs, errors)
-    axes.step(costs[best], errors[best], where="post", color="0.7", lw=4, zorder=0)
+    axes.step(costs[best], errors[best], "o-", where="post", color="0.8", lw=4, ms=14, zorder=0)
     for axis in dict.fromkeys(row["axis"] for row in rows):
         own = [number for number, row in enumerate(rows) if row["axis"] == axis]
         known = all(rows[number]["low"] != "" for number in own)
