@@ -4,7 +4,7 @@ import click
 import torch
 
 from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.checkpoint import checkpoint_path
+from tactile_viewgcn.checkpoint import kept
 from tactile_viewgcn.classifier import save_classifier
 from tactile_viewgcn.compute import choose, keep_freed_memory
 from tactile_viewgcn.files import readable
@@ -27,22 +27,21 @@ def finetune(params, run, frames, views, backbone, out):
     run.tags({"device": compute.device, "precision": compute.precision})
     with readable(backbone):
         weights = torch.load(backbone, map_location="cpu", weights_only=True)["backbone"]
-    keep = checkpoint_path("finetune", params, run.md5s)
-    classifier, progress = finetune_classifier(
-        table,
-        read_views(views),
-        weights,
-        params.finetune,
-        params.model,
-        params.cluster.assignment,
-        compute,
-        params.seed,
-        keep,
-    )
-    calibrated = params.finetune.sizes == "random" and VALIDATION in table.side
-    temperatures = calibrate(classifier, table, compute, params.seed) if calibrated else None
-    save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
-    keep.unlink(missing_ok=True)
+    calibrated = params.finetune.sizes == "random" and bool((table.anchor & (table.side == VALIDATION)).any())
+    with kept("finetune", params, run.md5s, compute) as keep:
+        classifier, progress = finetune_classifier(
+            table,
+            read_views(views),
+            weights,
+            params.finetune,
+            params.model,
+            params.cluster.assignment,
+            compute,
+            params.seed,
+            keep,
+        )
+        temperatures = calibrate(classifier, table, compute, params.seed) if calibrated else None
+        save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
     run.curves(progress.curves, picture="finetune_curves.png")
     print(f"finetune: {progress} on {compute.device} in {compute.precision}")
     return {

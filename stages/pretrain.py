@@ -4,7 +4,7 @@ import click
 import torch
 
 from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.checkpoint import checkpoint_path
+from tactile_viewgcn.checkpoint import kept
 from tactile_viewgcn.compute import choose, keep_freed_memory
 from tactile_viewgcn.files import whole
 from tactile_viewgcn.frames import read_frames
@@ -19,18 +19,17 @@ def pretrain(params, run, frames, out):
     keep_freed_memory()
     compute, table = choose(params.device, params.precision), read_frames(frames)
     run.tags({"device": compute.device, "precision": compute.precision})
-    keep = checkpoint_path("pretrain", params, run.md5s)
-    backbone, classifier, progress = pretrain_backbone(table, params.pretrain, compute, params.seed, keep)
-    with whole(out) as part:
-        torch.save(
-            {
-                "backbone": backbone.cpu().state_dict(),
-                "classifier": classifier.cpu().state_dict(),
-                "classes": table.classes,
-            },
-            part,
-        )
-    keep.unlink(missing_ok=True)
+    with kept("pretrain", params, run.md5s, compute) as keep:
+        backbone, classifier, progress = pretrain_backbone(table, params.pretrain, compute, params.seed, keep)
+        with whole(out) as part:
+            torch.save(
+                {
+                    "backbone": backbone.cpu().state_dict(),
+                    "classifier": classifier.cpu().state_dict(),
+                    "classes": table.classes,
+                },
+                part,
+            )
     run.curves(progress.curves, picture="pretrain_curves.png")
     print(f"pretrain: {progress} on {compute.device} in {compute.precision}")
     return {

@@ -2,34 +2,58 @@
 
 import hashlib
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from filelock import FileLock
 
+from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.files import readable, root, whole
 
 FOLDER = "checkpoints"
 
 
-def checkpoint_path(stage: str, params: Any, inputs: dict[str, str]) -> Path:
+@contextmanager
+def kept(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Iterator[Path]:
+    """The file that a stage's training is kept in, removed when the block ends well.
+
+    Another process with the same training waits until this one is done.
+
+    Args:
+        stage, params, inputs, compute: see `checkpoint_path`.
+    """
+    path = checkpoint_path(stage, params, inputs, compute)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(path.with_suffix(".lock")):
+        yield path
+        path.unlink(missing_ok=True)
+
+
+def checkpoint_path(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Path:
     """Where the training of a stage is kept: under a name of everything that its result depends on.
 
     Args:
         stage: its name.
         params: the parameters that it was given, an object whose attributes they are.
         inputs: the md5 of each input.
+        compute: the device and the precision really used.
 
-    Beside these the name depends on the project's code that is loaded, on torch, and on the number of threads.
+    Beside these the name depends on the project's code that is loaded, on torch and NumPy, and on the number of
+    threads.
     """
     code = {
         name: Path(module.__file__).read_bytes()
         for name, module in sorted(sys.modules.items())
-        if name.partition(".")[0] in ("stages", "studies", "tactile_viewgcn") and getattr(module, "__file__", None)
+        if name.partition(".")[0] in ("__main__", "stages", "studies", "tactile_viewgcn")
+        and getattr(module, "__file__", None)
     }
-    known = (sorted(vars(params).items()), sorted(inputs.items()), code, torch.__version__, torch.get_num_threads())
+    machine = (compute.device.type, compute.precision, torch.__version__, np.__version__, torch.get_num_threads())
+    known = (sorted(vars(params).items()), sorted(inputs.items()), code, machine)
     return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(known).encode()).hexdigest()[:16]}.pt"
 
 
@@ -61,8 +85,9 @@ class Checkpoint:
     Args:
         path: the file; None keeps nothing.
         state: what has `state_dict` and `load_state_dict`: modules and the optimiser.
-        generators: torch's generators that are drawn from, beside torch's own of the processor and of CUDA.
+        generators: torch's generators that are drawn from, beside torch's own.
         rngs: NumPy's.
+        device: where it is trained.
     """
 
     def __init__(
@@ -71,8 +96,9 @@ class Checkpoint:
         state: dict[str, Any],
         generators: dict[str, torch.Generator],
         rngs: dict[str, np.random.Generator],
+        device: torch.device,
     ):
-        self.path, self._state, self._generators, self._rngs = path, state, generators, rngs
+        self.path, self._state, self._generators, self._rngs, self._device = path, state, generators, rngs, device
 
     def save(self, progress: Progress) -> None:
         """Write the state as it is."""
@@ -84,8 +110,9 @@ class Checkpoint:
             "generators": {name: one.get_state() for name, one in self._generators.items()},
             "rngs": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
             "torch": torch.get_rng_state(),
-            "cuda": torch.cuda.get_rng_state_all(),
         }
+        if self._device.type == "cuda":
+            content["cuda"] = torch.cuda.get_rng_state(self._device)
         with whole(self.path) as part:
             torch.save(content, part)
 
@@ -106,7 +133,8 @@ class Checkpoint:
             for name, rng in self._rngs.items():
                 rng.bit_generator.state = content["rngs"][name]
             torch.set_rng_state(content["torch"])
-            torch.cuda.set_rng_state_all(content["cuda"])
+            if self._device.type == "cuda":
+                torch.cuda.set_rng_state(content["cuda"], self._device)
         progress = Progress(**content["progress"])
         progress.resumed = progress.epoch, progress.seconds
         return progress

@@ -96,7 +96,7 @@ def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:
     """The classifier in evaluation mode, and the rest of its checkpoint, see `save_classifier`."""
     with readable(path):
         content = torch.load(path, map_location="cpu", weights_only=True)
-        weights = content.pop("weights")
+        weights, _ = content.pop("weights"), content["temperatures"]
         width = len(weights["backbone.stem.norm.weight"])
         classifier = Classifier(content["viewpoints"], len(content["classes"]), Model(**content["model"]), width)
         classifier.load_state_dict(weights)
@@ -140,13 +140,12 @@ class Recogniser:
 
         Args:
             counts: raw counts (B, V, H, W); of a classifier with temperatures also (B, k, H, W) with fewer views, and
-                the probabilities are calibrated.
+                the probabilities are calibrated, for frames of a recording at random.
             rest: of the empty hand in the same session, (H, W) counts; the mean of the known rests if None.
 
         Raises:
             ValueError: counts or rest of another shape, or counts that are not finite.
         """
-        rest = self.rest() if rest is None else rest
         most, any_number = self.classifier.views, self.temperatures is not None
         fits = counts.ndim == 4 and counts.shape[2:] == self.shape
         if not fits or not (1 if any_number else most) <= counts.shape[1] <= most:
@@ -154,25 +153,40 @@ class Recogniser:
                 f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
                 f"(any, {f'1 to {most}' if any_number else most}, {', '.join(map(str, self.shape))})"
             )
+        features = self._features(counts.reshape(-1, *self.shape), rest)
+        return self._answers(features.unflatten(0, counts.shape[:2]))
+
+    def _features(self, counts: np.ndarray, rest: np.ndarray | None) -> Tensor:
+        """Features (n, C) of raw counts (n, H, W)."""
+        rest = self.rest() if rest is None else rest
         if rest.shape != self.shape:
             raise ValueError(f"rest has shape {rest.shape}; expected {self.shape}")
         if not (np.isfinite(counts).all() and np.isfinite(rest).all()):
             raise ValueError("counts or rest holds values that are not finite; expected a number from every sensor")
-        if not len(counts):
-            return np.empty((0, len(self.classes)), dtype=np.float32)
         inputs = transform(counts.astype(np.float32) - rest.astype(np.float32), self._kind, self._scale)
-        frames = self._compute.frames(torch.from_numpy(inputs).flatten(0, 1))
+        if not len(counts):
+            return torch.empty(0, self.classifier.backbone.features)
         with self._compute.autocast():
-            features = features_of(self.classifier.backbone, frames)
-        sets = torch.arange(len(features)).unflatten(0, counts.shape[:2])
-        logits = logits_of_sets(self.classifier.head, features, sets)
-        heat = self.temperatures[counts.shape[1] - 1] if any_number else 1.0
+            return features_of(self.classifier.backbone, self._compute.frames(torch.from_numpy(inputs)))
+
+    def _answers(self, features: Tensor) -> np.ndarray:
+        """Class probabilities (B, classes) of view sets of features (B, k, C)."""
+        count, views, _ = features.shape
+        if not count:
+            return np.empty((0, len(self.classes)), dtype=np.float32)
+        sets = torch.arange(count * views).view(count, views)
+        logits = logits_of_sets(self.classifier.head, features.flatten(0, 1), sets)
+        heat = self.temperatures[views - 1] if self.temperatures is not None else 1.0
         return (logits / heat).softmax(dim=-1).numpy()
 
+    @torch.inference_mode()
     def until_certain(
         self, frames: Iterable[np.ndarray], stop_at: float, rest: np.ndarray | None = None
     ) -> tuple[np.ndarray, int]:
         """Class probabilities (classes,) and the number of touches they took: no more than are needed.
+
+        The probabilities are calibrated for frames of a recording at random: leave time between touches, since frames
+        that follow one another say nearly the same.
 
         Args:
             frames: raw counts (H, W), one after another; none is taken after the answer is certain, or after V.
@@ -180,7 +194,7 @@ class Recogniser:
             rest: see `probabilities`.
 
         Raises:
-            ValueError: the classifier takes V views alone; no frames.
+            ValueError: the classifier takes V views alone; no frames, or of another shape, or not finite.
         """
         if self.temperatures is None:
             raise ValueError(
@@ -189,8 +203,10 @@ class Recogniser:
             )
         taken, found = [], None
         for frame in frames:
-            taken.append(frame)
-            (found,) = self.probabilities(np.stack(taken)[None], rest)
+            if np.shape(frame) != self.shape:
+                raise ValueError(f"a frame has shape {np.shape(frame)}; expected {self.shape}")
+            taken.append(self._features(np.asarray(frame)[None], rest))
+            (found,) = self._answers(torch.stack(taken, dim=1))
             if found.max() >= stop_at or len(taken) == self.classifier.views:
                 break
         if found is None:

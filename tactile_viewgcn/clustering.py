@@ -6,14 +6,27 @@ The paper says "kNN"; clusters of unlabelled frames and the released code mean k
 import numpy as np
 from tqdm import tqdm
 
+from tactile_viewgcn.frames import Frames
 from tactile_viewgcn.params import Cluster
-from tactile_viewgcn.views import random_parts
+from tactile_viewgcn.split import TRAIN, VALIDATION
+from tactile_viewgcn.views import NO_CLUSTER, Views, random_parts
 
 
 def pool_ids(label: np.ndarray, recording: np.ndarray, side: np.ndarray, scope: str) -> np.ndarray:
     """int64 (n,): the pool of each frame. `object`: a class on one side; `recording`: a recording's part of it."""
     keys = [side, label] + ([recording] if scope == "recording" else [])
     return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
+
+
+def cluster_table(table: Frames, places: np.ndarray, how: Cluster, rng: np.random.Generator) -> Views:
+    """The clusters of the training and validation frames, each at one of the viewpoints `places` (V, 3)."""
+    pool = pool_ids(table.label, table.recording, table.side, how.scope)
+    views = Views(np.full(len(table), NO_CLUSTER, dtype=np.int16), pool, places)
+    if how.method == "kmeans":
+        index = table.on(TRAIN, VALIDATION)
+        own = np.unique(pool[index], return_inverse=True)[1].ravel()
+        views.cluster[index] = cluster_pools(table.inputs(index)[:, table.live], own, len(places), how, rng)
+    return views
 
 
 def cluster_pools(

@@ -33,7 +33,7 @@ class Compute:
 
     def take(self, values: Tensor, index: Tensor) -> Tensor:
         """The rows of `values` in `index`, which lies on the processor, on the device; never waits for it."""
-        if values.device == self.device:
+        if values.device.type == self.device.type:  # "cuda" is a device, what lies there is on "cuda:0"
             return values[self.bring(index)]
         return self.bring(values[index])
 

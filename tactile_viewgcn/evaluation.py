@@ -138,7 +138,7 @@ def run_trials(
     """Classify one view set per anchor in each trial, each with its own generator and clustering.
 
     Args:
-        features: (n, 128) of the test frames; points: (n, d) what clustering sees; labels, pool: (n,).
+        features: (n, C) of the test frames; points: (n, d) what clustering sees; labels, pool: (n,).
         anchors: (A,) indices of the test frames that view sets are drawn around.
     """
     views, scores, empty = classifier.views, None, 0

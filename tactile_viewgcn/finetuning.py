@@ -19,7 +19,7 @@ from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
 from tactile_viewgcn.params import Finetune, Model
 from tactile_viewgcn.randomness import stream, torch_seed
 from tactile_viewgcn.split import TRAIN, VALIDATION
-from tactile_viewgcn.training import FeatureBank, compounding_cosine, error_rate, fit, generator, set_losses
+from tactile_viewgcn.training import FeatureBank, compounding_cosine, error_rate, fit, generator, parts, set_losses
 from tactile_viewgcn.views import Views
 
 
@@ -42,10 +42,11 @@ class Side:
 
         Yields:
             sets (B, k): all V frames of each, or as many for a whole batch as `sizes: random` draws, the anchor first.
-            fresh (B, f): the columns whose frames are to pass the backbone, a 1 / `reuse` of them, the anchor's first.
+            fresh (B, f): the columns whose frames are to pass the backbone, k / `reuse` of them, rounded up; rising,
+                the anchor's always among them.
         """
         order = self.rng.permutation(len(drawn))
-        for index in np.array_split(order, math.ceil(len(order) / how.batch)):
+        for index in np.array_split(order, parts(len(order), how.batch)):
             sets, columns = drawn[index], self._anchor_first(drawn[index], self.anchors[index])
             views = sets.shape[1]
             if how.sizes == "random" and (fewer := int(self.rng.integers(1, views + 1))) < views:
@@ -102,11 +103,13 @@ def finetune_classifier(
     state = {"classifier": classifier, "optimiser": optimiser}
     bank = None
     if how.reuse > 1 and len(views.viewpoints) > 1:
-        bank = state["bank"] = FeatureBank(classifier.backbone, train.frames, how.batch, noise, compute, on_device)
-    checkpoint = Checkpoint(keep, state, {"noise": on_device}, {"draw": train.rng})
+        bank = state["bank"] = FeatureBank(len(train.frames), classifier.backbone.features, compute)
+    checkpoint = Checkpoint(keep, state, {"noise": on_device}, {"draw": train.rng}, compute.device)
 
     def losses(epoch: int) -> Iterator[Tensor]:
         classifier.train()
+        if bank is not None and epoch == 0:
+            bank.fill(classifier.backbone, train.frames, batch=how.batch, noise=noise, on_device=on_device)
         drawn = first if how.redraw == "never" or epoch == 0 else train.draw()
         return set_losses(
             classifier,
@@ -134,7 +137,7 @@ def finetune_classifier(
     def factor(epoch: int) -> float:
         return compounding_cosine(epoch, epochs=how.epochs) if how.schedule == "compounding_cosine" else 1.0
 
-    steps = how.epochs * math.ceil(len(train.anchors) / how.batch)
+    steps = how.epochs * parts(len(train.anchors), how.batch)
     with tqdm(total=steps, desc="finetune", unit="batch", disable=None) as bar:
         progress = fit(how.epochs, optimiser, factor, losses, validate, bar, checkpoint)
     return classifier, progress

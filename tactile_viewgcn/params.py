@@ -314,11 +314,6 @@ def _clashes(params: Params) -> list[str]:
         )
     if params.finetune.sizes == "random" and params.model.selector == "joint":
         found.append("model.selector is joint, which needs all views, and finetune.sizes is random: expected per_view")
-    if params.finetune.sizes == "random" and params.finetune.batch < 3:
-        found.append(
-            f"finetune.batch is {params.finetune.batch}, which can leave one set of one view alone, and "
-            "finetune.sizes is random: expected 3 or more"
-        )
     needed = {"cube": 8, "dodecahedron": 20}.get(params.viewpoints, params.views)
     if params.views != needed:
         found.append(f"viewpoints is {params.viewpoints}, which has {needed} places; views is {params.views}")

@@ -1,6 +1,5 @@
 """The backbone, trained from scratch to tell objects by single frames."""
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from tactile_viewgcn.nn.backbone import Backbone, features_of
 from tactile_viewgcn.params import Pretrain
 from tactile_viewgcn.randomness import torch_seed
 from tactile_viewgcn.split import TRAIN, VALIDATION
-from tactile_viewgcn.training import error_rate, fit, frame_losses, generator, halving
+from tactile_viewgcn.training import error_rate, fit, frame_losses, generator, halving, parts
 
 
 def pretrain_backbone(
@@ -50,6 +49,7 @@ def pretrain_backbone(
         {"backbone": backbone, "classifier": classifier, "optimiser": optimiser},
         {"order": order, "noise": on_device},
         {},
+        compute.device,
     )
     noise = how.noise * full_scale(table.kind, table.scale)
 
@@ -75,7 +75,7 @@ def pretrain_backbone(
         logits = classifier(features)
         return {"validation_error": error_rate(logits, labels[VALIDATION])}
 
-    steps = how.epochs * math.ceil(len(labels[TRAIN]) / how.batch)
+    steps = how.epochs * parts(len(labels[TRAIN]), how.batch)
     with tqdm(total=steps, desc="pretrain", unit="batch", disable=None) as bar:
         progress = fit(
             how.epochs,

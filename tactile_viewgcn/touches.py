@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.classifier import Classifier, logits_of_sets
+from tactile_viewgcn.clustering import pool_ids
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import Frames
 from tactile_viewgcn.nn.backbone import features_of
@@ -88,7 +89,7 @@ def calibrate(classifier: Classifier, table: Frames, compute: Compute, seed: int
     classifier.eval()
     with compute.autocast(), torch.inference_mode():
         features = features_of(classifier.backbone, compute.frames(torch.from_numpy(table.inputs(index))))
-    recording = np.unique(table.recording[index], return_inverse=True)[1].ravel()
+    recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")
     anchors = np.tile(np.flatnonzero(table.anchor[index]), DRAWS)
     drawn = sequences(anchors, recording, classifier.views, stream(seed, "touches.calibrate"))
     labels = torch.from_numpy(table.label[index][anchors].astype(np.int64))

@@ -19,6 +19,14 @@ from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.randomness import torch_seed
 
 
+def parts(count: int, size: int) -> int:
+    """Into how many batches of at most `size` a number of examples falls.
+
+    Fewer, and larger by one, where a batch would hold a single example, which batch normalisation cannot use.
+    """
+    return max(1, min(math.ceil(count / size), count // 2))
+
+
 def halving(epoch: int, *, every: int, early: int = 0) -> float:
     """Factor on the learning rate that halves every `every` epochs, each halving `early` epochs sooner."""
     return 0.5 ** ((epoch + early) // every)
@@ -55,6 +63,7 @@ def fit(
     rates = [group["lr"] for group in optimiser.param_groups]
     progress = checkpoint.restore() if checkpoint else Progress()
     begin = time.perf_counter() - progress.seconds
+    bar.update((bar.total or 0) * progress.epoch // epochs)
     for epoch in range(progress.epoch, epochs):
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * factor(epoch)
@@ -108,44 +117,42 @@ def frame_losses(
 ) -> Iterator[Tensor]:
     """Cross-entropy of batches of single frames (n, 1, H, W), for one epoch.
 
-    Batches are of at most `batch` frames and differ by one at most, so that none is a lone leftover, which batch
-    normalisation could not use, and no frame is left out.
+    The batches differ by one frame at most, and no frame is left out.
     """
-    for index in torch.randperm(len(frames), generator=order).tensor_split(math.ceil(len(frames) / batch)):
+    for index in torch.randperm(len(frames), generator=order).tensor_split(parts(len(frames), batch)):
         with compute.autocast():
             features = backbone(noisy(compute.take(frames, index), noise, on_device))
         yield functional.cross_entropy(classifier(features.float()), compute.take(labels, index))
 
 
 class FeatureBank(nn.Module):
-    """Features (n, C) of a side's frames, each as the backbone gave it last, for views that it need not see again.
+    """Features of n frames, each as the backbone gave it last, for views that it need not see again.
 
     While the network is fine-tuned they change slowly. They come from training mode, noise and dropout included.
 
     Args:
-        frames: (n, 1, H, W), which all pass the backbone once, in batches of `batch`.
-        noise, on_device: see `noisy`.
+        frames, features: n and C.
     """
 
-    def __init__(
-        self,
-        backbone: nn.Module,
-        frames: Tensor,
-        batch: int,
-        noise: float,
-        compute: Compute,
-        on_device: torch.Generator,
-    ):
+    def __init__(self, frames: int, features: int, compute: Compute):
         super().__init__()
         self._compute = compute
+        self.register_buffer("values", torch.zeros(frames, features, device=compute.device))
+
+    @torch.no_grad()
+    def fill(
+        self, backbone: nn.Module, frames: Tensor, *, batch: int, noise: float, on_device: torch.Generator
+    ) -> None:
+        """The features of all frames (n, 1, H, W), in batches in the random order of torch's own generator.
+
+        The backbone is left in training mode; what its batch normalisation has seen goes into its running moments.
+        """
         backbone.train()
         order = torch.randperm(len(frames))
-        with torch.no_grad(), compute.autocast():
-            parts = [
-                backbone(noisy(compute.take(frames, index), noise, on_device))
-                for index in order.tensor_split(math.ceil(len(order) / batch))
-            ]
-        self.register_buffer("values", torch.cat(parts)[compute.bring(order.argsort())])
+        with self._compute.autocast():
+            for index in order.tensor_split(parts(len(order), batch)):
+                features = backbone(noisy(self._compute.take(frames, index), noise, on_device))
+                self.values[self._compute.bring(index)] = features
 
     def nodes(self, sets: np.ndarray, fresh: np.ndarray, features: Tensor) -> Tensor:
         """The features (B, k, C) of view sets (B, k): of their columns `fresh` (B, f) these (B, f, C), which are kept.

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.classifier import Classifier
-from tactile_viewgcn.clustering import cluster_pools, pool_ids
+from tactile_viewgcn.clustering import cluster_table
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.finetuning import finetune_classifier
 from tactile_viewgcn.frames import Frames
@@ -18,10 +18,9 @@ from tactile_viewgcn.params import Params, load
 from tactile_viewgcn.preprocessing import prepare
 from tactile_viewgcn.pretraining import pretrain_backbone
 from tactile_viewgcn.recordings import Recordings, write_recordings
-from tactile_viewgcn.split import TEST
 from tactile_viewgcn.stag import read_metadata
 from tactile_viewgcn.viewpoints import viewpoints
-from tactile_viewgcn.views import NO_CLUSTER, Views
+from tactile_viewgcn.views import Views
 from tests.stag_files import metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
@@ -36,6 +35,7 @@ SMALL = (
     "finetune.epochs=1",
     "finetune.lr=2e-3",
     "finetune.batch=8",
+    "finetune.reuse=1",
     "evaluate.trials=3",
 )
 
@@ -63,13 +63,8 @@ def table(*changes: str) -> Frames:
 
 def views_of(frames: Frames, how: Params) -> Views:
     """The clusters of all frames but the test side's."""
-    pool = pool_ids(frames.label, frames.recording, frames.side, how.cluster.scope)
-    cluster, index = np.full(len(frames), NO_CLUSTER, dtype=np.int16), np.flatnonzero(frames.side != TEST)
-    if how.cluster.method == "kmeans":
-        own = np.unique(pool[index], return_inverse=True)[1].ravel()
-        points = frames.inputs(index)[:, frames.live]
-        cluster[index] = cluster_pools(points, own, how.views, how.cluster, np.random.default_rng(how.seed))
-    return Views(cluster, pool, viewpoints(how.views, how.viewpoints))
+    places = viewpoints(how.views, how.viewpoints)
+    return cluster_table(frames, places, how.cluster, np.random.default_rng(how.seed))
 
 
 def fewer_anchors(frames: Frames, every: int) -> Frames:

@@ -1,5 +1,7 @@
 """A training that was interrupted ends as one that was not."""
 
+import time
+from threading import Thread
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +10,8 @@ import torch
 
 from tactile_viewgcn import checkpoint as module
 from tactile_viewgcn import pretraining
-from tactile_viewgcn.checkpoint import Checkpoint, Progress, checkpoint_path
+from tactile_viewgcn.checkpoint import Checkpoint, Progress, checkpoint_path, kept
+from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.finetuning import finetune_classifier
 from tactile_viewgcn.pretraining import pretrain_backbone
 from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
@@ -59,6 +62,7 @@ def alike(one, other):
         (finetuned, ()),
         (finetuned, ("finetune.reuse=4", "finetune.sizes=random")),
         (finetuned, ("finetune.redraw=never", "finetune.schedule=compounding_cosine")),
+        (finetuned, ("views=1", "finetune.reuse=8")),
     ],
 )
 def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch, train, changes, after):
@@ -128,13 +132,20 @@ def test_it_loads_as_plain_values_alone(tmp_path, monkeypatch):
     assert content["progress"]["epoch"] == 1
 
 
-def path_of(*, lr=0.1, md5="a", stage="finetune"):
-    return checkpoint_path(stage, SimpleNamespace(finetune=SimpleNamespace(lr=lr), seed=0), {"frames": md5})
+def path_of(*, lr=0.1, md5="a", stage="finetune", compute=CPU):
+    return checkpoint_path(stage, SimpleNamespace(finetune=SimpleNamespace(lr=lr), seed=0), {"frames": md5}, compute)
 
 
-def test_another_parameter_input_or_stage_has_another_file():
-    paths = [path_of(), path_of(lr=0.2), path_of(md5="b"), path_of(stage="pretrain")]
-    assert len(set(paths)) == 4
+def test_another_parameter_input_stage_or_precision_has_another_file():
+    other = [Compute(torch.device("cpu"), "bfloat16"), Compute(torch.device("cuda"), "float32")]
+    paths = [
+        path_of(),
+        path_of(lr=0.2),
+        path_of(md5="b"),
+        path_of(stage="pretrain"),
+        *(path_of(compute=c) for c in other),
+    ]
+    assert len(set(paths)) == 6
     assert path_of() == paths[0]
 
 
@@ -153,6 +164,34 @@ def test_it_lies_in_the_original_repository(tmp_path, monkeypatch):
 
 def test_without_a_file_nothing_is_kept_and_no_epoch_done():
     rng = np.random.default_rng(0)
-    checkpoint = Checkpoint(None, {}, {}, {"draw": rng})
+    checkpoint = Checkpoint(None, {}, {}, {"draw": rng}, CPU.device)
     checkpoint.save(Progress(3))
     assert checkpoint.restore() == Progress()
+
+
+def test_of_two_processes_with_one_training_one_waits(tmp_path, monkeypatch):
+    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
+    given = ("pretrain", SimpleNamespace(seed=0), {}, CPU)
+    order = []
+
+    def second():
+        with kept(*given) as path:
+            order.append("second")
+            assert not path.exists()  # the first is done with it
+
+    with kept(*given) as path:
+        path.write_bytes(b"under way")
+        thread = Thread(target=second)
+        thread.start()
+        time.sleep(0.2)
+        order.append("first")
+    thread.join(timeout=30)
+    assert order == ["first", "second"]
+
+
+def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
+    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
+    with pytest.raises(Interrupted), kept("pretrain", SimpleNamespace(seed=0), {}, CPU) as path:
+        path.write_bytes(b"under way")
+        raise Interrupted
+    assert path.read_bytes() == b"under way"

@@ -141,3 +141,18 @@ def test_on_the_processor_rows_are_taken_and_nothing_is_copied_twice():
 def test_weights_and_frames_are_in_float32_but_for_float64(precision, dtype):
     compute = Compute(torch.device("cpu"), precision)
     assert compute.dtype == compute.frames(torch.zeros(2, 3, 4)).dtype == dtype
+
+
+class Resident:
+    """Rows that lie on a card, whose device has a number where `device: cuda` has none."""
+
+    device = torch.device("cuda:0")
+
+    def __getitem__(self, index):
+        return "rows", index.tolist()
+
+
+def test_rows_that_lie_on_the_card_are_taken_there_by_an_index_that_is_sent(monkeypatch):
+    card = Card(monkeypatch, 0)
+    assert card.compute.take(Resident(), torch.tensor([3, 1])) == ("rows", [3, 1])
+    assert card.sent == [((2,), True)]

@@ -269,12 +269,6 @@ def test_touches_need_random_sizes_and_validation_groups(change):
     assert params("evaluate.stop_at=0.9", "finetune.sizes=random", "split.validation=0.2").evaluate.stop_at == 0.9
 
 
-def test_a_set_of_one_view_is_never_left_alone():
-    (sentence,) = mistakes("finetune.sizes=random", "finetune.batch=2")
-    assert sentence.startswith("finetune.batch is 2, which can leave one set of one view alone")
-    assert params("finetune.sizes=random", "finetune.batch=3").finetune.batch == 3
-
-
 def test_the_joint_selector_needs_all_views():
     (sentence,) = mistakes("finetune.sizes=random", "model.selector=joint")
     assert sentence == "model.selector is joint, which needs all views, and finetune.sizes is random: expected per_view"

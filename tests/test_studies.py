@@ -12,7 +12,8 @@ import yaml
 from studies.error_time.picture import front, picture
 from studies.error_time.settings import changed, reuses, schedule, settings
 from studies.error_time.table import together
-from studies.error_time.trainings import Runs, views_of
+from studies.error_time.trainings import Runs, recipe_of
+from tactile_viewgcn.clustering import cluster_table
 from tactile_viewgcn.split import TEST, TRAIN, VALIDATION
 from tests.imports import closure
 from tests.tables import recipe, table
@@ -54,7 +55,7 @@ def test_settings_change_what_they_say_and_nothing_else():
     assert {setting.axis for setting in settings(how)} == {"time", "views", "width", "reuse"}
 
 
-def write(path, right, groups=(0, 0, 1, 1), values=("1", "2")):
+def write(path, right, groups=(0, 0, 1, 1), values=("1", "2"), recipe="one"):
     rows = [
         {
             "axis": "reuse",
@@ -66,7 +67,9 @@ def write(path, right, groups=(0, 0, 1, 1), values=("1", "2")):
         }
         for n, value in enumerate(values)
     ]
-    np.savez_compressed(path, rows=json.dumps(rows), right=np.array(right, dtype=float), groups=np.array(groups))
+    np.savez_compressed(
+        path, rows=json.dumps(rows), right=np.array(right, dtype=float), groups=np.array(groups), recipe=recipe
+    )
     return path
 
 
@@ -94,6 +97,20 @@ def test_seeds_of_other_anchors_or_settings_are_refused(tmp_path, other):
     paths = [write(tmp_path / "0.npz", right), write(tmp_path / "1.npz", right, **other)]
     with pytest.raises(ValueError, match=r"1\.npz: other settings or anchors than the first"):
         together(paths, np.random.default_rng(0))
+
+
+def test_seeds_of_another_recipe_and_none_at_all_are_refused(tmp_path):
+    right = [[1, 1, 0, 0], [1, 1, 1, 0]]
+    paths = [write(tmp_path / f"{recipe}.npz", right, recipe=recipe) for recipe in ("one", "two")]
+    with pytest.raises(ValueError, match="2 seeds of 2 different recipes"):
+        together(paths, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="0 seeds of 0 different recipes"):
+        together([], np.random.default_rng(0))
+
+
+def test_seeds_have_one_recipe_and_other_parameters_another():
+    assert recipe_of(recipe("seed=1")) != recipe_of(recipe("views=3"))
+    assert recipe_of(recipe("seed=1")) == recipe_of(recipe("seed=2"))
 
 
 def test_the_pareto_front_has_what_nothing_beats():
@@ -149,5 +166,6 @@ def test_the_held_out_table_is_tested_on_validation_groups_and_the_test_side_is_
     validated = table("split.validation=0.25")
     assert ((runs.held_out.side == TEST) == (validated.side == VALIDATION)).all()
     assert ((runs.held_out.side == TRAIN) == (validated.side == TRAIN)).all()
-    views = views_of(runs.held_out, recipe())
+    places = np.zeros((4, 3))
+    views = cluster_table(runs.held_out, places, recipe().cluster, np.random.default_rng(0))
     assert ((views.cluster >= 0) == (validated.side == TRAIN)).all()

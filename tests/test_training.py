@@ -20,6 +20,7 @@ from tactile_viewgcn.training import (
     generator,
     halving,
     noisy,
+    parts,
     set_losses,
 )
 from tests.tables import CPU
@@ -146,6 +147,14 @@ def test_frame_losses_of_an_epoch_add_up_to_the_cross_entropy_of_all_frames(prec
     torch.testing.assert_close(torch.stack(losses).mean(), expected)
 
 
+@pytest.mark.parametrize(
+    ("count", "size", "expected"), [(20, 5, 4), (21, 5, 5), (3, 2, 1), (5, 2, 2), (1, 4, 1), (33, 32, 2)]
+)
+def test_no_example_is_left_alone_in_a_batch(count, size, expected):
+    assert parts(count, size) == expected
+    assert count // parts(count, size) >= 2 or count == 1
+
+
 @pytest.mark.parametrize(("count", "size"), [(20, 5), (21, 5), (33, 32), (7, 64), (2, 2)])
 def test_batches_hold_every_frame_once_in_random_order_and_differ_by_one_at_most(count, size):
     frames, seen = torch.arange(float(count)).view(-1, 1, 1, 1), []
@@ -156,8 +165,8 @@ def test_batches_hold_every_frame_once_in_random_order_and_differ_by_one_at_most
 
     for order in (0, 0, 1):
         losses_of_frames(frames, torch.zeros(count).long(), nn.Linear(1, 2), batch=size, order=order, backbone=backbone)
-    parts = math.ceil(count / size)
-    first, again, other = seen[:parts], seen[parts : 2 * parts], seen[2 * parts :]
+    number = math.ceil(count / size)
+    first, again, other = seen[:number], seen[number : 2 * number], seen[2 * number :]
     assert first == again
     assert first != other or count == 2
     assert sorted(number for part in first for number in part) == list(range(count))
@@ -208,6 +217,12 @@ def test_set_losses_pair_each_view_set_with_the_class_of_its_frames():
     assert [float(loss) for loss in losses] == pytest.approx([0, 0], abs=1e-6)
 
 
+def filled_bank(backbone, frames):
+    bank = FeatureBank(len(frames), frames[0].numel(), CPU)
+    bank.fill(backbone, frames, batch=5, noise=0.0, on_device=seeded())
+    return bank
+
+
 class Modes(nn.Flatten):
     """A backbone that tells in which mode it was."""
 
@@ -218,14 +233,14 @@ class Modes(nn.Flatten):
 
 def test_the_bank_holds_each_frame_s_features_from_training_mode():
     frames = torch.arange(24.0).view(12, 1, 1, 2)
-    bank = FeatureBank(Modes().eval(), frames, 5, 0.0, CPU, seeded())
+    bank = filled_bank(Modes().eval(), frames)
     assert torch.equal(bank.values, frames.flatten(1))
     assert not bank.values.requires_grad
 
 
 def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank():
     classifier, fresh = Sums(), np.array([[1], [0], [2], [0]])
-    bank = FeatureBank(Modes(), FRAMES, 5, 0.0, CPU, seeded())
+    bank = filled_bank(Modes(), FRAMES)
     losses = losses_of_sets(classifier, FRAMES, LABELS, [(SETS, fresh)], bank)
     assert [float(loss) for loss in losses] == pytest.approx([0], abs=1e-6)
     (seen,) = classifier.seen
@@ -234,7 +249,7 @@ def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank(
 
 def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fresh_alone():
     frames = torch.arange(12.0).view(12, 1, 1, 1)
-    bank = FeatureBank(Modes(), frames, 5, 0.0, CPU, seeded())
+    bank = filled_bank(Modes(), frames)
     features = torch.tensor([[[100.0], [101]], [[102], [103]]], requires_grad=True)
     sets, fresh = np.array([[4, 1, 7], [0, 4, 9]]), np.array([[0, 2], [1, 2]])
     nodes = bank.nodes(sets, fresh, features)

@@ -229,3 +229,10 @@ def test_gradients_equal_finite_differences():
 def test_too_few_neighbours_listed_is_refused():
     with pytest.raises(ValueError, match=r"model.neighbours \[3, 3\] has 2 entries.*3 levels of 8 views"):
         ViewGCN(torch.from_numpy(viewpoints(8)), 5, neighbours=[3, 3])
+
+
+@pytest.mark.parametrize(("views", "count"), [(1, 3), (4, 5), (4, 0)])
+def test_more_views_than_the_network_is_for_and_none_are_refused(views, count):
+    head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16)
+    with pytest.raises(ValueError, match=f"view sets of {count} views; the network takes 1 to {views}"):
+        head(torch.zeros(2, count, 16))

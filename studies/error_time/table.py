@@ -17,12 +17,13 @@ from tactile_viewgcn.statistics import group_interval
 COSTS = ("pretrain", "finetune", "single_ms", "batch_ms", "touches")
 PAPER = {"time": "1", "views": "8", "width": "64", "reuse": "1", "precision": "float32"}
 VIRTUAL, SIMULATED = "data/virtual/recordings", "Simulated by the virtual glove"
-TEXT = """Error of the {side} side in per cent against what it costs; {seeds} training seeds. `low` and `high` are the 95 % interval that
-resamples the split groups, `spread` is the standard deviation over the seeds, `more` the paired difference in points to
-the row of the same axis marked `reference`, with its interval. `pretrain` and `finetune` are seconds of training,
-`single_ms` and `batch_ms` milliseconds per view set alone and in batches of 256, all medians over the seeds. Precision:
-the default's classifier, used in each. Touches: one classifier of any number of touches, trained without the validation
-groups that it is calibrated on; its touches are frames of one recording at random."""
+TEXT = """Error of the {side} side in per cent against what it costs; {seeds} training seeds. `low` and `high` are the
+95 % interval that resamples the split groups, `spread` is the standard deviation over the seeds, `more` the paired
+difference in points to the row of the same axis marked `reference`, with its interval, not corrected for how many rows
+there are. `pretrain`, `finetune`: seconds of training; `single_ms`, `batch_ms`: milliseconds per view set alone and in
+batches of 256; all medians over the seeds. Of V views V / `finetune.reuse`, rounded up, pass the backbone in
+fine-tuning. Precision: the default's classifier, used in each. Touches: one classifier of any number of touches, trained
+without the validation groups that it is calibrated on; its touches are frames of one recording at random."""
 
 
 @stage("seed", "data")
@@ -46,12 +47,17 @@ def together(paths: Iterable[Path], rng: np.random.Generator) -> list[dict]:
     """A row for each setting and protocol: seeds averaged anchor by anchor before groups are resampled.
 
     Raises:
-        ValueError: the seeds have other settings or anchors.
+        ValueError: no seeds, or of other parameters, settings or anchors.
     """
-    found = []
+    found, recipes = [], set()
     for path in paths:
         with readable(path), np.load(path) as content:
             found.append((json.loads(str(content["rows"])), content["right"], content["groups"]))
+            recipes.add(str(content["recipe"]))
+    if len(recipes) != 1:
+        raise ValueError(
+            f"{len(found)} seeds of {len(recipes)} different recipes; expected one recipe: delete what other runs left"
+        )
     names, groups = [_name(row) for row in found[0][0]], found[0][2]
     for path, (rows, _, own) in zip(paths, found, strict=True):
         if [_name(row) for row in rows] != names or not np.array_equal(own, groups):
@@ -80,7 +86,7 @@ def _name(row: dict) -> tuple[str, str, str]:
 
 
 def _reference(axis: str, names: list[tuple[str, str, str]]) -> str:
-    """The row of an axis that the others are compared with: the paper's."""
+    """The row of an axis that the others are compared with, where it stands as in the paper."""
     values = [value for own, value, _ in names if own == axis]
     fixed = [value for value in values if value.startswith("fixed")]
     return fixed[-1] if fixed else PAPER[axis]

@@ -12,7 +12,7 @@ import torch
 from stages.command import INPUT, OUTPUT, stage
 from studies.error_time.settings import Setting, changed, reuses, settings
 from tactile_viewgcn.classifier import Classifier
-from tactile_viewgcn.clustering import cluster_pools, pool_ids
+from tactile_viewgcn.clustering import cluster_table, pool_ids
 from tactile_viewgcn.compute import Compute, choose, keep_freed_memory
 from tactile_viewgcn.evaluation import Evaluation, evaluate_table
 from tactile_viewgcn.files import whole
@@ -26,7 +26,6 @@ from tactile_viewgcn.recordings import Recordings
 from tactile_viewgcn.split import TEST, VALIDATION
 from tactile_viewgcn.touches import calibrate, touch
 from tactile_viewgcn.viewpoints import viewpoints
-from tactile_viewgcn.views import NO_CLUSTER, Views
 
 VALIDATION_SHARE = 0.5  # of the training groups, where the parameters leave none
 STOPS = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99)
@@ -55,8 +54,15 @@ def trainings(params, run, recordings, side, out):
         runs.precisions()
         runs.touches()
     with whole(out) as part, part.open("wb") as file:
-        np.savez_compressed(file, rows=json.dumps(runs.rows), right=np.array(runs.right), groups=runs.groups)
+        np.savez_compressed(
+            file, rows=json.dumps(runs.rows), right=np.array(runs.right), groups=runs.groups, recipe=recipe_of(params)
+        )
     print(f"trainings: {len(runs.rows)} rows of seed {params.seed}, errors on the {side} side")
+
+
+def recipe_of(params: SimpleNamespace) -> str:
+    """All that the seeds of one study have in common."""
+    return repr(sorted((key, value) for key, value in vars(params).items() if key != "seed"))
 
 
 class Runs:
@@ -88,10 +94,11 @@ class Runs:
 
     def trained(self, how: SimpleNamespace, table: Frames) -> tuple[Classifier, dict[str, float]]:
         """The classifier of a recipe, and the seconds that its two trainings took."""
-        key = repr((how.views, how.pretrain, how.finetune, id(table)))
+        key = repr((how.views, how.viewpoints, how.pretrain, how.finetune, id(table)))
         if key not in self._trained:
             weights, first = self._backbone(how, table)
-            views = views_of(table, how)
+            places = viewpoints(how.views, how.viewpoints)
+            views = cluster_table(table, places, how.cluster, stream(how.seed, "cluster"))
             classifier, progress = finetune_classifier(
                 table, views, weights, how.finetune, how.model, how.cluster.assignment, self.compute, how.seed
             )
@@ -152,18 +159,6 @@ class Runs:
             right, taken = found.stopped(stop_at)
             costs = seconds | {"touches": float(taken.mean())}
             self.add("touches", f"stop at {stop_at:g}", "recording", right.mean(axis=0), groups, costs)
-
-
-def views_of(table: Frames, how: SimpleNamespace) -> Views:
-    """The clusters of all frames but the test side's, as the cluster stage makes them."""
-    pool = pool_ids(table.label, table.recording, table.side, how.cluster.scope)
-    views = Views(np.full(len(table), NO_CLUSTER, dtype=np.int16), pool, viewpoints(how.views, how.viewpoints))
-    if how.cluster.method == "kmeans":
-        index = np.flatnonzero((table.side != TEST) & (table.side != UNUSED))
-        own = np.unique(pool[index], return_inverse=True)[1].ravel()
-        points = table.inputs(index)[:, table.live]
-        views.cluster[index] = cluster_pools(points, own, how.views, how.cluster, stream(how.seed, "cluster"))
-    return views
 
 
 if __name__ == "__main__":

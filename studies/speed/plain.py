@@ -1,11 +1,12 @@
 """The plain counterparts: what the pipeline computes, written down as one would who does not look at the clock.
 
 The network is the backbone layer by layer in float32, contiguous, without autocast; every view of every view set goes
-through it. View sets are drawn by a loop over anchors and clusters, tables are appended to frame by frame.
+through it; the graph's messages are made pair by pair. View sets are drawn by a loop over anchors and clusters.
 """
 
 from collections import OrderedDict
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -16,7 +17,8 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.classifier import Classifier
 from tactile_viewgcn.nn.backbone import Backbone
-from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
+from tactile_viewgcn.nn.graph import edge_geometry, gather_nodes, nearest
+from tactile_viewgcn.nn.view_gcn import SLOPE, LocalGraphConvolution, NonLocalMessagePassing, shape_and_view_loss
 from tactile_viewgcn.params import Finetune
 from tactile_viewgcn.recordings import COLUMNS
 from tactile_viewgcn.stag import FIELDS
@@ -71,10 +73,30 @@ class PlainClassifier(nn.Module):
     def __init__(self, classifier: Classifier):
         super().__init__()
         self.backbone, self.head = PlainBackbone(classifier.backbone), deepcopy(classifier.head)
+        for passing in self.head.messages:
+            passing.received = partial(received, passing)
+        for convolution in self.head.convolutions:
+            convolution.forward = partial(convolve, convolution)
         self.train(classifier.training)
 
     def forward(self, frames: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.head(self.backbone(frames.flatten(0, 1)).unflatten(0, frames.shape[:2]))
+
+
+def received(passing: NonLocalMessagePassing, nodes: Tensor) -> Tensor:
+    """What each node (B, N, C) receives, the linear layer applied to every pair of nodes."""
+    count = nodes.shape[1]
+    senders = nodes.unsqueeze(1).expand(-1, count, -1, -1)
+    receivers = nodes.unsqueeze(2).expand(-1, -1, count, -1)
+    return functional.leaky_relu(passing.message(torch.cat([senders, receivers], dim=-1)), SLOPE).sum(dim=2)
+
+
+def convolve(convolution: LocalGraphConvolution, nodes: Tensor, positions: Tensor) -> Tensor:
+    """The local graph convolution of nodes (B, N, C), each node's neighbours gathered."""
+    near = nearest(positions, convolution.neighbours)
+    weights = convolution.relation(edge_geometry(positions, near, convolution.edge_distance))
+    gathered = (weights * gather_nodes(nodes, near.expand(len(nodes), -1, -1))).sum(dim=2)
+    return functional.leaky_relu(convolution.norm(convolution.linear(gathered).flatten(0, 1)), SLOPE).view_as(nodes)
 
 
 def pretrain_epoch(
@@ -142,21 +164,13 @@ def draw(
 
 
 def ingest(source: Path, out: Path) -> None:
-    """A STAG metadata.mat into a table like the pipeline's, each frame and its columns appended alone."""
+    """A STAG metadata.mat into a table like the pipeline's: all of it read, then each column written at once."""
     from scipy import io
 
     tree = io.loadmat(str(source))
-    pressure = tree["pressure"]
-    columns = {column: tree[field].ravel() for field, column in FIELDS.items() if field in tree}
     with h5py.File(out, "w") as file:
-        shape = pressure.shape[1:]
-        layout = {"chunks": (64, *shape), "compression": "gzip", "compression_opts": 1, "shuffle": True}
-        file.create_dataset("pressure", (0, *shape), pressure.dtype, maxshape=(None, *shape), **layout)
-        for name in columns:
-            file.create_dataset(name, (0,), COLUMNS[name], maxshape=(None,), chunks=(4096,))
-        for number, counts in enumerate(pressure):
-            file["pressure"].resize(number + 1, axis=0)
-            file["pressure"][number] = counts
-            for name, values in columns.items():
-                file[name].resize(number + 1, axis=0)
-                file[name][number] = values[number]
+        chunks = (64, *tree["pressure"].shape[1:])
+        file.create_dataset("pressure", data=tree["pressure"], chunks=chunks, compression="gzip")
+        for field, column in FIELDS.items():
+            if field in tree:
+                file.create_dataset(column, data=tree[field].ravel().astype(COLUMNS[column]))

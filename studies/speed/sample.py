@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.classifier import Classifier
-from tactile_viewgcn.clustering import cluster_pools, pool_ids
+from tactile_viewgcn.clustering import cluster_table
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.finetuning import finetune_classifier
 from tactile_viewgcn.frames import Frames
@@ -16,7 +16,7 @@ from tactile_viewgcn.pretraining import pretrain_backbone
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.split import TEST, TRAIN
 from tactile_viewgcn.viewpoints import viewpoints
-from tactile_viewgcn.views import NO_CLUSTER, Views
+from tactile_viewgcn.views import Views
 
 PER_FRAME = ("counts", "label", "recording", "session", "group", "side", "anchor", "rest", "time")
 OF_A_CLASS = 48  # frames on a side, at most
@@ -50,7 +50,8 @@ def sample(table: Frames, params: SimpleNamespace, compute: Compute) -> Sample:
     for side, name in ((TRAIN, "training"), (TEST, "test")):
         if not (table.anchor & (table.side == side)).any():
             raise ValueError(f"the frames have no anchors on the {name} side; expected some: see split in params.yaml")
-    views = views_of(table, params)
+    places = viewpoints(params.views, params.viewpoints)
+    views = cluster_table(table, places, params.cluster, stream(params.seed, "cluster"))
     short: Pretrain = replace(params.pretrain, epochs=PRETRAIN_EPOCHS)
     weights = pretrain_backbone(table, short, compute, params.seed)[0].state_dict()
     how: Finetune = replace(params.finetune, epochs=FINETUNE_EPOCHS, reuse=REUSE, sizes="full")
@@ -83,17 +84,6 @@ def fewer_anchors(table: Frames) -> Frames:
     before = np.cumsum(np.bincount(table.label[training], minlength=len(table.classes)))
     enough = np.searchsorted(before, min(ANCHORS, before[-1]))
     return replace(table, anchor=table.anchor & ((table.side != TRAIN) | (table.label <= enough)))
-
-
-def views_of(table: Frames, params: SimpleNamespace) -> Views:
-    """The clusters of all frames but the test side's, as the stage `cluster` makes them."""
-    pool = pool_ids(table.label, table.recording, table.side, params.cluster.scope)
-    cluster, index = np.full(len(table), NO_CLUSTER, dtype=np.int16), np.flatnonzero(table.side != TEST)
-    if params.cluster.method == "kmeans":
-        own = np.unique(pool[index], return_inverse=True)[1].ravel()
-        points = table.inputs(index)[:, table.live]
-        cluster[index] = cluster_pools(points, own, params.views, params.cluster, stream(params.seed, "cluster"))
-    return Views(cluster, pool, viewpoints(params.views, params.viewpoints))
 
 
 def tensors(table: Frames, side: int, compute: Compute) -> tuple[torch.Tensor, torch.Tensor]:

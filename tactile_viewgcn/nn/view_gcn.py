@@ -1,7 +1,8 @@
 """Tactile-ViewGCN's graph network: features of V views to class logits, equations 1 to 6 of the paper.
 
 After Wei et al., "View-GCN: View-based graph convolutional network for 3D shape analysis" (CVPR 2020). All of
-it is computed in float32: next to the backbone it costs nothing, and sums over nodes keep their digits.
+it is computed in the precision of its weights, float32: next to the backbone it costs nothing, and sums over nodes
+keep their digits.
 """
 
 from itertools import pairwise
@@ -106,7 +107,7 @@ class MessageSum(torch.autograd.Function):
 
 def _senders(sent: Tensor) -> tuple[Tensor, ...]:
     """The nodes (B, N, C) in parts that make few enough pairs with all of them."""
-    return sent.split(max(1, PAIRS_AT_ONCE // sent.numel()), dim=1)
+    return sent.split(max(1, PAIRS_AT_ONCE // max(1, sent.numel())), dim=1)
 
 
 class SelectiveViewSampling(nn.Module):
@@ -236,7 +237,13 @@ class ViewGCN(nn.Module):
         )
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""
+        """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss.
+
+        Raises:
+            ValueError: more views than the network is for, or none.
+        """
+        if not 1 <= views.shape[1] <= len(self.order):
+            raise ValueError(f"view sets of {views.shape[1]} views; the network takes 1 to {len(self.order)}")
         with torch.autocast(views.device.type, enabled=False):
             nodes = views.to(self.viewpoints.dtype)
             count = nodes.shape[1]
