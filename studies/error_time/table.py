@@ -22,8 +22,8 @@ TEXT = """Error of the {side} side in per cent against what it costs; {seeds} tr
 difference in points to the row of the same axis marked `reference`, with its interval, not corrected for how many rows
 there are. `pretrain`, `finetune`: seconds of training; `single_ms`, `batch_ms`: milliseconds per view set alone and in
 batches of 256; all medians over the seeds. Of V views V / `finetune.reuse`, rounded up, pass the backbone in
-fine-tuning. Precision: the default's classifier, used in each. Touches: one classifier of any number of touches, trained
-without the validation groups that it is calibrated on; its touches are frames of one recording at random."""
+fine-tuning. Precision: the default's classifier, used in each. Touches: one classifier of any number of touches,
+trained without the validation groups that it is calibrated on; its touches are frames of one recording at random."""
 
 
 @stage("seed", "data")
