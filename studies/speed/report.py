@@ -49,5 +49,5 @@ float32, batches of 32 frames and of 20 view sets, every view of every view set 
 
 Medians of rounds in which the works take turns: `ratio` is how many times as fast the fast path is (median of the
 rounds' ratios), `of products` and `of convolutions` its rate against that of large matrix products in its precision and
-of the backbone's convolutions alone in the same round, and a limit stands under `fast`; fine-tuning is an epoch without
-what is done once before the first."""
+of the backbone's convolutions alone in the same round, and a limit stands under `fast`; fine-tuning is a
+fifth of five epochs, what the first does once included."""
