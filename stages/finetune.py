@@ -11,7 +11,7 @@ from tactile_viewgcn.files import readable
 from tactile_viewgcn.finetuning import finetune_classifier
 from tactile_viewgcn.frames import read_frames
 from tactile_viewgcn.split import VALIDATION
-from tactile_viewgcn.touches import calibrate
+from tactile_viewgcn.touches import HOTTEST, calibrate
 from tactile_viewgcn.views import read_views
 
 
@@ -42,6 +42,8 @@ def finetune(params, run, frames, views, backbone, out):
         )
         temperatures = calibrate(classifier, table, compute, params.seed) if calibrated else None
         save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
+    if temperatures and max(temperatures) > 0.9 * HOTTEST:
+        print("  on the validation groups its answers are no better than chance: no evaluate.stop_at will be reached")
     run.curves(progress.curves, picture="finetune_curves.png")
     print(f"finetune: {progress} on {compute.device} in {compute.precision}")
     return {

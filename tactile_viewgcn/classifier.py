@@ -194,13 +194,16 @@ class Recogniser:
             rest: see `probabilities`.
 
         Raises:
-            ValueError: the classifier takes V views alone; no frames, or of another shape, or not finite.
+            ValueError: the classifier takes V views alone; `stop_at` is no probability; no frames, or of another shape,
+                or not finite.
         """
         if self.temperatures is None:
             raise ValueError(
                 f"the classifier takes {self.classifier.views} views and no fewer; fine-tune it with finetune.sizes "
                 "random and split.validation above 0"
             )
+        if not 0 <= stop_at <= 1:
+            raise ValueError(f"stop_at is {stop_at}; expected a probability, 0 to 1")
         taken, found = [], None
         for frame in frames:
             if np.shape(frame) != self.shape:

@@ -10,7 +10,7 @@ from torch import nn
 from tactile_viewgcn.classifier import Recogniser, logits_of_sets, save_classifier
 from tactile_viewgcn.evaluation import evaluate_table, touch_summary
 from tactile_viewgcn.split import TEST
-from tactile_viewgcn.touches import Touched, calibrate, logits_by_touch, sequences, temperature, touch
+from tactile_viewgcn.touches import HOTTEST, Touched, calibrate, logits_by_touch, sequences, temperature, touch
 from tests.tables import CPU, recipe, table, trained
 
 RIGHT = np.array([[[True, False, False], [True, True, False], [False, True, True]]])  # one trial, 3 touches, 3 anchors
@@ -198,3 +198,15 @@ def test_a_network_of_one_view_has_nothing_to_wait_for():
     found = touch(One(), [1.0], torch.eye(3), np.arange(3), np.zeros(3, dtype=int), np.arange(3),
                   [np.random.default_rng(0)])  # fmt: skip
     assert found.stopped(0.99)[1].tolist() == [[1, 1, 1]]
+
+
+@pytest.mark.parametrize("stop_at", [90, -1, float("nan")])
+def test_what_is_no_probability_is_refused(tmp_path, stop_at):
+    with pytest.raises(ValueError, match=r"stop_at is .*; expected a probability, 0 to 1"):
+        Recogniser(any_number(tmp_path)[0]).until_certain([np.zeros((12, 12))], stop_at)
+
+
+def test_answers_that_have_nothing_to_do_with_the_labels_get_a_high_temperature():
+    generator = torch.Generator().manual_seed(0)
+    logits = 10 * torch.randn(4000, 4, generator=generator)
+    assert temperature(logits, torch.randint(4, (4000,), generator=generator)) > 0.9 * HOTTEST
