@@ -16,7 +16,7 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.classifier import Classifier
-from tactile_viewgcn.nn.backbone import Backbone
+from tactile_viewgcn.nn.backbone import Backbone, BasicBlock
 from tactile_viewgcn.nn.graph import edge_geometry, gather_nodes, nearest
 from tactile_viewgcn.nn.view_gcn import SLOPE, LocalGraphConvolution, NonLocalMessagePassing, shape_and_view_loss
 from tactile_viewgcn.params import Finetune
@@ -24,24 +24,6 @@ from tactile_viewgcn.recordings import COLUMNS
 from tactile_viewgcn.stag import FIELDS
 
 SETS = 20  # view sets in a batch, the released code's
-
-
-class PlainBlock(nn.Module):
-    """A residual block: (B, in, H, W) -> (B, out, H / stride, W / stride)."""
-
-    def __init__(self, inputs: int, outputs: int, stride: int = 1):
-        super().__init__()
-        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False)
-        self.norm1 = nn.BatchNorm2d(outputs)
-        self.conv2 = nn.Conv2d(outputs, outputs, 3, padding=1, bias=False)
-        self.norm2 = nn.BatchNorm2d(outputs)
-        self.shortcut = nn.Identity()
-        if stride != 1:
-            self.shortcut = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs))
-
-    def forward(self, x: Tensor) -> Tensor:
-        out = functional.relu(self.norm1(self.conv1(x)))
-        return functional.relu(self.norm2(self.conv2(out)) + self.shortcut(x))
 
 
 class PlainBackbone(nn.Module):
@@ -57,9 +39,9 @@ class PlainBackbone(nn.Module):
             "pool": nn.MaxPool2d(3, stride=2, padding=1),
         }
         self.stem = nn.Sequential(OrderedDict(stem))
-        self.stage1 = nn.Sequential(PlainBlock(width, width), PlainBlock(width, width))
+        self.stage1 = nn.Sequential(BasicBlock(width, width), BasicBlock(width, width))
         self.dropout = nn.Dropout2d(backbone.dropout.p)
-        self.stage2 = nn.Sequential(PlainBlock(width, 2 * width, stride=2), PlainBlock(2 * width, 2 * width))
+        self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), BasicBlock(2 * width, 2 * width))
         self.load_state_dict(backbone.state_dict())
         self.train(backbone.training).to(next(backbone.parameters()).device)
 

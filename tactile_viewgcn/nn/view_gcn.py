@@ -81,7 +81,8 @@ class NonLocalMessagePassing(nn.Module):
 class MessageSum(torch.autograd.Function):
     """Sum over the senders j of LeakyReLU(taken_i + sent_j), taken (B, N, C), sent (B, N, C) -> (B, N, C).
 
-    The messages of all pairs are never held at once, neither here nor for the gradient, which makes them anew.
+    Of the messages no more than PAIRS_AT_ONCE numbers are held at once, or one sender's; none are kept for the
+    gradient, which makes them anew.
     """
 
     @staticmethod
