@@ -19,7 +19,7 @@ def cluster(params, run, frames, out):
     """Cluster the training and validation frames of each object (or recording) into views."""
     table, count = read_frames(frames), params.views
     rng = stream(params.seed, "cluster")
-    views = cluster_table(table, viewpoints(count, params.viewpoints), params.cluster, rng)
+    views = cluster_table(table, viewpoints(count, params.viewpoints, params.seed), params.cluster, rng)
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(views.on(index, rng).empty.sum())
     if views.clustered:

@@ -28,7 +28,7 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
     """A click command from `body(params, run, **paths)`.
 
     Args:
-        reads: the keys of params.yaml that the body is given, the same as in dvc.yaml; no others.
+        reads: the keys of params.yaml, or `section.part`, that the body is given, the same as in dvc.yaml; no others.
         row: the run carries every parameter of params.yaml, as the row that people compare.
 
     The command ends with exit code 1 and one line where the user can mend what is wrong, and writes the run's
@@ -47,7 +47,7 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
         ) -> None:
             try:
                 params = load(params_path, changes)
-                given = SimpleNamespace(**{key: getattr(params, key) for key in reads})
+                given = _given(params, reads)
                 logged = flat(params) if row else _declared(params, reads)
                 _run(body, given, logged, _inputs(context, paths), record, paths)
             except (ValueError, OSError, MemoryError, RuntimeError) as error:
@@ -91,7 +91,18 @@ def _expected(error: Exception) -> bool:
 
 
 def _declared(params: Params, reads: tuple[str, ...]) -> dict[str, Any]:
-    return {key: value for key, value in flat(params).items() if key.split(".")[0] in reads}
+    """The values of these keys and sections under their dotted keys."""
+    return {key: value for key, value in flat(params).items() if any(f"{key}.".startswith(f"{r}.") for r in reads)}
+
+
+def _given(params: Params, reads: tuple[str, ...]) -> SimpleNamespace:
+    """The keys and sections that a stage reads; of a section of which it reads a part, that part."""
+    found = SimpleNamespace()
+    for key in reads:
+        section, _, part = key.partition(".")
+        value = getattr(params, section)
+        setattr(found, section, SimpleNamespace(**{part: getattr(value, part)}) if part else value)
+    return found
 
 
 def _inputs(context: click.Context, paths: dict[str, Any]) -> dict[str, Path]:

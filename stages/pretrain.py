@@ -11,7 +11,7 @@ from tactile_viewgcn.frames import read_frames
 from tactile_viewgcn.pretraining import pretrain_backbone
 
 
-@stage("seed", "device", "precision", "pretrain")
+@stage("seed", "device", "precision", "augment", "model.backbone", "pretrain")
 @click.option("--frames", type=INPUT, required=True)
 @click.option("--out", type=OUTPUT, required=True)
 def pretrain(params, run, frames, out):
@@ -20,7 +20,7 @@ def pretrain(params, run, frames, out):
     compute, table = choose(params.device, params.precision), read_frames(frames)
     run.tags({"device": compute.device, "precision": compute.precision})
     with kept("pretrain", params, run.md5s, compute) as keep:
-        backbone, classifier, progress = pretrain_backbone(table, params.pretrain, compute, params.seed, keep)
+        backbone, classifier, progress = pretrain_backbone(table, params, compute, keep)
         with whole(out) as part:
             torch.save(
                 {

@@ -76,7 +76,7 @@ class Progress:
     def __str__(self) -> str:
         before = f" ({self.resumed[0]} of them before an interruption)" if self.resumed[0] else ""
         last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
-        return f"{self.epoch} epochs{before}, at the end {last},"
+        return f"{self.epoch} epochs{before}" + (f", at the end {last}," if last else "")
 
 
 class Checkpoint:

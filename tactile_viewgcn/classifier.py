@@ -1,10 +1,12 @@
-"""The trained recogniser: preprocessing, backbone and view-graph network in one, and its file.
+"""The trained recogniser: preprocessing, backbone and the system that joins the views in one, and its file.
 
 A checkpoint holds tensors and plain values alone, so that it loads with `weights_only=True`.
 """
 
 from collections.abc import Iterable
 from dataclasses import asdict
+from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,11 @@ from torch import Tensor, nn
 from tactile_viewgcn.compute import choose
 from tactile_viewgcn.files import readable, whole
 from tactile_viewgcn.frames import Frames, transform
-from tactile_viewgcn.nn.backbone import WIDTH, Backbone, features_of
-from tactile_viewgcn.nn.view_gcn import ViewGCN
-from tactile_viewgcn.params import Model
+from tactile_viewgcn.nn.backbone import build_backbone, features_of
+from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.params import Backbone, Model
 
+STAG_SHAPE = (32, 32)
 SETS_AT_ONCE = 1 << 20  # numbers in the nodes of a batch of view sets; more gain no speed
 
 
@@ -28,37 +31,57 @@ class Classifier(nn.Module):
     Args:
         viewpoints: (V, 3).
         classes: number of classes.
-        model: the options of the graph network.
-        width: of the backbone.
+        model: which backbone and which system on it, with their options.
+        shape: (H, W) of a frame.
+
+    Raises:
+        ValueError: the system cannot be built for so many views, or at these viewpoints.
     """
 
-    def __init__(self, viewpoints: Tensor, classes: int, model: Model, width: int = WIDTH):
+    def __init__(self, viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE):
         super().__init__()
-        self.backbone = Backbone(width)
-        self.head = ViewGCN(
-            viewpoints,
-            classes,
-            features=self.backbone.features,
-            neighbours=model.neighbours,
-            selector_neighbours=model.selector_neighbours,
-            selector_hidden=model.selector_hidden,
-            joint_selector=model.selector == "joint",
-            edge_distance=model.edge_distance,
-            dropout=model.dropout,
-        )
+        system = system_of(model.system)
+        maps = system.takes == "maps"
+        self.references = np.zeros((len(viewpoints), 0))  # see `assignment.common_references`
+        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
+        self.backbone = build_backbone(shape, maps=maps, **asdict(model.backbone))
+        self.given = self.backbone.maps_of(shape) if maps else (self.backbone.features,)
+        known = asdict(model) | {
+            "classes": classes,
+            "features": self.given[0],
+            "maps": self.given,
+            "views": len(viewpoints),
+            "viewpoints": viewpoints,
+        }
+        self.head: ViewSystem = system(**{name: known[name] for name in signature(system).parameters})
 
     @property
     def views(self) -> int:
-        return len(self.head.viewpoints)
+        return len(self.viewpoints)
 
     def forward(self, frames: Tensor, views: int) -> tuple[Tensor, list[Tensor]]:
-        """frames (B * k, 1, H, W) -> logits (B, classes) and the samplers' logits."""
+        """frames (B * k, 1, H, W) -> logits (B, classes) and what else the loss needs."""
         return self.head(self.backbone(frames).unflatten(0, (-1, views)))
 
 
-def logits_of_sets(head: ViewGCN, features: Tensor, sets: Tensor) -> Tensor:
-    """Logits (A, classes) of view sets (A, k) of indices into features (n, C), in batches that fit memory."""
-    batch = max(1, SETS_AT_ONCE // (sets.shape[1] * features.shape[1]))
+def system_of(name: str) -> type[ViewSystem]:
+    """The class `System` of the file in nn/ that `model.system` names; no other system's code is loaded."""
+    return import_module(f"tactile_viewgcn.nn.{name}").System
+
+
+def weights_of(module: nn.Module) -> int:
+    """How many weights it learns."""
+    return sum(weight.numel() for weight in module.parameters())
+
+
+def logits_of_sets(head: ViewSystem, features: Tensor, sets: Tensor) -> Tensor:
+    """Logits (A, classes) of view sets (A, k) of indices into features (n, ...), in batches that fit memory.
+
+    Rising indices are the order of time.
+    """
+    batch = max(1, SETS_AT_ONCE // (sets.shape[1] * features[0].numel()))
+    if head.in_time_order:
+        sets = sets.sort(dim=1).values
     return torch.cat([head(features[part])[0] for part in sets.split(batch)])
 
 
@@ -77,7 +100,8 @@ def save_classifier(
     used = np.unique(frames.rest)  # a session without frames has no rest
     content = {
         "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
-        "viewpoints": classifier.head.viewpoints.cpu(),
+        "viewpoints": classifier.viewpoints.cpu(),
+        "references": torch.from_numpy(classifier.references),
         "model": asdict(model),
         "classes": frames.classes,
         "kind": frames.kind,
@@ -97,9 +121,10 @@ def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:
     with readable(path):
         content = torch.load(path, map_location="cpu", weights_only=True)
         weights, _ = content.pop("weights"), content["temperatures"]
-        width = len(weights["backbone.stem.norm.weight"])
-        classifier = Classifier(content["viewpoints"], len(content["classes"]), Model(**content["model"]), width)
+        model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
+        classifier = Classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
         classifier.load_state_dict(weights)
+        classifier.references = content["references"].numpy()
     return classifier.eval(), content
 
 

@@ -6,6 +6,7 @@ The paper says "kNN"; clusters of unlabelled frames and the released code mean k
 import numpy as np
 from tqdm import tqdm
 
+from tactile_viewgcn.assignment import arranged, common_references, touched_above
 from tactile_viewgcn.frames import Frames
 from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.split import TRAIN, VALIDATION
@@ -20,13 +21,19 @@ def pool_ids(label: np.ndarray, recording: np.ndarray, side: np.ndarray, scope: 
 
 def cluster_table(table: Frames, places: np.ndarray, how: Cluster, rng: np.random.Generator) -> Views:
     """The clusters of the training and validation frames, each at one of the viewpoints `places` (V, 3)."""
-    pool = pool_ids(table.label, table.recording, table.side, how.scope)
-    views = Views(np.full(len(table), NO_CLUSTER, dtype=np.int16), pool, places)
+    pool, count = pool_ids(table.label, table.recording, table.side, how.scope), len(places)
+    cluster, references = np.full(len(table), NO_CLUSTER, dtype=np.int16), np.zeros((count, int(table.live.sum())))
     if how.method == "kmeans":
         index = table.on(TRAIN, VALIDATION)
-        own = np.unique(pool[index], return_inverse=True)[1].ravel()
-        views.cluster[index] = cluster_pools(table.inputs(index)[:, table.live], own, len(places), how, rng)
-    return views
+        own, points = np.unique(pool[index], return_inverse=True)[1].ravel(), table.inputs(index)[:, table.live]
+        found = cluster_pools(points, own, count, how, rng)
+        if how.assignment == "matched":
+            learnt = table.side[index] == TRAIN
+            pools = np.unique(own[learnt], return_inverse=True)[1].ravel()
+            references = common_references(points[learnt], found[learnt], pools, count)
+        touched = touched_above(table.kind, table.scale)
+        cluster[index] = arranged(found, own, points, count, how.assignment, touched=touched, references=references)
+    return Views(cluster, pool, places, references)
 
 
 def cluster_pools(

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from tactile_viewgcn.assignment import arranged, touched_above
 from tactile_viewgcn.classifier import Classifier, logits_of_sets
 from tactile_viewgcn.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.compute import Compute
@@ -110,7 +111,16 @@ def evaluate_table(
             pool = pool_ids(table.label[index], table.recording[index], table.side[index], scope)
             trials = (stream(seed, "trial", number, trial) for trial in range(what.trials))
             found[scope] = run_trials(
-                classifier, features, points, table.label[index], pool, anchors, how, trials=trials, bar=bar
+                classifier,
+                features,
+                points,
+                table.label[index],
+                pool,
+                anchors,
+                how,
+                touched=touched_above(table.kind, table.scale),
+                trials=trials,
+                bar=bar,
             )
             scores[scope] = summary(found[scope], groups, stream(seed, "interval", number))
         if what.stop_at:
@@ -132,6 +142,7 @@ def run_trials(
     anchors: np.ndarray,
     how: Cluster,
     *,
+    touched: float,
     trials: Iterable[np.random.Generator],
     bar: tqdm,
 ) -> Trials:
@@ -140,13 +151,18 @@ def run_trials(
     Args:
         features: (n, C) of the test frames; points: (n, d) what clustering sees; labels, pool: (n,).
         anchors: (A,) indices of the test frames that view sets are drawn around.
+        touched: see `assignment.touched_above`.
     """
     views, scores, empty = classifier.views, None, 0
     if how.method == "kmeans" and views > 1:
         scores = pool_scores(points, pool, how.components)
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
     for rng in trials:
-        sets = ViewSets(cluster_pools(points, pool, views, how, rng, scores), pool, views)
+        cluster = cluster_pools(points, pool, views, how, rng, scores)
+        cluster = arranged(
+            cluster, pool, points, views, how.assignment, touched=touched, references=classifier.references
+        )
+        sets = ViewSets(cluster, pool, views)
         drawn = torch.from_numpy(sets.draw(anchors, rng, how.assignment)).to(features.device)
         logits = logits_of_sets(classifier.head, features, drawn)
         order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +14,20 @@ from tactile_viewgcn.classifier import Classifier, logits_of_sets
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import Frames, full_scale
 from tactile_viewgcn.nn.backbone import features_of
-from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
-from tactile_viewgcn.params import Finetune, Model
+from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_seed
 from tactile_viewgcn.split import TRAIN, VALIDATION
-from tactile_viewgcn.training import FeatureBank, compounding_cosine, error_rate, fit, generator, parts, set_losses
+from tactile_viewgcn.training import (
+    Disturbance,
+    FeatureBank,
+    error_rate,
+    factor_of,
+    fit,
+    generator,
+    optimiser_of,
+    parts,
+    set_losses,
+)
 from tactile_viewgcn.views import Views
 
 
@@ -64,17 +72,18 @@ class Side:
 def finetune_classifier(
     table: Frames,
     views: Views,
-    weights: dict[str, Tensor],
-    how: Finetune,
-    model: Model,
-    assignment: str,
+    pretrained: dict[str, dict[str, Tensor]],
+    params: Params,
     compute: Compute,
-    seed: int,
     keep: Path | None = None,
 ) -> tuple[Classifier, Progress]:
-    """The classifier, its backbone started from `weights`, trained on one view set per anchor and epoch.
+    """The classifier, begun with the pretrained weights and trained on one view set per anchor and epoch.
+
+    A system that does not learn stays as it begins.
 
     Args:
+        pretrained: weights of the `backbone` and of its linear `classifier`.
+        params: their `seed`, `cluster.assignment`, `model`, `finetune` and `augment` are read.
         keep: the file where the training is kept after every epoch, and gone on with if it was.
 
     Returns:
@@ -83,45 +92,37 @@ def finetune_classifier(
     Raises:
         ValueError: the training diverges, or `model` does not fit the number of views.
     """
+    how, seed = params.finetune, params.seed
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
-    width = len(weights["stem.norm.weight"])
-    classifier = Classifier(torch.from_numpy(views.viewpoints), len(table.classes), model, width)
-    classifier.backbone.load_state_dict(weights)
-    if not how.backbone_dropout:
-        classifier.backbone.dropout.p = 0.0
+    classifier = begun(table, views, pretrained, params)
     classifier.to(compute.device, memory_format=torch.channels_last)
-    optimiser = torch.optim.SGD(
+    if not classifier.head.learns:
+        return classifier, Progress()
+    optimiser = optimiser_of(
+        how,
         [{"params": classifier.backbone.parameters(), "lr": how.lr_backbone}, {"params": classifier.head.parameters()}],
-        how.lr,
-        momentum=how.momentum,
-        weight_decay=how.weight_decay,
     )
     on_device = generator(seed, "finetune.noise", compute.device)
-    noise = how.noise * full_scale(table.kind, table.scale)
-    train, held_out = (Side(side, table, views, compute, seed, assignment) for side in (TRAIN, VALIDATION))
+    disturb = Disturbance(how.noise * full_scale(table.kind, table.scale), params.augment, on_device)
+    drawn_from = views.unclustered() if how.draw == "random" else views
+    train, held_out = (
+        Side(side, table, of, compute, seed, params.cluster.assignment)
+        for side, of in ((TRAIN, drawn_from), (VALIDATION, views))
+    )
     first, held_out_sets = train.draw(), held_out.draw() if len(held_out.anchors) else None
     state = {"classifier": classifier, "optimiser": optimiser}
     bank = None
     if how.reuse > 1 and len(views.viewpoints) > 1:
-        bank = state["bank"] = FeatureBank(len(train.frames), classifier.backbone.features, compute)
+        bank = state["bank"] = FeatureBank(len(train.frames), classifier.given, compute)
     checkpoint = Checkpoint(keep, state, {"noise": on_device}, {"draw": train.rng}, compute.device)
 
     def losses(epoch: int) -> Iterator[Tensor]:
         classifier.train()
         if bank is not None and epoch == 0:
-            bank.fill(classifier.backbone, train.frames, batch=how.batch, noise=noise, on_device=on_device)
+            bank.fill(classifier.backbone, train.frames, batch=how.batch, disturb=disturb)
         drawn = first if how.redraw == "never" or epoch == 0 else train.draw()
-        return set_losses(
-            classifier,
-            train.frames,
-            train.labels,
-            train.plan(drawn, how),
-            bank=bank,
-            noise=noise,
-            loss=partial(shape_and_view_loss, view_loss=how.view_loss),
-            compute=compute,
-            on_device=on_device,
-        )
+        plan = train.plan(drawn, how)
+        return set_losses(classifier, train.frames, train.labels, plan, bank=bank, disturb=disturb, compute=compute)
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:
@@ -134,10 +135,25 @@ def finetune_classifier(
         logits = logits_of_sets(classifier.head, features, sets)
         return {"validation_error": error_rate(logits, held_out.labels[held_out.anchors])}
 
-    def factor(epoch: int) -> float:
-        return compounding_cosine(epoch, epochs=how.epochs) if how.schedule == "compounding_cosine" else 1.0
-
     steps = how.epochs * parts(len(train.anchors), how.batch)
     with tqdm(total=steps, desc="finetune", unit="batch", disable=None) as bar:
-        progress = fit(how.epochs, optimiser, factor, losses, validate, bar, checkpoint)
+        progress = fit(how.epochs, optimiser, factor_of(how), losses, validate, bar, checkpoint)
     return classifier, progress
+
+
+def begun(table: Frames, views: Views, pretrained: dict[str, dict[str, Tensor]], params: Params) -> Classifier:
+    """The classifier as it is before its training, see `finetune_classifier`."""
+    model, how = params.model, params.finetune
+    places = torch.from_numpy(views.viewpoints)
+    classifier = Classifier(places, len(table.classes), model, table.counts.shape[1:])
+    if how.sizes == "random" and not classifier.head.takes_fewer:
+        raise ValueError(
+            f"model.system is {model.system}, which takes {len(places)} views and no fewer; finetune.sizes is random: "
+            "expected full, or another system"
+        )
+    classifier.references = views.references
+    classifier.backbone.load_state_dict(pretrained["backbone"])
+    classifier.head.begin(pretrained["classifier"])
+    if not how.backbone_dropout:
+        classifier.backbone.dropout.p = 0.0
+    return classifier

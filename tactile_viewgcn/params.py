@@ -38,6 +38,9 @@ NotNegative = Annotated[float, Range(0)]
 Share = Annotated[float, Range(0, 1, open="high")]
 NumberOfViews = Annotated[int, Range(1, 1000)]
 Seed = Annotated[int, Range(0, 2**32 - 1)]
+System = Literal[  # each the file of that name in nn/
+    "view_gcn", "stag", "wang", "cnn_lstm", "conv_lstm", "mvcnn", "mean", "gvcnn", "rotationnet", "gcn", "vote",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -74,46 +77,69 @@ class Cluster:
     scope: Literal["object", "recording"]
     components: Count
     restarts: Count
-    assignment: Literal["index", "anchor"]
+    assignment: Literal["index", "anchor", "random", "area", "matched"]
+
+
+@dataclass(frozen=True)
+class Augment:
+    gain: NotNegative
+    drop: Share
+    shift: Annotated[int, Range(0, 8)]
 
 
 @dataclass(frozen=True)
 class Pretrain:
-    epochs: Count
+    epochs: Annotated[int, Range(0)]
+    optimiser: Literal["sgd", "adam", "adamw"]
     lr: Positive
     weight_decay: NotNegative
     momentum: Share
+    schedule: Literal["halving", "cosine"]
     halve_every: Count
     halve_early: Annotated[int, Range(0)]
     batch: Annotated[int, Range(2)]
     noise: NotNegative
+
+
+@dataclass(frozen=True)
+class Backbone:
+    kind: Literal["resnet", "perceptron"]
     width: Count
+    blocks: Count
+    dropout: Share
+    readout: Literal["average", "grid"]
 
 
 @dataclass(frozen=True)
 class Model:
+    system: System
+    backbone: Backbone
     neighbours: Count | list[Count]
     selector_neighbours: Count
     selector: Literal["per_view", "joint"]
     selector_hidden: Annotated[int, Range(0)]
     edge_distance: Literal["squared", "plain"]
+    view_loss: Literal["sum", "mean"]
+    readout: Literal["max", "mean"]
+    assignments: Literal["any", "rotations"]
     dropout: Share
 
 
 @dataclass(frozen=True)
 class Finetune:
     epochs: Count
+    optimiser: Literal["sgd", "adam", "adamw"]
     lr_backbone: NotNegative
     lr: Positive
     weight_decay: NotNegative
     momentum: Share
-    schedule: Literal["constant", "compounding_cosine"]
+    schedule: Literal["constant", "compounding_cosine", "tenth_in_100", "cosine"]
     batch: Annotated[int, Range(2)]
     noise: NotNegative
+    draw: Literal["clusters", "random"]
     redraw: Literal["epoch", "never"]
     reuse: Count
     sizes: Literal["full", "random"]
-    view_loss: Literal["sum", "mean"]
     backbone_dropout: bool
 
 
@@ -161,13 +187,14 @@ class Glove:
 class Params:
     seed: Seed
     views: NumberOfViews
-    viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere"]
+    viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"]
     device: Literal["auto", "cpu", "cuda"]
     precision: Literal["auto", "float32", "bfloat16"]
     data: Data
     preprocess: Preprocess
     split: Split
     cluster: Cluster
+    augment: Augment
     pretrain: Pretrain
     model: Model
     finetune: Finetune
@@ -314,6 +341,12 @@ def _clashes(params: Params) -> list[str]:
         )
     if params.finetune.sizes == "random" and params.model.selector == "joint":
         found.append("model.selector is joint, which needs all views, and finetune.sizes is random: expected per_view")
+    if params.cluster.method == "none" and params.cluster.assignment in ("area", "matched"):
+        found.append(f"cluster.assignment is {params.cluster.assignment}, which needs clusters; cluster.method is none")
+    if params.model.backbone.kind == "perceptron" and params.model.system in ("gvcnn", "conv_lstm"):
+        found.append(
+            f"model.system is {params.model.system}, which needs feature maps; model.backbone.kind perceptron has none"
+        )
     needed = {"cube": 8, "dodecahedron": 20}.get(params.viewpoints, params.views)
     if params.views != needed:
         found.append(f"viewpoints is {params.viewpoints}, which has {needed} places; views is {params.views}")

@@ -7,6 +7,7 @@ the learning rate moves. Nothing in an epoch waits for the device.
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.compute import Compute
+from tactile_viewgcn.params import Augment, Finetune, Pretrain
 from tactile_viewgcn.randomness import torch_seed
 
 
@@ -25,6 +27,25 @@ def parts(count: int, size: int) -> int:
     Fewer, and larger by one, where a batch would hold a single example, which batch normalisation cannot use.
     """
     return max(1, min(math.ceil(count / size), count // 2))
+
+
+def optimiser_of(how: Pretrain | Finetune, groups: list[dict]) -> torch.optim.Optimizer:
+    """By `optimiser` of a training's parameters; `momentum` is of `sgd` alone."""
+    if how.optimiser == "sgd":
+        return torch.optim.SGD(groups, how.lr, momentum=how.momentum, weight_decay=how.weight_decay)
+    kind = torch.optim.Adam if how.optimiser == "adam" else torch.optim.AdamW
+    return kind(groups, how.lr, weight_decay=how.weight_decay)
+
+
+def factor_of(how: Pretrain | Finetune) -> Callable[[int], float]:
+    """Factor on the learning rates in each epoch, by `schedule` of a training's parameters."""
+    return {
+        "constant": lambda _: 1.0,
+        "halving": lambda epoch: halving(epoch, every=how.halve_every, early=how.halve_early),
+        "compounding_cosine": lambda epoch: compounding_cosine(epoch, epochs=how.epochs),
+        "cosine": lambda epoch: (1 + math.cos(math.pi * epoch / how.epochs)) / 2,
+        "tenth_in_100": lambda epoch: 0.1 ** (epoch / 100),  # Sundaram et al. 2019
+    }[how.schedule]
 
 
 def halving(epoch: int, *, every: int, early: int = 0) -> float:
@@ -63,7 +84,7 @@ def fit(
     rates = [group["lr"] for group in optimiser.param_groups]
     progress = checkpoint.restore() if checkpoint else Progress()
     begin = time.perf_counter() - progress.seconds
-    bar.update((bar.total or 0) * progress.epoch // epochs)
+    bar.update((bar.total or 0) * progress.epoch // max(1, epochs))
     for epoch in range(progress.epoch, epochs):
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * factor(epoch)
@@ -95,12 +116,44 @@ def error_rate(logits: Tensor, labels: Tensor) -> float:
     return float((logits.argmax(dim=-1) != labels).float().mean())
 
 
-def noisy(frames: Tensor, noise: float, generator: torch.Generator) -> Tensor:
-    """Frames with white noise of that standard deviation added."""
-    if noise == 0:
+@dataclass(frozen=True)
+class Disturbance:
+    """What is done to every frame that is learnt from.
+
+    Args:
+        noise: standard deviation of white noise, in units of network input.
+        augment: what a frame may also look like, see params.yaml.
+        rng: a generator on the device.
+    """
+
+    noise: float
+    augment: Augment
+    rng: torch.Generator
+
+    def __call__(self, frames: Tensor) -> Tensor:
+        """Frames (B, 1, H, W), a new tensor unless there is nothing to do."""
+        how = self.augment
+        if how.shift:
+            frames = shifted(frames, how.shift, self.rng)
+        if how.gain:
+            gain = torch.empty(len(frames), 1, 1, 1, dtype=frames.dtype, device=frames.device)
+            frames = frames * gain.normal_(0, how.gain, generator=self.rng).exp()
+        if how.drop:
+            frames = frames * (torch.rand(frames.shape, generator=self.rng, device=frames.device) >= how.drop)
+        if self.noise:
+            frames = torch.empty_like(frames).normal_(0, self.noise, generator=self.rng).add_(frames)
         return frames
-    drawn = torch.empty_like(frames).normal_(0, noise, generator=generator)
-    return drawn.add_(frames)
+
+
+def shifted(frames: Tensor, most: int, rng: torch.Generator) -> Tensor:
+    """Each frame (B, 1, H, W) moved by up to so many rows and columns, at random; what moves in is 0."""
+    batch, _, height, width = frames.shape
+    padded = functional.pad(frames, (most,) * 4)
+    offset = torch.randint(2 * most + 1, (2, batch, 1), generator=rng, device=frames.device)
+    rows = offset[0] + torch.arange(height, device=frames.device)  # (B, H)
+    columns = offset[1] + torch.arange(width, device=frames.device)
+    number = torch.arange(batch, device=frames.device)[:, None, None]
+    return padded[number, 0, rows[:, :, None], columns[:, None, :]].unsqueeze(1)
 
 
 def frame_losses(
@@ -110,10 +163,9 @@ def frame_losses(
     labels: Tensor,
     *,
     batch: int,
-    noise: float,
+    disturb: Disturbance,
     compute: Compute,
     order: torch.Generator,
-    on_device: torch.Generator,
 ) -> Iterator[Tensor]:
     """Cross-entropy of batches of single frames (n, 1, H, W), for one epoch.
 
@@ -121,28 +173,27 @@ def frame_losses(
     """
     for index in torch.randperm(len(frames), generator=order).tensor_split(parts(len(frames), batch)):
         with compute.autocast():
-            features = backbone(noisy(compute.take(frames, index), noise, on_device))
+            features = backbone(disturb(compute.take(frames, index)))
         yield functional.cross_entropy(classifier(features.float()), compute.take(labels, index))
 
 
 class FeatureBank(nn.Module):
-    """Features of n frames, each as the backbone gave it last, for views that it need not see again.
+    """Features, or maps, of n frames, each as the backbone gave it last, for views that it need not see again.
 
     While the network is fine-tuned they change slowly. They come from training mode, noise and dropout included.
 
     Args:
-        frames, features: n and C.
+        frames: n; given: the shape of what the backbone gives of one, (C,) or (C, H, W).
     """
 
-    def __init__(self, frames: int, features: int, compute: Compute):
+    def __init__(self, frames: int, given: tuple[int, ...], compute: Compute):
         super().__init__()
         self._compute = compute
-        self.register_buffer("values", torch.zeros(frames, features, device=compute.device))
+        kind = torch.bfloat16 if len(given) > 1 and compute.precision == "bfloat16" else compute.dtype
+        self.register_buffer("values", torch.zeros(frames, *given, dtype=kind, device=compute.device))
 
     @torch.no_grad()
-    def fill(
-        self, backbone: nn.Module, frames: Tensor, *, batch: int, noise: float, on_device: torch.Generator
-    ) -> None:
+    def fill(self, backbone: nn.Module, frames: Tensor, *, batch: int, disturb: Disturbance) -> None:
         """The features of all frames (n, 1, H, W), in batches in the random order of torch's own generator.
 
         The backbone is left in training mode; what its batch normalisation has seen goes into its running moments.
@@ -151,13 +202,13 @@ class FeatureBank(nn.Module):
         order = torch.randperm(len(frames))
         with self._compute.autocast():
             for index in order.tensor_split(parts(len(order), batch)):
-                features = backbone(noisy(self._compute.take(frames, index), noise, on_device))
+                features = backbone(disturb(self._compute.take(frames, index)))
                 self.values[self._compute.bring(index)] = features
 
     def nodes(self, sets: np.ndarray, fresh: np.ndarray, features: Tensor) -> Tensor:
-        """The features (B, k, C) of view sets (B, k): of their columns `fresh` (B, f) these (B, f, C), which are kept.
+        """The features (B, k, ...) of view sets (B, k), those (B, f, ...) of their columns `fresh` (B, f) as given.
 
-        Of a frame that is there more than once the first is kept.
+        These are kept. Of a frame that is there more than once the first is kept.
         """
         bring = self._compute.bring
         rows = np.broadcast_to(np.arange(len(sets))[:, None], fresh.shape)
@@ -176,29 +227,35 @@ def set_losses(
     plan: Iterable[tuple[np.ndarray, np.ndarray]],
     *,
     bank: FeatureBank | None,
-    noise: float,
-    loss: Callable[..., Tensor],
+    disturb: Disturbance,
     compute: Compute,
-    on_device: torch.Generator,
 ) -> Iterator[Tensor]:
-    """Equation 6's loss of batches of view sets, for one epoch.
+    """The system's loss of batches of view sets, for one epoch.
 
     Args:
-        classifier: its `backbone` makes features of frames, its `head` logits of their sets.
-        frames: (n, 1, H, W); labels: (n,).
+        classifier: its `backbone` makes features of frames, its `head`, a system, logits of their sets.
+        frames: (n, 1, H, W), in the order of time inside a recording; labels: (n,).
         plan: of each batch its view sets (B, k) of indices into the frames, all of one label, and the columns (B, f)
             whose frames pass the backbone.
         bank: has the features of the others; None where there are no others.
-        loss: logits, view logits and labels to a scalar.
     """
     for sets, fresh in plan:
+        if classifier.head.in_time_order:
+            sets, fresh = in_time_order(sets, fresh)
         index = np.take_along_axis(sets, fresh, axis=1)
-        batch = noisy(compute.take(frames, torch.from_numpy(index.ravel())), noise, on_device)
+        batch = disturb(compute.take(frames, torch.from_numpy(index.ravel())))
         with compute.autocast():
             features = classifier.backbone(batch).unflatten(0, index.shape)
         nodes = features if bank is None else bank.nodes(sets, fresh, features)
-        logits, view_logits = classifier.head(nodes)
-        yield loss(logits, view_logits, compute.take(labels, torch.from_numpy(sets[:, 0])))
+        logits, also = classifier.head(nodes)
+        yield classifier.head.loss(logits, also, compute.take(labels, torch.from_numpy(sets[:, 0])))
+
+
+def in_time_order(sets: np.ndarray, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """View sets (B, k) with rising indices, and where their columns `fresh` (B, f) are then, rising too."""
+    order = np.argsort(sets, axis=1, kind="stable")
+    place = np.argsort(order, axis=1)
+    return np.take_along_axis(sets, order, axis=1), np.sort(np.take_along_axis(place, fresh, axis=1), axis=1)
 
 
 def generator(seed: int, purpose: str, device: torch.device | str = "cpu") -> torch.Generator:

@@ -9,16 +9,19 @@ from itertools import product
 
 import numpy as np
 
+from tactile_viewgcn.randomness import stream
+
 RADIUS = 3**0.5
 ELEVATION = np.deg2rad(30)
 GOLDEN = (1 + 5**0.5) / 2
 
 
-def viewpoints(views: int, kind: str = "auto") -> np.ndarray:
+def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
     """Positions float64 (V, 3).
 
     `auto`: 8 cube, 12 circle, 20 dodecahedron, any other number even on the sphere. The vertices of the cube
-    and the dodecahedron are in lexicographic order.
+    and the dodecahedron are in lexicographic order. `random`: anywhere on the sphere, by the seed, as the control
+    that asks whether the geometry matters.
 
     Raises:
         ValueError: a cube of other than 8 views, a dodecahedron of other than 20, no views.
@@ -32,6 +35,7 @@ def viewpoints(views: int, kind: str = "auto") -> np.ndarray:
         "circle": lambda: _circle(views),
         "dodecahedron": _dodecahedron,
         "sphere": lambda: _sphere(views),
+        "random": lambda: _random(views, stream(seed, "viewpoints")),
     }[kind]()
     if len(places) != views:
         raise ValueError(f"viewpoints {kind} has {len(places)} places; views is {views}")
@@ -61,3 +65,8 @@ def _sphere(views: int) -> np.ndarray:
     angle = 2 * np.pi * np.arange(views) / GOLDEN
     across = np.sqrt(1 - height**2)
     return RADIUS * np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
+
+
+def _random(views: int, rng: np.random.Generator) -> np.ndarray:
+    directions = rng.standard_normal((views, 3))
+    return RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)

@@ -4,7 +4,7 @@ A pool is the frames that may stand together: those of one object, or of one rec
 clusters (`clustering.py`); a view set takes one frame from each, its anchor from the anchor's own cluster.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import h5py
@@ -55,15 +55,17 @@ class ViewSets:
 
         `index`: column i holds a frame of cluster i, the anchor in its own cluster's column (the paper).
         `anchor`: the anchor first, the other clusters' frames in random order (the released code).
+        `random`: all in random order. Any other: as `index`, the clusters having the numbers they are to have.
         """
         pool = self._pool[anchors]
         pick = self._start[pool] + (rng.random((len(anchors), self.views)) * self._count[pool]).astype(np.int64)
         sets, own = self._members[pick], self._cluster[anchors]
         rows = np.arange(len(anchors))
         sets[rows, own] = anchors
-        if assignment == "anchor":
+        if assignment in ("anchor", "random"):
             key = rng.random(sets.shape)
-            key[rows, own] = -1
+            if assignment == "anchor":
+                key[rows, own] = -1
             sets = np.take_along_axis(sets, np.argsort(key, axis=1), axis=1)
         return sets
 
@@ -76,15 +78,21 @@ class Views:
         cluster: int16 (n,) of each kept frame; NO_CLUSTER on the test side, and everywhere without clustering.
         pool: int64 (n,) pool of each kept frame.
         viewpoints: float64 (V, 3).
+        references: float64 (V, live sensors), see `assignment.common_references`; zeros where there are none.
     """
 
     cluster: np.ndarray
     pool: np.ndarray
     viewpoints: np.ndarray
+    references: np.ndarray
 
     @property
     def clustered(self) -> bool:
         return bool((self.cluster != NO_CLUSTER).any())
+
+    def unclustered(self) -> "Views":
+        """The same pools and viewpoints without clusters."""
+        return replace(self, cluster=np.full_like(self.cluster, NO_CLUSTER))
 
     def on(self, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
         """The clusters of the frames in `index`, which view sets then number from 0; parts where unclustered."""
@@ -96,11 +104,11 @@ class Views:
 def write_views(path: str | Path, views: Views) -> None:
     """Write as HDF5, one dataset per attribute."""
     with whole(path) as part, h5py.File(part, "w") as file:
-        for name in ("cluster", "pool", "viewpoints"):
-            file[name] = getattr(views, name)
+        for field in fields(views):
+            file[field.name] = getattr(views, field.name)
 
 
 def read_views(path: str | Path) -> Views:
     """What `write_views` wrote."""
     with readable(path), h5py.File(path, "r") as file:
-        return Views(**{name: file[name][()] for name in ("cluster", "pool", "viewpoints")})
+        return Views(**{field.name: file[field.name][()] for field in fields(Views)})

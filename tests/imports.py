@@ -4,6 +4,7 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+SYSTEM = "tactile_viewgcn/nn/${model.system}.py"
 EXCEPTED = {"tactile_viewgcn/tracking.py", "tactile_viewgcn/plots.py"}
 
 
@@ -15,6 +16,8 @@ def closure(start: str) -> set[str]:
         if path in found or path in EXCEPTED:
             continue
         found.add(path)
+        if path == "tactile_viewgcn/classifier.py":
+            found |= {"tactile_viewgcn/nn/graph.py", SYSTEM}  # by name: the one system in use, and what systems share
         waiting += [target for name in imported(path) if (target := _file(name))]
     return found
 

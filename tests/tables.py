@@ -63,7 +63,7 @@ def table(*changes: str) -> Frames:
 
 def views_of(frames: Frames, how: Params) -> Views:
     """The clusters of all frames but the test side's."""
-    places = viewpoints(how.views, how.viewpoints)
+    places = viewpoints(how.views, how.viewpoints, how.seed)
     return cluster_table(frames, places, how.cluster, np.random.default_rng(how.seed))
 
 
@@ -75,16 +75,17 @@ def fewer_anchors(frames: Frames, every: int) -> Frames:
 
 
 @cache
-def pretrained() -> dict[str, torch.Tensor]:
-    """The weights of a backbone that tells the objects of the table."""
-    return pretrain_backbone(table(), recipe().pretrain, CPU, 0)[0].state_dict()
+def pretrained(*changes: str) -> dict[str, dict[str, torch.Tensor]]:
+    """The weights of a backbone that tells the objects of the table, and of its linear classifier."""
+    backbone, classifier, _ = pretrain_backbone(table(), recipe(*changes), CPU)
+    return {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
 
 
 @cache
 def _trained() -> Classifier:
     how = recipe()
     views = views_of(table(), how)
-    return finetune_classifier(table(), views, pretrained(), how.finetune, how.model, "index", CPU, 0)[0].eval()
+    return finetune_classifier(table(), views, pretrained(), how, CPU)[0].eval()
 
 
 def trained() -> Classifier:

@@ -26,14 +26,12 @@ def finetuned(keep, *changes):
         recipe("finetune.epochs=4", "split.validation=0.25", *changes),
         fewer_anchors(table("split.validation=0.25"), 6),
     )
-    return finetune_classifier(
-        frames, views_of(frames, how), pretrained(), how.finetune, how.model, "index", CPU, 0, keep
-    )
+    return finetune_classifier(frames, views_of(frames, how), pretrained(), how, CPU, keep)
 
 
 def pretrained_with(keep, *changes):
-    how = recipe("pretrain.epochs=4", *changes).pretrain
-    backbone, _, progress = pretrain_backbone(fewer_anchors(table(), 6), how, CPU, 0, keep)
+    how = recipe("pretrain.epochs=4", *changes)
+    backbone, _, progress = pretrain_backbone(fewer_anchors(table(), 6), how, CPU, keep)
     return backbone, progress
 
 

@@ -18,11 +18,9 @@ VALIDATED = "split.validation=0.25"
 
 def finetuned(*changes, seed=0, every=1):
     """The classifier and its curves, from each `every`-th anchor."""
-    how = recipe(*changes)
+    how, first = recipe(*changes, f"seed={seed}"), recipe(*changes)
     frames = fewer_anchors(table(*(c for c in changes if c.startswith("split"))), every)
-    classifier, progress = finetune_classifier(
-        frames, views_of(frames, how), pretrained(), how.finetune, how.model, how.cluster.assignment, CPU, seed
-    )
+    classifier, progress = finetune_classifier(frames, views_of(frames, first), pretrained(), how, CPU)
     return classifier, progress.curves
 
 
@@ -107,7 +105,7 @@ def test_the_backbone_s_dropout_can_be_left_out(fitted, wanted, share):
 def test_training_starts_from_the_pretrained_backbone(fitted):
     classifier, _ = finetuned()
     for name, value in classifier.backbone.state_dict().items():
-        assert torch.equal(value, pretrained()[name])
+        assert torch.equal(value, pretrained()["backbone"][name])
 
 
 def test_backbone_and_graph_network_have_rates_of_their_own(fitted):
@@ -123,7 +121,7 @@ def test_backbone_and_graph_network_have_rates_of_their_own(fitted):
 def test_a_backbone_with_no_rate_keeps_its_weights():
     classifier, _ = finetuned("finetune.lr_backbone=0", every=12)
     for name, value in classifier.backbone.named_parameters():
-        assert torch.equal(value, pretrained()[name])
+        assert torch.equal(value, pretrained()["backbone"][name])
 
 
 @pytest.mark.parametrize(("schedule", "last"), [("constant", 5e-4), ("compounding_cosine", 2.8e-11)])
@@ -134,7 +132,7 @@ def test_the_schedule_is_the_one_asked_for(fitted, schedule, last):
 
 
 def test_the_view_loss_can_be_a_mean():
-    summed, averaged = (finetuned(f"finetune.view_loss={kind}", every=12)[1]["loss"][0] for kind in ("sum", "mean"))
+    summed, averaged = (finetuned(f"model.view_loss={kind}", every=12)[1]["loss"][0] for kind in ("sum", "mean"))
     assert summed > 2 * averaged
 
 

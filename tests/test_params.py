@@ -99,7 +99,7 @@ def test_a_whole_number_is_a_number_too():
         ("views=true", "views is True; expected an integer in [1, 1000]"),
         ("views=", "views is None; expected an integer in [1, 1000]"),
         ("views=[8]", "views is [8]; expected an integer in [1, 1000]"),
-        ("pretrain.epochs=0", "pretrain.epochs is 0; expected an integer in [1, inf)"),
+        ("pretrain.epochs=-1", "pretrain.epochs is -1; expected an integer in [0, inf)"),
         ("pretrain.lr=0", "pretrain.lr is 0; expected a number in (0, inf)"),
         ("pretrain.lr=.nan", "pretrain.lr is nan; expected a number in (0, inf)"),
         ("pretrain.lr=.inf", "pretrain.lr is inf; expected a number in (0, inf)"),

@@ -14,8 +14,8 @@ from tests.tables import CPU, fewer_anchors, recipe, table
 
 def brief(seed, *changes):
     """The weights after one epoch on a few frames."""
-    how = recipe("pretrain.epochs=1", *changes).pretrain
-    backbone, classifier, _ = pretrain_backbone(fewer_anchors(table(), 6), how, CPU, seed)
+    how = recipe("pretrain.epochs=1", f"seed={seed}", *changes)
+    backbone, classifier, _ = pretrain_backbone(fewer_anchors(table(), 6), how, CPU)
     return [*backbone.state_dict().values(), *classifier.state_dict().values()]
 
 
@@ -25,7 +25,7 @@ def alike(one, other):
 
 def test_it_learns_to_tell_the_objects():
     frames = table()
-    backbone, classifier, progress = pretrain_backbone(frames, recipe().pretrain, CPU, 0)
+    backbone, classifier, progress = pretrain_backbone(frames, recipe(), CPU)
     curves = progress.curves
     index = frames.on(TEST)
     features = features_of(backbone, CPU.frames(torch.from_numpy(frames.inputs(index))))
@@ -40,7 +40,7 @@ def test_it_learns_to_tell_the_objects():
 def test_the_validation_side_is_watched_where_there_is_one():
     frames = table("split.validation=0.25")
     assert len(frames.on(VALIDATION)) == 48
-    curves = pretrain_backbone(frames, recipe("pretrain.epochs=5").pretrain, CPU, 0)[2].curves
+    curves = pretrain_backbone(frames, recipe("pretrain.epochs=5"), CPU)[2].curves
     assert len(curves["validation_error"]) == 5
     assert curves["validation_error"][-1] < 0.3
 
@@ -66,7 +66,7 @@ def test_only_anchors_are_learnt_from(monkeypatch):
     monkeypatch.setattr(pretraining, "frame_losses", lambda *given, **_: seen.append(given[2:4]) or iter([]))
     monkeypatch.setattr(pretraining, "fit", lambda epochs, optimiser, factor, losses, *_: losses(0) and {})
     frames = fewer_anchors(table(), 5)
-    pretrain_backbone(frames, recipe().pretrain, CPU, 0)
+    pretrain_backbone(frames, recipe(), CPU)
     index = np.flatnonzero(frames.anchor & (frames.side == 0))
     inputs, labels = seen[0]
     assert inputs.shape == (len(index), 1, 12, 12)
@@ -82,8 +82,8 @@ def test_the_recipe_reaches_the_optimiser(monkeypatch):
         return {}
 
     monkeypatch.setattr(pretraining, "fit", fit)
-    how = recipe("pretrain.epochs=30", "pretrain.halve_early=1").pretrain
-    _, classifier, _ = pretrain_backbone(table(), how, CPU, 0)
+    how = recipe("pretrain.epochs=30", "pretrain.halve_early=1")
+    _, classifier, _ = pretrain_backbone(table(), how, CPU)
     assert given["epochs"] == 30
     assert given["factors"] == [1, 0.5, 0.5, 0.25]
     assert {name: given["group"][name] for name in ("lr", "momentum", "weight_decay")} == {
@@ -97,6 +97,6 @@ def test_the_recipe_reaches_the_optimiser(monkeypatch):
 
 
 def test_a_training_that_diverges_says_which_learning_rate_to_lower():
-    how = recipe("pretrain.lr=1e20").pretrain
+    how = recipe("pretrain.lr=1e20")
     with pytest.raises(ValueError, match=r"training diverged in epoch \d at a learning rate of 1e\+20.*lower lr"):
-        pretrain_backbone(fewer_anchors(table(), 4), how, CPU, 0)
+        pretrain_backbone(fewer_anchors(table(), 4), how, CPU)

@@ -10,8 +10,10 @@ from torch import nn
 from tqdm import tqdm
 
 from tactile_viewgcn.compute import Compute
-from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
+from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.params import Augment
 from tactile_viewgcn.training import (
+    Disturbance,
     FeatureBank,
     compounding_cosine,
     error_rate,
@@ -19,7 +21,6 @@ from tactile_viewgcn.training import (
     frame_losses,
     generator,
     halving,
-    noisy,
     parts,
     set_losses,
 )
@@ -28,6 +29,10 @@ from tests.tables import CPU
 
 def seeded(seed=0):
     return torch.Generator().manual_seed(seed)
+
+
+def disturbance(noise=0.0, gain=0.0, drop=0.0, shift=0, seed=0):
+    return Disturbance(noise, Augment(gain, drop, shift), seeded(seed))
 
 
 def silent_bar():
@@ -106,7 +111,7 @@ def test_the_error_is_the_share_of_rows_whose_largest_logit_is_another():
 def test_noise_is_white_of_the_stated_standard_deviation(noise):
     frames = torch.rand(200, 1, 16, 16, generator=seeded())
     before = frames.clone()
-    added = noisy(frames, noise, seeded(1)) - before
+    added = disturbance(noise, seed=1)(frames) - before
     assert torch.equal(frames, before)
     assert float(added.std()) == pytest.approx(noise, rel=0.02)
     assert abs(float(added.mean())) < 4 * noise / len(added.flatten()) ** 0.5
@@ -114,12 +119,37 @@ def test_noise_is_white_of_the_stated_standard_deviation(noise):
     assert abs(float(torch.corrcoef(neighbours)[0, 1])) < 0.03
 
 
-def test_no_noise_draws_nothing():
-    generator = seeded()
-    state = generator.get_state()
-    frames = torch.ones(3, 1, 2, 2)
-    assert noisy(frames, 0, generator) is frames
-    assert torch.equal(generator.get_state(), state)
+def test_no_disturbance_draws_nothing():
+    disturb, frames = disturbance(), torch.ones(3, 1, 2, 2)
+    state = disturb.rng.get_state()
+    assert disturb(frames) is frames
+    assert torch.equal(disturb.rng.get_state(), state)
+
+
+def test_a_gain_is_one_factor_a_frame_around_1():
+    factors = disturbance(gain=0.3)(torch.ones(4000, 1, 2, 2))
+    assert torch.equal(factors, factors[..., :1, :1].expand_as(factors))
+    logs = factors[:, 0, 0, 0].log()
+    assert (float(logs.mean()), float(logs.std())) == (pytest.approx(0, abs=0.02), pytest.approx(0.3, rel=0.05))
+
+
+def test_dropped_sensors_read_nothing_and_the_others_what_they_did():
+    left = disturbance(drop=0.25)(torch.full((50, 1, 16, 16), 3.0))
+    assert set(left.unique().tolist()) == {0.0, 3.0}
+    assert float((left == 0).float().mean()) == pytest.approx(0.25, abs=0.02)
+
+
+def test_a_shift_moves_a_frame_whole_and_nothing_moves_in():
+    frame = torch.arange(1.0, 17).view(1, 1, 4, 4)
+    moved = disturbance(shift=1)(frame.expand(300, 1, 4, 4))
+    by_hand = {}
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            rolled = functional.pad(frame, (1, 1, 1, 1)).roll((down, right), (2, 3))[0, 0, 1:-1, 1:-1]
+            by_hand[tuple(rolled.flatten().tolist())] = 0
+    for one in moved:
+        by_hand[tuple(one.flatten().tolist())] += 1  # KeyError where a frame is none of the nine
+    assert min(by_hand.values()) > 10
 
 
 def losses_of_frames(frames, labels, classifier, *, batch, precision="float32", order=0, backbone=None):
@@ -130,10 +160,9 @@ def losses_of_frames(frames, labels, classifier, *, batch, precision="float32", 
             frames,
             labels,
             batch=batch,
-            noise=0.0,
+            disturb=disturbance(),
             compute=Compute(torch.device("cpu"), precision),
             order=seeded(order),
-            on_device=seeded(),
         )
     )
 
@@ -179,15 +208,19 @@ class Sums(nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.seen = []
+        self.seen, self.head = [], First()
 
     def backbone(self, frames):
         self.seen.append(frames.flatten(1))
         return self.seen[-1]
 
-    def head(self, nodes):
-        assert torch.equal(nodes, nodes[:, :1].expand_as(nodes))
-        return 50 * nodes[:, 0], []
+
+class First(ViewSystem):
+    """A system that expects views alike and has the first as its logits."""
+
+    def forward(self, views):
+        assert torch.equal(views, views[:, :1].expand_as(views))
+        return 50 * views[:, 0], []
 
 
 def losses_of_sets(classifier, frames, labels, plan, bank=None):
@@ -198,10 +231,8 @@ def losses_of_sets(classifier, frames, labels, plan, bank=None):
             labels,
             plan,
             bank=bank,
-            noise=0.0,
-            loss=shape_and_view_loss,
+            disturb=disturbance(),
             compute=CPU,
-            on_device=seeded(),
         )
     )
 
@@ -218,8 +249,8 @@ def test_set_losses_pair_each_view_set_with_the_class_of_its_frames():
 
 
 def filled_bank(backbone, frames):
-    bank = FeatureBank(len(frames), frames[0].numel(), CPU)
-    bank.fill(backbone, frames, batch=5, noise=0.0, on_device=seeded())
+    bank = FeatureBank(len(frames), (frames[0].numel(),), CPU)
+    bank.fill(backbone, frames, batch=5, disturb=disturbance())
     return bank
 
 

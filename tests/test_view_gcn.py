@@ -17,10 +17,10 @@ from tactile_viewgcn.nn.view_gcn import (
     LocalGraphConvolution,
     NonLocalMessagePassing,
     SelectiveViewSampling,
-    ViewGCN,
     level_sizes,
     shape_and_view_loss,
 )
+from tactile_viewgcn.nn.view_gcn import System as ViewGCN
 from tactile_viewgcn.params import load
 from tactile_viewgcn.viewpoints import viewpoints
 
@@ -167,7 +167,13 @@ def test_the_levels_that_a_number_of_views_allows():
 @pytest.mark.parametrize("joint", [False, True])
 def test_any_number_of_views_gives_logits_and_gradients(views, joint):
     torch.manual_seed(0)
-    head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16, joint_selector=joint, selector_hidden=3)
+    head = ViewGCN(
+        torch.from_numpy(viewpoints(views)),
+        5,
+        features=16,
+        selector="joint" if joint else "per_view",
+        selector_hidden=3,
+    )
     features = torch.randn(4, views, 16, requires_grad=True)
     logits, view_logits = head(features)
     assert logits.shape == (4, 5)

@@ -19,7 +19,7 @@ def settings(params: SimpleNamespace) -> list[Setting]:
     shares = {"1/8": 1 / 8, "1/4": 1 / 4, "1/2": 1 / 2, "1": 1.0}
     budgets = [Setting("time", name, schedule(params, share)) for name, share in shares.items()]
     views = [Setting("views", str(count), {"views": count, "viewpoints": "auto"}) for count in (1, 2, 4, 8, 12)]
-    widths = [Setting("width", str(width), {"pretrain.width": width}) for width in (16, 32, 64)]
+    widths = [Setting("width", str(width), {"model.backbone.width": width}) for width in (16, 32, 64)]
     return budgets + views + widths + reuses()
 
 
@@ -41,6 +41,14 @@ def changed(params: SimpleNamespace, changes: dict[str, Any]) -> SimpleNamespace
     """The parameters with the changes made."""
     found = dict(vars(params))
     for key, value in changes.items():
-        section, _, name = key.partition(".")
-        found[section] = replace(found[section], **{name: value}) if name else value
+        section, _, rest = key.partition(".")
+        found[section] = _replaced(found[section], rest, value)
     return SimpleNamespace(**found)
+
+
+def _replaced(section: Any, key: str, value: Any) -> Any:
+    """The section with the value under a dotted key of its own; the value itself without a key."""
+    if not key:
+        return value
+    name, _, rest = key.partition(".")
+    return replace(section, **{name: _replaced(getattr(section, name), rest, value)})

@@ -33,8 +33,8 @@ UNUSED = -1  # a side
 
 
 @stage(
-    "seed", "views", "viewpoints", "device", "precision", "preprocess", "split", "cluster", "pretrain", "model",
-    "finetune", "evaluate",
+    "seed", "views", "viewpoints", "device", "precision", "preprocess", "split", "cluster", "augment", "pretrain",
+    "model", "finetune", "evaluate",
 )  # fmt: skip
 @click.option("--recordings", type=INPUT, required=True)
 @click.option("--side", type=click.Choice(["test", "validation"]), required=True, help="Where errors are measured.")
@@ -94,22 +94,21 @@ class Runs:
 
     def trained(self, how: SimpleNamespace, table: Frames) -> tuple[Classifier, dict[str, float]]:
         """The classifier of a recipe, and the seconds that its two trainings took."""
-        key = repr((how.views, how.viewpoints, how.pretrain, how.finetune, id(table)))
+        key = repr((how.views, how.viewpoints, how.pretrain, how.model, how.finetune, id(table)))
         if key not in self._trained:
             weights, first = self._backbone(how, table)
-            places = viewpoints(how.views, how.viewpoints)
+            places = viewpoints(how.views, how.viewpoints, how.seed)
             views = cluster_table(table, places, how.cluster, stream(how.seed, "cluster"))
-            classifier, progress = finetune_classifier(
-                table, views, weights, how.finetune, how.model, how.cluster.assignment, self.compute, how.seed
-            )
+            classifier, progress = finetune_classifier(table, views, weights, how, self.compute)
             self._trained[key] = classifier, {"pretrain": first, "finetune": progress.seconds}
         return self._trained[key]
 
-    def _backbone(self, how: SimpleNamespace, table: Frames) -> tuple[dict[str, torch.Tensor], float]:
-        key = repr((how.pretrain, id(table)))
+    def _backbone(self, how: SimpleNamespace, table: Frames) -> tuple[dict[str, dict], float]:
+        key = repr((how.pretrain, how.model.backbone, id(table)))
         if key not in self._backbones:
-            backbone, _, progress = pretrain_backbone(table, how.pretrain, self.compute, how.seed)
-            self._backbones[key] = backbone.state_dict(), progress.seconds
+            backbone, classifier, progress = pretrain_backbone(table, how, self.compute)
+            weights = {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
+            self._backbones[key] = weights, progress.seconds
         return self._backbones[key]
 
     def tested(self, classifier: Classifier, table: Frames, how: SimpleNamespace, compute: Compute) -> Evaluation:

@@ -12,7 +12,7 @@ from tactile_viewgcn.classifier import Classifier, logits_of_sets
 from tactile_viewgcn.clustering import cluster_pools, pool_ids
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.nn.backbone import features_of
-from tactile_viewgcn.nn.view_gcn import ViewGCN
+from tactile_viewgcn.nn.view_gcn import System as ViewGCN
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.split import TEST
 from tactile_viewgcn.views import ViewSets

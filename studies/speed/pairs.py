@@ -61,13 +61,8 @@ def finetuning(one: Sample, params: SimpleNamespace, compute: Compute, reuses: l
 
     def fast(reuse: int) -> float:
         how = replace(params.finetune, epochs=EPOCHS, reuse=reuse, sizes="full")
-        assignment = params.cluster.assignment
-        return (
-            finetune_classifier(one.few, one.views, one.backbone, how, params.model, assignment, compute, params.seed)[
-                1
-            ].seconds
-            / EPOCHS
-        )
+        few = SimpleNamespace(**vars(params) | {"finetune": how})
+        return finetune_classifier(one.few, one.views, one.pretrained, few, compute)[1].seconds / EPOCHS
 
     def plainly() -> float:
         classifier = plain.PlainClassifier(one.classifier)

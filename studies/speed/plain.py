@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from tactile_viewgcn.classifier import Classifier
 from tactile_viewgcn.nn.backbone import Backbone, BasicBlock
 from tactile_viewgcn.nn.graph import edge_geometry, gather_nodes, nearest
-from tactile_viewgcn.nn.view_gcn import SLOPE, LocalGraphConvolution, NonLocalMessagePassing, shape_and_view_loss
+from tactile_viewgcn.nn.view_gcn import SLOPE, LocalGraphConvolution, NonLocalMessagePassing
 from tactile_viewgcn.params import Finetune
 from tactile_viewgcn.recordings import COLUMNS
 from tactile_viewgcn.stag import FIELDS
@@ -114,7 +114,7 @@ def finetune_epoch(
     for index in torch.from_numpy(sets)[torch.randperm(len(sets))].to(frames.device).split(SETS):
         inputs = frames[index] + noise * torch.randn_like(frames[index])
         logits, view_logits = classifier(inputs)
-        loss = shape_and_view_loss(logits, view_logits, labels[index[:, 0]], how.view_loss)
+        loss = classifier.head.loss(logits, view_logits, labels[index[:, 0]])
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()

@@ -30,13 +30,13 @@ class Sample:
 
     Attributes:
         few: the table with the anchors of some classes only; anchors stay in whole pools, as in training.
-        backbone: weights; classifier: in evaluation mode.
+        pretrained: weights; classifier: in evaluation mode.
     """
 
     table: Frames
     views: Views
     few: Frames
-    backbone: dict[str, torch.Tensor]
+    pretrained: dict[str, dict[str, torch.Tensor]]
     classifier: Classifier
 
 
@@ -50,14 +50,15 @@ def sample(table: Frames, params: SimpleNamespace, compute: Compute) -> Sample:
     for side, name in ((TRAIN, "training"), (TEST, "test")):
         if not (table.anchor & (table.side == side)).any():
             raise ValueError(f"the frames have no anchors on the {name} side; expected some: see split in params.yaml")
-    places = viewpoints(params.views, params.viewpoints)
+    places = viewpoints(params.views, params.viewpoints, params.seed)
     views = cluster_table(table, places, params.cluster, stream(params.seed, "cluster"))
     short: Pretrain = replace(params.pretrain, epochs=PRETRAIN_EPOCHS)
-    weights = pretrain_backbone(table, short, compute, params.seed)[0].state_dict()
+    few = SimpleNamespace(**vars(params) | {"pretrain": short})
+    backbone, classifier, _ = pretrain_backbone(table, few, compute)
+    weights = {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
     how: Finetune = replace(params.finetune, epochs=FINETUNE_EPOCHS, reuse=REUSE, sizes="full")
-    classifier = finetune_classifier(
-        table, views, weights, how, params.model, params.cluster.assignment, compute, params.seed
-    )[0]
+    few = SimpleNamespace(**vars(params) | {"finetune": how})
+    classifier = finetune_classifier(table, views, weights, few, compute)[0]
     return Sample(table, views, fewer_anchors(table), weights, classifier.eval())
 
 

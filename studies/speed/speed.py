@@ -16,7 +16,10 @@ from tactile_viewgcn.files import whole
 from tactile_viewgcn.frames import read_frames
 
 REUSES = (1, 2, 4, 8)
-READS = ("seed", "views", "viewpoints", "device", "precision", "cluster", "pretrain", "model", "finetune", "evaluate")
+READS = (
+    "seed", "views", "viewpoints", "device", "precision", "cluster", "augment", "pretrain", "model", "finetune",
+    "evaluate",
+)  # fmt: skip
 
 
 @stage(*READS)
@@ -25,6 +28,11 @@ READS = ("seed", "views", "viewpoints", "device", "precision", "cluster", "pretr
 def speed(params, run, frames, out):
     """Time each fast path and its plain counterpart in turn, and see that they agree."""
     keep_freed_memory()
+    if params.model.system != "view_gcn" or params.model.backbone.kind != "resnet":
+        raise ValueError(
+            f"model.system is {params.model.system} on a {params.model.backbone.kind}; the study has a plain "
+            "counterpart of view_gcn on a resnet alone: set these"
+        )
     compute = choose(params.device, params.precision)
     one = sample(read_frames(frames), params, compute)
     agreed = agreement(one, params, compute.device)

@@ -14,7 +14,7 @@ from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.frames import full_scale
 from tactile_viewgcn.nn.backbone import Backbone
 from tactile_viewgcn.split import TRAIN
-from tactile_viewgcn.training import frame_losses, generator
+from tactile_viewgcn.training import Disturbance, frame_losses, generator
 
 ROUNDS = 5
 BATCHES, FRAMES = (160, 32), 160  # frames in a batch; frames that are passed each time
@@ -40,8 +40,8 @@ def trainings(
     one: Sample, params: SimpleNamespace, compute: Compute, frames: Tensor, labels: Tensor, batch: int
 ) -> dict[str, Callable[[], None]]:
     """An epoch over the frames (n, 1, H, W) by the pipeline, by the plain loop, and its convolutions alone."""
-    backbone = Backbone(params.pretrain.width)
-    backbone.load_state_dict(one.backbone)
+    backbone = Backbone(params.model.backbone.width)
+    backbone.load_state_dict(one.pretrained["backbone"])
     backbone.to(compute.device, memory_format=torch.channels_last)
     slow = plain.PlainBackbone(backbone)
     convolutions = limits.convolutions(slow, frames[:batch], compute.precision)
@@ -53,11 +53,11 @@ def trainings(
         for body, head in zip((backbone, slow), heads, strict=True)
     ]
     inputs, order = compute.frames(frames.squeeze(1)), generator(0, "speed.order")
-    on_device = generator(0, "speed.noise", compute.device)
+    disturb = Disturbance(noise, params.augment, generator(0, "speed.noise", compute.device))
 
     def fast() -> None:
         backbone.train()
-        how = {"batch": batch, "noise": noise, "compute": compute, "order": order, "on_device": on_device}
+        how = {"batch": batch, "disturb": disturb, "compute": compute, "order": order}
         for loss in frame_losses(backbone, heads[0], inputs, labels, **how):
             optimisers[0].zero_grad(set_to_none=True)
             loss.backward()

@@ -5,12 +5,17 @@ channel, two of its four stages, and dropout between them, as in Sundaram et al.
 Tactile-ViewGCN takes over. 674,240 weights, trained from scratch.
 """
 
+import math
+
 import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
+from tactile_viewgcn.nn.perceptron import Perceptron
+
 WIDTH = 64
 DROPOUT = 0.2
+GRID = 4  # parts of the maps along each side, where a read-out keeps them apart
 AT_ONCE = 128  # frames in one pass where nothing is learnt: more gain no speed and take memory
 
 
@@ -72,29 +77,61 @@ class Stem(nn.Module):
 
 
 class Backbone(nn.Module):
-    """Frames (B, 1, H, W) to features (B, 2 * width); a 32 x 32 frame passes through maps of 128 x 8 x 8.
+    """Frames (B, 1, H, W) to features (B, C); a 32 x 32 frame passes through maps of 128 x 8 x 8.
 
     Args:
         width: channels of stage 1, half of stage 2's; the paper's is 64.
         dropout: share of stage 1's channels dropped in training.
+        blocks: of each stage; the paper has two.
+        readout: `average` over the maps as in the paper, or `grid`: averages of 4 x 4 parts of them side by side.
+        maps: give the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision that they are computed in.
+
+    Attributes:
+        features: C, 2 * width, or 32 * width of a grid.
     """
 
-    def __init__(self, width: int = WIDTH, dropout: float = DROPOUT):
+    def __init__(
+        self,
+        width: int = WIDTH,
+        dropout: float = DROPOUT,
+        blocks: int = 2,
+        readout: str = "average",
+        *,
+        maps: bool = False,
+    ):
         super().__init__()
-        self.width, self.features = width, 2 * width
+        self.grid, self.maps = GRID if readout == "grid" else 1, maps
+        self.width, self.features = width, 2 * width * self.grid**2
         self.stem = Stem(width)
-        self.stage1 = nn.Sequential(BasicBlock(width, width), BasicBlock(width, width))
+        self.stage1 = nn.Sequential(*(BasicBlock(width, width) for _ in range(blocks)))
         self.dropout = nn.Dropout2d(dropout)
-        self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), BasicBlock(2 * width, 2 * width))
+        more = (BasicBlock(2 * width, 2 * width) for _ in range(blocks - 1))
+        self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), *more)
 
     def forward(self, frames: Tensor) -> Tensor:
         maps = self.stage2(self.dropout(self.stage1(self.stem(frames))))  # (B, 128, H / 4, W / 4)
-        return (maps.float() if maps.dtype == torch.bfloat16 else maps).mean(dim=(2, 3))
+        if self.maps:
+            return maps
+        maps = maps.float() if maps.dtype == torch.bfloat16 else maps
+        return maps.mean(dim=(2, 3)) if self.grid == 1 else functional.adaptive_avg_pool2d(maps, self.grid).flatten(1)
+
+    def maps_of(self, shape: tuple[int, int]) -> tuple[int, int, int]:
+        """Shape of the maps of a frame (H, W)."""
+        return 2 * self.width, *(math.ceil(math.ceil(side / 2) / 2) for side in shape)
+
+
+def build_backbone(
+    shape: tuple[int, int], *, kind: str, width: int, blocks: int, dropout: float, readout: str, maps: bool = False
+) -> Backbone | Perceptron:
+    """The backbone `model.backbone` describes, for frames (H, W), with weights from torch's own generator."""
+    if kind == "perceptron":
+        return Perceptron(shape, width, dropout)
+    return Backbone(width, dropout, blocks, readout, maps=maps)
 
 
 @torch.no_grad()
-def features_of(backbone: Backbone, frames: Tensor) -> Tensor:
-    """Features (n, 2 * width) of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
+def features_of(backbone: nn.Module, frames: Tensor) -> Tensor:
+    """What the backbone makes of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
     backbone.eval()
     device = next(backbone.parameters()).device
     return torch.cat([backbone(part.to(device)) for part in frames.split(AT_ONCE)])

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest
+from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 
 SLOPE = 0.2  # of every LeakyReLU
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
@@ -170,7 +171,7 @@ class LinearPerView(nn.Module):
         return torch.einsum("bmki,moi->bmko", x, self.weight[:views]) + self.bias[:views, None]
 
 
-class ViewGCN(nn.Module):
+class System(ViewSystem):
     """Features (B, k, C) of k = V views, or fewer, to class logits.
 
     Levels of V, V/2 and V/4 nodes: local graph convolution, whose maximum over the nodes is the level's
@@ -184,13 +185,16 @@ class ViewGCN(nn.Module):
         viewpoints: (V, 3).
         classes: number of classes.
         neighbours: nodes in the local convolution, themselves included; a number, or one per level.
-        selector_neighbours, selector_hidden, joint_selector: see `SelectiveViewSampling`.
+        selector_neighbours, selector_hidden: see `SelectiveViewSampling`; selector: `per_view` (paper) or `joint`.
         edge_distance: last entry of g_ij, `squared` (paper) or `plain`.
+        view_loss: see `shape_and_view_loss`.
         dropout: on the shape descriptor.
 
     Raises:
         ValueError: a list of neighbours that is shorter than the levels.
     """
+
+    takes_fewer = True
 
     def __init__(
         self,
@@ -201,11 +205,13 @@ class ViewGCN(nn.Module):
         neighbours: int | list[int] = 4,
         selector_neighbours: int = 4,
         selector_hidden: int = 0,
-        joint_selector: bool = False,
+        selector: str = "per_view",
         edge_distance: str = "squared",
+        view_loss: str = "sum",
         dropout: float = 0.5,
     ):
         super().__init__()
+        self.view_loss = view_loss
         sizes = level_sizes(len(viewpoints))
         near = neighbours if isinstance(neighbours, list) else [neighbours] * len(sizes)
         if len(near) < len(sizes):
@@ -226,16 +232,11 @@ class ViewGCN(nn.Module):
                 size,
                 neighbours=min(selector_neighbours, above),
                 hidden=selector_hidden,
-                joint=joint_selector,
+                joint=selector == "joint",
             )
             for above, size in pairwise(sizes)
         )
-        self.classifier = nn.Sequential(
-            nn.Linear(max(1, len(sizes)) * features, features),
-            nn.Dropout(dropout),
-            nn.LeakyReLU(SLOPE),
-            nn.Linear(features, classes),
-        )
+        self.classifier = shape_classifier(max(1, len(sizes)) * features, features, classes, dropout)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss.
@@ -258,6 +259,10 @@ class ViewGCN(nn.Module):
                     nodes, positions, logits = self.samplers[level](nodes, positions, max(1, count >> (level + 1)))
                     view_logits.append(logits)
             return self.classifier(torch.cat(descriptors, dim=-1)), view_logits
+
+    def loss(self, logits: Tensor, also: list[Tensor], labels: Tensor) -> Tensor:
+        """Equation 6."""
+        return shape_and_view_loss(logits, also, labels, self.view_loss)
 
 
 def shape_and_view_loss(logits: Tensor, view_logits: list[Tensor], labels: Tensor, view_loss: str = "sum") -> Tensor:

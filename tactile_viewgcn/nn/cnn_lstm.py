@@ -1,0 +1,24 @@
+"""CNN-LSTM: the views' features in the order of time through a long short-term memory, whose last state is classified.
+
+Hochreiter and Schmidhuber, "Long short-term memory" (1997).
+"""
+
+from torch import Tensor, nn
+
+from tactile_viewgcn.nn.system import ViewSystem
+
+
+class System(ViewSystem):
+    """Features (B, k, C), the earliest first, to logits."""
+
+    in_time_order = True
+    takes_fewer = True
+
+    def __init__(self, *, features: int, classes: int):
+        super().__init__()
+        self.memory = nn.LSTM(features, features, batch_first=True)
+        self.classifier = nn.Linear(features, classes)
+
+    def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        states, _ = self.memory(views)
+        return self.classifier(states[:, -1]), []

@@ -1,0 +1,21 @@
+"""MVCNN: the element-wise maximum over the views.
+
+Su et al., "Multi-view convolutional neural networks for 3D shape recognition" (arXiv 1505.00880).
+"""
+
+from torch import Tensor
+
+from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
+
+
+class System(ViewSystem):
+    """Features (B, k, C) to logits, whatever the order of the views."""
+
+    takes_fewer = True
+
+    def __init__(self, *, features: int, classes: int, dropout: float):
+        super().__init__()
+        self.classifier = shape_classifier(features, features, classes, dropout)
+
+    def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        return self.classifier(views.amax(dim=1)), []

@@ -1,0 +1,22 @@
+"""STAG's network: the maps of all views concatenated, a 1x1 convolution, global average pooling, a linear layer.
+
+Sundaram et al., "Learning the signatures of the human grasp using a scalable tactile glove", Nature 569, 698-702
+(2019). The convolution has no activation, so it commutes with the pooling: on pooled features it is a linear
+layer with the same weights and the same result, and no map is needed.
+"""
+
+from torch import Tensor, nn
+
+from tactile_viewgcn.nn.system import ViewSystem
+
+
+class System(ViewSystem):
+    """Features (B, V, C) to logits; each place in the set has weights of its own."""
+
+    def __init__(self, *, views: int, features: int, classes: int):
+        super().__init__()
+        self.join = nn.Linear(views * features, features)
+        self.classifier = nn.Linear(features, classes)
+
+    def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        return self.classifier(self.join(views.flatten(1))), []
