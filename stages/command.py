@@ -15,6 +15,7 @@ import click
 from tactile_viewgcn import tracking
 from tactile_viewgcn.files import whole
 from tactile_viewgcn.params import Params, flat, load
+from tactile_viewgcn.preset import PRESETS, preset_changes
 
 
 class Input(click.Path):
@@ -38,15 +39,22 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
 
     def wrap(body: Callable[..., dict[str, float] | None]) -> click.Command:
         @click.option("--params", "params_path", type=OUTPUT, default="params.yaml", show_default=True)
-        @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of params.yaml.")
+        @click.option("--preset", type=click.Choice(PRESETS), help="Put on top of params.yaml.")
+        @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of both.")
         @click.option("--record", type=OUTPUT, required=True, help="Where the run's id and its costs are written.")
         @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
         @click.pass_context
         def command(
-            context: click.Context, params_path: Path, changes: tuple[str, ...], record: Path, debug: bool, **paths: Any
+            context: click.Context,
+            params_path: Path,
+            preset: str | None,
+            changes: tuple[str, ...],
+            record: Path,
+            debug: bool,
+            **paths: Any,
         ) -> None:
             try:
-                params = load(params_path, changes)
+                params = load(params_path, (*(preset_changes(preset) if preset else ()), *changes))
                 given = _given(params, reads)
                 logged = flat(params) if row else _declared(params, reads)
                 _run(body, given, logged, _inputs(context, paths), record, paths)

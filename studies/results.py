@@ -6,13 +6,13 @@ from pathlib import Path
 from tactile_viewgcn.files import whole
 
 
-def write_table(folder: Path, rows: list[dict], text: str) -> None:
+def write_table(folder: Path, rows: list[dict], text: str, name: str = "results") -> None:
     """`results.csv` of rows with the same keys, and `results.md` with a text above them; numbers at three digits."""
-    with whole(folder / "results.csv") as part, part.open("w", newline="") as file:
+    with whole(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    with whole(folder / "results.md") as part:
+    with whole(folder / f"{name}.md") as part:
         part.write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
 
 

@@ -1,17 +1,16 @@
 """`tactile-viewgcn`: small questions that need no run of the pipeline."""
 
 import sys
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import yaml
+
+from tactile_viewgcn.preset import PRESETS, preset_changes
 
 if TYPE_CHECKING:
     from tactile_viewgcn.recordings import Source
 
-PRESETS = ("released",)
 SIMULATED = Path("data/virtual/recordings")  # what data/virtual/dvc.yaml makes
 
 
@@ -89,15 +88,6 @@ def _opened(path: Path) -> "Source":
 def preset(name: str) -> None:
     """Print a preset as options: dvc exp run $(tactile-viewgcn preset released)."""
     click.echo(" ".join(f"-S {change}" for change in preset_changes(name)))
-
-
-def preset_changes(name: str) -> list[str]:
-    """A preset as `key=value` changes to params.yaml."""
-    values = yaml.safe_load((files("tactile_viewgcn") / "presets" / f"{name}.yaml").read_text())
-    return [
-        f"{key}={str(value).replace(' ', '')}".replace("=True", "=true").replace("=False", "=false")
-        for key, value in values.items()
-    ]
 
 
 def main() -> None:

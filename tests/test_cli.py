@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.cli import preset_changes
+from tactile_viewgcn.preset import preset_changes
 from tactile_viewgcn.params import flat, load
 from tactile_viewgcn.recordings import write_recordings
 from tactile_viewgcn.source import open_source

@@ -10,7 +10,7 @@ import torch.nn.functional as functional
 from torch import nn
 
 from tactile_viewgcn.classifier import Classifier
-from tactile_viewgcn.cli import preset_changes
+from tactile_viewgcn.preset import preset_changes
 from tactile_viewgcn.nn.graph import furthest_points
 from tactile_viewgcn.nn.view_gcn import (
     SLOPE,

@@ -1,0 +1,123 @@
+"""Where a study's best arm and its reference go wrong: confusion, and the objects most often mistaken for each other.
+
+The paper's section on failure cases, for the data at hand.
+"""
+
+import click
+import numpy as np
+from matplotlib.figure import Figure
+
+from stages.command import INPUT, OUTPUT, stage
+from studies.arms import read_arms
+from studies.results import write_table
+from studies.table import SIMULATED, VIRTUAL, Pooled, pooled
+from tactile_viewgcn.files import whole
+from tactile_viewgcn.frames import Frames, read_frames
+from tactile_viewgcn.split import TEST
+
+PAIRS, PROTOCOL = 6, "recording"
+
+
+@stage("data")
+@click.option("--arms", "folders", type=INPUT, required=True, multiple=True, help="Folder of trained arms.")
+@click.option("--frames", type=INPUT, required=True, multiple=True, help="What they were tested on, of each fold.")
+@click.option("--reference", required=True, help="The arm whose confusion is drawn beside the best one's.")
+@click.option("--out", type=OUTPUT, required=True, help="Folder of confusion.png, pairs.png, pairs.csv and pairs.md.")
+def failures(params, run, folders, frames, reference, out):
+    """Draw the confusion of the best arm and of the reference, and the pairs of objects confused most."""
+    source = SIMULATED if params.data.source == VIRTUAL else params.data.source
+    arms = pooled(read_arms(folders))
+    best = min(arms, key=lambda arm: arm.error(PROTOCOL))
+    shown = [best, *(arm for arm in arms if arm.name == reference and arm is not best)]
+    means, live = mean_frames([read_frames(path) for path in frames])
+    pairs = confused_pairs(counts(best), best.classes)
+    text = f"{source}. The objects that `{best.name}` takes for each other most, {PROTOCOL} protocol."
+    write_table(out, pairs, text, name="pairs")
+    figures = {
+        "confusion.png": confusions(shown, f"{source}, {PROTOCOL} protocol"),
+        "pairs.png": side_by_side(
+            pairs, best.classes, means, live, f"{source}: mean frames of the pairs that {best.name} confuses most"
+        ),
+    }
+    for name, figure in figures.items():
+        with whole(out / name) as part:
+            figure.savefig(part, format="png", dpi=90)
+        run.artifact(out / name)
+
+
+def counts(arm: Pooled) -> np.ndarray:
+    """int64 (C, C): how often each class, a row, was answered with each, over seeds and trials."""
+    predicted, classes = arm.predicted[PROTOCOL].astype(np.int64), len(arm.classes)
+    cells = np.broadcast_to(arm.labels.astype(np.int64), predicted.shape) * classes + predicted
+    return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
+
+
+def confused_pairs(table: np.ndarray, classes: list[str]) -> list[dict]:
+    """The pairs with the highest share of the view sets of either object that were taken for the other."""
+    both = table.sum(axis=1)
+    wrong = table + table.T
+    share = wrong / np.maximum(both[:, None] + both, 1)
+    first, second = np.triu_indices(len(classes), k=1)
+    order = np.argsort(-share[first, second], kind="stable")[:PAIRS]
+    return [
+        {
+            "object": classes[first[i]],
+            "and": classes[second[i]],
+            "taken for each other, %": 100 * float(share[first[i], second[i]]),
+            "first for second, %": 100 * float(table[first[i], second[i]] / max(1, both[first[i]])),
+            "second for first, %": 100 * float(table[second[i], first[i]] / max(1, both[second[i]])),
+        }
+        for i in order
+        if wrong[first[i], second[i]]
+    ]
+
+
+def mean_frames(tables: list[Frames]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean network input (C, H, W) of each class over the test sides, and the live sensors (H, W)."""
+    classes = tables[0].classes
+    total, count = np.zeros((len(classes), *tables[0].live.shape)), np.zeros(len(classes))
+    for table in tables:
+        for label in range(len(classes)):
+            index = np.flatnonzero((table.side == TEST) & (table.label == label))
+            if len(index):
+                total[label] += table.inputs(index).sum(axis=0)
+                count[label] += len(index)
+    return total / np.maximum(count, 1)[:, None, None], tables[0].live
+
+
+def confusions(arms: list[Pooled], title: str) -> Figure:
+    """Shares of each object's view sets, a matrix for each arm."""
+    classes = arms[0].classes
+    figure = Figure(figsize=(7.5 * len(arms) + 1, 7.5), layout="constrained")
+    for axes, arm in zip(figure.subplots(1, len(arms), squeeze=False)[0], arms, strict=True):
+        table = counts(arm)
+        image = axes.imshow(table / np.maximum(table.sum(axis=1, keepdims=True), 1), vmin=0, vmax=1, cmap="Blues")
+        axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=7)
+        axes.set_yticks(range(len(classes)), classes, fontsize=7)
+        axes.set(xlabel="answered", ylabel="held", title=f"{arm.name}: error {100 * arm.error(PROTOCOL):.1f} %")
+    figure.colorbar(image, ax=figure.axes, label="share of the object's view sets", shrink=0.7)
+    figure.suptitle(title)
+    return figure
+
+
+def side_by_side(pairs: list[dict], classes: list[str], means: np.ndarray, live: np.ndarray, title: str) -> Figure:
+    """The two mean frames of each pair, a column each."""
+    columns = max(1, len(pairs))
+    figure = Figure(figsize=(2.2 * columns, 5.2), layout="constrained")
+    panels = figure.subplots(2, columns, squeeze=False)
+    top = float(max((np.percentile(means[:, live], 99.5)), 1e-6))
+    for axes in panels.ravel():
+        axes.set_axis_off()
+    for column, pair in enumerate(pairs):
+        for axes, name in zip(panels[:, column], (pair["object"], pair["and"]), strict=True):
+            axes.imshow(np.where(live, means[classes.index(name)], np.nan), vmin=0, vmax=top, cmap="viridis")
+            axes.set_title(name, fontsize=9)
+        panels[1, column].text(
+            0.5, -0.08, f"{pair['taken for each other, %']:.0f} %", transform=panels[1, column].transAxes, ha="center"
+        )
+    figure.suptitle(title)
+    return figure
+
+
+if __name__ == "__main__":
+    failures()
