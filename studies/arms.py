@@ -17,7 +17,6 @@ class Arm:
     Attributes:
         name: what is varied.
         seed, fold: of the training, and of the split.
-        frames: md5 of the frames that it was trained and tested on.
         costs: weights, seconds, milliseconds and megabytes by name.
         predicted: by protocol, int16 (T, A) the class answered in each trial.
         labels, groups: (A,) true class and split group of the anchors.
@@ -27,7 +26,6 @@ class Arm:
     name: str
     seed: int
     fold: int
-    frames: str
     costs: dict[str, float]
     predicted: dict[str, np.ndarray]
     labels: np.ndarray
@@ -41,7 +39,7 @@ class Arm:
 
 def write_arm(path: Path, arm: Arm) -> None:
     """As an .npz: text and numbers as JSON, arrays as they are."""
-    plain = {name: getattr(arm, name) for name in ("name", "seed", "fold", "frames", "costs", "classes")}
+    plain = {name: getattr(arm, name) for name in ("name", "seed", "fold", "costs", "classes")}
     arrays = {f"predicted.{protocol}": values.astype(np.int16) for protocol, values in arm.predicted.items()}
     with whole(path) as part, part.open("wb") as file:
         np.savez_compressed(file, plain=json.dumps(plain), labels=arm.labels, groups=arm.groups, **arrays)

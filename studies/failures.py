@@ -20,7 +20,9 @@ PAIRS, PROTOCOL = 6, "recording"
 
 @stage("data")
 @click.option("--arms", "folders", type=INPUT, required=True, multiple=True, help="Folder of trained arms.")
-@click.option("--frames", type=INPUT, required=True, multiple=True, help="What they were tested on, of each fold.")
+@click.option(
+    "--frames", type=INPUT, required=True, multiple=True, help="What they were tested on, or the folder of each fold's."
+)
 @click.option("--reference", required=True, help="The arm whose confusion is drawn beside the best one's.")
 @click.option("--out", type=OUTPUT, required=True, help="Folder of confusion.png, pairs.png, pairs.csv and pairs.md.")
 def failures(params, run, folders, frames, reference, out):
@@ -29,7 +31,10 @@ def failures(params, run, folders, frames, reference, out):
     arms = pooled(read_arms(folders))
     best = min(arms, key=lambda arm: arm.error(PROTOCOL))
     shown = [best, *(arm for arm in arms if arm.name == reference and arm is not best)]
-    means, live = mean_frames([read_frames(path) for path in frames])
+    tables = [
+        path for given in frames for path in (sorted(given.glob("frames-[0-9]*.h5")) if given.is_dir() else [given])
+    ]
+    means, live = mean_frames([read_frames(path) for path in tables])
     pairs = confused_pairs(counts(best), best.classes)
     text = f"{source}. The objects that `{best.name}` takes for each other most, {PROTOCOL} protocol."
     write_table(out, pairs, text, name="pairs")

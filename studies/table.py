@@ -37,8 +37,9 @@ view set alone and in batches of 256; memory of the process that fine-tunes and 
 @click.option("--arms", "folders", type=INPUT, required=True, multiple=True, help="Folder of trained arms.")
 @click.option("--reference", help="The arm that the others are compared with.")
 @click.option("--side", type=click.Choice(["test", "validation"]), default="test", help="Where errors were measured.")
-@click.option("--out", type=OUTPUT, required=True, help="Folder of results.csv and results.md.")
-def table(params, run, study, asks, folders, reference, side, out):
+@click.option("--name", default="results", show_default=True, help="Of the two files.")
+@click.option("--out", type=OUTPUT, required=True, help="Their folder.")
+def table(params, run, study, asks, folders, reference, side, name, out):
     """Put the arms of a study together."""
     source = SIMULATED if params.data.source == VIRTUAL else params.data.source
     arms = pooled(read_arms(folders))
@@ -46,10 +47,10 @@ def table(params, run, study, asks, folders, reference, side, out):
     groups = len(np.unique(arms[0].groups))
     text = [f"{source}. {asks}", EXPLAINED.format(side=side, groups=groups if reference else "the arm's own")]
     text += [COMPARED.format(reference=f"`{reference}`")] if reference else []
-    write_table(out, rows, "\n\n".join([*text, PAID]))
-    for name in ("results.csv", "results.md"):
-        run.artifact(out / name)
-    print((out / "results.md").read_text(), end="")
+    write_table(out, rows, "\n\n".join([*text, PAID]), name=name)
+    for kind in ("csv", "md"):
+        run.artifact(out / f"{name}.{kind}")
+    print((out / f"{name}.md").read_text(), end="")
     return {f"error.{row['arm']}.{row['protocol']}".replace(" ", "_"): row["error"] for row in rows}
 
 

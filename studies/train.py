@@ -56,7 +56,7 @@ def train(params, run, study, arm, fold, clustering, frames, backbone, pretraine
     }
     predicted = {protocol: trials.predicted for protocol, trials in found.protocols.items()}
     labels, groups = np.asarray(found.labels), found.groups
-    answers = Arm(arm, params.seed, fold, run.md5s["frames"], costs, predicted, labels, groups, table.classes)
+    answers = Arm(arm, params.seed, fold, costs, predicted, labels, groups, table.classes)
     write_arm(out, answers)
     errors = {protocol: 1 - float(answers.right(protocol).mean()) for protocol in predicted}
     each = ", ".join(f"{protocol} {100 * error:.1f} %" for protocol, error in errors.items())

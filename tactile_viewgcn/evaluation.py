@@ -97,39 +97,48 @@ def evaluate_table(
         )
     begin = time.perf_counter()
     index = table.on(TEST)
-    inputs = table.inputs(index)
     anchors = np.flatnonzero(table.anchor[index])
-    frames = compute.frames(torch.from_numpy(inputs))
+    frames = compute.frames(torch.from_numpy(table.inputs(index)))
     classifier.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)
     with compute.autocast():
         features = features_of(classifier.backbone, frames)
-    points, groups, found, scores = inputs[:, table.live], table.group[index][anchors], {}, {}
+    groups = table.group[index][anchors]
+    found = all_trials(classifier, features, table, how, what, seed)
+    scores = {
+        scope: summary(trials, groups, stream(seed, "interval", PROTOCOLS.index(scope)))
+        for scope, trials in found.items()
+    }
+    if what.stop_at:
+        recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")
+        trials = (stream(seed, "touches.trial", trial) for trial in range(what.trials))
+        touched = touch(classifier, temperatures, features, table.label[index], recording, anchors, trials)
+        scores["touches"] = touch_summary(touched, what.stop_at, groups, stream(seed, "touches.interval"))
+    seconds = time.perf_counter() - begin
+    return Evaluation(found, table.label[index][anchors], groups, scores, seconds, latency(classifier, frames, compute))
+
+
+def all_trials(
+    classifier: Classifier, features: Tensor, table: Frames, how: Cluster, what: Evaluate, seed: int
+) -> dict[str, Trials]:
+    """The trials of each protocol in `what.scope`, with the same view sets for every classifier of so many views.
+
+    Args:
+        classifier: its `head` joins the views; its `views` and `references` are read.
+        features: (n, ...) of the test side's frames, what the head takes.
+    """
+    index, found = table.on(TEST), {}
+    points, label = table.inputs(index)[:, table.live], table.label[index]
+    anchors, touched = np.flatnonzero(table.anchor[index]), touched_above(table.kind, table.scale)
     with tqdm(total=len(what.scope) * what.trials, desc="evaluate", unit="trial", disable=None) as bar:
         for number, scope in enumerate(PROTOCOLS):
             if scope not in what.scope:
                 continue
-            pool = pool_ids(table.label[index], table.recording[index], table.side[index], scope)
+            pool = pool_ids(label, table.recording[index], table.side[index], scope)
             trials = (stream(seed, "trial", number, trial) for trial in range(what.trials))
             found[scope] = run_trials(
-                classifier,
-                features,
-                points,
-                table.label[index],
-                pool,
-                anchors,
-                how,
-                touched=touched_above(table.kind, table.scale),
-                trials=trials,
-                bar=bar,
+                classifier, features, points, label, pool, anchors, how, touched=touched, trials=trials, bar=bar
             )
-            scores[scope] = summary(found[scope], groups, stream(seed, "interval", number))
-        if what.stop_at:
-            recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")
-            trials = (stream(seed, "touches.trial", trial) for trial in range(what.trials))
-            touched = touch(classifier, temperatures, features, table.label[index], recording, anchors, trials)
-            scores["touches"] = touch_summary(touched, what.stop_at, groups, stream(seed, "touches.interval"))
-    seconds = time.perf_counter() - begin
-    return Evaluation(found, table.label[index][anchors], groups, scores, seconds, latency(classifier, frames, compute))
+    return found
 
 
 @torch.inference_mode()

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.preset import preset_changes
 from tactile_viewgcn.params import flat, load
+from tactile_viewgcn.preset import preset_changes
 from tactile_viewgcn.recordings import write_recordings
 from tactile_viewgcn.source import open_source
 from tests.stag_files import metadata, save_matlab5, save_own
