@@ -195,8 +195,8 @@ class Recogniser:
             return features_of(self.classifier.backbone, self._compute.frames(torch.from_numpy(inputs)))
 
     def _answers(self, features: Tensor) -> np.ndarray:
-        """Class probabilities (B, classes) of view sets of features (B, k, C)."""
-        count, views, _ = features.shape
+        """Class probabilities (B, classes) of view sets of features (B, k, ...)."""
+        count, views = features.shape[:2]
         if not count:
             return np.empty((0, len(self.classes)), dtype=np.float32)
         sets = torch.arange(count * views).view(count, views)
