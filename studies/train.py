@@ -26,11 +26,12 @@ from tactile_viewgcn.viewpoints import viewpoints
 @click.option("--arm", required=True, help="What is varied.")
 @click.option("--fold", type=int, default=0, help="Of the split that the frames are of.")
 @click.option("--clustering", type=int, help="Seed of the training side's clusters, if not `seed`.")
+@click.option("--timed", is_flag=True, help="Measure the latency too.")
 @click.option("--frames", type=INPUT, required=True)
 @click.option("--backbone", type=INPUT, required=True)
 @click.option("--pretrained", type=INPUT, required=True, help="Record of the backbone's pretraining.")
 @click.option("--out", type=OUTPUT, required=True, help="An .npz of every answer.")
-def train(params, run, study, arm, fold, clustering, frames, backbone, pretrained, out):
+def train(params, run, study, arm, fold, clustering, timed, frames, backbone, pretrained, out):
     """Cluster, fine-tune and test one arm of a study."""
     keep_freed_memory()
     compute, table = choose(params.device, params.precision), read_frames(frames)
@@ -45,7 +46,7 @@ def train(params, run, study, arm, fold, clustering, frames, backbone, pretraine
         classifier, progress = finetune_classifier(table, views, weights, params, compute, keep)
     seconds = json.loads(pretrained.read_text())["seconds"]
     how = replace(params.evaluate, stop_at=0.0)
-    found = evaluate_table(classifier, table, params.cluster, how, compute, params.seed)
+    found = evaluate_table(classifier, table, params.cluster, how, compute, params.seed, timed=timed)
     costs = {
         "weights": weights_of(classifier),
         "weights.head": weights_of(classifier.head),

@@ -55,7 +55,7 @@ class Evaluation:
     Attributes:
         protocols: trials by protocol; labels, groups: (A,) class and split group of the anchors.
         scores: of each protocol, see `summary`; of `touches`, where asked for, see `touch_summary`.
-        seconds: of all trials, features and clustering included; latency_ms: see `latency`.
+        seconds: of all trials, features and clustering included; latency_ms: see `latency`; empty where it was not measured.
     """
 
     protocols: dict[str, Trials]
@@ -84,8 +84,13 @@ def evaluate_table(
     compute: Compute,
     seed: int,
     temperatures: list[float] | None = None,
+    *,
+    timed: bool = True,
 ) -> Evaluation:
     """All trials of the protocols in `what.scope`, and of touches with `what.stop_at`, on the table's test side.
+
+    Args:
+        timed: measure the latency too.
 
     Raises:
         ValueError: touches are asked for, and the classifier has no temperatures.
@@ -114,7 +119,8 @@ def evaluate_table(
         touched = touch(classifier, temperatures, features, table.label[index], recording, anchors, trials)
         scores["touches"] = touch_summary(touched, what.stop_at, groups, stream(seed, "touches.interval"))
     seconds = time.perf_counter() - begin
-    return Evaluation(found, table.label[index][anchors], groups, scores, seconds, latency(classifier, frames, compute))
+    paid = latency(classifier, frames, compute) if timed else {}
+    return Evaluation(found, table.label[index][anchors], groups, scores, seconds, paid)
 
 
 def all_trials(
