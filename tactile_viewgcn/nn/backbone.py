@@ -83,12 +83,12 @@ class Backbone(nn.Module):
         width: channels of stage 1, half of stage 2's; the paper's is 64.
         dropout: share of stage 1's channels dropped in training.
         blocks: of each stage; the paper has two.
-        readout: `average` over the maps as in the paper, or `grid`: the maps joined to width / 4 by a 1x1 convolution,
-            and the averages of 4 x 4 parts of these side by side, which keep where on the hand a feature is.
+        readout: `average` over the maps as in the paper, or `grid`: the averages of 4 x 4 parts of them side by side,
+            which keep where on the hand a feature is, through a linear layer to as many features.
         maps: give the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision that they are computed in.
 
     Attributes:
-        features: C, 2 * width, or 4 * width of a grid.
+        features: C, 2 * width.
     """
 
     def __init__(
@@ -109,19 +109,18 @@ class Backbone(nn.Module):
         self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), *more)
         self.grid = None
         if readout == "grid":
-            channels = max(1, width // 4)
-            self.features = channels * GRID**2
-            self.grid = nn.Sequential(
-                nn.Conv2d(2 * width, channels, 1, bias=False), nn.BatchNorm2d(channels), nn.ReLU()
-            )
+            join = nn.Linear(GRID**2 * self.features, self.features, bias=False)
+            self.grid = nn.Sequential(join, nn.BatchNorm1d(self.features), nn.ReLU())
 
     def forward(self, frames: Tensor) -> Tensor:
         maps = self.stage2(self.dropout(self.stage1(self.stem(frames))))  # (B, 128, H / 4, W / 4)
         if self.maps:
             return maps
-        maps = maps if self.grid is None else self.grid(maps)
         maps = maps.float() if maps.dtype == torch.bfloat16 else maps
-        return maps.mean(dim=(2, 3)) if self.grid is None else functional.adaptive_avg_pool2d(maps, GRID).flatten(1)
+        if self.grid is None:
+            return maps.mean(dim=(2, 3))
+        with torch.autocast(maps.device.type, enabled=False):
+            return self.grid(functional.adaptive_avg_pool2d(maps, GRID).flatten(1))
 
     def maps_of(self, shape: tuple[int, int]) -> tuple[int, int, int]:
         """Shape of the maps of a frame (H, W)."""

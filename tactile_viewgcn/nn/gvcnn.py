@@ -42,10 +42,10 @@ def squashed(x: Tensor) -> Tensor:
 
 def grouped_mean(features: Tensor, scores: Tensor, groups: int) -> Tensor:
     """Features (B, k, C) with scores (B, k) from 0 to 1 -> (B, C): groups' means, weighted by their mean scores."""
-    group = (scores.detach() * groups).long().clamp_max(groups - 1)
+    group = (scores.detach() * groups).long().clamp(0, groups - 1)  # a score that is no number is in some group
     member = nn.functional.one_hot(group, groups).to(features.dtype)  # (B, k, groups)
     count = member.sum(dim=1).clamp_min(1)
     means = (member.transpose(1, 2) @ features) / count.unsqueeze(-1)  # (B, groups, C), 0 where there is no view
     weights = (member * scores.unsqueeze(-1)).sum(dim=1) / count
-    total = weights.sum(dim=1, keepdim=True).clamp_min(torch.finfo(weights.dtype).tiny)
+    total = weights.sum(dim=1, keepdim=True).clamp_min(torch.finfo(weights.dtype).eps)
     return ((weights / total).unsqueeze(1) @ means).squeeze(1)

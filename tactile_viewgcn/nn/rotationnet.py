@@ -68,8 +68,8 @@ def score(ratio: Tensor, place: Tensor) -> Tensor:
 
 
 def best_permutation(ratio: Tensor) -> Tensor:
-    """The permutation (..., V) that gives each matrix (..., V, V) its highest sum."""
-    matrices = ratio.double().cpu().numpy().reshape(-1, *ratio.shape[-2:])
+    """The permutation (..., V) that gives each matrix (..., V, V) its highest sum; any, where it is not finite."""
+    matrices = ratio.double().nan_to_num(0.0, 1e38, -1e38).cpu().numpy().reshape(-1, *ratio.shape[-2:])
     place = np.array([linear_sum_assignment(matrix, maximize=True)[1] for matrix in matrices], dtype=np.int64)
     return torch.from_numpy(place).to(ratio.device).view(ratio.shape[:-1])
 
