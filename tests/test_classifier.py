@@ -194,3 +194,18 @@ def test_no_view_sets_have_no_probabilities(saved):
 def test_a_rest_of_another_shape_is_refused(saved):
     with pytest.raises(ValueError, match=r"rest has shape \(12,\); expected \(12, 12\)"):
         Recogniser(saved).probabilities(np.zeros((1, 4, 12, 12)), np.zeros(12))
+
+
+@pytest.mark.parametrize("system", ["view_gcn", "stag", "cnn_lstm", "conv_lstm", "gvcnn"])
+def test_a_saved_system_gives_a_user_the_probabilities_that_evaluation_has(tmp_path, system):
+    torch.manual_seed(0)
+    how, frames = recipe(f"model.system={system}", "model.backbone.width=8"), table()
+    classifier = Classifier(torch.from_numpy(viewpoints(4)), 4, how.model, (12, 12)).eval()
+    save_classifier(tmp_path / "classifier.pt", classifier, how.model, frames)
+    sets = some_sets(5)
+    expected = pipeline_logits(classifier, frames, np.sort(sets, axis=1)).softmax(dim=-1)
+    recogniser = Recogniser(tmp_path / "classifier.pt")
+    rest = frames.rest_mean[frames.rest[sets[0, 0]]]
+    found = recogniser.probabilities(frames.counts[np.sort(sets, axis=1)], rest)
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+    assert recogniser.probabilities(frames.counts[sets[:0]], rest).shape == (0, 4)

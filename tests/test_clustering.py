@@ -1,5 +1,8 @@
 """Clustering the frames of each pool into views."""
 
+from dataclasses import replace
+from itertools import permutations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +10,9 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn import clustering
 from tactile_viewgcn.clustering import cluster_pools, kmeans, pool_ids, pool_scores, principal_components
-from tests.tables import recipe
+from tactile_viewgcn.split import TEST, TRAIN, VALIDATION
+from tactile_viewgcn.views import NO_CLUSTER
+from tests.tables import recipe, table, views_of
 
 KMEANS = recipe().cluster
 
@@ -140,3 +145,73 @@ def test_there_are_never_more_components_than_frames_or_sensors(frames, sensors,
     points = np.random.default_rng(0).random((frames, sensors))
     expected = min(count, frames, sensors) if frames > 1 else 1
     assert principal_components(points, count).shape == (frames, expected)
+
+
+VALIDATED = "split.validation=0.25"
+
+
+def clusters_of(views, frames):
+    """For every pool that was clustered, its frames and their clusters."""
+    for number in np.unique(views.pool[frames.side != TEST]):
+        own = np.flatnonzero(views.pool == number)
+        yield own, views.cluster[own]
+
+
+@pytest.mark.parametrize("assignment", ["area", "matched"])
+def test_arranging_the_clusters_of_a_table_renumbers_them_and_nothing_else(assignment):
+    frames = table(VALIDATED)
+    plain, found = (views_of(frames, recipe(f"cluster.assignment={kind}")) for kind in ("index", assignment))
+    np.testing.assert_array_equal(found.pool, plain.pool)
+    assert (found.cluster[frames.side == TEST] == NO_CLUSTER).all()
+    assert found.cluster.dtype == plain.cluster.dtype
+    assert (found.cluster != plain.cluster).any()
+    for own, cluster in clusters_of(found, frames):
+        assert same_partition(cluster, plain.cluster[own])
+        assert set(cluster.tolist()) <= set(range(4))
+
+
+def test_clusters_arranged_by_area_touch_more_and_more_sensors():
+    frames, found = table(VALIDATED), views_of(table(VALIDATED), recipe("cluster.assignment=area"))
+    touched = ((frames.inputs(np.arange(len(frames))) > 5 / 150) & frames.live).sum(axis=(1, 2))
+    for own, cluster in clusters_of(found, frames):
+        areas = [touched[own][cluster == number].mean() for number in np.unique(cluster)]
+        assert areas == sorted(areas)
+    assert found.references.shape == (4, frames.live.sum()) and not found.references.any()
+
+
+def unit(values):
+    return values / np.linalg.norm(values, axis=-1, keepdims=True)
+
+
+def test_matched_clusters_of_every_pool_stand_as_near_the_references_as_any_order_could():
+    frames, found = table(VALIDATED), views_of(table(VALIDATED), recipe("cluster.assignment=matched"))
+    assert found.references.shape == (4, frames.live.sum())
+    np.testing.assert_allclose(np.linalg.norm(found.references, axis=1), 1)
+    points, sides, means = frames.inputs(np.arange(len(frames)))[:, frames.live].astype(float), set(), []
+    for own, cluster in clusters_of(found, frames):
+        mean = unit(np.stack([points[own][cluster == number].mean(axis=0) for number in range(4)]))
+        cosines = mean @ found.references.T
+        best = max(sum(cosines[np.arange(4), order]) for order in permutations(range(4)))
+        assert np.trace(cosines) == pytest.approx(best)
+        sides |= set(frames.side[own].tolist())
+        means += [mean] if (frames.side[own] == TRAIN).all() else []
+    assert sides == {TRAIN, VALIDATION}
+    np.testing.assert_allclose(found.references, unit(np.mean(means, axis=0)))
+
+
+def test_references_come_from_the_training_side_alone():
+    frames, how = table(VALIDATED), recipe("cluster.assignment=matched")
+    learnt = frames.side == TRAIN
+    counts, label = frames.counts.copy(), frames.label.copy()
+    counts[~learnt] = np.random.default_rng(0).permutation(counts[~learnt])
+    label[frames.side == TEST] = 0
+    found, other = (views_of(given, how) for given in (frames, replace(frames, counts=counts, label=label)))
+    assert found.references.any()
+    np.testing.assert_array_equal(other.references, found.references)
+    np.testing.assert_array_equal(other.cluster[learnt], found.cluster[learnt])
+
+
+@pytest.mark.parametrize("changes", [(), ("cluster.assignment=anchor",), ("cluster.method=none",)])
+def test_without_matching_there_are_no_references(changes):
+    found = views_of(table(), recipe(*changes))
+    assert found.references.shape == (4, table().live.sum()) and not found.references.any()

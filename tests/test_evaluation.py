@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn import evaluation
 from tactile_viewgcn.evaluation import Trials, evaluate_table, latency, run_trials, summary
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.split import TEST
 from tests.tables import CPU, fewer_anchors, recipe, table, trained
 
@@ -134,16 +135,41 @@ def test_the_confusion_is_that_of_a_loop():
     np.testing.assert_array_equal(found.confusion("object", 5), expected)
 
 
-def run_made_up(head, *, labels, views, features, pool=None, anchors=None, how=(), trials=2):
-    classifier = SimpleNamespace(views=views, head=head)
+class MadeUp(ViewSystem):
+    """A system that answers view sets as it is told."""
+
+    def __init__(self, answer, in_time_order=False):
+        super().__init__()
+        self.answer, self.in_time_order = answer, in_time_order
+
+    def forward(self, views):
+        return self.answer(views)
+
+
+def run_made_up(
+    answer,
+    *,
+    labels,
+    views,
+    features,
+    points=None,
+    pool=None,
+    anchors=None,
+    how=(),
+    trials=2,
+    references=None,
+    in_time_order=False,
+):
+    classifier = SimpleNamespace(views=views, head=MadeUp(answer, in_time_order), references=references)
     return run_trials(
         classifier,
         features,
-        np.random.default_rng(0).random((len(labels), 5)),
+        np.random.default_rng(0).random((len(labels), 5)) if points is None else points,
         labels,
         labels if pool is None else pool,
         np.arange(len(labels)) if anchors is None else anchors,
         recipe(*how).cluster,
+        touched=0.5,
         trials=[np.random.default_rng(number) for number in range(trials)],
         bar=tqdm(disable=True),
     )
@@ -173,6 +199,60 @@ def test_the_head_sees_the_features_of_each_view_set():
     )
     assert found.predicted.tolist() == [labels[::5].tolist()] * 2
     assert found.right.all()
+
+
+AREAS = np.repeat([3, 1, 4, 2], 6)  # sensors touched in each of 24 frames of one pool: four clusters
+
+
+def columns(*how, labels=None, **given):
+    """The area of each view that the system saw, (sets, V), over two trials."""
+    seen = []
+
+    def answer(nodes):
+        seen.append(nodes[..., 0].int().numpy())
+        return torch.zeros(len(nodes), 3), []
+
+    run_made_up(
+        answer,
+        labels=np.zeros(24, dtype=int) if labels is None else labels,
+        pool=np.zeros(24, dtype=int),
+        points=(np.arange(5) < AREAS[:, None]).astype(np.float32),
+        views=4,
+        features=torch.from_numpy(AREAS[:, None]).float(),
+        how=how,
+        **given,
+    )
+    return np.concatenate(seen)
+
+
+def test_clusters_numbered_by_area_stand_in_that_order_in_every_view_set():
+    seen = columns("cluster.assignment=area")
+    assert seen.shape == (48, 4)
+    assert (seen == [1, 2, 3, 4]).all()
+
+
+def test_matched_clusters_stand_where_the_classifier_s_references_do():
+    wanted = np.array([4, 2, 1, 3])
+    references = (np.arange(5) < wanted[:, None]) / np.sqrt(wanted)[:, None]
+    seen = columns("cluster.assignment=matched", references=references)
+    assert seen.shape == (48, 4)
+    assert (seen == wanted).all()
+
+
+@pytest.mark.parametrize("assignment", ["area", "matched"])
+def test_clusters_are_numbered_without_a_look_at_the_labels(assignment):
+    references = np.eye(5)[:4]
+    by_label, by_others = (
+        columns(f"cluster.assignment={assignment}", references=references, labels=labels)
+        for labels in (np.zeros(24, dtype=int), np.random.default_rng(0).integers(3, size=24))
+    )
+    np.testing.assert_array_equal(by_label, by_others)
+
+
+def test_a_system_in_time_order_sees_the_earliest_frame_first():
+    seen = columns("cluster.assignment=random", in_time_order=True)
+    assert (seen == [3, 1, 4, 2]).all()
+    assert (columns("cluster.assignment=random") != [3, 1, 4, 2]).any()
 
 
 @pytest.mark.parametrize(("how", "each"), [((), 2), (("cluster.method=none",), 2)])

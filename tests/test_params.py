@@ -180,6 +180,20 @@ def test_several_mistakes_are_listed_at_once():
             "preprocess.filter is contact, which needs rest noise; preprocess.baseline is none: "
             "expected empty_hand or quiet",
         ),
+        *(
+            (
+                (f"cluster.assignment={assignment}", "cluster.method=none"),
+                f"cluster.assignment is {assignment}, which needs clusters; cluster.method is none",
+            )
+            for assignment in ("area", "matched")
+        ),
+        *(
+            (
+                (f"model.system={system}", "model.backbone.kind=perceptron"),
+                f"model.system is {system}, which needs feature maps; model.backbone.kind perceptron has none",
+            )
+            for system in ("gvcnn", "conv_lstm")
+        ),
     ],
 )
 def test_values_that_do_not_go_together_are_refused(changes, sentence):
@@ -190,6 +204,20 @@ def test_the_last_fold_and_the_viewpoints_that_fit_are_allowed():
     assert params("split.folds=4", "split.fold=3").split.fold == 3
     assert params("viewpoints=dodecahedron", "views=20").views == 20
     assert params("viewpoints=circle", "views=7").views == 7
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        *(("cluster.method=none", f"cluster.assignment={kind}") for kind in ("index", "anchor", "random")),
+        *(("cluster.method=kmeans", f"cluster.assignment={kind}") for kind in ("area", "matched")),
+        *(("model.backbone.kind=perceptron", f"model.system={kind}") for kind in ("view_gcn", "stag", "cnn_lstm")),
+        *(("model.backbone.kind=resnet", f"model.system={kind}") for kind in ("gvcnn", "conv_lstm")),
+    ],
+)
+def test_assignments_that_have_their_clusters_and_systems_that_have_their_maps_are_allowed(changes):
+    found = flat(params(*changes))
+    assert all(found[key] == value for key, value in (change.split("=") for change in changes))
 
 
 def test_a_missing_key_is_named_with_what_is_expected(tmp_path):

@@ -40,7 +40,8 @@ def random_backbone(width=8):
 def random_classifier():
     """One of four views, its normalisations moved by the table's frames, in evaluation mode."""
     torch.manual_seed(0)
-    classifier, frames = Classifier(torch.from_numpy(viewpoints(4)), 4, recipe().model, 16), frames_of(TRAIN)[:64]
+    model, frames = recipe("model.backbone.width=16").model, frames_of(TRAIN)[:64]
+    classifier = Classifier(torch.from_numpy(viewpoints(4)), 4, model, frames.shape[2:])
     for _ in range(20):
         classifier.head(classifier.backbone(frames)[torch.randint(64, (16, 4))])
     return classifier.eval()

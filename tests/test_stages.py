@@ -72,8 +72,25 @@ def test_a_stage_is_given_the_parameters_that_dvc_watches(name):
 
 
 def test_every_parameter_is_watched_by_a_stage():
+    tree = yaml.safe_load((ROOT / "params.yaml").read_text())
     watched = {key for stage in STAGES.values() for key in stage["params"]}
-    assert watched == set(yaml.safe_load((ROOT / "params.yaml").read_text()))
+    whole = {key for key in watched if "." not in key}
+    assert whole == set(tree)
+    for section, name in (part.split(".") for part in watched - whole):
+        assert name in tree[section]
+
+
+def test_a_stage_that_reads_a_part_of_a_section_is_given_and_logs_that_part_alone():
+    from stages.command import _declared, _given
+    from tactile_viewgcn.params import load
+
+    params, reads = load(ROOT / "params.yaml"), ("seed", "model.backbone", "augment")
+    given = _given(params, reads)
+    assert vars(given).keys() == {"seed", "model", "augment"}
+    assert vars(given.model) == {"backbone": params.model.backbone}
+    assert (given.seed, given.augment) == (params.seed, params.augment)
+    logged = {f"model.backbone.{name}" for name in vars(params.model.backbone)}
+    assert _declared(params, reads).keys() == logged | {"seed", "augment.gain", "augment.drop", "augment.shift"}
 
 
 @pytest.mark.parametrize("package", ["stages", "tactile_viewgcn", "tactile_viewgcn/nn", "tactile_viewgcn/glove"])

@@ -3,6 +3,7 @@
 import json
 import re
 from contextlib import nullcontext
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from tests.tables import recipe, table
 ROOT = Path(__file__).parents[1]
 STAGES = {
     f"{path.parent.name}.{name}": stage
-    for path in sorted(ROOT.glob("studies/*/dvc.yaml"))
+    for path in sorted(ROOT.glob("studies/**/dvc.yaml"))
     for name, stage in yaml.safe_load(path.read_text())["stages"].items()
 }
 
@@ -30,7 +31,15 @@ STAGES = {
 def test_a_study_depends_on_the_modules_that_it_imports(name):
     entry = re.search(r"python -m (\S+)", STAGES[name]["cmd"]).group(1).replace(".", "/") + ".py"
     listed = {path for path in STAGES[name]["deps"] if path.endswith(".py")}
-    assert listed == closure(entry)
+    assert {re.sub(r"\$\{.*?\}", "${model.system}", path) for path in listed} == closure(entry)
+
+
+@pytest.mark.parametrize("name", sorted(STAGES))
+def test_a_study_watches_the_parameters_that_it_reads(name):
+    entry = re.search(r"python -m (\S+)", STAGES[name]["cmd"]).group(1)
+    reads = set(getattr(import_module(entry), entry.rpartition(".")[2]).reads)
+    given = {change.split("=")[0].split(".")[0] for change in re.findall(r"--set (\S+)", STAGES[name]["cmd"])}
+    assert reads - given <= set(STAGES[name].get("params", [])) <= reads
 
 
 @pytest.mark.parametrize("study", sorted(path.parent.name for path in ROOT.glob("studies/*/dvc.yaml")))

@@ -1,14 +1,16 @@
 """Touches only while needed."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torch import nn
 
 from tactile_viewgcn.classifier import Recogniser, logits_of_sets, save_classifier
 from tactile_viewgcn.evaluation import evaluate_table, touch_summary
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.split import TEST
 from tactile_viewgcn.touches import HOTTEST, Touched, calibrate, logits_by_touch, sequences, temperature, touch
 from tests.tables import CPU, recipe, table, trained
@@ -189,13 +191,12 @@ def test_a_classifier_of_v_views_takes_no_fewer(tmp_path):
 
 
 def test_a_network_of_one_view_has_nothing_to_wait_for():
-    class One(nn.Module):
-        views = 1
+    class First(ViewSystem):
+        def forward(self, views):
+            return views[:, 0], []
 
-        def head(self, nodes):
-            return nodes[:, 0], []
-
-    found = touch(One(), [1.0], torch.eye(3), np.arange(3), np.zeros(3, dtype=int), np.arange(3),
+    one = SimpleNamespace(views=1, head=First())
+    found = touch(one, [1.0], torch.eye(3), np.arange(3), np.zeros(3, dtype=int), np.arange(3),
                   [np.random.default_rng(0)])  # fmt: skip
     assert found.stopped(0.99)[1].tolist() == [[1, 1, 1]]
 

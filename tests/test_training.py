@@ -17,14 +17,16 @@ from tactile_viewgcn.training import (
     FeatureBank,
     compounding_cosine,
     error_rate,
+    factor_of,
     fit,
     frame_losses,
     generator,
     halving,
+    optimiser_of,
     parts,
     set_losses,
 )
-from tests.tables import CPU
+from tests.tables import CPU, recipe
 
 
 def seeded(seed=0):
@@ -64,6 +66,65 @@ def test_the_compounding_cosine_is_the_released_code_s():
     assert compounding_cosine(3, epochs=15) == pytest.approx(second * third)
     assert f"{5e-4 * compounding_cosine(10, epochs=15):.1e}" == "3.8e-06"
     assert f"{5e-4 * compounding_cosine(14, epochs=15):.1e}" == "2.8e-11"
+
+
+@pytest.mark.parametrize("training", ["pretrain", "finetune"])
+@pytest.mark.parametrize(
+    ("kind", "expected"), [("sgd", torch.optim.SGD), ("adam", torch.optim.Adam), ("adamw", torch.optim.AdamW)]
+)
+def test_the_optimiser_is_the_one_asked_for_with_the_recipe_s_rate_and_decay(training, kind, expected):
+    how = recipe(*(f"{training}.{change}" for change in (f"optimiser={kind}", "lr=0.25", "weight_decay=0.125")))
+    first, second = nn.Parameter(torch.zeros(2)), nn.Parameter(torch.zeros(3))
+    optimiser = optimiser_of(getattr(how, training), [{"params": [first], "lr": 0.5}, {"params": [second]}])
+    assert type(optimiser) is expected
+    assert [group["lr"] for group in optimiser.param_groups] == [0.5, 0.25]
+    assert [group["weight_decay"] for group in optimiser.param_groups] == [0.125, 0.125]
+    assert [group["params"] for group in optimiser.param_groups] == [[first], [second]]
+
+
+def stepped(*changes, slopes, start=0.0):
+    """One weight after a step down a loss of each slope."""
+    how = recipe("pretrain.lr=0.1", *(f"pretrain.{change}" for change in changes)).pretrain
+    weight = nn.Parameter(torch.tensor(start))
+    optimiser = optimiser_of(how, [{"params": [weight]}])
+    for slope in slopes:
+        weight.grad = torch.tensor(slope)
+        optimiser.step()
+    return float(weight.detach())
+
+
+@pytest.mark.parametrize(
+    ("kind", "without", "half"),
+    [("sgd", 0, -0.05), ("adam", -0.0947368, -0.0947368), ("adamw", -0.0947368, -0.0947368)],  # 0.1 (1 - 0.01 / 0.19)
+)
+def test_momentum_is_of_sgd_alone(kind, without, half):
+    for momentum, expected in ((0.0, without), (0.5, half)):
+        changes = (f"optimiser={kind}", f"momentum={momentum}", "weight_decay=0")
+        assert stepped(*changes, slopes=(1.0, -1.0)) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "left"), [("sgd", 0.95), ("adam", 0.9), ("adamw", 0.95)])
+def test_weights_decay_with_the_slope_in_adam_and_apart_from_it_in_adamw(kind, left):
+    changes = (f"optimiser={kind}", "weight_decay=0.5")
+    assert stepped(*changes, slopes=(0.0,), start=1.0) == pytest.approx(left, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("training", "schedule", "epochs", "factors"),
+    [
+        ("finetune", "constant", 4, {0: 1, 3: 1}),
+        ("pretrain", "halving", 9, {0: 1, 1: 1, 2: 0.5, 4: 0.5, 5: 0.25, 8: 0.125}),  # every 3, early by 1
+        ("pretrain", "cosine", 4, {0: 1, 1: 0.853553, 2: 0.5, 3: 0.146447}),
+        ("finetune", "cosine", 3, {0: 1, 1: 0.75, 2: 0.25}),
+        ("finetune", "compounding_cosine", 4, {0: 1, 1: 1, 2: 0.5, 3: 0.0732233}),
+        ("finetune", "tenth_in_100", 4, {0: 1, 1: 0.977237, 50: 0.316228, 100: 0.1}),
+    ],
+)
+def test_the_factor_of_each_schedule(training, schedule, epochs, factors):
+    changes = (f"{training}.schedule={schedule}", f"{training}.epochs={epochs}")
+    how = recipe(*changes, "pretrain.halve_every=3", "pretrain.halve_early=1")
+    factor = factor_of(getattr(how, training))
+    assert {epoch: factor(epoch) for epoch in factors} == pytest.approx(factors, rel=1e-5)
 
 
 def test_a_step_goes_down_the_loss_by_the_rate_of_its_epoch():

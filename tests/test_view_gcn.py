@@ -10,7 +10,6 @@ import torch.nn.functional as functional
 from torch import nn
 
 from tactile_viewgcn.classifier import Classifier
-from tactile_viewgcn.preset import preset_changes
 from tactile_viewgcn.nn.graph import furthest_points
 from tactile_viewgcn.nn.view_gcn import (
     SLOPE,
@@ -22,6 +21,7 @@ from tactile_viewgcn.nn.view_gcn import (
 )
 from tactile_viewgcn.nn.view_gcn import System as ViewGCN
 from tactile_viewgcn.params import load
+from tactile_viewgcn.preset import preset_changes
 from tactile_viewgcn.viewpoints import viewpoints
 
 ROOT = Path(__file__).parents[1]

@@ -72,6 +72,27 @@ def test_every_place_is_as_far_out_as_a_vertex_of_the_cube(count):
     np.testing.assert_allclose(np.linalg.norm(places, axis=1), np.sqrt(3))
 
 
+@pytest.mark.parametrize("count", [1, 8, 200])
+def test_random_places_are_on_the_sphere_and_follow_the_seed(count):
+    first, again, other = (viewpoints(count, "random", seed) for seed in (3, 3, 4))
+    assert first.shape == (count, 3)
+    np.testing.assert_allclose(np.linalg.norm(first, axis=1), np.sqrt(3))
+    np.testing.assert_array_equal(first, again)
+    assert (np.abs(first - other).max(axis=1) > 1e-6).all()
+
+
+def test_random_places_favour_no_part_of_the_sphere():
+    places = viewpoints(20_000, "random") / np.sqrt(3)
+    np.testing.assert_allclose(places.mean(axis=0), 0, atol=0.02)
+    shares, _ = np.histogram(places[:, 2], bins=5, range=(-1, 1))  # slices of equal height have equal areas
+    np.testing.assert_allclose(shares / len(places), 0.2, atol=0.015)
+
+
+@pytest.mark.parametrize(("count", "kind"), [(8, "cube"), (12, "circle"), (20, "dodecahedron"), (9, "sphere")])
+def test_only_random_places_follow_the_seed(count, kind):
+    np.testing.assert_array_equal(viewpoints(count, kind, 3), viewpoints(count, kind, 4))
+
+
 def test_auto_is_the_paper_s_configuration_where_it_has_one():
     for count, kind in ((8, "cube"), (12, "circle"), (20, "dodecahedron"), (1, "sphere"), (9, "sphere")):
         np.testing.assert_array_equal(viewpoints(count), viewpoints(count, kind))

@@ -63,6 +63,32 @@ def test_the_anchor_assignment_shuffles_the_others():
     np.testing.assert_allclose(counts / DRAWS, 1 / 6, atol=0.025)
 
 
+@given(clustered(), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_the_random_assignment_keeps_the_set(case, seed):
+    cluster, pool, views = case
+    drawn, anchors = ViewSets(cluster, pool, views), np.arange(len(pool))
+    by_index, at_random = (drawn.draw(anchors, np.random.default_rng(seed), kind) for kind in ("index", "random"))
+    np.testing.assert_array_equal(np.sort(at_random, axis=1), np.sort(by_index, axis=1))
+
+
+def test_the_random_assignment_puts_the_anchor_in_every_column_equally_often():
+    drawn = ViewSets(np.repeat(np.arange(4), 2), np.zeros(8, dtype=int), 4)
+    sets = drawn.draw(np.full(DRAWS, 4), np.random.default_rng(0), "random")
+    np.testing.assert_allclose((sets == 4).mean(axis=0), 0.25, atol=0.03)
+    orders, counts = np.unique(sets // 2, axis=0, return_counts=True)
+    assert len(orders) == 24
+    np.testing.assert_allclose(counts / DRAWS, 1 / 24, atol=0.015)
+
+
+@pytest.mark.parametrize("assignment", ["area", "matched"])
+def test_arranged_clusters_are_drawn_by_the_numbers_they_have(assignment):
+    cluster, pool = np.arange(12) % 4, np.arange(12) // 8
+    drawn, anchors = ViewSets(cluster, pool, 4), np.arange(12)
+    by_index, found = (drawn.draw(anchors, np.random.default_rng(0), kind) for kind in ("index", assignment))
+    np.testing.assert_array_equal(found, by_index)
+
+
 @given(clustered())
 @settings(max_examples=40, deadline=None)
 def test_empty_clusters_are_counted(case):
@@ -110,7 +136,7 @@ def test_a_frame_falls_into_each_part_equally_often():
 def test_unclustered_view_sets_are_distinct_frames_of_one_pool(sizes, count, seed):
     rng = np.random.default_rng(seed)
     pool = rng.permutation(np.repeat(np.arange(len(sizes)) * 5, sizes))
-    views = Views(np.full(len(pool), NO_CLUSTER, np.int16), pool, np.zeros((count, 3)))
+    views = Views(np.full(len(pool), NO_CLUSTER, np.int16), pool, np.zeros((count, 3)), np.zeros((count, 9)))
     anchors = np.arange(len(pool))
     sets = views.on(anchors, rng).draw(anchors, rng)
     assert (pool[sets] == pool[anchors, None]).all()
@@ -119,7 +145,7 @@ def test_unclustered_view_sets_are_distinct_frames_of_one_pool(sizes, count, see
 
 
 def test_every_other_frame_of_a_pool_joins_an_unclustered_set_equally_often():
-    views = Views(np.full(7, NO_CLUSTER, np.int16), np.zeros(7, dtype=int), np.zeros((3, 3)))
+    views = Views(np.full(7, NO_CLUSTER, np.int16), np.zeros(7, dtype=int), np.zeros((3, 3)), np.zeros((3, 9)))
     rng, index = np.random.default_rng(0), np.arange(7)
     sets = np.concatenate([views.on(index, rng).draw(np.array([4]), rng) for _ in range(3000)])
     joined = np.bincount(sets.ravel(), minlength=7) / 3000
@@ -128,17 +154,31 @@ def test_every_other_frame_of_a_pool_joins_an_unclustered_set_equally_often():
 
 
 def test_view_sets_of_some_frames_number_them_from_nought():
-    views = Views(np.array([9, 0, 1, 9, 1, 0], np.int16), np.array([7, 3, 3, 7, 5, 5]), np.zeros((2, 3)))
+    cluster, pool = np.array([9, 0, 1, 9, 1, 0], np.int16), np.array([7, 3, 3, 7, 5, 5])
+    views = Views(cluster, pool, np.zeros((2, 3)), np.zeros((2, 9)))
     sets = views.on(np.array([1, 2, 4, 5]), np.random.default_rng(0)).draw(np.array([0, 3]), np.random.default_rng(0))
     assert sets.tolist() == [[0, 1], [3, 2]]
 
 
+def test_views_without_their_clusters_are_dealt_out_anew_and_keep_the_rest():
+    rng = np.random.default_rng(0)
+    views = Views(np.arange(8).astype(np.int16) % 2, np.arange(8) // 4, rng.random((2, 3)), rng.random((2, 9)))
+    free = views.unclustered()
+    assert views.clustered and not free.clustered
+    for name in ("pool", "viewpoints", "references"):
+        np.testing.assert_array_equal(getattr(free, name), getattr(views, name))
+    index = np.arange(8)
+    beside = {tuple(row) for _ in range(60) for row in np.sort(free.on(index, rng).draw(index, rng), axis=1).tolist()}
+    assert beside == {(i, j) for i in range(8) for j in range(i + 1, 8) if i // 4 == j // 4}
+
+
 @pytest.mark.parametrize("cluster", [[2, NO_CLUSTER, 0], [NO_CLUSTER] * 3])
 def test_views_come_back_as_they_were_written(tmp_path, cluster):
-    views = Views(np.array(cluster, np.int16), np.array([0, 4, 1]), np.random.default_rng(0).random((3, 3)))
+    rng = np.random.default_rng(0)
+    views = Views(np.array(cluster, np.int16), np.array([0, 4, 1]), rng.random((3, 3)), rng.random((3, 7)))
     write_views(tmp_path / "views.h5", views)
     back = read_views(tmp_path / "views.h5")
-    for name in ("cluster", "pool", "viewpoints"):
+    for name in ("cluster", "pool", "viewpoints", "references"):
         np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
         assert getattr(back, name).dtype == getattr(views, name).dtype
     assert back.clustered == (0 in cluster)
