@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from tactile_viewgcn.nn.backbone import AT_ONCE, Backbone, Stem, features_of
+from tactile_viewgcn.nn.backbone import AT_ONCE, Backbone, Stem, build_backbone, features_of
 
 
 def test_it_has_the_released_code_s_number_of_weights():
@@ -101,3 +101,114 @@ def test_a_narrow_backbone_has_narrow_features():
     backbone = Backbone(width=16)
     assert backbone(torch.zeros(2, 1, 32, 32)).shape == (2, 32)
     assert backbone.features == 32
+
+
+def maps_and_features(backbone, frames):
+    """The last maps of the backbone in evaluation mode, and what it reads out of them."""
+    maps = []
+    hook = backbone.stage2.register_forward_hook(lambda _, __, out: maps.append(out))
+    features = backbone.eval()(frames)
+    hook.remove()
+    return maps[0], features
+
+
+def test_the_average_reads_each_map_out_as_one_number():
+    torch.manual_seed(0)
+    maps, features = maps_and_features(Backbone(width=2), torch.rand(2, 1, 20, 12))
+    assert maps.shape == (2, 4, 5, 3)
+    torch.testing.assert_close(features, maps.flatten(2).sum(dim=-1) / 15)
+
+
+def grid_of(maps):
+    """Means of 4 x 4 parts of maps (B, C, H, W) side by side, map by map and row by row: (B, C * 16)."""
+    (height, width), cells = maps.shape[2:], []
+    for row in range(4):
+        for column in range(4):
+            rows = slice(row * height // 4, -(-(row + 1) * height // 4))
+            columns = slice(column * width // 4, -(-(column + 1) * width // 4))
+            cells.append(maps[:, :, rows, columns].mean(dim=(2, 3)))
+    return torch.stack(cells, dim=2).flatten(1)
+
+
+def test_means_of_4_by_4_parts_by_hand():
+    maps = torch.arange(64.0).view(1, 1, 8, 8)  # a part's mean lies 4.5 above its first number
+    assert grid_of(maps)[0].tolist() == [4.5 + 16 * row + 2 * column for row in range(4) for column in range(4)]
+    small = torch.arange(9.0).view(1, 1, 3, 3)  # the middle of three lies in two parts, half of each
+    assert grid_of(small)[0, :4].tolist() == [0, 0.5, 1.5, 2]
+    assert grid_of(small)[0, 4:8].tolist() == [1.5, 2, 3, 3.5]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (12, 12), (5, 40), (32, 32)])
+def test_the_grid_reads_4_by_4_parts_of_all_maps_out_through_a_linear_layer(shape):
+    torch.manual_seed(0)
+    backbone = Backbone(width=4, readout="grid")
+    join, norm, _ = backbone.grid
+    nn.init.normal_(norm.weight)
+    nn.init.normal_(norm.bias)
+    maps, features = maps_and_features(backbone, torch.rand(3, 1, *shape))
+    joined = grid_of(maps) @ join.weight.T
+    expected = torch.relu(joined * norm.weight / (1 + norm.eps) ** 0.5 + norm.bias)
+    torch.testing.assert_close(features, expected)
+    assert 0 < (features == 0).float().mean() < 1
+
+
+@pytest.mark.parametrize("width", [1, 8, 64])
+def test_the_grid_has_as_many_features_as_the_average_and_a_layer_more(width):
+    plain, grid = Backbone(width), Backbone(width, readout="grid")
+    assert grid.features == plain.features == 2 * width
+    more = sum(weight.numel() for weight in grid.parameters()) - sum(weight.numel() for weight in plain.parameters())
+    assert more == 16 * 2 * width * 2 * width + 2 * 2 * width
+
+
+def test_the_grid_keeps_where_on_the_hand_a_touch_is():
+    torch.manual_seed(0)
+    frames = torch.zeros(2, 1, 128, 128)  # either touch is far from the edge
+    frames[0, 0, 40:44, 40:44] = 1
+    frames[1, 0, 80:84, 80:84] = 1
+    (average, grid) = (maps_and_features(Backbone(width=16, readout=way), frames)[1] for way in ("average", "grid"))
+    torch.testing.assert_close(average[0], average[1])
+    assert (grid[0] - grid[1]).abs().max() > 0.1 * grid.abs().max()
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+def test_each_stage_has_so_many_blocks_and_halves_the_maps_once(blocks):
+    width = 2
+    backbone = Backbone(width=width, blocks=blocks)
+    assert len(backbone.stage1) == len(backbone.stage2) == blocks
+    narrow, wide = 2 * (9 * width**2 + 2 * width), 2 * (9 * 4 * width**2 + 4 * width)
+    first_wide = wide - 9 * 2 * width**2 + 2 * width**2 + 4 * width  # from few channels, with a 1x1 shortcut
+    stem = 9 * width + 2 * width
+    weights = sum(weight.numel() for weight in backbone.parameters())
+    assert weights == stem + blocks * narrow + first_wide + (blocks - 1) * wide
+    assert maps_and_features(backbone, torch.rand(2, 1, 32, 32))[0].shape == (2, 4, 8, 8)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (12, 12), (32, 32), (5, 7), (33, 2)])
+def test_maps_are_those_that_would_be_read_out_and_their_shape_is_known_before(shape):
+    torch.manual_seed(0)
+    backbone, frames = Backbone(width=2), torch.rand(2, 1, *shape)
+    whole = Backbone(width=2, maps=True).eval()
+    whole.load_state_dict(backbone.state_dict())
+    maps, features = maps_and_features(backbone, frames)
+    assert torch.equal(whole(frames), maps)
+    assert backbone.maps_of(shape) == whole.maps_of(shape) == maps.shape[1:]
+    torch.testing.assert_close(features_of(whole, frames).mean(dim=(2, 3)), features)
+
+
+@pytest.mark.parametrize("readout", ["average", "grid"])
+@pytest.mark.parametrize("maps", [False, True])
+def test_maps_keep_the_precision_they_are_computed_in_and_features_are_float32(readout, maps):
+    backbone, frames = Backbone(width=2, readout=readout, maps=maps).eval(), torch.rand(2, 1, 12, 12)
+    with torch.autocast("cpu", torch.bfloat16):
+        assert backbone(frames).dtype == (torch.bfloat16 if maps else torch.float32)
+    assert backbone(frames).dtype == torch.float32
+    assert backbone.double()(frames.double()).dtype == torch.float64
+
+
+def test_a_backbone_is_built_with_the_options_given():
+    options = {"kind": "resnet", "width": 3, "blocks": 1, "dropout": 0.4, "readout": "grid"}
+    backbone = build_backbone((12, 12), **options)
+    assert (backbone.features, len(backbone.stage1), backbone.dropout.p) == (6, 1, 0.4)
+    assert backbone.eval()(torch.zeros(1, 1, 12, 12)).shape == (1, 6)
+    assert backbone.grid is not None
+    assert build_backbone((12, 12), **options, maps=True).eval()(torch.zeros(1, 1, 12, 12)).shape == (1, 6, 3, 3)
