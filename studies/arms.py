@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -16,7 +17,8 @@ class Arm:
 
     Attributes:
         name: what is varied.
-        seed, fold: of the training, and of the split.
+        seed, fold: of the training, and of the split; repeat: of whatever else was drawn anew, 0 where nothing was.
+        recipe: all parameters but the seed.
         costs: weights, seconds, milliseconds and megabytes by name.
         predicted: by protocol, int16 (T, A) the class answered in each trial.
         labels, groups: (A,) true class and split group of the anchors.
@@ -26,6 +28,8 @@ class Arm:
     name: str
     seed: int
     fold: int
+    repeat: int
+    recipe: str
     costs: dict[str, float]
     predicted: dict[str, np.ndarray]
     labels: np.ndarray
@@ -39,7 +43,7 @@ class Arm:
 
 def write_arm(path: Path, arm: Arm) -> None:
     """As an .npz: text and numbers as JSON, arrays as they are."""
-    plain = {name: getattr(arm, name) for name in ("name", "seed", "fold", "costs", "classes")}
+    plain = {name: getattr(arm, name) for name in ("name", "seed", "fold", "repeat", "recipe", "costs", "classes")}
     arrays = {f"predicted.{protocol}": values.astype(np.int16) for protocol, values in arm.predicted.items()}
     with whole(path) as part, part.open("wb") as file:
         np.savez_compressed(file, plain=json.dumps(plain), labels=arm.labels, groups=arm.groups, **arrays)
@@ -65,3 +69,8 @@ def read_arms(folders: Iterable[Path]) -> list[Arm]:
     if not arms:
         raise ValueError("no trained arms; `dvc repro` of the study's dvc.yaml trains them")
     return list(arms.values())
+
+
+def recipe_of(params: SimpleNamespace, *, without: tuple[str, ...] = ()) -> str:
+    """What all trainings of one arm have in common: every parameter but the seed and those named."""
+    return repr(sorted((key, value) for key, value in vars(params).items() if key not in ("seed", *without)))

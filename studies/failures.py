@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 
 from stages.command import INPUT, OUTPUT, stage
 from studies.arms import read_arms
-from studies.results import write_table
-from studies.table import SIMULATED, VIRTUAL, Pooled, pooled
+from studies.pooling import Pooled, pooled
+from studies.results import named, write_table
 from tactile_viewgcn.files import whole
 from tactile_viewgcn.frames import Frames, read_frames
 from tactile_viewgcn.split import TEST
 
-PAIRS, PROTOCOL = 6, "recording"
+PAIRS = 6
 
 
 @stage("data")
@@ -27,19 +27,17 @@ PAIRS, PROTOCOL = 6, "recording"
 @click.option("--out", type=OUTPUT, required=True, help="Folder of confusion.png, pairs.png, pairs.csv and pairs.md.")
 def failures(params, run, folders, frames, reference, out):
     """Draw the confusion of the best arm and of the reference, and the pairs of objects confused most."""
-    source = SIMULATED if params.data.source == VIRTUAL else params.data.source
-    arms = pooled(read_arms(folders))
-    best = min(arms, key=lambda arm: arm.error(PROTOCOL))
+    source, arms = named(params.data), pooled(read_arms(folders))
+    protocol = list(arms[0].predicted)[-1]  # recording, where it was tested
+    best = min(arms, key=lambda arm: arm.error(protocol))
     shown = [best, *(arm for arm in arms if arm.name == reference and arm is not best)]
-    tables = [
-        path for given in frames for path in (sorted(given.glob("frames-[0-9]*.h5")) if given.is_dir() else [given])
-    ]
-    means, live = mean_frames([read_frames(path) for path in tables])
-    pairs = confused_pairs(counts(best), best.classes)
-    text = f"{source}. The objects that `{best.name}` takes for each other most, {PROTOCOL} protocol."
+    tables = [path for given in frames for path in (sorted(given.glob("*.h5")) if given.is_dir() else [given])]
+    means, live = mean_frames([read_frames(path) for path in tables], best.classes)
+    pairs = confused_pairs(best.confusion(protocol), best.classes)
+    text = f"{source}. The objects that `{best.name}` takes for each other most, {protocol} protocol."
     write_table(out, pairs, text, name="pairs")
     figures = {
-        "confusion.png": confusions(shown, f"{source}, {PROTOCOL} protocol"),
+        "confusion.png": confusions(shown, protocol, f"{source}, {protocol} protocol"),
         "pairs.png": side_by_side(
             pairs, best.classes, means, live, f"{source}: mean frames of the pairs that {best.name} confuses most"
         ),
@@ -48,13 +46,6 @@ def failures(params, run, folders, frames, reference, out):
         with whole(out / name) as part:
             figure.savefig(part, format="png", dpi=90)
         run.artifact(out / name)
-
-
-def counts(arm: Pooled) -> np.ndarray:
-    """int64 (C, C): how often each class, a row, was answered with each, over seeds and trials."""
-    predicted, classes = arm.predicted[PROTOCOL].astype(np.int64), len(arm.classes)
-    cells = np.broadcast_to(arm.labels.astype(np.int64), predicted.shape) * classes + predicted
-    return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
 
 
 def confused_pairs(table: np.ndarray, classes: list[str]) -> list[dict]:
@@ -73,33 +64,31 @@ def confused_pairs(table: np.ndarray, classes: list[str]) -> list[dict]:
             "second for first, %": 100 * float(table[second[i], first[i]] / max(1, both[second[i]])),
         }
         for i in order
-        if wrong[first[i], second[i]]
     ]
 
 
-def mean_frames(tables: list[Frames]) -> tuple[np.ndarray, np.ndarray]:
+def mean_frames(tables: list[Frames], classes: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Mean network input (C, H, W) of each class over the test sides, and the live sensors (H, W)."""
-    classes = tables[0].classes
     total, count = np.zeros((len(classes), *tables[0].live.shape)), np.zeros(len(classes))
     for table in tables:
-        for label in range(len(classes)):
+        for label, name in enumerate(table.classes):
             index = np.flatnonzero((table.side == TEST) & (table.label == label))
             if len(index):
-                total[label] += table.inputs(index).sum(axis=0)
-                count[label] += len(index)
+                total[classes.index(name)] += table.inputs(index).sum(axis=0)
+                count[classes.index(name)] += len(index)
     return total / np.maximum(count, 1)[:, None, None], tables[0].live
 
 
-def confusions(arms: list[Pooled], title: str) -> Figure:
+def confusions(arms: list[Pooled], protocol: str, title: str) -> Figure:
     """Shares of each object's view sets, a matrix for each arm."""
     classes = arms[0].classes
     figure = Figure(figsize=(7.5 * len(arms) + 1, 7.5), layout="constrained")
     for axes, arm in zip(figure.subplots(1, len(arms), squeeze=False)[0], arms, strict=True):
-        table = counts(arm)
+        table = arm.confusion(protocol)
         image = axes.imshow(table / np.maximum(table.sum(axis=1, keepdims=True), 1), vmin=0, vmax=1, cmap="Blues")
         axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=7)
         axes.set_yticks(range(len(classes)), classes, fontsize=7)
-        axes.set(xlabel="answered", ylabel="held", title=f"{arm.name}: error {100 * arm.error(PROTOCOL):.1f} %")
+        axes.set(xlabel="answered", ylabel="held", title=f"{arm.name}: error {100 * arm.error(protocol):.1f} %")
     figure.colorbar(image, ax=figure.axes, label="share of the object's view sets", shrink=0.7)
     figure.suptitle(title)
     return figure

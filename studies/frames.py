@@ -30,8 +30,8 @@ def frames(params, run, recordings, side, share, hold_out, out):
     split = params.split
     if side == "validation":
         split = replace(split, validation=split.validation or VALIDATION_SHARE)
-    if hold_out:
-        split = replace(split, by="recording" if hold_out == "frame" else hold_out)
+    if hold_out:  # nothing is held out beside, so that every way learns from as much
+        split = replace(split, by="recording" if hold_out == "frame" else hold_out, validation=0.0)
     with Recordings(recordings) as table:
         found = prepare(table, params.preprocess, split, stream(split.seed, "preprocess"))[0]
     if side == "validation":
@@ -60,7 +60,7 @@ def at_random(table: Frames, how: Preprocess, split: Split) -> Frames:
 
 
 def shortened(table: Frames, share: float) -> Frames:
-    """Only the first share of each training group's frames of a class, as if it had been held for a shorter time."""
+    """Only the first share of each training group's frames of a class: of a recording, its beginning."""
     side, anchor = table.side.copy(), table.anchor.copy()
     for group, label in {*zip(table.group.tolist(), table.label.tolist(), strict=True)}:
         own = np.flatnonzero((table.group == group) & (table.label == label) & (table.side == TRAIN))

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stages.command import INPUT, OUTPUT, stage
-from studies.table import SIMULATED, VIRTUAL
+from studies.results import named
 from tactile_viewgcn.files import whole
 
 COLOURS = {"object": "C0", "recording": "C1"}
@@ -22,9 +22,8 @@ def picture(params, run, results, against, title, out):
     """Draw the results of a study."""
     with results.open(newline="") as file:
         rows = list(csv.DictReader(file))
-    source = SIMULATED if params.data.source == VIRTUAL else params.data.source
     figure = by_arm(rows) if against == "arm" else by_seconds(rows)
-    figure.suptitle(f"{source}: {title}\nBars: 95 % interval over split groups")
+    figure.suptitle(f"{named(params.data)}: {title}\nBars: 95 % interval over split groups")
     with whole(out) as part:
         figure.savefig(part, format="png", dpi=110)
     run.artifact(out)
@@ -47,8 +46,9 @@ def by_arm(rows: list[dict[str, str]]) -> Figure:
 
 
 def by_seconds(rows: list[dict[str, str]]) -> Figure:
-    """Error under the recording protocol against the seconds of fine-tuning, and against those of an answer."""
-    own = [row for row in rows if row["protocol"] == "recording"]
+    """Error under the last protocol of the table against the seconds of fine-tuning, and against those of an answer."""
+    protocol = rows[-1]["protocol"]
+    own = [row for row in rows if row["protocol"] == protocol]
     figure = Figure(figsize=(12, 6), layout="constrained")
     for axes, cost, label in zip(
         figure.subplots(1, 2, sharey=True),
@@ -59,7 +59,7 @@ def by_seconds(rows: list[dict[str, str]]) -> Figure:
         for number, row in enumerate(sorted(own, key=lambda row: float(row[cost]))):
             _errors(axes, [row], [float(row[cost])], f"C{number % 10}", row["arm"], upright=True)
         axes.set_xscale("symlog" if cost == "finetune s" else "log")
-        axes.set(xlabel=label, ylabel="error, % (recording protocol)")
+        axes.set(xlabel=label, ylabel=f"error, % ({protocol} protocol)")
         axes.grid(alpha=0.3)
     figure.axes[1].legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
     return figure

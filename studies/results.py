@@ -4,6 +4,14 @@ import csv
 from pathlib import Path
 
 from tactile_viewgcn.files import whole
+from tactile_viewgcn.params import Data
+
+VIRTUAL, SIMULATED = "data/virtual/recordings", "Simulated by the virtual glove"
+
+
+def named(data: Data) -> str:
+    """What a table or picture says its data are."""
+    return SIMULATED if data.source == VIRTUAL else data.source
 
 
 def write_table(folder: Path, rows: list[dict], text: str, name: str = "results") -> None:

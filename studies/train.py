@@ -4,11 +4,10 @@ import json
 from dataclasses import replace
 
 import click
-import numpy as np
 import torch
 
 from stages.command import INPUT, OUTPUT, peak_mb, stage
-from studies.arms import Arm, write_arm
+from studies.arms import Arm, recipe_of, write_arm
 from tactile_viewgcn.checkpoint import kept
 from tactile_viewgcn.classifier import system_of, weights_of
 from tactile_viewgcn.clustering import cluster_table
@@ -56,13 +55,15 @@ def train(params, run, study, arm, fold, clustering, timed, frames, backbone, pr
         "peak_mb": peak_mb(),
     }
     predicted = {protocol: trials.predicted for protocol, trials in found.protocols.items()}
-    labels, groups = np.asarray(found.labels), found.groups
-    answers = Arm(arm, params.seed, fold, costs, predicted, labels, groups, table.classes)
+    labels, groups = found.labels, found.groups
+    recipe = recipe_of(params)
+    answers = Arm(arm, params.seed, fold, clustering or 0, recipe, costs, predicted, labels, groups, table.classes)
     write_arm(out, answers)
     errors = {protocol: 1 - float(answers.right(protocol).mean()) for protocol in predicted}
     each = ", ".join(f"{protocol} {100 * error:.1f} %" for protocol, error in errors.items())
     print(f"{study}: {arm}, seed {params.seed}, fold {fold}: error {each}")
-    return {f"error.{protocol}": error for protocol, error in errors.items()} | costs
+    before = {"seconds_before_interruption": progress.resumed[1]}
+    return {f"error.{protocol}": error for protocol, error in errors.items()} | costs | before
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 `index`, `anchor` and `random` leave the clusters their numbers, see `views.ViewSets.draw`. `area` numbers a pool's
 clusters by their contact area; `matched` aligns them with reference views common to all pools, so that viewpoint i
-means the same for every object. Both look at frames alone, never at labels.
+means the same for every object. Both look at frames alone; only the pools of `cluster.scope: object` know labels.
 """
 
 import numpy as np

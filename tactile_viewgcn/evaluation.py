@@ -55,7 +55,8 @@ class Evaluation:
     Attributes:
         protocols: trials by protocol; labels, groups: (A,) class and split group of the anchors.
         scores: of each protocol, see `summary`; of `touches`, where asked for, see `touch_summary`.
-        seconds: of all trials, features and clustering included; latency_ms: see `latency`; empty where it was not measured.
+        seconds: of all trials, features and clustering included.
+        latency_ms: see `latency`; empty where it was not measured.
     """
 
     protocols: dict[str, Trials]

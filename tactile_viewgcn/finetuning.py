@@ -143,17 +143,11 @@ def finetune_classifier(
 
 def begun(table: Frames, views: Views, pretrained: dict[str, dict[str, Tensor]], params: Params) -> Classifier:
     """The classifier as it is before its training, see `finetune_classifier`."""
-    model, how = params.model, params.finetune
     places = torch.from_numpy(views.viewpoints)
-    classifier = Classifier(places, len(table.classes), model, table.counts.shape[1:])
-    if how.sizes == "random" and not classifier.head.takes_fewer:
-        raise ValueError(
-            f"model.system is {model.system}, which takes {len(places)} views and no fewer; finetune.sizes is random: "
-            "expected full, or another system"
-        )
+    classifier = Classifier(places, len(table.classes), params.model, table.counts.shape[1:])
     classifier.references = views.references
     classifier.backbone.load_state_dict(pretrained["backbone"])
     classifier.head.begin(pretrained["classifier"])
-    if not how.backbone_dropout:
+    if not params.finetune.backbone_dropout:
         classifier.backbone.dropout.p = 0.0
     return classifier

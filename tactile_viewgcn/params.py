@@ -347,6 +347,15 @@ def _clashes(params: Params) -> list[str]:
         found.append(
             f"model.system is {params.model.system}, which needs feature maps; model.backbone.kind perceptron has none"
         )
+    cube = params.viewpoints == "cube" or (params.viewpoints == "auto" and params.views == 8)
+    if params.model.system == "rotationnet" and params.model.assignments == "rotations" and not cube:
+        found.append(
+            "model.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube, or any"
+        )
+    if params.finetune.sizes == "random" and params.model.system in ("stag", "wang", "rotationnet"):
+        found.append(
+            f"model.system is {params.model.system}, which needs all views, and finetune.sizes is random: expected full"
+        )
     needed = {"cube": 8, "dodecahedron": 20}.get(params.viewpoints, params.views)
     if params.views != needed:
         found.append(f"viewpoints is {params.viewpoints}, which has {needed} places; views is {params.views}")

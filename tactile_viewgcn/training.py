@@ -1,7 +1,7 @@
 """The two trainings: the backbone on single frames, then the whole network on view sets.
 
-Both are stochastic gradient descent with momentum; what differs is what a batch holds, what its loss is and how
-the learning rate moves. Nothing in an epoch waits for the device.
+What differs is what a batch holds and what its loss is; the optimiser and how the learning rate moves are parameters
+of both.
 """
 
 import math

@@ -6,20 +6,24 @@ import numpy as np
 import pytest
 
 from studies.arms import Arm, read_arms, write_arm
-from studies.failures import confused_pairs, counts, mean_frames
+from studies.failures import confused_pairs, mean_frames
 from studies.picture import by_arm, by_seconds
-from studies.table import pooled, rows_of
+from studies.pooling import pooled
+from studies.table import rows_of
 from tactile_viewgcn.split import TEST
 from tests.tables import table
 
+CLASSES = ["ball", "mug"]
 LABELS, GROUPS = np.array([0, 0, 1, 1]), np.array([3, 3, 5, 5])
 COSTS = {"weights": 10, "pretrain": 2.0, "finetune": 4.0, "single_ms": 1.0, "batch_ms": 0.5, "peak_mb": 100.0}
 
 
-def arm(name, *answers, seed=0, fold=0, labels=LABELS, groups=GROUPS, costs=COSTS):
+def arm(
+    name, *answers, seed=0, fold=0, repeat=0, recipe="", labels=LABELS, groups=GROUPS, costs=COSTS, classes=CLASSES
+):
     """An arm with these answers (A,) in each of its trials, the same under both protocols."""
     predicted = {protocol: np.array(answers, dtype=np.int16) for protocol in ("object", "recording")}
-    return Arm(name, seed, fold, costs, predicted, labels, groups, ["ball", "mug"])
+    return Arm(name, seed, fold, repeat, recipe, costs, predicted, labels, groups, classes)
 
 
 def rows(arms, reference):
@@ -51,13 +55,13 @@ def test_errors_are_means_over_seeds_and_trials_and_differences_are_paired():
     first, second, *_ = rows([half, good, other], "half")
     assert (first["arm"], first["error"], first["more"], first["p"]) == ("half", 50, "", "")
     assert second["error"] == pytest.approx(100 * 3 / 16)
-    assert second["more"] == pytest.approx(100 * 3 / 16 - 50)
+    assert second["more"] == pytest.approx(100 * (1 / 8 - 1 / 2))  # seed 0 alone: both were trained from it
     assert second["more low"] <= second["more"] <= second["more high"]
-    assert second["training sd"] == pytest.approx(100 * np.std([7 / 8, 6 / 8], ddof=1))
+    assert second["repeat sd"] == pytest.approx(100 * np.std([7 / 8, 6 / 8], ddof=1))
     assert second["clustering sd"] == pytest.approx(
         100 * np.mean([np.std([1, 0.75], ddof=1), np.std([0.5, 1], ddof=1)])
     )
-    assert first["training sd"] == "" and (first["seeds"], second["seeds"]) == (1, 2)
+    assert first["repeat sd"] == "" and (first["trainings"], second["trainings"]) == (1, 2)
 
 
 def test_folds_stand_side_by_side_and_their_seconds_add_up():
@@ -90,21 +94,17 @@ def test_what_was_not_spent_is_blank():
 
 def test_pairs_are_counted_in_both_directions():
     one = pooled([arm("a", [0, 1, 1, 1], [1, 1, 1, 0])])[0]
-    np.testing.assert_array_equal(counts(one), [[1, 3], [1, 3]])
-    (pair,) = confused_pairs(counts(one), one.classes)
+    np.testing.assert_array_equal(one.confusion("object"), [[1, 3], [1, 3]])
+    (pair,) = confused_pairs(one.confusion("object"), one.classes)
     assert (pair["object"], pair["and"]) == ("ball", "mug")
     assert pair["taken for each other, %"] == 50
     assert (pair["first for second, %"], pair["second for first, %"]) == (75, 25)
 
 
-def test_objects_that_are_never_confused_are_no_pair():
-    assert confused_pairs(np.diag([4, 4, 4]), ["a", "b", "c"]) == []
-
-
 def test_mean_frames_are_those_of_the_test_side_over_all_folds():
     frames = table()
     index = frames.on(TEST)
-    means, live = mean_frames([frames, frames])
+    means, live = mean_frames([frames, frames], frames.classes)
     assert live is frames.live
     for label in range(len(frames.classes)):
         own = index[frames.label[index] == label]
@@ -131,3 +131,33 @@ def test_an_arm_is_not_changed_by_pooling():
     before = replace(one)
     pooled([one])
     np.testing.assert_array_equal(one.predicted["object"], before.predicted["object"])
+
+
+def test_a_repeat_is_paired_with_the_reference_s_training_from_its_seed():
+    reference = [arm("a", [0, 0, 1, 1]), arm("a", [1, 1, 0, 0], seed=1)]
+    repeats = [arm("b", [0, 0, 1, 0], repeat=1), arm("b", [0, 0, 1, 1], repeat=2)]
+    row = next(row for row in rows([*reference, *repeats], "a") if row["arm"] == "b")
+    assert row["more"] == pytest.approx(100 / 8)
+    assert row["trainings"] == 2 and row["repeat sd"] == pytest.approx(100 * np.std([0.75, 1], ddof=1))
+
+
+def test_arms_without_a_common_seed_are_not_compared():
+    row = rows([arm("a", [0, 0, 1, 1]), arm("b", [0, 0, 1, 0], seed=1)], "a")[1]
+    assert (row["arm"], row["more"], row["p"]) == ("b", "", "")
+
+
+def test_trainings_of_one_arm_with_other_parameters_are_refused():
+    for other in ({"recipe": "other"}, {"labels": LABELS[::-1]}):
+        with pytest.raises(ValueError, match="arm a: seed 1 "):
+            pooled([arm("a", [0] * 4), arm("a", [0] * 4, seed=1, **other)])
+    with pytest.raises(ValueError, match=r"other parameters.*delete what an earlier run has left"):
+        pooled([arm("a", [0] * 4), arm("a", [0] * 4, [0] * 4, seed=1)])
+
+
+def test_a_class_has_one_place_though_a_fold_lacks_another():
+    both = [arm("a", [0, 0, 1, 1]), arm("a", [0, 0, 1, 1], fold=1, groups=GROUPS + 9, classes=["cup", "mug"])]
+    (found,) = pooled(both)
+    assert found.classes == ["ball", "mug", "cup"]
+    assert found.labels.tolist() == [0, 0, 1, 1, 2, 2, 1, 1]
+    assert found.error("object") == 0
+    np.testing.assert_array_equal(found.confusion("object"), np.diag([2, 4, 2]))

@@ -167,17 +167,6 @@ def test_a_training_that_diverges_says_which_learning_rates_to_lower():
         finetuned("finetune.lr=1e20", every=4)
 
 
-@pytest.mark.parametrize("system", ["stag", "wang", "rotationnet"])
-def test_a_system_of_a_fixed_number_of_views_refuses_random_sizes_in_one_line(fitted, system):
-    changes = ("finetune.sizes=random", f"model.system={system}", "views=8")
-    with pytest.raises(ValueError, match=f"model.system is {system}, which takes 8 views and no fewer") as caught:
-        finetuned(*changes, every=12)
-    assert str(caught.value).endswith("finetune.sizes is random: expected full, or another system")
-    assert "\n" not in str(caught.value) and not fitted
-    finetuned("finetune.sizes=full", *changes[1:], every=12)
-    assert fitted
-
-
 def planned(*changes):
     """A side, its anchors' view sets and the batches of an epoch."""
     how, frames = recipe(*changes), table()

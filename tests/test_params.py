@@ -2,13 +2,14 @@
 
 from dataclasses import FrozenInstanceError
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.params import Range, flat, load
+from tactile_viewgcn.params import Range, System, flat, load
 
 FILE = Path(__file__).parents[1] / "params.yaml"
 
@@ -300,3 +301,26 @@ def test_touches_need_random_sizes_and_validation_groups(change):
 def test_the_joint_selector_needs_all_views():
     (sentence,) = mistakes("finetune.sizes=random", "model.selector=joint")
     assert sentence == "model.selector is joint, which needs all views, and finetune.sizes is random: expected per_view"
+
+
+@pytest.mark.parametrize("system", get_args(System))
+def test_systems_that_take_fewer_views_are_those_that_random_sizes_go_with(system):
+    from tactile_viewgcn.classifier import system_of
+
+    changes = ("finetune.sizes=random", f"model.system={system}")
+    if system_of(system).takes_fewer:
+        assert params(*changes).model.system == system
+    else:
+        (sentence,) = mistakes(*changes)
+        assert (
+            sentence == f"model.system is {system}, which needs all views, and finetune.sizes is random: expected full"
+        )
+
+
+def test_rotations_need_the_cube():
+    rotations = ("model.system=rotationnet", "model.assignments=rotations")
+    for changes in (("views=12",), ("viewpoints=circle",)):
+        (sentence,) = mistakes(*rotations, *changes)
+        assert sentence.startswith("model.assignments is rotations, which needs the cube")
+    assert params(*rotations).views == 8
+    assert params("model.assignments=rotations", "views=12").views == 12

@@ -9,14 +9,13 @@ import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
 from studies.error_time.picture import picture
-from studies.results import write_table
+from studies.results import named, write_table
 from tactile_viewgcn.files import readable, whole
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.statistics import group_interval
 
 COSTS = ("pretrain", "finetune", "single_ms", "batch_ms", "touches")
 PAPER = {"time": "1", "views": "8", "width": "64", "reuse": "1", "precision": "float32"}
-VIRTUAL, SIMULATED = "data/virtual/recordings", "Simulated by the virtual glove"
 TEXT = """Error of the {side} side in per cent against what it costs; {seeds} training seeds. `low` and `high` are the
 95 % interval that resamples the split groups, `spread` is the standard deviation over the seeds, `more` the paired
 difference in points to the row of the same axis marked `reference`, with its interval, not corrected for how many rows
@@ -32,7 +31,7 @@ trained without the validation groups that it is calibrated on; its touches are 
 @click.option("--out", type=OUTPUT, required=True, help="Folder of results.csv, results.md and results.png.")
 def table(params, run, folder, side, out):
     """Put the trainings of all seeds together."""
-    paths, title = sorted(folder.glob("*.npz")), SIMULATED if params.data.source == VIRTUAL else params.data.source
+    paths, title = sorted(folder.glob("*.npz")), named(params.data)
     rows = together(paths, stream(params.seed, "error_time"))
     write_table(out, rows, f"{title}\n\n" + TEXT.format(side=side, seeds=len(paths)))
     with whole(out / "results.png") as part:

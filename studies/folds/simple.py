@@ -18,7 +18,7 @@ from sklearn.pipeline import make_pipeline
 from torch import Tensor
 
 from stages.command import INPUT, OUTPUT, peak_mb, stage
-from studies.arms import Arm, write_arm
+from studies.arms import Arm, recipe_of, write_arm
 from tactile_viewgcn.clustering import cluster_table
 from tactile_viewgcn.evaluation import all_trials
 from tactile_viewgcn.frames import Frames, read_frames, transform
@@ -47,15 +47,18 @@ def simple(params, run, classifier, fold, frames, out):
     begin = time.perf_counter()
     probabilities = frame_probabilities(table, classifier, params.seed)
     seconds = time.perf_counter() - begin
-    places = viewpoints(params.views, params.viewpoints, params.seed)
-    views = cluster_table(table, places, params.cluster, stream(params.seed, "cluster"))
-    joined = SimpleNamespace(views=params.views, head=Averaged(), references=views.references)
+    references = None
+    if params.cluster.assignment == "matched":
+        places = viewpoints(params.views, params.viewpoints, params.seed)
+        references = cluster_table(table, places, params.cluster, stream(params.seed, "cluster")).references
+    joined = SimpleNamespace(views=params.views, head=Averaged(), references=references)
     found = all_trials(joined, torch.from_numpy(probabilities), table, params.cluster, params.evaluate, params.seed)
     index = table.on(TEST)
     anchors = index[table.anchor[index]]
     predicted = {protocol: trials.predicted for protocol, trials in found.items()}
     costs = {"finetune": seconds, "peak_mb": peak_mb()}
-    arm = Arm(name, params.seed, fold, costs, predicted, table.label[anchors], table.group[anchors], table.classes)
+    labels, groups = table.label[anchors], table.group[anchors]
+    arm = Arm(name, params.seed, fold, 0, recipe_of(params), costs, predicted, labels, groups, table.classes)
     write_arm(out, arm)
     errors = {protocol: 1 - float(arm.right(protocol).mean()) for protocol in predicted}
     print(f"{name}, fold {fold}: " + ", ".join(f"{protocol} {100 * error:.1f} %" for protocol, error in errors.items()))
@@ -74,24 +77,23 @@ class Averaged(ViewSystem):
 def frame_probabilities(table: Frames, classifier: str, seed: int) -> np.ndarray:
     """float32 (n, C) of the test side's frames, learnt from the training anchors; counts above rest as log(1 + x)."""
     own = np.flatnonzero(table.anchor & (table.side == TRAIN))
-    model = untuned(classifier, seed, len(own)).fit
+    points = _points(table, own)
+    model = untuned(classifier, seed, most=min(len(own) - 1, points.shape[1]))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # untuned: enough iterations are not asked for
-        fitted = model(_points(table, own), table.label[own])
+        warnings.simplefilter("ignore", ConvergenceWarning)  # 500 iterations are all it gets
+        fitted = model.fit(points, table.label[own])
     found = np.zeros((len(table.on(TEST)), len(table.classes)), dtype=np.float32)
     found[:, fitted.classes_] = fitted.predict_proba(_points(table, table.on(TEST)))
     return found
 
 
-def untuned(classifier: str, seed: int, examples: int) -> ClassifierMixin:
-    """The classifier with its library's defaults, but for what its name says."""
+def untuned(classifier: str, seed: int, *, most: int) -> ClassifierMixin:
+    """The classifier as it comes, with nothing chosen on the data."""
     return {
         "trees": lambda: ExtraTreesClassifier(500, random_state=seed),
         "logistic": lambda: LogisticRegression(max_iter=500),
         "knn": lambda: KNeighborsClassifier(5, metric="cosine"),
-        "lda": lambda: make_pipeline(
-            PCA(min(COMPONENTS, examples - 1), random_state=seed), LinearDiscriminantAnalysis()
-        ),
+        "lda": lambda: make_pipeline(PCA(min(COMPONENTS, most), random_state=seed), LinearDiscriminantAnalysis()),
     }[classifier]()
 
 

@@ -108,7 +108,7 @@ class Backbone(nn.Module):
         more = (BasicBlock(2 * width, 2 * width) for _ in range(blocks - 1))
         self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), *more)
         self.grid = None
-        if readout == "grid":
+        if readout == "grid" and not maps:
             join = nn.Linear(GRID**2 * self.features, self.features, bias=False)
             self.grid = nn.Sequential(join, nn.BatchNorm1d(self.features), nn.ReLU())
 

@@ -9,7 +9,7 @@ class Perceptron(nn.Module):
 
     Args:
         shape: (H, W) of a frame.
-        width: a quarter of what the network is wide at its narrowest, as in the residual network: 64.
+        width: half of the features, as in the residual network.
         dropout: share of both layers' units dropped in training.
     """
 
