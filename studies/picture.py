@@ -56,12 +56,17 @@ def by_seconds(rows: list[dict[str, str]]) -> Figure:
         ("seconds of fine-tuning", "ms per view set, in batches of 256"),
         strict=True,
     ):
-        for number, row in enumerate(sorted(own, key=lambda row: float(row[cost]))):
+        known = [(number, row) for number, row in enumerate(own) if row[cost]]
+        for number, row in known:
             _errors(axes, [row], [float(row[cost])], f"C{number % 10}", row["arm"], upright=True)
-        axes.set_xscale("symlog" if cost == "finetune s" else "log")
+            place = (float(row[cost]), float(row["error"]))
+            axes.annotate(row["arm"], place, (4, 4), textcoords="offset points", fontsize=7, color=f"C{number % 10}")
+        axes.set_xscale("symlog" if any(not float(row[cost]) for _, row in known) else "log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter("{x:g}")
+        axes.tick_params(axis="x", which="both", labelsize=7)
         axes.set(xlabel=label, ylabel=f"error, % ({protocol} protocol)")
         axes.grid(alpha=0.3)
-    figure.axes[1].legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
     return figure
 
 
