@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import flat, load
-from tactile_viewgcn.preset import preset_changes
+from tactile_viewgcn.preset import PRESETS, preset_changes
 from tactile_viewgcn.recordings import write_recordings
 from tactile_viewgcn.source import open_source
 from tests.stag_files import metadata, save_matlab5, save_own
@@ -104,6 +104,14 @@ def test_the_released_preset_is_allowed_and_differs_from_the_default():
     assert released["pretrain.lr"] == pytest.approx(5e-4) and default["pretrain.lr"] == pytest.approx(5e-3)
     words = call("preset", "released").stdout.split()
     assert words[::2] == ["-S"] * (len(words) // 2) and words[1::2] == preset_changes("released")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_is_allowed_and_changes_the_default(name):
+    default, changed = (flat(load(ROOT / "params.yaml", changes)) for changes in ((), tuple(preset_changes(name))))
+    assert {key for key in default if default[key] != changed[key]}
+    head = (ROOT / "tactile_viewgcn" / "presets" / f"{name}.yaml").read_text().splitlines()[0]
+    assert head.startswith("# ")
 
 
 def test_help_takes_no_heavy_imports():

@@ -42,6 +42,12 @@ def test_a_study_watches_the_parameters_that_it_reads(name):
     assert reads - given <= set(STAGES[name].get("params", [])) <= reads
 
 
+@pytest.mark.parametrize("name", sorted(STAGES))
+def test_a_study_depends_on_the_preset_that_it_takes(name):
+    taken = {f"tactile_viewgcn/presets/{preset}.yaml" for preset in re.findall(r"--preset (\S+)", STAGES[name]["cmd"])}
+    assert {path for path in STAGES[name]["deps"] if path.startswith("tactile_viewgcn/presets/")} == taken
+
+
 @pytest.mark.parametrize("study", sorted(path.parent.name for path in ROOT.glob("studies/*/dvc.yaml")))
 def test_a_study_has_a_paragraph_in_the_readme(study):
     assert f"`dvc repro studies/{study}/dvc.yaml`" in (ROOT / "README.md").read_text()
