@@ -61,7 +61,7 @@ def read_arms(folders: Iterable[Path]) -> list[Arm]:
             predicted = {name.partition(".")[2]: file[name] for name in file.files if name.startswith("predicted.")}
             arrays = {"labels": file["labels"], "groups": file["groups"], "predicted": predicted}
             arm = Arm(**json.loads(str(file["plain"])), **arrays)
-        if (key := (arm.name, arm.seed, arm.fold)) in arms:
+        if (key := (arm.name, arm.seed, arm.repeat, arm.fold)) in arms:
             raise ValueError(
                 f"{path}: arm {arm.name}, seed {arm.seed}, fold {arm.fold} is there twice: delete one file"
             )

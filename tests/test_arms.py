@@ -47,6 +47,8 @@ def test_a_training_that_is_there_twice_and_none_at_all_are_refused(tmp_path):
         write_arm(tmp_path / f"{name}.npz", arm("mean", [0, 0, 1, 0]))
     with pytest.raises(ValueError, match=r"b\.npz: arm mean, seed 0, fold 0 is there twice"):
         read_arms([tmp_path])
+    write_arm(tmp_path / "b.npz", arm("mean", [0, 0, 1, 0], repeat=1))
+    assert [one.repeat for one in read_arms([tmp_path])] == [0, 1]
 
 
 def test_errors_are_means_over_seeds_and_trials_and_differences_are_paired():
