@@ -164,7 +164,8 @@ class Recogniser:
         """Class probabilities float32 (B, classes), a column for each of `classes`.
 
         Args:
-            counts: raw counts (B, V, H, W); of a classifier with temperatures also (B, k, H, W) with fewer views, and
+            counts: raw counts (B, V, H, W), the views of a set at viewpoints 0 to V - 1, or from the earliest on for
+                a system in the order of time; of a classifier with temperatures also (B, k, H, W) with fewer views, and
                 the probabilities are calibrated, for frames of a recording at random.
             rest: of the empty hand in the same session, (H, W) counts; the mean of the known rests if None.
 

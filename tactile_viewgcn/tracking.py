@@ -66,8 +66,8 @@ class Run:
         self.curves({key: [value] for key, value in values.items()})
 
     def curves(self, values: dict[str, list[float]], picture: str = "") -> None:
-        """A value per epoch each, in one call, and a picture of them under that name."""
-        if self._client is None:
+        """A value per epoch each, in one call, and a picture of them under that name; nothing where there are none."""
+        if self._client is None or not values:
             return
         from mlflow.entities import Metric
 
