@@ -13,7 +13,8 @@ from studies.results import named, write_table
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.statistics import group_interval
 
-EXPLAINED = """Error in per cent on the {side} side: the mean over trainings and trials; {groups} split groups.
+EXPLAINED = """{sets:,} view sets, {classes} classes, {trials} trials, {groups} split groups. Error in per cent on
+the {side} side: the mean over trainings and trials.
 `low` and `high` are the 95 % interval that resamples these groups, conditional on the trainings; under `object`, where
 a view set mixes an object's recordings, it is optimistic. `repeat sd` is the standard deviation over the trainings of
 an arm, which differ in their seed or in what the arm's name says; `clustering sd` that over trials. Where `trainings`
@@ -46,10 +47,9 @@ def table(params, run, study, asks, folders, reference, side, name, out):
     arms = pooled(read_arms(folders))
     rows = rows_of(arms, reference, stream(params.seed, f"study.{study}"))
     groups = len(np.unique(arms[0].groups))
-    text = [
-        f"{named(params.data)}. {asks}",
-        EXPLAINED.format(side=side, groups=groups if reference else "an arm's own"),
-    ]
+    trials = len(next(iter(arms[0].predicted.values()))[0])
+    size = {"sets": len(arms[0].labels), "classes": len(arms[0].classes), "trials": trials, "groups": groups}
+    text = [f"{named(params.data)}. {asks}", EXPLAINED.format(side=side, **size)]
     if reference:
         text.append(COMPARED.format(reference=f"`{reference}`", groups=groups, least=max(2.0**-groups * 2, 1e-4)))
     write_table(out, rows, "\n\n".join([*text, PAID]), name=name)

@@ -39,7 +39,16 @@ def test_a_study_watches_the_parameters_that_it_reads(name):
     entry = re.search(r"python -m (\S+)", STAGES[name]["cmd"]).group(1)
     reads = set(getattr(import_module(entry), entry.rpartition(".")[2]).reads)
     given = {change.split("=")[0].split(".")[0] for change in re.findall(r"--set (\S+)", STAGES[name]["cmd"])}
-    assert reads - given <= set(STAGES[name].get("params", [])) <= reads
+    watched = {key if key in reads else key.split(".")[0] for key in STAGES[name].get("params", [])}
+    assert reads - given <= watched <= reads
+
+
+def test_arms_that_name_their_system_watch_everything_else_of_the_model():
+    keys = {f"model.{key}" for key in yaml.safe_load((ROOT / "params.yaml").read_text())["model"]} - {"model.system"}
+    named = [stage for stage in STAGES.values() if "studies.train" in stage["cmd"] and "model.system=" in stage["cmd"]]
+    assert len(named) >= 4
+    for stage in named:
+        assert {key for key in stage["params"] if key.startswith("model")} == keys
 
 
 @pytest.mark.parametrize("name", sorted(STAGES))
