@@ -48,7 +48,8 @@ def table(params, run, study, asks, folders, reference, side, name, out):
     rows = rows_of(arms, reference, stream(params.seed, f"study.{study}"))
     groups = len(np.unique(arms[0].groups))
     trials = len(next(iter(arms[0].predicted.values()))[0])
-    size = {"sets": len(arms[0].labels), "classes": len(arms[0].classes), "trials": trials, "groups": groups}
+    size = {"sets": len(arms[0].labels), "classes": len(arms[0].classes), "trials": trials}
+    size["groups"] = groups if reference else "each arm's own"
     text = [f"{named(params.data)}. {asks}", EXPLAINED.format(side=side, **size)]
     if reference:
         text.append(COMPARED.format(reference=f"`{reference}`", groups=groups, least=max(2.0**-groups * 2, 1e-4)))
