@@ -31,7 +31,7 @@ def frames(params, run, recordings, side, share, hold_out, out):
     if side == "validation":
         split = replace(split, validation=split.validation or VALIDATION_SHARE)
     if hold_out:  # nothing is held out beside, so that every way learns from as much
-        split = replace(split, by="recording" if hold_out == "frame" else hold_out, validation=0.0)
+        split = replace(split, by=split.by if hold_out == "frame" else hold_out, validation=0.0)
     with Recordings(recordings) as table:
         found = prepare(table, params.preprocess, split, stream(split.seed, "preprocess"))[0]
     if side == "validation":
