@@ -666,7 +666,10 @@ def test_it_trains_and_evaluates_with_one_view_more_views_than_frames_and_two_cl
 
 @pytest.mark.parametrize("views", [1, 40])
 def test_rotations_without_a_cube_do_not_begin_to_train(views):
-    with pytest.raises(ValueError, match=f"needs the 8 viewpoints of the cube; found {views} others"):
+    with pytest.raises(
+        ValueError,
+        match="model.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube, or assign",
+    ):
         finetuned("model.system=rotationnet", "model.assignments=rotations", views=views)
 
 
