@@ -349,7 +349,8 @@ def _clashes(params: Params) -> list[str]:
     cube = params.viewpoints == "cube" or (params.viewpoints == "auto" and params.views == 8)
     if params.model.system == "rotationnet" and params.model.assignments == "rotations" and not cube:
         found.append(
-            "model.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube, or assignments any"
+            "model.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube, "
+            "or assignments any"
         )
     if params.finetune.sizes == "random" and params.model.system in ("stag", "wang", "rotationnet"):
         found.append(
