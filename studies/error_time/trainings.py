@@ -11,6 +11,7 @@ import torch
 
 from stages.command import INPUT, OUTPUT, stage
 from studies.error_time.settings import Setting, changed, reuses, settings
+from studies.frames import VALIDATION_SHARE, validated
 from tactile_viewgcn.classifier import Classifier
 from tactile_viewgcn.clustering import cluster_table, pool_ids
 from tactile_viewgcn.compute import Compute, choose, keep_freed_memory
@@ -23,13 +24,11 @@ from tactile_viewgcn.preprocessing import prepare
 from tactile_viewgcn.pretraining import pretrain_backbone
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recordings import Recordings
-from tactile_viewgcn.split import TEST, VALIDATION
+from tactile_viewgcn.split import TEST
 from tactile_viewgcn.touches import calibrate, touch
 from tactile_viewgcn.viewpoints import viewpoints
 
-VALIDATION_SHARE = 0.5  # of the training groups, where the parameters leave none
 STOPS = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99)
-UNUSED = -1  # a side
 
 
 @stage(
@@ -80,10 +79,7 @@ class Runs:
                 prepare(table, params.preprocess, how, stream(how.seed, "preprocess"))[0]
                 for how in (params.split, replace(params.split, validation=share))
             )
-        side = self._validated.side
-        self.held_out = replace(
-            self._validated, side=np.where(side == VALIDATION, TEST, np.where(side == TEST, UNUSED, side))
-        )
+        self.held_out = validated(self._validated)
         self.rows, self.right, self.groups, self._backbones, self._trained = [], [], None, {}, {}
 
     def train_and_test(self, setting: Setting, table: Frames) -> None:
