@@ -22,6 +22,7 @@ class Input(click.Path):
     """An option that names a file the stage reads."""
 
 
+LATER = ("diverged_in_epoch",)  # metrics that stages to come are told by the record
 INPUT, OUTPUT = Input(path_type=Path), click.Path(path_type=Path)
 
 
@@ -89,7 +90,8 @@ def _run(
         costs = {"seconds": before + time.perf_counter() - begin, "peak_mb": peak_mb()}
         run.metrics(metrics | costs)
         with whole(record) as part:
-            part.write_text(json.dumps({"stage": body.__name__, "run_id": run.id, **costs}, indent=2) + "\n")
+            known = {name: metrics[name] for name in LATER if name in metrics}
+            part.write_text(json.dumps({"stage": body.__name__, "run_id": run.id, **costs, **known}, indent=2) + "\n")
 
 
 def _expected(error: Exception) -> bool:

@@ -23,6 +23,8 @@ def evaluate(params, run, frames, classifier, after, out):
     records = read_records(after)
     run.tags({f"run.{name}": record["run_id"] for name, record in records.items() if record["run_id"]})
     run.tags({"device": compute.device, "precision": compute.precision})
+    diverged = {name: record["diverged_in_epoch"] for name, record in records.items() if "diverged_in_epoch" in record}
+    run.tags({f"diverged.{name}": f"in epoch {epoch:g}" for name, epoch in diverged.items()})
     evaluation = evaluate_table(
         model, table, params.cluster, params.evaluate, compute, params.seed, content["temperatures"]
     )
@@ -42,6 +44,8 @@ def evaluate(params, run, frames, classifier, after, out):
     print(
         "\n".join(([f"classifier: mlflow.pyfunc.load_model({address!r})"] if address else []) + lines(metrics, timing))
     )
+    for name, epoch in diverged.items():
+        print(f"  {name} diverged in epoch {epoch:g}, and this is what the weights before it give")
     return numbers(metrics) | numbers(timing)
 
 

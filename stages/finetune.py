@@ -40,10 +40,7 @@ def finetune(params, run, frames, views, backbone, out):
         return {"weights.head": weights_of(classifier.head)}
     run.curves(progress.curves, picture="finetune_curves.png")
     print(f"finetune: {progress} on {compute.device} in {compute.precision}")
-    return {
-        "weights.head": weights_of(classifier.head),
-        "seconds_before_interruption": progress.resumed[1],
-    }
+    return {"weights.head": weights_of(classifier.head)} | progress.metrics
 
 
 if __name__ == "__main__":

@@ -34,8 +34,7 @@ def pretrain(params, run, frames, out):
     print(f"pretrain: {progress} on {compute.device} in {compute.precision}")
     return {
         "weights": sum(weight.numel() for weight in backbone.parameters()),
-        "seconds_before_interruption": progress.resumed[1],
-    }
+    } | progress.metrics
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from studies.differences import holm, sign_flip
 from studies.pooling import Pooled, pooled
 from studies.results import named, write_table
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.statistics import group_interval
+from tactile_viewgcn.statistics import group_interval, share_interval
 
 EXPLAINED = """{sets:,} view sets, {classes} classes, {trials} trials, {groups} split groups. Error in per cent on
 the {side} side: the mean over trainings and trials.
@@ -82,7 +82,8 @@ def rows_of(arms: list[Pooled], reference: str | None, rng: np.random.Generator)
 def _row(arm: Pooled, against: Pooled | None, protocol: str, rng: np.random.Generator) -> dict:
     right = arm.right(protocol)
     row = {"arm": arm.name, "protocol": protocol, "trainings": len(arm.seeds)}
-    row |= dict(zip(("error", "low", "high"), _percent(1 - right.mean(axis=(0, 1)), arm.groups, rng), strict=True))
+    wrong = _percent(1 - right.mean(axis=(0, 1)), arm.groups, rng, share_interval)
+    row |= dict(zip(("error", "low", "high"), wrong, strict=True))
     row["repeat sd"] = 100 * float(right.mean(axis=(1, 2)).std(ddof=1)) if len(arm.seeds) > 1 else ""
     row["clustering sd"] = 100 * float(right.mean(axis=2).std(axis=1, ddof=1).mean()) if right.shape[1] > 1 else ""
     if against is not None:
@@ -108,10 +109,10 @@ def _of_seed(arm: Pooled, protocol: str, seed: int) -> np.ndarray:
     return arm.right(protocol)[np.array(arm.seeds) == seed].mean(axis=(0, 1))
 
 
-def _percent(values: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> tuple:
+def _percent(values: np.ndarray, groups: np.ndarray, rng: np.random.Generator, interval=group_interval) -> tuple:
     """Mean of values (A,) and its interval, in per cent; an interval needs two groups."""
-    interval = group_interval(values, groups, rng)
-    return 100 * float(values.mean()), *((100 * end for end in interval) if interval else ("", ""))
+    ends = interval(values, groups, rng)
+    return 100 * float(values.mean()), *((100 * end for end in ends) if ends else ("", ""))
 
 
 if __name__ == "__main__":

@@ -62,8 +62,9 @@ def train(params, run, study, arm, fold, clustering, timed, frames, backbone, pr
     errors = {protocol: 1 - float(answers.right(protocol).mean()) for protocol in predicted}
     each = ", ".join(f"{protocol} {100 * error:.1f} %" for protocol, error in errors.items())
     print(f"{study}: {arm}, seed {params.seed}, fold {fold}: error {each}")
-    before = {"seconds_before_interruption": progress.resumed[1]}
-    return {f"error.{protocol}": error for protocol, error in errors.items()} | costs | before
+    if progress.diverged:
+        print(f"  {progress}")
+    return {f"error.{protocol}": error for protocol, error in errors.items()} | costs | progress.metrics
 
 
 if __name__ == "__main__":

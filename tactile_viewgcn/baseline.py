@@ -6,7 +6,7 @@ import numpy as np
 
 from tactile_viewgcn.recordings import EMPTY_HAND, Recordings
 
-QUANTISATION = 12**-0.5  # sd in counts that rounding to whole counts leaves in a sensor that never varies
+QUANTISATION = 12**-0.5  # sd, in the last digit's steps, that rounding leaves in a sensor that never varies
 CUT = 3.0  # standard deviations beyond which a frame is no rest: the empty hand bumps into things
 PASSES = 5
 FEWEST = 5  # frames that a mean is taken over
@@ -18,8 +18,8 @@ class Rest:
 
     Attributes:
         names: whose rest each entry is, R of them.
-        mean: float32 (R, H, W) counts.
-        noise: float32 (R, H, W) counts, the standard deviation; None where no rest was measured.
+        mean: (R, H, W) counts, float32 where that holds the recordings' own counts exactly, else float64.
+        noise: (R, H, W) counts, the standard deviation; None where no rest was measured.
         of_frame: int16 (T,), the entry that belongs to each frame of the recordings.
     """
 
@@ -33,19 +33,27 @@ def trimmed(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Per-sensor mean and standard deviation (H, W) of counts (T, H, W), outliers cut.
 
     The signal's median is one count, so a median of whole counts would show its rounding; a mean without the
-    frames beyond three standard deviations does not. The noise is at least that of the rounding.
+    frames beyond three standard deviations does not. The noise is at least that of the rounding: to whole counts, or
+    of real numbers to their precision. Sums are of differences from the first frame, which a large offset leaves exact.
     """
-    values = counts.astype(np.float64)
+    kind, first = _precise(counts.dtype), counts[0].astype(np.float64)
+    rounding = QUANTISATION * (1.0 if counts.dtype.kind in "iu" else np.spacing(np.abs(counts).max(axis=0)))
+    values = counts - first
     inside = np.ones(values.shape, dtype=bool)
     for _ in range(PASSES):
         mean = values.mean(axis=0, where=inside)
-        noise = np.maximum(values.std(axis=0, where=inside), QUANTISATION)
+        noise = np.maximum(values.std(axis=0, where=inside), rounding)
         tighter = np.abs(values - mean) <= CUT * noise
         tighter |= ~tighter.any(axis=0)  # two values far apart: neither is the outlier
         if (tighter == inside).all():
             break
         inside = tighter
-    return mean.astype(np.float32), noise.astype(np.float32)
+    return (first + mean).astype(kind), noise.astype(kind)
+
+
+def _precise(kind: np.dtype) -> np.dtype:
+    """float32 for counts that it holds exactly, else float64."""
+    return np.result_type(kind, np.float32)
 
 
 def empty_hand_rest(recordings: Recordings) -> Rest:
@@ -93,7 +101,7 @@ def quiet_rest(recordings: Recordings, share: float) -> Rest:
 
 def no_rest(recordings: Recordings, zero: float) -> Rest:
     """The same constant for every sensor, as the released code subtracts it."""
-    mean = np.full((1, *recordings.shape), zero, dtype=np.float32)
+    mean = np.full((1, *recordings.shape), zero, dtype=_precise(recordings.dtype))
     return Rest(["zero"], mean, None, np.zeros(len(recordings), dtype=np.int16))
 
 

@@ -65,18 +65,27 @@ class Progress:
         epoch: epochs done.
         curves: a value per epoch each.
         seconds: spent on them.
+        diverged: in which epoch, at what learning rate, and what to do; empty where all went well.
         resumed: epochs that were done before the last interruption, and the seconds spent on those.
     """
 
     epoch: int = 0
     curves: dict[str, list[float]] = field(default_factory=dict)
     seconds: float = 0.0
+    diverged: str = ""
     resumed: tuple[int, float] = (0, 0.0)
 
     def __str__(self) -> str:
         before = f" ({self.resumed[0]} of them before an interruption)" if self.resumed[0] else ""
         last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
-        return f"{self.epoch} epochs{before}" + (f", at the end {last}," if last else "")
+        lost = f" ({self.diverged}; the weights after epoch {self.epoch} are kept)" if self.diverged else ""
+        return f"{self.epoch} epochs{before}{lost}" + (f", at the end {last}," if last else "")
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """What a stage notes besides the curves."""
+        found = {"seconds_before_interruption": self.resumed[1]}
+        return found | ({"diverged_in_epoch": self.epoch + 1.0} if self.diverged else {})
 
 
 class Checkpoint:
@@ -99,9 +108,25 @@ class Checkpoint:
         device: torch.device,
     ):
         self.path, self._state, self._generators, self._rngs, self._device = path, state, generators, rngs, device
+        self._good: dict[str, dict[str, torch.Tensor]] = {}
+
+    def go_back(self) -> None:
+        """Give the modules the weights that they had when the state was kept last."""
+        for name, weights in self._good.items():
+            self._state[name].load_state_dict(weights)
+
+    def _remember(self) -> None:
+        """The weights, in memory; what has none, such as the optimiser, is of no use without the rest of a training."""
+        modules = {name: thing for name, thing in self._state.items() if isinstance(thing, torch.nn.Module)}
+        self._good = {
+            name: {key: value.clone() for key, value in module.state_dict().items()}
+            for name, module in modules.items()
+            if any(True for _ in module.parameters())
+        }
 
     def save(self, progress: Progress) -> None:
-        """Write the state as it is."""
+        """Keep the state as it is."""
+        self._remember()
         if self.path is None:
             return
         content = {
@@ -135,6 +160,7 @@ class Checkpoint:
             torch.set_rng_state(content["torch"])
             if self._device.type == "cuda":
                 torch.cuda.set_rng_state(content["cuda"], self._device)
+        self._remember()
         progress = Progress(**content["progress"])
         progress.resumed = progress.epoch, progress.seconds
         return progress

@@ -22,6 +22,7 @@ from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Backbone, Model
 
 STAG_SHAPE = (32, 32)
+FURTHEST = 1e9  # of a viewpoint's coordinates: squares, and what an edge's MLP makes of them, stay inside float32
 SETS_AT_ONCE = 1 << 20  # numbers in the nodes of a batch of view sets; more gain no speed
 
 
@@ -35,11 +36,17 @@ class Classifier(nn.Module):
         shape: (H, W) of a frame.
 
     Raises:
-        ValueError: the system cannot be built for so many views, or at these viewpoints.
+        ValueError: the system cannot be built for so many views, or at these viewpoints; viewpoints that are not
+            finite, or further out than `FURTHEST`.
     """
 
     def __init__(self, viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE):
         super().__init__()
+        if not (viewpoints.abs() < FURTHEST).all():
+            raise ValueError(
+                f"viewpoints hold {float(viewpoints.abs().max())}; expected coordinates between -{FURTHEST:g} and "
+                f"{FURTHEST:g}"
+            )
         system = system_of(model.system)
         maps = system.takes == "maps"
         self.references = np.zeros((len(viewpoints), 0))  # see `assignment.common_references`
@@ -151,7 +158,7 @@ class Recogniser:
             ValueError: an unknown session.
         """
         if not name:
-            return np.mean(list(self._rest.values()), axis=0, dtype=np.float32)
+            return np.mean(list(self._rest.values()), axis=0)
         if name not in self._rest:
             raise ValueError(
                 f"session is {name!r}; expected one of {', '.join(self._rest)}, "
@@ -189,7 +196,7 @@ class Recogniser:
             raise ValueError(f"rest has shape {rest.shape}; expected {self.shape}")
         if not (np.isfinite(counts).all() and np.isfinite(rest).all()):
             raise ValueError("counts or rest holds values that are not finite; expected a number from every sensor")
-        inputs = transform(counts.astype(np.float32) - rest.astype(np.float32), self._kind, self._scale)
+        inputs = transform(np.subtract(counts, rest, dtype=np.float64), self._kind, self._scale)
         if not len(counts):
             return torch.empty(0, self.classifier.backbone.features)
         with self._compute.autocast():

@@ -12,6 +12,10 @@ from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.split import TRAIN, VALIDATION
 from tactile_viewgcn.views import NO_CLUSTER, Views, random_parts
 
+ONE = (
+    2.0**-20
+)  # of the largest score: rows that differ by less count as one, since k-means' distances have no more digits
+
 
 def pool_ids(label: np.ndarray, recording: np.ndarray, side: np.ndarray, scope: str) -> np.ndarray:
     """int64 (n,): the pool of each frame. `object`: a class on one side; `recording`: a recording's part of it."""
@@ -67,27 +71,36 @@ def pool_scores(points: np.ndarray, pool: np.ndarray, components: int) -> list[n
 
 
 def principal_components(points: np.ndarray, count: int) -> np.ndarray:
-    """Scores float64 (n, min(count, n, d)) of points (n, d) on their first principal components."""
+    """Scores float64 (n, min(count, n, d)) of points (n, d) on their first principal components.
+
+    One thread computes them, so that they do not depend on the number of threads.
+    """
     from sklearn.decomposition import PCA
+    from threadpoolctl import threadpool_limits
 
     points = np.asarray(points, dtype=np.float64)
     distinct, inverse = np.unique(points, axis=0, return_inverse=True)  # equal rows are to get equal scores
     if len(distinct) < 2:
         return np.zeros((len(points), 1))
+    middle = points.mean(axis=0)
+    points, distinct = points - middle, distinct - middle  # before anything is squared: an offset would take its digits
     solver = "covariance_eigh" if len(points) > points.shape[1] else "full"
-    found = PCA(min(count, *points.shape), svd_solver=solver).fit(points)
-    return found.transform(distinct)[inverse.ravel()]
+    with threadpool_limits(1):
+        found = PCA(min(count, *points.shape), svd_solver=solver).fit(points)
+        return found.transform(distinct)[inverse.ravel()]
 
 
 def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.ndarray:
     """Cluster int64 (n,), 0 to V - 1, of each row of scores (n, c): the best of `restarts` runs of k-means.
 
-    With no more distinct rows than views each is a cluster of its own and the other clusters stay empty.
+    With no more distinct rows than views each is a cluster of its own and the other clusters stay empty. Rows that
+    differ by rounding alone, `ONE` of the largest number, are not distinct.
     """
     from sklearn.cluster import KMeans
     from threadpoolctl import threadpool_limits
 
-    distinct, inverse = np.unique(scores, axis=0, return_inverse=True)
+    step = ONE * np.abs(scores).max(initial=0)
+    distinct, inverse = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
     if len(distinct) <= views:
         return inverse.ravel()
     with threadpool_limits(1):  # small problems: more threads cost time, and the order of sums with them

@@ -23,7 +23,7 @@ from tactile_viewgcn.nn.backbone import features_of
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.split import TEST
-from tactile_viewgcn.statistics import group_interval
+from tactile_viewgcn.statistics import calibration_error, share_interval
 from tactile_viewgcn.touches import Touched, touch
 from tactile_viewgcn.views import ViewSets
 
@@ -198,7 +198,7 @@ def summary(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dic
     drawn by repetition, over all trials.
     """
     each = trials.right.mean(axis=1)
-    interval = group_interval(trials.right.mean(axis=0), groups, rng)
+    interval = share_interval(trials.right.mean(axis=0), groups, rng)
     return {
         "top1": {
             "mean": float(each.mean()),
@@ -214,15 +214,19 @@ def summary(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dic
 def touch_summary(touched: Touched, stop_at: float, groups: np.ndarray, rng: np.random.Generator) -> dict[str, Any]:
     """Error and mean number of touches when stopping at that certainty, and the error of every fixed number.
 
-    Errors are fractions, means over trials, with the 95 % interval that resamples the split groups (A,).
+    Errors are fractions, means over trials, with the 95 % interval that resamples the split groups (A,); of a fixed
+    number there is also the calibration error.
     """
 
     def error(right: np.ndarray) -> dict[str, Any]:
-        interval = group_interval(right.mean(axis=0), groups, rng)
+        interval = share_interval(right.mean(axis=0), groups, rng)
         return {"error": float(1 - right.mean()), "ci95": [1 - interval[1], 1 - interval[0]] if interval else None}
 
     right, count = touched.stopped(stop_at)
-    fixed = {str(number + 1): error(touched.right[:, number]) for number in range(touched.right.shape[1])}
+    fixed = {}
+    for number in range(touched.right.shape[1]):
+        own, sure = touched.right[:, number], touched.certainty[:, number]
+        fixed[str(number + 1)] = error(own) | {"calibration_error": calibration_error(sure.ravel(), own.ravel())}
     return {"stop_at": stop_at, "mean": float(count.mean()), **error(right), "fixed": fixed}
 
 

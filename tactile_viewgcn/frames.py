@@ -37,7 +37,7 @@ class Frames:
         anchor: bool (n,) the balanced frames that view sets are drawn around.
         rest: (n,) entry of `rest_mean` that belongs to the frame.
         time: (n,) seconds since the recording's first frame.
-        rest_mean: float32 (R, H, W) counts; rest_names: whose they are.
+        rest_mean: (R, H, W) counts, in a precision that holds `counts`; rest_names: whose they are.
         live: bool (H, W) sensors whose counts ever vary.
         classes, recordings, sessions: names.
         kind, scale: the transform.
@@ -66,7 +66,7 @@ class Frames:
 
     def inputs(self, index: np.ndarray) -> np.ndarray:
         """Network input, float32 (k, H, W), of the frames in `index` (k,)."""
-        excess = self.counts[index].astype(np.float32)
+        excess = self.counts[index].astype(self.rest_mean.dtype)
         excess -= self.rest_mean[self.rest[index]]
         return transform(excess, self.kind, self.scale)
 

@@ -40,8 +40,14 @@ def prepare(
     """The kept frames, and the account of every frame.
 
     Raises:
-        ValueError: rest, flags or groups that the data does not have; fewer than two classes left; a side empty.
+        ValueError: no sensor that ever changes; rest, flags or groups that the data does not have; fewer than two
+            classes left; a side empty.
     """
+    if not recordings.live.any():
+        raise ValueError(
+            f"{recordings.path}: no sensor's count ever changes in {len(recordings)} frames; expected some that do: is "
+            "the glove connected?"
+        )
     rest = {
         "empty_hand": lambda: empty_hand_rest(recordings),
         "quiet": lambda: quiet_rest(recordings, how.quiet_share),

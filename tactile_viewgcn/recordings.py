@@ -56,11 +56,15 @@ class Source:
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
-    """int16 for counts that fit it, float32 for other numbers; ValueError for anything else."""
+    """int16 for counts that fit it, else int32; float32 for real numbers, float64 for those of double precision.
+
+    Raises:
+        ValueError: anything else.
+    """
     if dtype.kind in "iu":
         return np.dtype(np.int16 if dtype.itemsize < 2 or dtype == np.int16 else np.int32)
     if dtype.kind == "f":
-        return np.dtype(np.float32)
+        return np.dtype(np.float32 if dtype.itemsize <= 4 else np.float64)
     raise ValueError(f"{where}: pressure is of type {dtype}; expected integer counts or real numbers")
 
 

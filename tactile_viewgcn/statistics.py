@@ -1,8 +1,10 @@
-"""Intervals that know that frames of one group resemble each other."""
+"""Intervals that know that frames of one group resemble each other, and whether probabilities come true."""
 
 import numpy as np
 
 RESAMPLES = 2000
+OUTSIDE = 0.05  # of an interval
+BINS = 15  # of Guo et al.
 
 
 def group_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> tuple[float, float] | None:
@@ -26,5 +28,31 @@ def group_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Gener
         width = np.repeat(size[chosen], size[chosen])
         inside = (rng.random(len(width)) * width).astype(np.int64)
         means[number] = ordered[np.repeat(start[chosen], size[chosen]) + inside].mean()
-    low, high = np.percentile(means, [2.5, 97.5])
+    low, high = np.percentile(means, [100 * OUTSIDE / 2, 100 - 100 * OUTSIDE / 2])
     return float(low), float(high)
+
+
+def share_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> tuple[float, float] | None:
+    """95 % interval of a share, `group_interval` but where it would be a point: all of `correct` (A,) is 0, or all 1.
+
+    Resampling cannot show what none of the groups did. If each of G groups is one trial, a share of more than
+    1 - 0.025^(1/G) would have shown itself with a probability of 97.5 % (Clopper and Pearson 1934).
+    """
+    interval = group_interval(correct, groups, rng)
+    if interval and correct.min() == correct.max() and correct.max() in (0, 1):
+        reach = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))
+        return (1 - reach, 1.0) if correct.max() else (0.0, reach)
+    return interval
+
+
+def calibration_error(certainty: np.ndarray, right: np.ndarray) -> float:
+    """Expected calibration error: how far certainty is from the share of right answers (Guo et al. 2017, equation 3).
+
+    The mean over the answers of |mean certainty - share that is right| of their bin, of 15 of equal width.
+
+    Args:
+        certainty: (n,) probability of the answer that is given; right: bool (n,).
+    """
+    bins = np.minimum((certainty * BINS).astype(int), BINS - 1)
+    excess = np.bincount(bins, certainty.astype(np.float64) - right, BINS)
+    return float(np.abs(excess).sum() / len(certainty))

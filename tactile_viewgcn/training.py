@@ -5,6 +5,7 @@ of both.
 """
 
 import math
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -19,6 +20,9 @@ from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.params import Augment, Finetune, Pretrain
 from tactile_viewgcn.randomness import torch_seed
+
+FAR = 100.0  # times its first loss: a training that is so far off does not come back
+LOOK = 16  # steps from one look at the loss to the next: each look waits for the device
 
 
 def parts(count: int, size: int) -> int:
@@ -65,9 +69,11 @@ def fit(
     losses: Callable[[int], Iterator[Tensor]],
     validate: Callable[[], dict[str, float]],
     bar: tqdm,
-    checkpoint: Checkpoint | None = None,
+    checkpoint: Checkpoint,
 ) -> Progress:
     """Run the epochs: a step down each loss, with the learning rates times `factor(epoch)`.
+
+    A training that diverges stops within the epoch, and the weights are again those of the last whole one.
 
     Args:
         losses: epoch -> its batches' losses, one by one.
@@ -75,40 +81,62 @@ def fit(
         checkpoint: where the training is kept after every epoch, and gone on with if it was.
 
     Returns:
-        The mean loss and what `validate` gave, a value per epoch each, and the seconds spent, those before an
-        interruption too.
+        The mean loss and what `validate` gave, a value per epoch each, the seconds spent, those before an
+        interruption too, and whether it diverged.
 
     Raises:
-        ValueError: the loss is no longer finite.
+        ValueError: it diverges in its first epoch, so that nothing is learnt.
     """
     rates = [group["lr"] for group in optimiser.param_groups]
-    progress = checkpoint.restore() if checkpoint else Progress()
+    progress = checkpoint.restore()
     begin = time.perf_counter() - progress.seconds
     bar.update((bar.total or 0) * progress.epoch // max(1, epochs))
     for epoch in range(progress.epoch, epochs):
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * factor(epoch)
-        total, count = 0.0, 0
-        for loss in losses(epoch):
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-            optimiser.step()
-            total, count = total + loss.detach(), count + 1
-            bar.update()
-        mean = float(total) / count
-        if not math.isfinite(mean):
+        mean, fine = _epoch(losses(epoch), optimiser, progress.curves.get("loss"), bar)
+        if not fine:
             found = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
-            raise ValueError(
+            progress.diverged = (
                 f"training diverged in epoch {epoch + 1} at a learning rate of {found}: the loss is "
-                f"{mean}; lower lr in params.yaml"
+                f"{mean:g}; lower lr in params.yaml"
             )
+            if not epoch:
+                raise ValueError(progress.diverged)
+            checkpoint.go_back()
+            break
         for name, value in ({"loss": mean} | validate()).items():
             progress.curves.setdefault(name, []).append(value)
         progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
-        if checkpoint:
-            checkpoint.save(progress)
+        checkpoint.save(progress)
         bar.set_postfix({name: f"{line[-1]:.3f}" for name, line in progress.curves.items()})
     return progress
+
+
+def _epoch(
+    losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, before: list[float] | None, bar: tqdm
+) -> tuple[float, bool]:
+    """A step down each loss: their mean so far, and whether all is well; left as soon as it is seen not to be.
+
+    It is where the mean is finite and no more than `FAR` times the loss of the first epoch, or in that one of its first
+    batch, or 1 if that is less; and where the weights are finite at the end.
+    """
+    total, ceiling = 0.0, FAR * max(1.0, before[0]) if before else sys.float_info.max
+    for count, loss in enumerate(losses, start=1):
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        optimiser.step()
+        total = total + loss.detach()
+        bar.update()
+        if count == 1 or not count % LOOK:
+            mean = float(total) / count
+            if not mean <= ceiling:
+                return mean, False
+            if not before and count == 1:
+                ceiling = FAR * max(1.0, mean)
+    mean = float(total) / count
+    weights = (weight for group in optimiser.param_groups for weight in group["params"])
+    return mean, mean <= ceiling and all(bool(weight.isfinite().all()) for weight in weights)
 
 
 def error_rate(logits: Tensor, labels: Tensor) -> float:

@@ -155,10 +155,11 @@ def test_two_writes_give_equal_bytes(tmp_path):
         (np.uint16, np.int32),
         (np.int64, np.int32),
         (np.float16, np.float32),
-        (np.float64, np.float32),
+        (np.float32, np.float32),
+        (np.float64, np.float64),
     ],
 )
-def test_counts_are_kept_as_integers_and_other_numbers_as_single_precision(given_type, kept):
+def test_counts_are_kept_as_integers_and_other_numbers_in_their_precision(given_type, kept):
     assert storage_type(np.dtype(given_type), "a.mat") == kept
 
 

@@ -1,6 +1,7 @@
 """What the two trainings share: batches, learning rates, the loop over epochs, noise and losses."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,10 +10,12 @@ import torch.nn.functional as functional
 from torch import nn
 from tqdm import tqdm
 
+from tactile_viewgcn.checkpoint import Checkpoint
 from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Augment
 from tactile_viewgcn.training import (
+    LOOK,
     Disturbance,
     FeatureBank,
     compounding_cosine,
@@ -41,11 +44,17 @@ def silent_bar():
     return tqdm(disable=True)
 
 
+def forgetting(**modules):
+    """A checkpoint that keeps the modules' weights in memory alone."""
+    return Checkpoint(None, modules, {}, {}, torch.device("cpu"))
+
+
 def fit_slope(factor, *, epochs, lr=1.0, steps=1, validate=dict):
     """One weight from nought down a loss of slope 1, and the curves."""
     weight = nn.Parameter(torch.zeros(()))
     optimiser = torch.optim.SGD([weight], lr)
-    progress = fit(epochs, optimiser, factor, lambda _: (weight * 1 for _ in range(steps)), validate, silent_bar())
+    losses = lambda _: (weight * 1 for _ in range(steps))  # noqa: E731
+    progress = fit(epochs, optimiser, factor, losses, validate, silent_bar(), forgetting())
     assert progress.epoch == epochs
     return float(weight.detach()), progress.curves
 
@@ -144,23 +153,72 @@ def test_what_is_validated_stands_beside_the_loss():
     assert curves["validation_error"] == [0.5, 0.25]
 
 
-@pytest.mark.parametrize("bad", [math.inf, math.nan])
-def test_divergence_names_the_epoch_and_the_learning_rates(bad):
-    weights = [nn.Parameter(torch.ones(())) for _ in range(2)]
-    optimiser = torch.optim.SGD([{"params": weights[:1], "lr": 0.125}, {"params": weights[1:]}], 2.5)
+class Weights(nn.Module):
+    """Two weights of one."""
 
-    def losses(epoch):
-        yield weights[0] + weights[1] * (bad if epoch == 1 else 1.0)
-
-    with pytest.raises(ValueError, match=r"diverged in epoch 2 at a learning rate of 0.125, 2.5.*lower lr"):
-        fit(3, optimiser, lambda _: 1.0, losses, dict, silent_bar())
+    def __init__(self):
+        super().__init__()
+        self.first, self.second = (nn.Parameter(torch.ones(())) for _ in range(2))
 
 
-def test_a_huge_learning_rate_diverges():
-    weight = nn.Parameter(torch.ones(()))
-    optimiser = torch.optim.SGD([weight], 1e30)
-    with pytest.raises(ValueError, match=r"a learning rate of 1e\+30"):
-        fit(5, optimiser, lambda _: 1.0, lambda _: iter([weight**2]), dict, silent_bar())
+def diverging(bad, *, epoch, step=0, steps=1, epochs=3):
+    """A training whose loss is `bad` from a step of an epoch on: how it went, its weights, and the steps it took."""
+    weights, taken = Weights(), []
+    optimiser = torch.optim.SGD([{"params": [weights.first], "lr": 0.125}, {"params": [weights.second]}], 0.25)
+
+    def losses(now):
+        for number in range(steps):
+            taken.append(now)
+            lost = now == epoch and number >= step
+            yield weights.first + weights.second * (bad if lost else 1.0)
+
+    progress = fit(epochs, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(weights=weights))
+    return progress, weights, taken
+
+
+@pytest.mark.parametrize("bad", [math.inf, math.nan, 1e6])
+def test_a_training_that_diverges_stops_with_the_weights_of_the_last_whole_epoch_and_says_so(bad):
+    progress, weights, taken = diverging(bad, epoch=1)
+    assert progress.epoch == 1 and taken == [0, 1] and len(progress.curves["loss"]) == 1
+    assert (weights.first.item(), weights.second.item()) == (1 - 0.125, 1 - 0.25)
+    assert re.search(
+        r"1 epochs \(training diverged in epoch 2 at a learning rate of 0.125, 0.25: the loss is .*; lower lr in "
+        r"params.yaml; the weights after epoch 1 are kept\)",
+        str(progress),
+    )
+    assert progress.metrics["diverged_in_epoch"] == 2
+
+
+def test_a_training_that_does_not_diverge_says_nothing_of_it():
+    progress, _, _ = diverging(1.0, epoch=1)
+    assert progress.epoch == 3 and "diverged" not in str(progress) and "diverged_in_epoch" not in progress.metrics
+
+
+def test_divergence_is_seen_within_the_epoch():
+    progress, _, taken = diverging(math.nan, epoch=1, step=3, steps=1000)
+    assert progress.epoch == 1 and 1000 + 3 < len(taken) <= 1000 + LOOK
+
+
+def test_a_loss_that_rises_less_than_a_hundredfold_is_no_divergence():
+    progress, _, _ = diverging(80.0, epoch=1, epochs=2)
+    assert progress.epoch == 2 and not progress.diverged
+
+
+def test_a_last_step_that_ruins_the_weights_is_seen_although_its_loss_was_fine():
+    weights = Weights()
+    optimiser = torch.optim.SGD(weights.parameters(), 1.0)
+    losses = lambda epoch: iter([weights.first * (0.0 if epoch == 0 else 10.0)])  # noqa: E731
+    factors = {0: 1.0, 1: 1e38}
+    progress = fit(2, optimiser, factors.get, losses, dict, silent_bar(), forgetting(weights=weights))
+    assert progress.epoch == 1 and "diverged in epoch 2" in progress.diverged and weights.first.item() == 1
+
+
+def test_a_huge_learning_rate_diverges_in_the_first_epoch_and_is_refused():
+    weights = Weights()
+    optimiser = torch.optim.SGD(weights.parameters(), 1e30)
+    losses = lambda _: (weights.first**2 for _ in range(5))  # noqa: E731
+    with pytest.raises(ValueError, match=r"diverged in epoch 1 at a learning rate of 1e\+30.*lower lr"):
+        fit(5, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(weights=weights))
 
 
 def test_the_error_is_the_share_of_rows_whose_largest_logit_is_another():

@@ -12,7 +12,7 @@ from studies.error_time.picture import picture
 from studies.results import named, write_table
 from tactile_viewgcn.files import readable, whole
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.statistics import group_interval
+from tactile_viewgcn.statistics import group_interval, share_interval
 
 COSTS = ("pretrain", "finetune", "single_ms", "batch_ms", "touches")
 PAPER = {"time": "1", "views": "8", "width": "64", "reuse": "1", "precision": "float32"}
@@ -67,7 +67,7 @@ def together(paths: Iterable[Path], rng: np.random.Generator) -> list[dict]:
     for number, (axis, value, protocol) in enumerate(names):
         costs = {cost: [rows[number][cost] for rows, _, _ in found if cost in rows[number]] for cost in COSTS}
         reference = names.index((axis, _reference(axis, names), protocol))
-        error = _percent(1 - right[number], groups, rng)
+        error = _percent(1 - right[number], groups, rng, share_interval)
         more = _percent(right[reference] - right[number], groups, rng)
         lines.append(
             {"axis": axis, "value": value, "protocol": protocol}
@@ -91,10 +91,10 @@ def _reference(axis: str, names: list[tuple[str, str, str]]) -> str:
     return fixed[-1] if fixed else PAPER[axis]
 
 
-def _percent(values: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> tuple:
+def _percent(values: np.ndarray, groups: np.ndarray, rng: np.random.Generator, interval=group_interval) -> tuple:
     """Mean of values (A,) and its interval, in per cent."""
-    interval = group_interval(values, groups, rng)
-    return 100 * float(values.mean()), *((100 * end for end in interval) if interval else ("", ""))
+    ends = interval(values, groups, rng)
+    return 100 * float(values.mean()), *((100 * end for end in ends) if ends else ("", ""))
 
 
 if __name__ == "__main__":

@@ -98,7 +98,7 @@ def untuned(classifier: str, seed: int, *, most: int) -> ClassifierMixin:
 
 
 def _points(table: Frames, index: np.ndarray) -> np.ndarray:
-    excess = table.counts[index][:, table.live].astype(np.float32) - table.rest_mean[table.rest[index]][:, table.live]
+    excess = table.counts[index][:, table.live] - table.rest_mean[table.rest[index]][:, table.live]
     return transform(excess, "log", table.scale)
 
 

@@ -33,7 +33,7 @@ class System(ViewSystem):
     ):
         super().__init__()
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
-        self.register_buffer("order", furthest_points(viewpoints, len(viewpoints)), persistent=False)
+        self.register_buffer("order", furthest_points(self.viewpoints, len(viewpoints)), persistent=False)
         self.neighbours = neighbours[0] if isinstance(neighbours, list) else neighbours
         self.readout = readout
         self.layers = nn.ModuleList(nn.Linear(features, features) for _ in range(2))

@@ -3,6 +3,8 @@
 Positions are (..., N, 3). Squared distances are sums of squared differences, never the expansion of the
 square, so that coincident points are at exactly zero. Ties go to the lowest index: distances that differ by less
 than the largest one's 65,536th part are ties, since on a circle or a dodecahedron equal ones differ by rounding.
+Nodes are compared in float64, whatever the network computes in, so that a graph is the same in every precision and the
+squares of very small and very large coordinates stay numbers.
 """
 
 import torch
@@ -18,7 +20,7 @@ def squared_distances(positions: Tensor) -> Tensor:
 
 def _ranks(positions: Tensor) -> Tensor:
     """Squared distances (..., N, N) in whole steps of a 65,536th of the largest, by which nodes are compared."""
-    distances = squared_distances(positions)
+    distances = squared_distances(positions.double())
     largest = distances.amax(dim=(-2, -1), keepdim=True)
     return (distances / largest.clamp_min(torch.finfo(distances.dtype).tiny) * STEPS).round()
 

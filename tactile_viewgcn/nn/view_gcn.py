@@ -220,7 +220,7 @@ class System(ViewSystem):
                 f"each of the {len(sizes)} levels of {len(viewpoints)} views"
             )
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
-        self.register_buffer("order", furthest_points(viewpoints, len(viewpoints)), persistent=False)
+        self.register_buffer("order", furthest_points(self.viewpoints, len(viewpoints)), persistent=False)
         self.convolutions = nn.ModuleList(
             LocalGraphConvolution(features, k, edge_distance) for k, _ in zip(near, sizes, strict=False)
         )
