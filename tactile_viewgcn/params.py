@@ -32,9 +32,10 @@ class Range:
         return f"in {left}{self.low:.10g}, {self.high:.10g}{right}"
 
 
+SINGLE = 1e38  # a number, and one over it, that single precision holds: the trainings compute in it
 Count = Annotated[int, Range(1)]
-Positive = Annotated[float, Range(0, open="low")]
-NotNegative = Annotated[float, Range(0)]
+Positive = Annotated[float, Range(1 / SINGLE, SINGLE)]
+NotNegative = Annotated[float, Range(0, SINGLE)]
 Share = Annotated[float, Range(0, 1, open="high")]
 NumberOfViews = Annotated[int, Range(1, 1000)]
 Seed = Annotated[int, Range(0, 2**32 - 1)]
@@ -51,7 +52,7 @@ class Data:
 class Preprocess:
     baseline: Literal["empty_hand", "quiet", "none"]
     quiet_share: Annotated[float, Range(0, 1, open="low")]
-    zero: Annotated[float, Range()]
+    zero: Annotated[float, Range(-SINGLE, SINGLE)]
     filter: Literal["flags", "contact"]
     contact_sensors: Count
     contact_sigmas: Positive

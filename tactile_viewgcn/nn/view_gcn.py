@@ -152,9 +152,20 @@ class SelectiveViewSampling(nn.Module):
         near = gather_nodes(nearest(positions, self.neighbours), sampled)  # (B or 1, M, K)
         near = near.expand(len(nodes), -1, -1)
         logits = self.logits(gather_nodes(nodes, near))
-        certainty = logits.softmax(dim=1 if self.joint else -1).amax(dim=-1)  # (B, M, K)
+        certainty = log_odds(logits.detach(), dim=1 if self.joint else -1).amax(dim=-1)  # (B, M, K)
         chosen = near.gather(-1, certainty.argmax(dim=-1, keepdim=True)).squeeze(-1)
         return gather_nodes(nodes, chosen), gather_nodes(positions.expand(len(nodes), -1, -1), chosen), logits
+
+
+def log_odds(logits: Tensor, dim: int) -> Tensor:
+    """log(p / (1 - p)) of p = softmax(logits), of the same shape; infinite where nothing else is possible.
+
+    It grows with p, and does so still where p itself has become 1 in its precision: there all views would be as sure.
+    """
+    p, top = logits.softmax(dim), logits.argmax(dim, keepdim=True)
+    others = logits.scatter(dim, top, -torch.inf).logsumexp(dim, keepdim=True)
+    rest = logits.log_softmax(dim) - torch.log1p(-p.scatter(dim, top, 0.0))  # where p is a half at most
+    return rest.scatter(dim, top, logits.gather(dim, top) - others)
 
 
 class LinearPerView(nn.Module):
