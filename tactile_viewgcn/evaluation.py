@@ -23,7 +23,7 @@ from tactile_viewgcn.nn.backbone import features_of
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.split import TEST
-from tactile_viewgcn.statistics import calibration_error, share_interval
+from tactile_viewgcn.statistics import calibration_error, middle_and_tail, share_interval
 from tactile_viewgcn.touches import Touched, touch
 from tactile_viewgcn.views import ViewSets
 
@@ -253,7 +253,4 @@ def latency(classifier: Classifier, frames: Tensor, compute: Compute, *, batch: 
         return np.array(taken[1:])  # the first one warms up
 
     alone, together = timed(1, SINGLE_REPEATS), timed(batch, BATCH_REPEATS)
-    return {
-        name: {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
-        for name, values in (("single", alone), ("batch", together))
-    }
+    return {"single": middle_and_tail(alone), "batch": middle_and_tail(together)}

@@ -45,6 +45,11 @@ def share_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Gener
     return interval
 
 
+def middle_and_tail(values: np.ndarray) -> dict[str, float]:
+    """Median and 95th percentile of values (n,), n at least 1, interpolated between neighbours."""
+    return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
+
+
 def calibration_error(certainty: np.ndarray, right: np.ndarray) -> float:
     """Expected calibration error: how far certainty is from the share of right answers (Guo et al. 2017, equation 3).
 

@@ -1,0 +1,190 @@
+"""Losses, gradients and learning rates at their ends, on the trained network and on short trainings."""
+
+import math
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from studies.stability.case import Finding, Subject, apart, finite
+from studies.stability.logits import in_precision, some_inputs, some_sets
+from studies.stability.network import without_dropout
+from tactile_viewgcn.checkpoint import Checkpoint, Progress
+from tactile_viewgcn.classifier import Classifier
+from tactile_viewgcn.clustering import cluster_table
+from tactile_viewgcn.finetuning import finetune_classifier
+from tactile_viewgcn.frames import Frames
+from tactile_viewgcn.nn.view_gcn import MessageSum, shape_and_view_loss
+from tactile_viewgcn.pretraining import pretrain_backbone
+from tactile_viewgcn.split import TEST
+from tactile_viewgcn.training import fit
+
+STEP = 1e-7  # of a finite difference, in sizes of what it moves: few ReLUs change sides within it
+SLOPES = 1e-6  # relative: such a step leaves some eight digits in float64
+RATES = 10.0 ** np.arange(-8, 4)
+SUM = 2.0**-20  # of single precision, after a few sums
+ANCHORS = 2  # of a class, in the short trainings
+
+
+def losses_of_sure_logits(subject: Subject) -> Iterator[Finding]:
+    """Equation 6 where the right class is 10,000 above the others, or as far below; the system's own loss."""
+    labels = torch.tensor([0, 1, 1, 0])
+    outputs = 1 + 2 * 2  # the shape's, and those of two samplers with two candidates
+    for name, size, expected in (("right", 1e4, 0.0), ("wrong", -1e4, outputs * (1e4 + math.log(2)))):
+        logits = torch.zeros(4, 3).index_put((torch.arange(4), labels), torch.tensor(size)).requires_grad_()
+        loss = shape_and_view_loss(logits, [logits[:, None, None].expand(4, 2, 2, 3)], labels)
+        loss.backward()
+        yield Finding(f"equation 6, sure of the {name} class", apart(loss.detach(), expected), SUM)
+        steep = torch.zeros(4, 3) if size > 0 else (1 - 3 * torch.eye(3)[labels]) / 2  # softmax - one-hot
+        yield Finding(f"its gradient, {name} class", apart(logits.grad, outputs * steep / 4), SUM)
+    nodes, sets = (
+        torch.rand(24, *subject.classifier.given),
+        torch.from_numpy(some_sets(24, subject.classifier.views, 4)),
+    )
+    found = []
+    for kind in (torch.float32, torch.float64):
+        head = deepcopy(subject.classifier.head).cpu().to(kind)
+        logits, also = head(nodes.to(kind)[sets])
+        found.append(head.loss(1e4 * logits, also, labels % logits.shape[1]).detach())
+    yield Finding("the system's loss of logits 10,000 times as large", apart(*found), 1e-4)
+
+
+def gradients(subject: Subject) -> Iterator[Finding]:
+    """Slopes of the loss of the trained network, in training without dropout, against finite differences in float64."""
+    classifier = without_dropout(deepcopy(subject.classifier).cpu().double().train())
+    inputs, rng = some_inputs(subject, 24), np.random.default_rng(0)
+    frames = torch.from_numpy(inputs + 0.01 * rng.standard_normal(inputs.shape)).unsqueeze(1)  # no two cells are equal
+    sets = torch.from_numpy(some_sets(len(frames), classifier.views, 6))
+    labels = torch.arange(len(sets)) % len(subject.table.classes)
+
+    def loss() -> Tensor:
+        return classifier.head.loss(*classifier.head(classifier.backbone(frames)[sets]), labels)
+
+    for name, moved in (
+        ("the frames", [frames]),
+        ("the weights of the backbone", list(classifier.backbone.parameters())),
+        ("the weights of the system", list(classifier.head.parameters())),
+    ):
+        yield Finding(f"by {name}", _slopes(loss, moved), SLOPES)
+    taken, sent = torch.randn(2, 3, 5, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    fine = torch.autograd.gradcheck(MessageSum.apply, (taken.requires_grad_(), sent.requires_grad_()))
+    yield Finding("of equation 4's sum, every entry", 1.0 - fine, 0)
+
+
+def gradients_at_the_extremes(subject: Subject) -> Iterator[Finding]:
+    """Whether every gradient is a number: huge, blank and equal frames, one class alone, a class with one view set."""
+    inputs, classes = some_inputs(subject, 24), len(subject.table.classes)
+    many = np.arange(6) % classes
+    kinds = {
+        "10,000 times": (1e4 * inputs, many), "blank": (np.zeros_like(inputs), many),
+        "denormal": (np.full_like(inputs, 1e-40), many), "one frame": (np.repeat(inputs[:1], 24, axis=0), many),
+        "one class alone": (inputs, np.zeros(6, dtype=int)), "one view set of a class": (inputs, np.minimum(many, 1)),
+    }  # fmt: skip
+    for name, (values, labels) in kinds.items():
+        classifier = deepcopy(subject.classifier).cpu().train()
+        nodes = classifier.backbone(torch.from_numpy(values.astype(np.float32)).unsqueeze(1))
+        sets = torch.from_numpy(some_sets(len(values), classifier.views, 6))
+        loss = classifier.head.loss(*classifier.head(nodes[sets]), torch.from_numpy(labels))
+        loss.backward()
+        lost = [finite(weight.grad) for weight in classifier.parameters() if weight.grad is not None]
+        yield Finding(f"not finite, {name}", max([finite(loss.detach()), *lost]), 0)
+
+
+def learning_rates(subject: Subject) -> Iterator[Finding]:
+    """Short trainings at rates from 1e-8 to 1e3: each ends with finite weights, or is refused for it diverged."""
+    table, compute = few_anchors(subject.table), in_precision("float32", subject)
+    params = SimpleNamespace(**{name: getattr(subject.params, name) for name in ("seed", "model", "augment")})
+    params.cluster = replace(subject.params.cluster, method="none", assignment="index")
+    places = subject.classifier.viewpoints.double().cpu().numpy()
+    views = cluster_table(table, places, params.cluster, np.random.default_rng(0))
+    weights = {"backbone": subject.classifier.backbone.state_dict(), "classifier": _linear(subject.classifier, table)}
+    short = {"epochs": 2, "schedule": "cosine"}
+    for rate in map(float, RATES):
+        params.pretrain = replace(subject.params.pretrain, lr=rate, **short)
+        params.finetune = replace(subject.params.finetune, lr=rate, lr_backbone=rate, sizes="full", **short)
+        yield _outcome(f"pretraining at {rate:g}", lambda: pretrain_backbone(table, params, compute)[::2])
+        if subject.classifier.head.learns:
+            yield _outcome(
+                f"fine-tuning at {rate:g}", lambda: finetune_classifier(table, views, weights, params, compute)
+            )
+
+
+def last_good_weights(subject: Subject) -> Iterator[Finding]:
+    """A training whose rate becomes 1e30 in its second epoch ends with the weights of the first, and says so."""
+    nodes = torch.rand(24, *subject.classifier.given, generator=torch.Generator().manual_seed(0))
+    sets = torch.from_numpy(some_sets(24, subject.classifier.views, 8))
+    labels = torch.arange(len(sets)) % len(subject.table.classes)
+    found = []
+    for epochs in (1, 2):
+        head = deepcopy(subject.classifier.head).cpu()
+        optimiser = torch.optim.SGD(head.parameters(), 1e-3)
+        losses = lambda _, head=head: (head.loss(*head(nodes[sets]), labels) for _ in range(40))  # noqa: E731
+        keep = Checkpoint(None, {"head": head}, {}, {}, torch.device("cpu"))
+        progress = fit(epochs, optimiser, {0: 1.0, 1: 1e33}.get, losses, dict, tqdm(disable=True), keep)
+        found.append((torch.cat([weight.detach().flatten() for weight in head.parameters()]), progress))
+    (one, _), (two, progress) = found
+    yield Finding("weights", differing_or_not_said(one, two, progress), 0, progress.diverged)
+
+
+def differing_or_not_said(one: Tensor, two: Tensor, progress: Progress) -> float:
+    """How far weights are apart; infinite where the training does not say that it diverged."""
+    return apart(two, one) if progress.diverged and progress.epoch == 1 else math.inf
+
+
+def few_anchors(table: Frames) -> Frames:
+    """The table with the first anchors of each class and side alone."""
+    anchor = np.zeros_like(table.anchor)
+    for side in np.unique(table.side):
+        for label in range(len(table.classes)):
+            own = np.flatnonzero(table.anchor & (table.side == side) & (table.label == label))
+            anchor[own[:ANCHORS]] = True
+    return replace(table, anchor=anchor, side=np.where(table.side == TEST, table.side, 0).astype(table.side.dtype))
+
+
+def _linear(classifier: Classifier, table: Frames) -> dict[str, Tensor]:
+    """A classifier of single frames at random, for systems that begin with one."""
+    torch.manual_seed(0)
+    return nn.Linear(classifier.backbone.features, len(table.classes)).state_dict()
+
+
+def _outcome(name: str, train: Callable[[], tuple[nn.Module, Progress]]) -> Finding:
+    """Of a short training: whether all its weights are finite, or that it was refused or stopped."""
+    try:
+        module, progress = train()
+    except ValueError as error:
+        return Finding(name, math.nan, math.nan, str(error), refused="training diverged in epoch" in str(error))
+    lost = max(finite(value) for value in module.state_dict().values())
+    said = progress.diverged or f"loss {progress.curves['loss'][-1]:.3g}"
+    return Finding(name, lost, 0, said, refused=bool(progress.diverged) and not lost)
+
+
+def _slopes(loss: Callable[[], Tensor], moved: list[Tensor]) -> float:
+    """Relative difference of a slope and a central difference, along a random direction; the median of three."""
+    rng, found = torch.Generator().manual_seed(0), []
+    for value in moved:
+        value.requires_grad_()
+    slopes = torch.autograd.grad(loss(), moved, allow_unused=True)
+    pairs = [(value, slope) for value, slope in zip(moved, slopes, strict=True) if slope is not None]
+    for _ in range(3):
+        ways = [torch.randn(value.shape, dtype=value.dtype, generator=rng) * _size(value) for value, _ in pairs]
+        along = sum(float((way * slope).sum()) for way, (_, slope) in zip(ways, pairs, strict=True))
+        ends = []
+        for step in (STEP, -2 * STEP, STEP):  # there, to the other side, and back
+            with torch.no_grad():
+                for way, (value, _) in zip(ways, pairs, strict=True):
+                    value += step * way
+                ends.append(float(loss()))
+        found.append(abs((ends[0] - ends[1]) / (2 * STEP) - along) / abs(along))
+    return float(np.median(found))
+
+
+def _size(values: Tensor) -> float:
+    return float(values.detach().square().mean().sqrt()) or 1.0
+
+
+CASES = (losses_of_sure_logits, gradients, gradients_at_the_extremes, learning_rates, last_good_weights)

@@ -1,0 +1,187 @@
+"""The trained network on inputs and in precisions at their ends, against itself in float64; how it carries noise."""
+
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from studies.stability.case import Finding, Subject, apart, differing, finite
+from studies.stability.graph import view_gcn
+from studies.stability.logits import SINGLE, exactly, features, in_precision, logits, some_inputs, some_sets
+from tactile_viewgcn.classifier import Recogniser, save_classifier
+from tactile_viewgcn.frames import full_scale
+from tactile_viewgcn.nn.backbone import Backbone
+from tactile_viewgcn.nn.view_gcn import log_odds
+from tactile_viewgcn.viewpoints import viewpoints
+
+HALF = 2e-2  # of the largest feature: bfloat16 has 8 bits, and twelve layers round to them
+NOISE = 1e-4  # of the input's size, to measure what becomes of it
+LARGEST = 1e4  # condition number: more would leave less than three digits of single precision
+
+
+def precisions(subject: Subject) -> Iterator[Finding]:
+    """Test frames in single precision and, where the evaluation uses it, in bfloat16."""
+    inputs = some_inputs(subject)
+    sets = some_sets(len(inputs), subject.classifier.views)
+    exact, single = exactly(subject.classifier, inputs, sets, subject), in_precision("float32", subject)
+    found = logits(subject.classifier, inputs, sets, single)
+    yield Finding("logits, float32", apart(found, exact), SINGLE)
+    yield Finding("answers, float32", differing(found.argmax(dim=1), exact.argmax(dim=1)), 0)
+    true = features(subject.classifier, inputs, in_precision("float64", subject)).cpu()
+    half = features(subject.classifier, inputs, in_precision("bfloat16", subject)).cpu().float()
+    used = "in use" if subject.compute.precision == "bfloat16" else "not in use"
+    yield Finding("features, bfloat16", apart(half, true), HALF, used)
+
+
+def inputs_far_from_one(subject: Subject) -> Iterator[Finding]:
+    """Network input 10,000 times as large, of denormal numbers, and the same in every cell."""
+    inputs = some_inputs(subject, 32)
+    sets = some_sets(len(inputs), subject.classifier.views)
+    kinds = {
+        "10,000 times": 1e4 * inputs, "1e-4 times": 1e-4 * inputs, "denormals": 1e-40 * (inputs > 0),
+        "1e-30": np.full_like(inputs, 1e-30), "all one": np.ones_like(inputs),
+    }  # fmt: skip
+    for name, values in kinds.items():
+        values = values.astype(np.float32)
+        found = logits(subject.classifier, values, sets, in_precision("float32", subject))
+        yield Finding(f"logits, {name}", apart(found, exactly(subject.classifier, values, sets, subject)), SINGLE)
+
+
+def batch_of_one(subject: Subject) -> Iterator[Finding]:
+    """One view set alone, against itself among others."""
+    inputs = some_inputs(subject, 16)
+    sets = some_sets(len(inputs), subject.classifier.views, 5)
+    single = in_precision("float32", subject)
+    together = logits(subject.classifier, inputs, sets, single)
+    alone = [logits(subject.classifier, inputs[own], np.arange(len(own))[None], single) for own in sets]
+    yield Finding("logits", apart(torch.cat(alone), together), SINGLE)
+
+
+def a_thousand_views_in_half_precision(subject: Subject) -> Iterator[Finding]:
+    """Features of 1,000 views in 16 bits: they are joined in single precision, so that nothing else is rounded."""
+    places = torch.from_numpy(viewpoints(1000))
+    head = view_gcn(subject, places)
+    nodes = torch.rand(2, 1000, head.classifier[0].out_features, generator=torch.Generator().manual_seed(0))
+    for kind in (torch.bfloat16, torch.float16):
+        rounded = nodes.to(kind)
+        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=kind == torch.bfloat16):
+            found = head(rounded)[0]
+        with torch.inference_mode():
+            exact = deepcopy(head).double()(rounded.double())[0]
+        yield Finding(f"logits, {str(kind).removeprefix('torch.')}", apart(found, exact), SINGLE)
+
+
+def moments_far_from_zero(subject: Subject) -> Iterator[Finding]:
+    """What batch normalisation of the first layer sees of frames of 10,000, give or take one."""
+    backbone = subject.classifier.backbone
+    if not isinstance(backbone, Backbone):
+        return
+    frames = 1e4 + torch.rand(16, 1, 12, 12, generator=torch.Generator().manual_seed(0))
+    seen = []
+    for kind in (torch.float32, torch.float64):
+        stem = deepcopy(backbone.stem).cpu().to(kind).train()
+        stem.norm.momentum = 1.0
+        with torch.no_grad():  # kernels that sum to 0 feel the differences alone
+            stem.conv.weight -= stem.conv.weight.mean(dim=(2, 3), keepdim=True)
+            stem._moments(frames[:, :, 1:-1, 1:-1].to(kind))
+        seen.append(stem.norm.running_var)
+    yield Finding("variance of the maps", apart(*seen), 1e-3, "relative to the largest; the input has 7 digits")
+
+
+def features_without_variance(subject: Subject) -> Iterator[Finding]:
+    """A batch of one frame over and over, in training: every batch normalisation divides by nearly nothing."""
+    same = np.repeat(some_inputs(subject, 1), 6, axis=0)
+    for name, inputs in (("one frame", same), ("blank frames", np.zeros_like(same))):
+        found = []
+        for kind in (torch.float32, torch.float64):
+            backbone = without_dropout(deepcopy(subject.classifier.backbone).cpu().to(kind).train())
+            frames = torch.from_numpy(inputs).unsqueeze(1).to(kind).requires_grad_()
+            given = backbone(frames)
+            given.square().mean().backward()
+            found.append((given.detach(), finite(frames.grad)))
+        yield Finding(f"features, {name}", apart(found[0][0], found[1][0]), 1e-3)
+        yield Finding(f"gradients that are not finite, {name}", max(lost for _, lost in found), 0)
+
+
+def sure_answers(subject: Subject) -> Iterator[Finding]:
+    """A classifier whose logits are 10,000 times as large: probabilities, and how sure a selector is of a view."""
+    inputs = some_inputs(subject, 8)
+    sets, sure = some_sets(len(inputs), subject.classifier.views, 6), deepcopy(subject.classifier)
+    last = [layer for layer in sure.head.modules() if isinstance(layer, nn.Linear)][-1]
+    with torch.no_grad():
+        for weight in last.parameters():
+            weight *= 1e4
+    path, table = subject.folder / "sure.pt", replace(subject.table, kind="clip", scale=1.0)
+    save_classifier(path, sure, subject.params.model, table)
+    rest = np.zeros(inputs.shape[1:])
+    found = Recogniser(path).probabilities(np.clip(inputs, 0, 1)[sets], rest)
+    exact = exactly(sure, np.clip(inputs, 0, 1), sets, subject).softmax(dim=-1)
+    yield Finding("probabilities", apart(found, exact), 1e-2, "logits of 1e4 have three digits behind the point")
+    yield Finding("sum of the probabilities", apart(found.sum(axis=1), np.ones(len(found))), SINGLE)
+    given = torch.randn(20, 4, 9, generator=torch.Generator().manual_seed(0))
+    for size in (1.0, 1e2, 1e4):
+        odds, true = (log_odds(size * given.to(kind), -1).amax(dim=-1) for kind in (torch.float32, torch.float64))
+        yield Finding(f"log odds of logits of {size:g}", apart(odds, true), SINGLE)
+
+
+def noise_through_the_layers(subject: Subject) -> Iterator[Finding]:
+    """The condition number of each layer: relative change of what it gives by that of what it is given."""
+    inputs = some_inputs(subject, 16)
+    rng, classifier = np.random.default_rng(0), deepcopy(subject.classifier).cpu().double()
+    noise = NOISE * full_scale(subject.table.kind, subject.table.scale) * rng.standard_normal(inputs.shape)
+    sets = some_sets(len(inputs), classifier.views, 16)
+    clean, noisy = (_layers(classifier, values, sets) for values in (inputs.astype(np.float64), inputs + noise))
+    for name, (given, out) in clean.items():
+        change = _size(noisy[name][1] - out) / _size(out) / (_size(noisy[name][0] - given) / _size(given))
+        yield Finding(f"condition number of {name}", change, LARGEST, f"single precision: {change * 2.0**-24:.1e}")
+
+
+def without_dropout(module: nn.Module) -> nn.Module:
+    """The module, its dropout in evaluation mode."""
+    for layer in module.modules():
+        if isinstance(layer, nn.Dropout | nn.Dropout2d):
+            layer.eval()
+    return module
+
+
+def _layers(classifier: nn.Module, inputs: np.ndarray, sets: np.ndarray) -> dict[str, tuple[Tensor, Tensor]]:
+    """What each part of backbone and system is given and gives, for view sets of network input, in float64."""
+    seen, hooks = {}, []
+    parts = {f"backbone.{name}": part for name, part in classifier.backbone.named_children()}
+    for name, part in classifier.head.named_children():
+        many = isinstance(part, nn.ModuleList)
+        parts |= {f"{name}.{i}": one for i, one in enumerate(part)} if many else {name: part}
+
+    def keep(name: str, given: tuple, out: Tensor | tuple) -> None:
+        seen.setdefault(name, (given[0], out[0] if isinstance(out, tuple) else out))
+
+    for name, part in parts.items():
+        hooks.append(part.register_forward_hook(lambda _, given, out, name=name: keep(name, given, out)))
+    with torch.inference_mode():
+        nodes = classifier.backbone(torch.from_numpy(inputs).unsqueeze(1))
+        out = classifier.head(nodes[torch.from_numpy(sets)])[0]
+    for hook in hooks:
+        hook.remove()
+    seen["the backbone"] = torch.from_numpy(inputs), nodes
+    seen["the system"] = nodes, out
+    seen["everything"] = torch.from_numpy(inputs), out
+    return {name: pair for name, pair in seen.items() if isinstance(pair[1], Tensor)}
+
+
+def _size(values: Tensor) -> float:
+    return float(values.square().mean().sqrt()) or 1.0
+
+
+CASES = (
+    precisions,
+    inputs_far_from_one,
+    batch_of_one,
+    a_thousand_views_in_half_precision,
+    moments_far_from_zero,
+    features_without_variance,
+    sure_answers,
+    noise_through_the_layers,
+)

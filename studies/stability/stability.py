@@ -1,0 +1,54 @@
+"""Numerical stability: every stiff and extreme case against a reference, on the trained classifier and its data."""
+
+from collections import Counter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+
+from stages.command import INPUT, OUTPUT, stage
+from studies.results import named, write_table
+from studies.stability import clusters, data, glove, graph, learning, left_out, network, same, scoring
+from studies.stability.case import REFUSED, RIGHT, WRONG, Subject
+from studies.stability.case import run as in_turn
+from tactile_viewgcn.classifier import load_classifier
+from tactile_viewgcn.compute import choose, keep_freed_memory
+from tactile_viewgcn.frames import read_frames
+
+PARTS = (data, clusters, graph, network, learning, scoring, glove, same, left_out)
+TEXT = """{data}. Every case is done with the pipeline's own functions. `error` is the largest difference from a
+reference in double precision, or an exact one, relative to the largest number there, unless its quantity says what is
+counted; `seconds` are those since the row before. A row is `right` with an error of no more than its tolerance, `refused`
+where the project says in one line that it does not do that, and WRONG otherwise. {counts}, in {seconds:.0f} s."""
+
+
+@stage(
+    "data", "seed", "device", "precision", "preprocess", "split", "cluster", "augment", "model", "pretrain", "finetune"
+)
+@click.option("--frames", type=INPUT, required=True)
+@click.option("--classifier", type=INPUT, required=True)
+@click.option("--out", type=OUTPUT, required=True, help="Folder of results.csv and results.md.")
+def stability(params, run, frames, classifier, out):
+    """Stiff and extreme cases against their references; fails where one is WRONG."""
+    keep_freed_memory()
+    trained, _ = load_classifier(classifier)
+    with TemporaryDirectory() as folder:
+        compute = choose(params.device, params.precision)
+        subject = Subject(trained, read_frames(frames), params, compute, Path(folder))
+        rows = in_turn([case for part in PARTS for case in part.CASES], subject)
+    verdicts, seconds = Counter(row["verdict"] for row in rows), sum(row["seconds"] for row in rows)
+    counts = ", ".join(f"{verdicts[name]} {name}" for name in (RIGHT, REFUSED, WRONG))
+    write_table(out, rows, TEXT.format(data=named(params.data), counts=counts, seconds=seconds))
+    for name in ("results.csv", "results.md"):
+        run.artifact(out / name)
+    print(
+        f"stability: {len(rows)} quantities of {len({row['case'] for row in rows})} cases: {counts}, in {seconds:.0f} s"
+    )
+    wrong = [f"{row['part']}, {row['case']}, {row['quantity']}" for row in rows if row["verdict"] == WRONG]
+    if wrong:
+        raise ValueError(f"{len(wrong)} WRONG, see {out / 'results.md'}: {'; '.join(wrong)}")
+    return {name.lower(): float(verdicts[name]) for name in (RIGHT, REFUSED, WRONG)}
+
+
+if __name__ == "__main__":
+    stability()
