@@ -188,3 +188,24 @@ def test_the_rest_and_the_noise_of_the_real_files_are_as_measured(stag_data, nam
     assert 0.95 < noise[SENSORS].mean() < 1.4  # white noise, and the drift of the rest during a recording
     white = trimmed(np.diff(counts, axis=0))[1][SENSORS] / np.sqrt(2)
     assert 0.93 < white.mean() < 0.98
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(2, 60), st.integers(0, 10_000), st.sampled_from([np.int16, np.int32, np.float32, np.float64]))
+def test_an_offset_takes_no_digits_of_mean_and_noise(frames, seed, kind):
+    steps = np.random.default_rng(seed).integers(-20, 21, (frames, 1, 2))
+    offset = {"i2": 30_000, "i4": 2 * 10**9, "f4": 2.0**22, "f8": 2.0**50}[np.dtype(kind).str[1:]]
+    mean, noise = trimmed((offset + steps).astype(kind))
+    plain, spread = trimmed(steps.astype(np.float64))
+    assert mean.dtype == (np.float32 if kind in (np.int16, np.float32) else np.float64)
+    np.testing.assert_allclose(mean.astype(np.float64) - offset, plain, atol=np.spacing(mean).max() * 0.51)
+    if kind in (np.int16, np.int32):
+        np.testing.assert_allclose(noise, np.maximum(spread, 12**-0.5), rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("value", [0.1, 1e-30, 1e30, 0.0, -7.3])
+def test_a_real_sensor_that_never_varies_has_its_value_and_the_noise_of_its_last_digit(value, kind):
+    mean, noise = trimmed(np.full((50, 1, 1), value, dtype=kind))
+    assert mean.item() == kind(value)
+    assert noise.item() == pytest.approx(12**-0.5 * float(np.spacing(np.abs(kind(value)))), rel=1e-6)

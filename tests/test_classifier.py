@@ -140,6 +140,20 @@ def test_a_recogniser_says_what_is_held(saved):
     assert right >= 3
 
 
+def test_an_offset_of_a_billion_takes_nothing_of_the_excess(saved):
+    frames, recogniser = table(), Recogniser(saved)
+    counts, rest = frames.counts[some_sets()].astype(np.int64), np.rint(recogniser.rest("000")).astype(np.int64)
+    moved = recogniser.probabilities(counts + 10**9, rest + 10**9)
+    np.testing.assert_array_equal(moved, recogniser.probabilities(counts, rest))
+
+
+@pytest.mark.parametrize("place", [1e20, np.inf, np.nan])
+def test_viewpoints_that_are_out_of_range_are_refused(place):
+    places = torch.tensor([[0.0, 0, 1], [0, place, 0]])
+    with pytest.raises(ValueError, match=r"viewpoints hold .*; expected coordinates between -1e\+09 and 1e\+09"):
+        Classifier(places, 3, recipe().model)
+
+
 def test_only_the_excess_over_rest_counts(saved):
     frames, recogniser = table(), Recogniser(saved)
     counts, rest = frames.counts[some_sets()].astype(np.float64), recogniser.rest("000")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 
 from tactile_viewgcn import clustering
 from tactile_viewgcn.clustering import cluster_pools, kmeans, pool_ids, pool_scores, principal_components
@@ -215,3 +216,31 @@ def test_references_come_from_the_training_side_alone():
 def test_without_matching_there_are_no_references(changes):
     found = views_of(table(), recipe(*changes))
     assert found.references.shape == (4, table().live.sum()) and not found.references.any()
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3, 1e6, 1e9])
+def test_components_keep_all_distances_however_far_the_points_are(offset):
+    points = offset + np.random.default_rng(0).random((40, 3))
+    scores = principal_components(points, 3)
+    apart = [np.linalg.norm(x[:, None] - x, axis=-1) for x in (points, scores)]
+    np.testing.assert_allclose(apart[1], apart[0], atol=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 8), st.integers(0, 10_000), st.sampled_from([1e-30, 1.0, 1e30]))
+def test_frames_that_differ_by_rounding_are_one(distinct, seed, scale):
+    rng = np.random.default_rng(seed)
+    owner = rng.integers(0, distinct, 25)
+    scores = scale * (rng.random((distinct, 4)) + np.arange(distinct)[:, None])[owner]
+    labels = kmeans(scores * (1 + 1e-13 * rng.random(scores.shape)), 8, restarts=1, seed=0)
+    np.testing.assert_array_equal(labels[:, None] == labels, owner[:, None] == owner)
+
+
+@pytest.mark.parametrize("shape", [(60, 20), (20, 60)])
+def test_components_do_not_depend_on_the_number_of_threads(shape):
+    points = np.random.default_rng(0).random(shape)
+    found = []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            found.append(principal_components(points, 8))
+    np.testing.assert_array_equal(*found)

@@ -1,6 +1,6 @@
 """The table of kept frames and the transform to network input."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -137,3 +137,11 @@ def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
     with pytest.raises(UnicodeEncodeError):
         write_frames(tmp_path / "frames.h5", frames)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("kind", "offset"), [(np.int32, 10**9), (np.float64, 1e9 + 0.25)])
+def test_network_input_of_counts_with_a_large_offset_keeps_its_digits(kind, offset):
+    counts = (offset + np.arange(0, 160, 10)).astype(kind).reshape(1, 4, 4)
+    rest = np.full((1, 4, 4), offset, dtype=np.float64)
+    one = replace(made(), counts=counts, rest=np.zeros(1, dtype=int), rest_mean=rest)
+    np.testing.assert_allclose(one.inputs(np.arange(1))[0].ravel(), np.arange(0, 160, 10) / 150, atol=1e-7)

@@ -169,3 +169,10 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     assert "empty_hand" not in frames.classes
     assert [len(frames.on(side)) for side in (TRAIN, TEST)] == [26 * 3 * 5, 26 * 5]
     assert "classes: empty_hand cannot stand on both sides and leaves; it stays the baseline" in selection.notes
+
+
+def test_a_glove_whose_counts_never_change_is_refused(tmp_path):
+    with pytest.raises(
+        ValueError, match=rf"no sensor's count ever changes in {len(COUNTS)} frames.*is the glove connec"
+    ):
+        prepared(tmp_path, counts=np.full_like(COUNTS, 512))

@@ -100,3 +100,13 @@ def test_a_training_that_diverges_says_which_learning_rate_to_lower():
     how = recipe("pretrain.lr=1e20")
     with pytest.raises(ValueError, match=r"training diverged in epoch \d at a learning rate of 1e\+20.*lower lr"):
         pretrain_backbone(fewer_anchors(table(), 4), how, CPU)
+
+
+def test_a_training_that_diverges_later_keeps_the_last_good_weights(monkeypatch):
+    how, frames = recipe("pretrain.epochs=1", "pretrain.schedule=halving"), fewer_anchors(table(), 4)
+    good, _, _ = pretrain_backbone(frames, how, CPU)
+    monkeypatch.setattr("tactile_viewgcn.pretraining.factor_of", lambda _: {0: 1.0, 1: 1e30}.get)
+    kept, _, progress = pretrain_backbone(frames, recipe("pretrain.epochs=2"), CPU)
+    assert "diverged in epoch 2" in progress.diverged and progress.metrics["diverged_in_epoch"] == 2
+    for name, value in good.state_dict().items():
+        torch.testing.assert_close(kept.state_dict()[name], value, rtol=0, atol=0)

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import binomtest
 
 from tactile_viewgcn import statistics
-from tactile_viewgcn.statistics import group_interval
+from tactile_viewgcn.statistics import calibration_error, group_interval, middle_and_tail, share_interval
 
 GROUPS, EACH = 20, 6
 
@@ -75,3 +78,46 @@ def test_the_same_generator_gives_the_same_interval():
     assert first == again
     low, high = first
     assert low < correct.mean() < high
+
+
+@pytest.mark.parametrize("count", [2, 5, 27, 400])
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_where_all_is_right_or_wrong_the_interval_is_the_exact_one_of_the_groups(share, count):
+    groups = np.repeat(np.arange(count), 3)
+    low, high = share_interval(np.full(len(groups), share), groups, np.random.default_rng(0))
+    exact = binomtest(int(share * count), count).proportion_ci(0.95, "exact")
+    assert (low, high) == pytest.approx((exact.low, exact.high), abs=1e-9)
+
+
+def test_any_other_share_has_the_resampled_interval():
+    correct, groups = simulated(np.random.default_rng(3))
+    found, expected = (f(correct, groups, np.random.default_rng(4)) for f in (share_interval, group_interval))
+    assert found == expected
+    assert share_interval(np.full(9, 0.5), np.arange(9), np.random.default_rng(0)) == (0.5, 0.5)
+    assert share_interval(np.ones(4), np.zeros(4), np.random.default_rng(0)) is None
+
+
+def test_the_calibration_error_by_hand():
+    certainty = np.array([0.95, 0.95, 0.05, 0.5])
+    right = np.array([True, False, False, True])
+    assert calibration_error(certainty, right) == pytest.approx((0.9 + 0.05 + 0.5) / 4)
+    assert calibration_error(np.ones(3), np.ones(3, dtype=bool)) == 0
+    assert calibration_error(np.zeros(3), np.ones(3, dtype=bool)) == 1
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=60), st.integers(0, 1000))
+def test_the_calibration_error_is_that_of_a_loop_over_the_bins(certainty, seed):
+    certainty, total = np.array(certainty), 0.0
+    right = np.random.default_rng(seed).random(len(certainty)) < certainty
+    bins = np.minimum(np.floor(certainty * 15), 14)
+    for number in range(15):
+        own = bins == number
+        if own.any():
+            total += own.mean() * abs(certainty[own].mean() - right[own].mean())
+    assert calibration_error(certainty, right) == pytest.approx(total, abs=1e-12)
+
+
+def test_the_middle_and_the_tail_of_few_values():
+    assert middle_and_tail(np.array([3.0])) == {"median": 3.0, "p95": 3.0}
+    assert middle_and_tail(np.array([1.0, 2.0])) == pytest.approx({"median": 1.5, "p95": 1.95})

@@ -42,6 +42,8 @@ def test_the_summary_by_hand():
     assert [one["error"] for one in found["fixed"].values()] == pytest.approx([2 / 3, 1 / 3, 1 / 3])
     low, high = found["fixed"]["1"]["ci95"]
     assert 0 <= low <= 2 / 3 <= high <= 1
+    sure = CERTAINTY[:, 0].ravel() - RIGHT[:, 0].ravel()
+    assert 0 < found["fixed"]["1"]["calibration_error"] <= np.abs(sure).mean() + 1e-6
 
 
 @given(st.integers(1, 6), st.lists(st.integers(0, 3), min_size=1, max_size=30), st.integers(0, 1000))

@@ -1,0 +1,63 @@
+"""A training that diverges, as the stages tell of it: in their output, their record, and the results made from it."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from stages.evaluate import evaluate
+from stages.pretrain import pretrain
+from tactile_viewgcn.classifier import save_classifier
+from tactile_viewgcn.frames import write_frames
+from tests.tables import ROOT, SMALL, fewer_anchors, recipe, table, trained
+
+CHANGES = [word for change in (*SMALL, "precision=float32", "device=cpu") for word in ("--set", change)]
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    write_frames(tmp_path / "frames.h5", fewer_anchors(table(), 4))
+    return tmp_path
+
+
+def run_pretrain(*changes):
+    files = ("--frames", "frames.h5", "--out", "backbone.pt", "--record", "pretrain.json")
+    return CliRunner().invoke(pretrain, [*CHANGES, *(w for change in changes for w in ("--set", change)), *files])
+
+
+def test_one_that_diverges_after_an_epoch_leaves_that_epochs_weights_and_says_so(place, monkeypatch):
+    monkeypatch.setattr("tactile_viewgcn.pretraining.factor_of", lambda _: {0: 1.0, 1: 1e30}.get)
+    result = run_pretrain("pretrain.epochs=2")
+    assert result.exit_code == 0, result.output
+    assert "pretrain: 1 epochs (training diverged in epoch 2 at a learning rate of 5e+27" in result.output
+    assert "lower lr in params.yaml; the weights after epoch 1 are kept)" in result.output
+    assert json.loads((place / "pretrain.json").read_text())["diverged_in_epoch"] == 2
+    assert (place / "backbone.pt").exists()
+
+
+def test_one_that_diverges_at_once_is_refused_and_leaves_nothing(place):
+    result = run_pretrain("pretrain.lr=1.0e+20")
+    assert result.exit_code == 1
+    assert "Error: training diverged in epoch 1 at a learning rate of 1e+20" in result.output
+    assert not (place / "backbone.pt").exists() and not (place / "pretrain.json").exists()
+
+
+def test_one_that_goes_well_records_nothing_of_it(place):
+    assert run_pretrain("pretrain.epochs=1").exit_code == 0
+    assert "diverged_in_epoch" not in json.loads((place / "pretrain.json").read_text())
+
+
+@pytest.mark.parametrize("lost", [{}, {"diverged_in_epoch": 3.0}])
+def test_results_of_a_training_that_diverged_say_so(place, lost):
+    save_classifier(place / "classifier.pt", trained(), recipe().model, table())
+    record = {"stage": "finetune", "run_id": None, "seconds": 1.0, "peak_mb": 1.0} | lost
+    (place / "finetune.json").write_text(json.dumps(record))
+    files = ("--frames", "frames.h5", "--classifier", "classifier.pt", "--after", "finetune.json", "--out", "results")
+    result = CliRunner().invoke(evaluate, [*CHANGES, *files, "--record", "evaluate.json"])
+    assert result.exit_code == 0, result.output
+    told = "finetune diverged in epoch 3, and this is what the weights before it give"
+    assert (told in result.output) == bool(lost)
