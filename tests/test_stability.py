@@ -23,6 +23,7 @@ EXPECTED = {  # what is refused, by case
     "data.sensors_that_never_change": 2,
     "data.too_little_data": 4,
     "graph.places_out_of_range": 3,
+    "learning.batches_of_one": 2,
 }
 
 

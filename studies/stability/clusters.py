@@ -36,6 +36,7 @@ def points_of_few_dimensions(_: Subject) -> Iterator[Finding]:
 def constant_points(_: Subject) -> Iterator[Finding]:
     """Frames that are all one, no sensors at all, and one frame."""
     for name, points in (
+        ("the same frame twice", np.full((2, 5), 0.3)),
         ("one frame 40 times", np.full((40, 5), 0.3)),
         ("no sensors", np.zeros((9, 0))),
         ("one frame", np.ones((1, 5))),
@@ -44,6 +45,10 @@ def constant_points(_: Subject) -> Iterator[Finding]:
         yield Finding(f"scores, {name}", apart(scores, np.zeros((len(points), 1))), 0)
         labels = kmeans(scores, VIEWS, restarts=2, seed=0)
         yield Finding(f"clusters, {name}", differing(labels, np.zeros(len(points))), 0)
+        pool = np.zeros(len(points), dtype=int)
+        sets = ViewSets(labels, pool, VIEWS).draw(np.arange(len(points)), np.random.default_rng(0))
+        lost = ((sets < 0) | (sets >= len(points))).any(axis=1) | (sets[:, 0] != np.arange(len(points)))
+        yield Finding(f"view sets with other frames, or without their anchor, {name}", float(lost.mean()), 0)
 
 
 def fewer_distinct_frames_than_clusters(_: Subject) -> Iterator[Finding]:

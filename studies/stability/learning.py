@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from studies.stability.case import Finding, Subject, apart, finite
+from studies.stability.case import Finding, Subject, apart, finite, refusal
 from studies.stability.logits import in_precision, some_inputs, some_sets
 from studies.stability.network import without_dropout
 from tactile_viewgcn.checkpoint import Checkpoint, Progress
@@ -20,10 +21,12 @@ from tactile_viewgcn.clustering import cluster_table
 from tactile_viewgcn.finetuning import finetune_classifier
 from tactile_viewgcn.frames import Frames
 from tactile_viewgcn.nn.view_gcn import MessageSum, shape_and_view_loss
+from tactile_viewgcn.params import load
 from tactile_viewgcn.pretraining import pretrain_backbone
 from tactile_viewgcn.split import TEST
-from tactile_viewgcn.training import fit
+from tactile_viewgcn.training import fit, parts
 
+ROOT = Path(__file__).parents[2]
 STEP = 1e-8  # of a finite difference, in sizes of what it moves: hardly a ReLU changes sides within it
 SLOPES = 1e-5  # of a slope: of the 16 digits of a loss such a step leaves 8, and a few less where slopes are small
 RATES = 10.0 ** np.arange(-8, 4)
@@ -52,6 +55,23 @@ def losses_of_sure_logits(subject: Subject) -> Iterator[Finding]:
         logits, also = head(nodes.to(kind)[sets])
         found.append(head.loss(1e4 * logits, also, labels % logits.shape[1]).detach())
     yield Finding("the system's loss of logits 10,000 times as large", apart(*found), 1e-4)
+
+
+def batches_of_one(subject: Subject) -> Iterator[Finding]:
+    """Batch normalisation has nothing to learn from one frame or view set; two are enough."""
+    for key in ("pretrain.batch", "finetune.batch"):
+        refused = lambda key=key: load(ROOT / "params.yaml", (f"{key}=1",))  # noqa: E731
+        yield refusal(f"{key} of 1", refused, rf"{key} is 1; expected an integer in \[2")
+    for count, size in ((2, 2), (3, 2), (21, 20), (41, 20), (7, 2)):
+        alone = min(len(part) for part in torch.arange(count).tensor_split(parts(count, size)))
+        yield Finding(f"batches of one example, {count} in batches of {size}", float(alone < 2), 0)
+    classifier = without_dropout(deepcopy(subject.classifier).cpu().train())
+    nodes = classifier.backbone(torch.from_numpy(some_inputs(subject, 2)).unsqueeze(1))
+    sets = torch.from_numpy(some_sets(2, classifier.views, 2))
+    loss = classifier.head.loss(*classifier.head(nodes[sets]), torch.arange(2))
+    loss.backward()
+    lost = [finite(weight.grad) for weight in classifier.parameters() if weight.grad is not None]
+    yield Finding("not finite, two view sets of two frames", max([finite(loss.detach()), *lost]), 0)
 
 
 def gradients(subject: Subject) -> Iterator[Finding]:
@@ -190,4 +210,4 @@ def _size(values: Tensor) -> float:
     return float(values.detach().square().mean().sqrt()) or 1.0
 
 
-CASES = (losses_of_sure_logits, gradients, gradients_at_the_extremes, learning_rates, last_good_weights)
+CASES = (losses_of_sure_logits, batches_of_one, gradients, gradients_at_the_extremes, learning_rates, last_good_weights)

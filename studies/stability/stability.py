@@ -18,8 +18,9 @@ from tactile_viewgcn.frames import read_frames
 PARTS = (data, clusters, graph, network, learning, scoring, glove, same, left_out)
 TEXT = """{data}. Every case is done with the pipeline's own functions. `error` is the largest difference from a
 reference in double precision, or an exact one, relative to the largest number there, unless its quantity says what is
-counted; `seconds` are those since the row before. A row is `right` with an error of no more than its tolerance, `refused`
-where the project says in one line that it does not do that, and WRONG otherwise. {counts}, in {seconds:.0f} s."""
+counted; `seconds` are those since the row before. A row is `right` with an error of no more than its tolerance,
+`refused` where the project says in one line that it does not do that, and WRONG otherwise.
+{counts}, in {seconds:.0f} s."""
 
 
 @stage(
