@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.files import md5
+from tactile_viewgcn.glove import contact, scene
 from tactile_viewgcn.glove import simulation as module
 from tactile_viewgcn.glove.contact import Layer
-from tactile_viewgcn.glove.hand import stag_hand
+from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import Implicit
 from tactile_viewgcn.glove.scene import Habits, schedule
 from tactile_viewgcn.glove.simulation import EFFECTS, MECHANICS, READING, VERSION, Simulation, simulate
@@ -131,6 +132,39 @@ def test_a_recording_is_the_same_whatever_other_objects_are_simulated():
     more, _ = counts(recipe(["pen", "coin"]))
     fewer, _ = counts(recipe(["coin"], sessions=1))  # and whatever other sessions
     np.testing.assert_array_equal(more[[0, 2]], fewer)
+
+
+@pytest.mark.parametrize(
+    "without", [(), ("motion", "weight"), ("bending",), EFFECTS], ids=lambda names: "-".join(names)
+)
+def test_empty_hands_alone_read_what_they_do_among_others_and_look_for_no_contacts(monkeypatch, without):
+    given = recipe(["ball"], without=without, seed=3)
+    among, _ = counts(given)
+
+    def looked_for(*args, **kwargs):
+        raise AssertionError("looked for contacts where no object is")
+
+    for place in (contact, scene):
+        monkeypatch.setattr(place, "touching", looked_for)
+    monkeypatch.setattr(Hands, "pose", looked_for)
+    run = Simulation(given, [cell for cell in given.cells if cell[1] == 0])
+    alone = np.concatenate(list(run.blocks()), axis=1)[..., HAND.row, HAND.column]
+    np.testing.assert_array_equal(alone, among[[0, 2]])
+    assert (run.work.evaluations > 0) == ("bending" not in without)
+    if "noise" not in without:
+        assert len(np.unique(alone)) > 5  # not a constant
+
+
+def test_a_hand_without_an_object_moves_the_same_whether_contacts_are_looked_for_or_not():
+    given = recipe(["ball"], sessions=1)
+    states = []
+    for looks in (False, True):
+        run = Simulation(given, [(0, 0, 0)])
+        run.solids.some |= looks
+        mechanics = run.mechanics(0, 18)
+        states.append(Implicit(mechanics, 1 / given.rate).run(mechanics.start(), 18))
+    assert np.ptp(states[0][..., :10], axis=1).max() > 0.1  # rad: the fingers close
+    np.testing.assert_array_equal(*states)
 
 
 def test_recordings_are_the_same_whatever_the_number_of_processes(tmp_path, monkeypatch):

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands, Pose
 from tactile_viewgcn.glove.shapes import Solids
-from tactile_viewgcn.glove.touching import Contacts, touching
+from tactile_viewgcn.glove.touching import NO_CONTACTS, Contacts, touching
 
 LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: beyond them a stiff spring
 JOINT = np.array([0.25, 0.16])  # N m / rad
@@ -136,8 +136,18 @@ class Mechanics:
 
     def start(self) -> np.ndarray:
         """(B, n): everything where the scene wants it at first."""
+        if self.solids.some:
+            self._outside_the_palm()
         count = len(self.stiffness)
-        rows, place, turn = np.arange(count), self.drive.place[:, 0], _matrix(self.drive.turn[:, 0])
+        y = np.zeros((count, self.size))
+        y[:, :10] = self.drive.posture[:, 0].reshape(count, 10)
+        if self.motion:
+            y[:, 10:] = self.drive.place[:, 0]
+        return y
+
+    def _outside_the_palm(self) -> None:
+        """Refuses an object that starts inside the palm: there it may come out behind."""
+        rows, place, turn = np.arange(len(self.stiffness)), self.drive.place[:, 0], _matrix(self.drive.turn[:, 0])
         pose = self.hands.pose(rows, self.drive.posture[:, 0], self.drive.opposition[:, 0])
         inside = touching(self.hands, self.solids, rows, pose, place, turn, palm=True)
         if (inside.patch >= LINK_PATCHES).any():
@@ -146,23 +156,16 @@ class Mechanics:
                 f"object {self.names[inside.row[worst]] if self.names else inside.row[worst]} starts "
                 f"{inside.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; start it further away"
             )
-        y = np.zeros((count, self.size))
-        y[:, :10] = self.drive.posture[:, 0].reshape(count, 10)
-        if self.motion:
-            y[:, 10:] = place
-        return y
 
     def balance(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:
         """Forces, energy and Hessian of rows (R,) at times (R,) and y (R, n); `palm`: with the palm's sensors."""
         now = self.drive.at(rows, time)
         q, count = y[:, :10].reshape(-1, 5, 2), len(rows)
         thing = y[:, 10:] if self.motion else now["place"]
-        pose = self.hands.pose(rows, q, now["opposition"])
-        touch = touching(self.hands, self.solids, rows, pose, thing, _matrix(now["turn"]), palm=palm)
+        touch, slope, facing = self._contacts(rows, q, thing, now, palm=palm)
         own = rows[touch.row], touch.sensor
         stiff = self.stiffness[own[0]] * self.hands.area[own]
         force = stiff * touch.depth
-        slope = self._slope(touch, pose)
         group = touch.row * 6 + np.minimum(touch.patch // 3, 5)
         pulls, blocks = _sums(group, count * 6, slope, force, stiff)
         pulls, blocks = pulls.reshape(count, 6, 5), blocks.reshape(count, 6, 5, 5)
@@ -181,9 +184,19 @@ class Mechanics:
             apart = thing - now["place"]
             residual[:, 10:] = HOLDING * apart + pulls[:, :, 2:].sum(axis=1) - now["load"]
             energy += 0.5 * HOLDING * (apart**2).sum(axis=1) - (now["load"] * thing).sum(axis=1)
-        skin = np.einsum("nij,nj->ni", pose.axes[touch.row, touch.patch], self.hands.normal[own])
-        facing = np.maximum(-np.einsum("ni,ni->n", skin, touch.normal), 0)
         return Balance(residual, energy, block, blocks[:, :5, :2, 2:], whole, touch, force, slope, facing)
+
+    def _contacts(
+        self, rows: np.ndarray, q: np.ndarray, place: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
+    ) -> tuple[Contacts, np.ndarray, np.ndarray]:
+        """The contacts, their slopes (C, 5), and which way the sensors face (C,); nobody looks where no object is."""
+        if not self.solids.some:
+            return NO_CONTACTS, np.zeros((0, 5)), np.zeros(0)
+        pose = self.hands.pose(rows, q, now["opposition"])
+        touch = touching(self.hands, self.solids, rows, pose, place, _matrix(now["turn"]), palm=palm)
+        own = rows[touch.row], touch.sensor
+        skin = np.einsum("nij,nj->ni", pose.axes[touch.row, touch.patch], self.hands.normal[own])
+        return touch, self._slope(touch, pose), np.maximum(-np.einsum("ni,ni->n", skin, touch.normal), 0)
 
     def _slope(self, touch: Contacts, pose: Pose) -> np.ndarray:
         """(C, 5) of each depth in its finger's two coordinates, 0 on the palm, and in the object's three."""

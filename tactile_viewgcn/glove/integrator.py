@@ -4,6 +4,7 @@ The method is the L-stable, stiffly accurate singly diagonally implicit Runge-Ku
 (Alexander, SIAM J. Numer. Anal. 14 (1977), 1006-1021). Each stage minimises a proximal energy by damped Newton, so a
 step of any length ends at a finite state. The embedded method of order 1 estimates the error, filtered through the
 stage's matrix (Hosea and Shampine, Appl. Numer. Math. 20 (1996), 21-37) and read as an error of the sensors' forces.
+A step that goes past a contact is rejected too, see `passing.py`.
 
 No hand waits for another: while one is in its third Newton iteration of a second stage, the next one may be frames
 ahead. So every evaluation of the mechanics serves all of them.
@@ -14,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactile_viewgcn.glove.contact import LEVER, Balance, Mechanics
+from tactile_viewgcn.glove.passing import passed
 
 GAMMA = 1 - np.sqrt(0.5)
 NEWTON, PATIENCE = 16, 2  # iterations of a stage; how many may climb before the last good one is gone back to
@@ -21,7 +23,7 @@ BACKTRACK, SHORTEST = 0.4, 1e-6  # of a step that went too far
 ROUNDING = 1e-12
 FLOOR = 0.05  # N: forces below are compared with this
 SAFETY, SHRINK, GROW = 0.8, 0.2, 4.0
-UNSOLVED = 4.0  # the error, in tolerances, of a step with a stage that was not solved
+UNSOLVED = 4.0  # the error, in tolerances, of a step with a stage that was not solved, or past a contact
 SMALLEST = 1e-3  # of a frame: no step is rejected that is so short
 
 
@@ -30,7 +32,7 @@ class Work:
     """What an integration has cost, counted per hand.
 
     Attributes:
-        steps: all of them, with the `rejected` ones; evaluations: of the mechanics.
+        steps: all of them, with the `rejected` ones; evaluations: of the mechanics, with the looks at a step's way.
         unsolved: stages whose Newton iteration did not reach its tolerance.
         forced: steps kept for being as short as SMALLEST, in spite of their error.
     """
@@ -147,6 +149,13 @@ class Implicit:
             if len(over):
                 error = self._error(rows, at, now, stages, slope)[last]
                 error = np.where(fine[over], error, UNSOLVED)
+                if self.step is None and mechanics.solids.some:
+                    fair = np.flatnonzero((error <= 1) & (h[over] > SMALLEST * self.frame))
+                    way, since = over[fair], knot[over[fair]] + done[over[fair]] / self.frame
+                    until = since + h[way] / self.frame
+                    missed, looks = passed(mechanics, way, since, y[way], until, stages.best[way])
+                    error[fair[missed]] = UNSOLVED
+                    self.work.evaluations += looks
                 good = (error <= 1) | (h[over] <= SMALLEST * self.frame) | (self.step is not None)
                 self.work.steps += len(over)
                 self.work.rejected += int((~good).sum())

@@ -129,6 +129,8 @@ def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def closing(hands: Hands, solids: Solids, lie: _Grasps, g: int) -> np.ndarray:
     """How far (B, 5) each finger closes, 0 open to 1 closed, until it touches the object of grasp g."""
+    if not solids.some:
+        return np.full((len(lie.place), 5), IDLE)
     rows, steps = np.arange(len(lie.place)), 28
     share = np.full((len(rows), 5), np.nan)
     turn = Rotation.from_rotvec(lie.turn[:, g]).as_matrix()
@@ -139,7 +141,7 @@ def closing(hands: Hands, solids: Solids, lie: _Grasps, g: int) -> np.ndarray:
         found = np.zeros(share.shape, dtype=bool)
         found[touch.row, touch.patch // 3] = True
         share[found & np.isnan(share)] = part
-    empty = ~np.isfinite(solids.reach[:, :1]).any(axis=1, keepdims=True) if solids.reach.size else True
+    empty = ~np.isfinite(solids.reach[:, :1]).any(axis=1, keepdims=True)
     return np.where(np.isnan(share), np.where(empty, IDLE, RELAXED), share)
 
 

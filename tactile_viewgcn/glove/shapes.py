@@ -110,6 +110,7 @@ class Solids:
     Attributes:
         reach: (B, P) m, a sphere around each primitive; negative where there is none.
         centre: (B, P, 3) m, turn: (B, P, 3, 3): from the primitive's axes to the object's.
+        some: whether any union has a primitive; where none has, nothing can be touched.
     """
 
     def __init__(self, parts: list[list[Primitive]]):
@@ -124,6 +125,7 @@ class Solids:
                     getattr(self, name)[b, p] = getattr(part, name)
                 self.half[b, p, : len(part.half)] = part.half
                 self.turn[b, p] = Rotation.from_rotvec(part.turn).as_matrix()
+        self.some = bool((self.reach > 0).any())
         self.has_cut = any(part.cut != NO_CUT for solids in parts for part in solids)
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -29,6 +29,10 @@ class Contacts:
     point: np.ndarray
 
 
+_NONE = np.zeros(0, dtype=int)
+NO_CONTACTS = Contacts(_NONE, _NONE, _NONE, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
 def touching(
     hands: Hands, solids: Solids, rows: np.ndarray, pose: Pose, place: np.ndarray, turn: np.ndarray, *, palm: bool
 ) -> Contacts:
