@@ -203,6 +203,17 @@ def test_the_study_writes_its_table(tmp_path, monkeypatch):
     assert "Simulated by the virtual glove" in (tmp_path / "out" / "results.md").read_text()
 
 
+def test_a_summary_says_how_near_a_part_is_to_being_wrong():
+    module = import_module("studies.stability.stability")
+    rows = [
+        {"verdict": RIGHT, "error": 2e-6, "tolerance": 1e-5, "seconds": 1.0},
+        {"verdict": RIGHT, "error": 0.0, "tolerance": 0, "seconds": 0.5},
+        {"verdict": REFUSED, "error": "", "tolerance": "", "seconds": 0.0},
+    ]
+    assert module.summary(rows) == "2 right, 1 refused, 0 WRONG; at most 0.2 of the tolerance, 1.5 s"
+    assert module.summary(rows[1:2]) == "1 right, 0 refused, 0 WRONG; 0.5 s"
+
+
 def test_one_wrong_quantity_fails_the_study_and_its_table_is_there(tmp_path, monkeypatch):
     def holds(_):
         yield Finding("good", 0, 0)

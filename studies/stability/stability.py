@@ -51,5 +51,14 @@ def stability(params, run, frames, classifier, out):
     return {name.lower(): float(verdicts[name]) for name in (RIGHT, REFUSED, WRONG)}
 
 
+def summary(rows: list[dict]) -> str:
+    """How many of a part's rows have which verdict, how near the nearest is to being wrong, and what they took."""
+    count = Counter(row["verdict"] for row in rows)
+    shares = [row["error"] / row["tolerance"] for row in rows if row["verdict"] == RIGHT and row["tolerance"]]
+    worst = f"at most {max(shares):.2g} of the tolerance, " if shares else ""
+    verdicts = ", ".join(f"{count[name]} {name}" for name in (RIGHT, REFUSED, WRONG))
+    return f"{verdicts}; {worst}{sum(row['seconds'] for row in rows):.1f} s"
+
+
 if __name__ == "__main__":
     stability()
