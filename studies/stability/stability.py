@@ -42,9 +42,10 @@ def stability(params, run, frames, classifier, out):
     write_table(out, rows, TEXT.format(data=named(params.data), counts=counts, seconds=seconds))
     for name in ("results.csv", "results.md"):
         run.artifact(out / name)
-    print(
-        f"stability: {len(rows)} quantities of {len({row['case'] for row in rows})} cases: {counts}, in {seconds:.0f} s"
-    )
+    cases = {(row["part"], row["case"]) for row in rows}
+    print(f"stability: {len(rows)} quantities of {len(cases)} cases: {counts}, in {seconds:.0f} s")
+    for part in dict.fromkeys(row["part"] for row in rows):
+        print(f"  {part}: {summary([row for row in rows if row['part'] == part])}")
     wrong = [f"{row['part']}, {row['case']}, {row['quantity']}" for row in rows if row["verdict"] == WRONG]
     if wrong:
         raise ValueError(f"{len(wrong)} WRONG, see {out / 'results.md'}: {'; '.join(wrong)}")
