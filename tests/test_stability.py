@@ -197,7 +197,7 @@ def study(place, monkeypatch, cases):
 def test_the_study_writes_its_table(tmp_path, monkeypatch):
     result = study(tmp_path, monkeypatch, scoring.CASES)
     assert result.exit_code == 0, result.output
-    rows = list(csv.DictReader((tmp_path / "out" / "results.csv").open()))
+    rows = list(csv.DictReader((tmp_path / "out" / "results.csv").read_text().splitlines()))
     assert {row["verdict"] for row in rows} == {RIGHT} and {row["part"] for row in rows} == {"scoring"}
     assert f"{len(rows)} quantities of 4 cases: {len(rows)} right, 0 refused, 0 WRONG" in result.output
     assert "Simulated by the virtual glove" in (tmp_path / "out" / "results.md").read_text()
