@@ -9,7 +9,7 @@ from tactile_viewgcn.glove import integrator
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import Implicit
-from tactile_viewgcn.glove.objects import Thing
+from tactile_viewgcn.glove.objects import THINGS, Thing
 from tactile_viewgcn.glove.passing import LOOK, passed
 from tactile_viewgcn.glove.shapes import capsule, sphere
 from tests.gloves import LAYER, bed, solids, still
@@ -42,6 +42,18 @@ def test_what_goes_deeper_on_its_way_than_at_its_ends_has_passed():
     ])  # fmt: skip
     assert found.tolist() == [True, True, False, False, False, False, False]
     assert looks == sum(int(np.ceil(way / LOOK)) + 1 for way in (0.4, 0.4, 0.4, 0.4, 0.2 - deep, 0.2 - deep))
+
+
+def test_an_empty_hand_passes_nothing_and_is_not_looked_at():
+    ball = Thing("ball", 1, 1e9, (sphere(RADIUS),))
+    drive = still([[0, 0, 0.2]] * 2)
+    for things, expected in (((ball, THINGS[0]), [True, False]), ((THINGS[0], THINGS[0]), [False, False])):
+        hands = Hands([bed(20, 0.04)] * 2)
+        mechanics = Mechanics(hands, solids(*things), np.full(2, 1e9), drive, LAYER, motion=True)
+        before, after = np.zeros((2, 2, 13))
+        before[:, 12], after[:, 12] = 0.2, -0.2
+        found, looks = passed(mechanics, np.arange(2), np.zeros(2), before, np.ones(2), after)
+        assert found.tolist() == expected and looks == 26 * sum(expected)
 
 
 def flown_past():

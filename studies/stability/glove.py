@@ -167,7 +167,8 @@ def wedged_between_two_fingers(subject: Subject) -> Iterator[Finding]:
 def damping(subject: Subject) -> Iterator[Finding]:
     """None is refused; with next to none the hand is always where the springs balance.
 
-    An angle is right where its torque is off by no more than Newton's goal, 0.2 TOLERANCE of the least force counted.
+    An angle is right where its torque is off by no more than Newton's goal, 0.2 TOLERANCE of the least force counted,
+    and the damping's own torque behind a posture that moves; the object is wanted at one place.
     """
     for name, given in (("joints", (0.0, 60.0)), ("object", (0.02, 0.0))):
         what = f"no damping of the {name}"
@@ -184,7 +185,7 @@ def damping(subject: Subject) -> Iterator[Finding]:
         said = f"{lambda_h(mechanics, states)}; {counted}"
         yield Finding("torque that is not balanced, N m", float(torque.max()), goal + lag, said)
         force = HOLDING * np.abs(states[0, :, 12] - (0.3 - 3.0 / HOLDING)).max()
-        yield Finding("force that is not balanced, N", float(force), 0.2 * TOLERANCE * FLOOR + 2 * lag, said)
+        yield Finding("force that is not balanced, N", float(force), 0.2 * TOLERANCE * FLOOR, said)
 
 
 def deep_at_first(subject: Subject) -> Iterator[Finding]:
@@ -205,7 +206,10 @@ def deep_at_first(subject: Subject) -> Iterator[Finding]:
 
 
 def a_hundred_thousand_frames(subject: Subject) -> Iterator[Finding]:
-    """100 hands grasp 50 times in 1,000 frames: the last grasp is the second one, the first had another start."""
+    """100 hands grasp 50 times in 1,000 frames, in steps of a whole one: the last grasp is the second one again.
+
+    The first had another start. With steps that follow the tolerance, this takes five times as long.
+    """
     mechanics, period = repeated_grasp(hands=100, grasps=50)
     states, counted = solved(mechanics, mechanics.start(), 50 * period, step=FRAME)
     yield Finding("states that are not finite", finite(states), 0.0, counted)

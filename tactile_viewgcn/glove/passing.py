@@ -47,13 +47,13 @@ def passed(
 def _way(
     mechanics: Mechanics, rows: np.ndarray, begin: np.ndarray, before: np.ndarray, end: np.ndarray, after: np.ndarray
 ) -> np.ndarray:
-    """(R,) m that the object and a fingertip move towards each other, at most."""
+    """(R,) m that the object and a fingertip move towards each other, at most; 0 where there is no object."""
     first, last = mechanics.drive.at(rows, begin), mechanics.drive.at(rows, end)
     hands, solids = mechanics.hands, mechanics.solids
     moved = after[:, 10:] - before[:, 10:] if mechanics.motion else last["place"] - first["place"]
-    size = np.maximum(np.linalg.norm(solids.centre[rows], axis=-1) + solids.reach[rows], 0).max(axis=1)
+    size = np.maximum(np.linalg.norm(solids.centre[rows], axis=-1) + solids.reach[rows], 0).max(axis=1, initial=0)
     turned = size * np.linalg.norm(last["turn"] - first["turn"], axis=-1)
     bent = np.abs((after - before)[:, :10].reshape(-1, 5, 2)) @ COUPLING.sum(axis=0)
     bent += np.abs(last["opposition"] - first["opposition"])[:, None]
     tips = (hands.links[rows].sum(axis=-1) * bent).max(axis=1)
-    return np.linalg.norm(moved, axis=-1) + turned + tips
+    return np.where(size > 0, np.linalg.norm(moved, axis=-1) + turned + tips, 0.0)
