@@ -116,20 +116,20 @@ def run(cases: Iterable[Case], subject: Subject) -> list[dict]:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
                 for found in case(subject):
-                    rows.append(named | _row(found, time.perf_counter() - begin))
+                    rows.append(named | _row(found, time.perf_counter() - begin, subject.folder))
                     begin = time.perf_counter()
         except Exception as error:
             lost = Finding("an outcome", np.nan, 0.0, f"{type(error).__name__}: {' '.join(str(error).split())}")
-            rows.append(named | _row(lost, time.perf_counter() - begin))
+            rows.append(named | _row(lost, time.perf_counter() - begin, subject.folder))
     return rows
 
 
-def _row(found: Finding, seconds: float) -> dict:
+def _row(found: Finding, seconds: float, folder: Path) -> dict:
     return {
         "quantity": found.quantity,
         "error": "" if found.refused else found.error,
         "tolerance": "" if found.refused else found.tolerance,
         "seconds": seconds,
         "verdict": found.verdict,
-        "remark": found.remark,
+        "remark": found.remark.replace(f"{folder}/", ""),
     }
