@@ -30,7 +30,7 @@ def over_a_bed(ways):
 
 
 def test_what_goes_deeper_on_its_way_than_at_its_ends_has_passed():
-    deep, shallow, side = RADIUS - 6 * MM, RADIUS - 3 * MM, 0.2  # the skin is 4 mm thick
+    deep, shallow, side = RADIUS - 10 * MM, RADIUS - 6 * MM, 0.2  # a finger's bone is 8 mm below its skin
     found, looks = over_a_bed([
         [[0, 0, 0.2], [0, 0, -0.2]],  # through the bed
         [[-side, 0, deep], [side, 0, deep]],

@@ -2,7 +2,8 @@
 
 Without contact the equation is linear and its steps are long, and a method that looks at two moments of a step cannot
 know of a third; nor does a Newton iteration see what it jumps over. So the way of a step is looked at as well, before
-it is kept, where it is longer than a finger is thick. A touch on the way that is no deeper than the skin is let pass.
+it is kept, where it is longer than a finger is thick. A touch that does not come as deep as a finger's bone is let
+pass, and so is an object too thin for that, such as a pen.
 """
 
 import numpy as np
@@ -18,7 +19,7 @@ def passed(
 ) -> tuple[np.ndarray, int]:
     """Whether a finger or palm of hands (R,) and the object go through each other on the straight way between states.
 
-    They do where they are deeper in each other than at both ends of the way, by more than the skin's thickness.
+    They do where they are deeper in each other than at both ends, by more than a bone lies below its skin.
 
     Args:
         rows: the hands; begin, end: (R,) times in frames; before, after: (R, n) states.
@@ -41,7 +42,7 @@ def passed(
     ends, inner = np.zeros((2, len(rows), 6))
     np.maximum.at(ends, tuple(part[~between] for part in at), touch.depth[~between])
     np.maximum.at(inner, tuple(part[between] for part in at), touch.depth[between])
-    return (inner - ends > mechanics.layer.thickness).any(axis=1), len(which)
+    return (inner - ends > RADIUS).any(axis=1), len(which)
 
 
 def _way(
