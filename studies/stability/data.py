@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from studies.stability.case import Finding, Subject, apart, differing, refusal
-from studies.stability.logits import SINGLE, exactly, in_precision, logits, some_sets
+from studies.stability.logits import SINGLE, single_and_exact, some_sets
 from tactile_viewgcn.baseline import QUANTISATION, empty_hand_rest, trimmed
 from tactile_viewgcn.clustering import cluster_table
 from tactile_viewgcn.filtering import in_contact
@@ -45,8 +45,8 @@ def unusual_frames(subject: Subject) -> Iterator[Finding]:
         [np.ones((1, subject.classifier.views), dtype=int), some_sets(2, subject.classifier.views, 7)]
     )
     sets = np.concatenate([pattern * (1 + number) for number in range(len(kinds))])
-    found = logits(subject.classifier, inputs, sets, in_precision("float32", subject)).split(len(pattern))
-    exact = exactly(subject.classifier, inputs, sets, subject).split(len(pattern))
+    both = single_and_exact(subject.classifier, inputs, sets, subject)
+    found, exact = (logits.split(len(pattern)) for logits in both)
     for number, name in enumerate(kinds):
         yield Finding(f"network input, {name}", apart(inputs[1 + number], exact_inputs[1 + number]), ROUNDING)
         yield Finding(f"logits, {name}", apart(found[number], exact[number]), SINGLE)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from studies.stability.case import Finding, Subject, apart, differing, refusal
-from studies.stability.logits import SINGLE
+from studies.stability.logits import SINGLE, with_the_same_views
 from tactile_viewgcn.classifier import Classifier
 from tactile_viewgcn.nn.gcn import normalised_adjacency
 from tactile_viewgcn.nn.graph import furthest_points, nearest, squared_distances
@@ -155,11 +155,12 @@ def fitted(head: System, trained: torch.nn.Module) -> System:
 
 
 def _both(head: System, nodes: Tensor, subject: Subject) -> tuple[Tensor, Tensor]:
-    """Logits of features (B, V, C) in float32 on the device, and in float64 on the processor."""
-    exact = deepcopy(head).double()
+    """Logits of features (B, V, C) in float32 on the device, and in float64 on the processor, of the same views."""
+    device = subject.compute.device
     with torch.inference_mode():
-        found = head.to(subject.compute.device)(nodes.to(subject.compute.device))[0].cpu()
-        return found, exact(nodes.double())[0]
+        return with_the_same_views(
+            lambda own: own.to(device)(nodes.to(device))[0].cpu(), lambda own: own.double()(nodes.double())[0], head
+        )
 
 
 def _width(head: System) -> int:

@@ -10,7 +10,16 @@ from torch import Tensor, nn
 
 from studies.stability.case import Finding, Subject, apart, differing, finite
 from studies.stability.graph import view_gcn
-from studies.stability.logits import SINGLE, exactly, features, in_precision, logits, some_inputs, some_sets
+from studies.stability.logits import (
+    SINGLE,
+    features,
+    in_precision,
+    logits,
+    single_and_exact,
+    some_inputs,
+    some_sets,
+    with_the_same_views,
+)
 from tactile_viewgcn.classifier import Recogniser, save_classifier
 from tactile_viewgcn.frames import full_scale
 from tactile_viewgcn.nn.backbone import Backbone
@@ -26,8 +35,7 @@ def precisions(subject: Subject) -> Iterator[Finding]:
     """Test frames in single precision and, where the evaluation uses it, in bfloat16."""
     inputs = some_inputs(subject)
     sets = some_sets(len(inputs), subject.classifier.views)
-    exact, single = exactly(subject.classifier, inputs, sets, subject), in_precision("float32", subject)
-    found = logits(subject.classifier, inputs, sets, single)
+    found, exact = single_and_exact(subject.classifier, inputs, sets, subject)
     yield Finding("logits, float32", apart(found, exact), SINGLE)
     yield Finding("answers, float32", differing(found.argmax(dim=1), exact.argmax(dim=1)), 0)
     true = features(subject.classifier, inputs, in_precision("float64", subject)).cpu()
@@ -46,8 +54,7 @@ def inputs_far_from_one(subject: Subject) -> Iterator[Finding]:
     }  # fmt: skip
     for name, values in kinds.items():
         values = values.astype(np.float32)
-        found = logits(subject.classifier, values, sets, in_precision("float32", subject))
-        yield Finding(f"logits, {name}", apart(found, exactly(subject.classifier, values, sets, subject)), SINGLE)
+        yield Finding(f"logits, {name}", apart(*single_and_exact(subject.classifier, values, sets, subject)), SINGLE)
 
 
 def batch_of_one(subject: Subject) -> Iterator[Finding]:
@@ -67,11 +74,13 @@ def a_thousand_views_in_half_precision(subject: Subject) -> Iterator[Finding]:
     nodes = torch.rand(2, 1000, head.classifier[0].out_features, generator=torch.Generator().manual_seed(0))
     for kind in (torch.bfloat16, torch.float16):
         rounded = nodes.to(kind)
-        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=kind == torch.bfloat16):
-            found = head(rounded)[0]
         with torch.inference_mode():
-            exact = deepcopy(head).double()(rounded.double())[0]
-        yield Finding(f"logits, {str(kind).removeprefix('torch.')}", apart(found, exact), SINGLE)
+            both = with_the_same_views(
+                lambda own, rounded=rounded: own(rounded)[0],
+                lambda own, rounded=rounded: own.double()(rounded.double())[0],
+                head,
+            )
+        yield Finding(f"logits, {str(kind).removeprefix('torch.')}", apart(*both), SINGLE)
 
 
 def moments_of_large_frames(subject: Subject) -> Iterator[Finding]:
@@ -118,7 +127,7 @@ def sure_answers(subject: Subject) -> Iterator[Finding]:
     save_classifier(path, sure, subject.params.model, table)
     rest = np.zeros(inputs.shape[1:])
     found = Recogniser(path).probabilities(np.clip(inputs, 0, 1)[sets], rest)
-    exact = exactly(sure, np.clip(inputs, 0, 1), sets, subject).softmax(dim=-1)
+    exact = single_and_exact(sure, np.clip(inputs, 0, 1), sets, subject)[1].softmax(dim=-1)
     yield Finding("probabilities", apart(found, exact), 1e-2, "logits of 1e4 have three digits behind the point")
     yield Finding("sum of the probabilities", apart(found.sum(axis=1), np.ones(len(found))), SINGLE)
     given = torch.randn(20, 4, 9, generator=torch.Generator().manual_seed(0))

@@ -47,9 +47,9 @@ def batches(subject: Subject) -> Iterator[Finding]:
         parts = torch.cat(
             [features(subject.classifier, part, compute) for part in np.array_split(inputs, 1 + len(inputs) // 20)]
         )
-        whole, split = (joined(subject.classifier, given, sets, compute) for given in (nodes, parts))
+        whole, split = (joined(subject.classifier.head, given, sets, compute) for given in (nodes, parts))
         yield Finding(f"logits, batches of 20 frames, {precision}", apart(split, whole), SINGLE)
-        alone = torch.cat([joined(subject.classifier, nodes, own[None], compute) for own in sets])
+        alone = torch.cat([joined(subject.classifier.head, nodes, own[None], compute) for own in sets])
         yield Finding(f"logits, view set by view set, {precision}", apart(alone, whole), SINGLE)
 
 
@@ -85,7 +85,7 @@ def _evaluated(subject: Subject, compute: Compute) -> tuple[torch.Tensor, np.nda
     index = subject.table.on(TEST)
     table = replace(subject.table, anchor=_some(subject.table.anchor, index))
     nodes = features(subject.classifier, table.inputs(index), compute)
-    found = joined(subject.classifier, nodes, some_sets(len(index), subject.classifier.views, 100), compute)
+    found = joined(subject.classifier.head, nodes, some_sets(len(index), subject.classifier.views, 100), compute)
     trials = all_trials(subject.classifier, nodes, table, subject.params.cluster, TRIALS, subject.params.seed)
     return found, np.stack([one.predicted for one in trials.values()])
 

@@ -152,9 +152,16 @@ class SelectiveViewSampling(nn.Module):
         near = gather_nodes(nearest(positions, self.neighbours), sampled)  # (B or 1, M, K)
         near = near.expand(len(nodes), -1, -1)
         logits = self.logits(gather_nodes(nodes, near))
-        certainty = log_odds(logits.detach(), dim=1 if self.joint else -1).amax(dim=-1)  # (B, M, K)
-        chosen = near.gather(-1, certainty.argmax(dim=-1, keepdim=True)).squeeze(-1)
+        chosen = near.gather(-1, self.surest(logits).unsqueeze(-1)).squeeze(-1)
         return gather_nodes(nodes, chosen), gather_nodes(positions.expand(len(nodes), -1, -1), chosen), logits
+
+    def surest(self, logits: Tensor) -> Tensor:
+        """Which candidate (B, m) the classifier is surest of, by its class logits (B, m, K, Y); ties to the nearest."""
+        return self.certainty(logits).argmax(dim=-1)
+
+    def certainty(self, logits: Tensor) -> Tensor:
+        """How sure the classifier is of each candidate (B, m, K), in log odds of its most probable class."""
+        return log_odds(logits.detach(), dim=1 if self.joint else -1).amax(dim=-1)
 
 
 def log_odds(logits: Tensor, dim: int) -> Tensor:
