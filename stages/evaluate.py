@@ -28,7 +28,7 @@ def evaluate(params, run, frames, classifier, after, out):
     evaluation = evaluate_table(
         model, table, params.cluster, params.evaluate, compute, params.seed, content["temperatures"]
     )
-    metrics = metrics_tree(evaluation, table, model.views)
+    metrics = metrics_tree(evaluation, table, model.views) | ({"diverged_in_epoch": diverged} if diverged else {})
     timing = costs(evaluation, records, peak_mb())
     write_results(out, metrics, timing, evaluation, table.classes)
     for path in sorted(out.iterdir()):

@@ -43,6 +43,7 @@ def train(params, run, study, arm, fold, clustering, timed, frames, backbone, pr
     system_of(params.model.system)  # its code is loaded: `kept` asks for that
     with kept(f"{study}-{fold}-{clustering}", params, run.md5s, compute) as keep:
         classifier, progress = finetune_classifier(table, views, weights, params, compute, keep)
+    progress.require_all_epochs()
     seconds = json.loads(pretrained.read_text())["seconds"]
     how = replace(params.evaluate, stop_at=0.0)
     found = evaluate_table(classifier, table, params.cluster, how, compute, params.seed, timed=timed)
@@ -62,8 +63,6 @@ def train(params, run, study, arm, fold, clustering, timed, frames, backbone, pr
     errors = {protocol: 1 - float(answers.right(protocol).mean()) for protocol in predicted}
     each = ", ".join(f"{protocol} {100 * error:.1f} %" for protocol, error in errors.items())
     print(f"{study}: {arm}, seed {params.seed}, fold {fold}: error {each}")
-    if progress.diverged:
-        print(f"  {progress}")
     return {f"error.{protocol}": error for protocol, error in errors.items()} | costs | progress.metrics
 
 

@@ -33,11 +33,11 @@ def trimmed(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Per-sensor mean and standard deviation (H, W) of counts (T, H, W), outliers cut.
 
     The signal's median is one count, so a median of whole counts would show its rounding; a mean without the
-    frames beyond three standard deviations does not. The noise is at least that of the rounding: to whole counts, or
-    of real numbers to their precision. Sums are of differences from the first frame, which a large offset leaves exact.
+    frames beyond three standard deviations does not. The noise is at least that of the rounding, see `_step`. Sums are
+    of differences from the first frame, which a large offset leaves exact.
     """
     kind, first = _precise(counts.dtype), counts[0].astype(np.float64)
-    rounding = QUANTISATION * (1.0 if counts.dtype.kind in "iu" else np.spacing(np.abs(counts).max(axis=0)))
+    rounding = QUANTISATION * _step(counts)
     values = counts - first
     inside = np.ones(values.shape, dtype=bool)
     for _ in range(PASSES):
@@ -49,6 +49,19 @@ def trimmed(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             break
         inside = tighter
     return (first + mean).astype(kind), noise.astype(kind)
+
+
+def _step(counts: np.ndarray) -> float:
+    """What counts (T, H, W) are rounded to: 1 for whole numbers; of real ones the smallest gap between two of them.
+
+    Gaps of less than eight last digits are rounding themselves. Where all are equal it is the last digit.
+    """
+    if counts.dtype.kind in "iu":
+        return 1.0
+    last = float(np.spacing(np.abs(counts).max()))
+    gaps = np.diff(np.unique(counts).astype(np.float64))
+    gaps = gaps[gaps > 8 * last]
+    return float(gaps.min()) if len(gaps) else last
 
 
 def _precise(kind: np.dtype) -> np.dtype:

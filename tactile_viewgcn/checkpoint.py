@@ -65,6 +65,7 @@ class Progress:
         epoch: epochs done.
         curves: a value per epoch each.
         seconds: spent on them.
+        first: loss of the very first batch, which later ones are compared with.
         diverged: in which epoch, at what learning rate, and what to do; empty where all went well.
         resumed: epochs that were done before the last interruption, and the seconds spent on those.
     """
@@ -72,6 +73,7 @@ class Progress:
     epoch: int = 0
     curves: dict[str, list[float]] = field(default_factory=dict)
     seconds: float = 0.0
+    first: float | None = None
     diverged: str = ""
     resumed: tuple[int, float] = (0, 0.0)
 
@@ -80,6 +82,11 @@ class Progress:
         last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
         lost = f" ({self.diverged}; the weights after epoch {self.epoch} are kept)" if self.diverged else ""
         return f"{self.epoch} epochs{before}{lost}" + (f", at the end {last}," if last else "")
+
+    def require_all_epochs(self) -> None:
+        """For studies, which compare whole trainings: ValueError where this one diverged."""
+        if self.diverged:
+            raise ValueError(f"{self.diverged}: a study compares whole trainings")
 
     @property
     def metrics(self) -> dict[str, float]:
@@ -108,21 +115,22 @@ class Checkpoint:
         device: torch.device,
     ):
         self.path, self._state, self._generators, self._rngs, self._device = path, state, generators, rngs, device
-        self._good: dict[str, dict[str, torch.Tensor]] = {}
+        self._weights: list[dict[str, dict[str, torch.Tensor]]] = []  # of the last two times, the last one last
 
-    def go_back(self) -> None:
-        """Give the modules the weights that they had when the state was kept last."""
-        for name, weights in self._good.items():
+    def go_back(self, epochs: int = 0) -> None:
+        """Give the modules the weights that they had when the state was kept last, or the time before."""
+        for name, weights in self._weights[-1 - epochs].items():
             self._state[name].load_state_dict(weights)
 
     def _remember(self) -> None:
         """The weights, in memory; what has none, such as the optimiser, is of no use without the rest of a training."""
         modules = {name: thing for name, thing in self._state.items() if isinstance(thing, torch.nn.Module)}
-        self._good = {
+        weights = {
             name: {key: value.clone() for key, value in module.state_dict().items()}
             for name, module in modules.items()
             if any(True for _ in module.parameters())
         }
+        self._weights = [*self._weights[-1:], weights]
 
     def save(self, progress: Progress) -> None:
         """Keep the state as it is."""
@@ -135,6 +143,7 @@ class Checkpoint:
             "generators": {name: one.get_state() for name, one in self._generators.items()},
             "rngs": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
             "torch": torch.get_rng_state(),
+            "before": self._weights[:-1],
         }
         if self._device.type == "cuda":
             content["cuda"] = torch.cuda.get_rng_state(self._device)
@@ -160,6 +169,7 @@ class Checkpoint:
             torch.set_rng_state(content["torch"])
             if self._device.type == "cuda":
                 torch.cuda.set_rng_state(content["cuda"], self._device)
+            self._weights = content["before"]
         self._remember()
         progress = Progress(**content["progress"])
         progress.resumed = progress.epoch, progress.seconds

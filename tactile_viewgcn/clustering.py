@@ -12,9 +12,7 @@ from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.split import TRAIN, VALIDATION
 from tactile_viewgcn.views import NO_CLUSTER, Views, random_parts
 
-ONE = (
-    2.0**-20
-)  # of the largest score: rows that differ by less count as one, since k-means' distances have no more digits
+SAME = 2.0**-20  # of the largest score: rows that differ by less are one; k-means' distances have no more digits
 
 
 def pool_ids(label: np.ndarray, recording: np.ndarray, side: np.ndarray, scope: str) -> np.ndarray:
@@ -94,14 +92,25 @@ def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.nd
     """Cluster int64 (n,), 0 to V - 1, of each row of scores (n, c): the best of `restarts` runs of k-means.
 
     With no more distinct rows than views each is a cluster of its own and the other clusters stay empty. Rows that
-    differ by rounding alone, `ONE` of the largest number, are not distinct.
+    differ by rounding alone are not distinct, see `SAME`.
     """
     from sklearn.cluster import KMeans
     from threadpoolctl import threadpool_limits
 
-    step = ONE * np.abs(scores).max(initial=0)
-    distinct, inverse = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
-    if len(distinct) <= views:
-        return inverse.ravel()
+    own = _distinct(scores, views)
+    if own is not None:
+        return own
     with threadpool_limits(1):  # small problems: more threads cost time, and the order of sums with them
         return KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores).astype(np.int64)
+
+
+def _distinct(scores: np.ndarray, most: int) -> np.ndarray | None:
+    """Number int64 (n,) of the distinct row that each of scores (n, c) is, where there are no more than `most`."""
+    from scipy.sparse.csgraph import connected_components
+
+    step = SAME * np.abs(scores).max(initial=0)
+    cells, inverse = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
+    if len(cells) > most * 2 ** scores.shape[1]:  # rows that are one lie in cells that touch
+        return None
+    count, number = connected_components((np.abs(cells[:, None] - cells) <= 1).all(axis=-1))
+    return number[inverse.ravel()].astype(np.int64) if count <= most else None

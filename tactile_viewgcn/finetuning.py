@@ -90,7 +90,7 @@ def finetune_classifier(
         classifier, and how it went: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
-        ValueError: the training diverges, or `model` does not fit the number of views.
+        ValueError: the training diverges in its first epoch, or `model` does not fit the number of views.
     """
     how, seed = params.finetune, params.seed
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout

@@ -32,7 +32,7 @@ class Range:
         return f"in {left}{self.low:.10g}, {self.high:.10g}{right}"
 
 
-SINGLE = 1e38  # a number, and one over it, that single precision holds: the trainings compute in it
+SINGLE = 1e30  # a number that single precision holds with room to spare, as one over it: the trainings compute in it
 Count = Annotated[int, Range(1)]
 Positive = Annotated[float, Range(1 / SINGLE, SINGLE)]
 NotNegative = Annotated[float, Range(0, SINGLE)]

@@ -42,7 +42,7 @@ def pretrain_backbone(
         backbone, classifier, and how it went: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
-        ValueError: the training diverges.
+        ValueError: the training diverges in its first epoch.
     """
     how, seed, inputs, labels = params.pretrain, params.seed, {}, {}
     for side in (TRAIN, VALIDATION):

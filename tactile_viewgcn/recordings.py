@@ -20,6 +20,7 @@ TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64
 BLOCK = 4096  # frames read or written at once
 MARK = "source_md5"  # attribute of the table: what it was read from
+LARGEST = 1e30  # pressure, in size: network input is of single precision
 LISTED = 10  # mistakes told in one sentence
 
 #: One value per frame. The first five are always there; the others where the source has them.
@@ -88,7 +89,7 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
     """Write a source's frames to one HDF5 table, block by block.
 
     Raises:
-        ValueError: no frames, an id out of range, or pressure that is not finite; nothing is left behind.
+        ValueError: no frames, an id out of range, or pressure that is not finite or too large; nothing is left behind.
     """
     low = np.full(source.shape, np.inf)
     high = np.full(source.shape, -np.inf)
@@ -181,9 +182,13 @@ def _check_block(block: dict[str, np.ndarray], source: Source, start: int) -> No
                 f"{path}: pressure from {counts.min()} to {counts.max()}; "
                 f"expected counts from {limits.min} to {limits.max}"
             )
-    if counts.dtype.kind == "f" and not (inside := _storable(counts)).all():
-        bad = start + int(inside.argmin())
-        raise ValueError(f"{path}: pressure of frame {bad} is not finite; expected a number from every sensor")
+    if counts.dtype.kind == "f" and not (inside := np.abs(counts) <= LARGEST).all():
+        bad = int(inside.all(axis=(1, 2)).argmin())
+        found = counts[bad][~inside[bad]][0]
+        raise ValueError(
+            f"{path}: pressure of frame {start + bad} is {found:g}; expected a number from every sensor, "
+            f"up to {LARGEST:g}"
+        )
     for column, among in (("object", "objects"), ("recording", "recordings"), ("session", "sessions")):
         count = len(getattr(source, among))
         _check_range(block[column], f"{column} id", (0, count - 1), f"({count} {among})", path, start)
@@ -201,11 +206,6 @@ def _check_range(values: np.ndarray, what: str, limits: tuple[int, int], remark:
             f"{path}: {what} {values[at]} of frame {start + at} is out of range; "
             f"expected {limits[0]} to {limits[1]} {remark}"
         )
-
-
-def _storable(counts: np.ndarray) -> np.ndarray:
-    """bool (n,): real numbers (n, H, W) that single precision holds, all of a frame's."""
-    return (np.abs(counts) <= np.finfo(np.float32).max).all(axis=(1, 2))
 
 
 def _append_columns(file: h5py.File, block: dict[str, np.ndarray], count: int, total: int) -> None:

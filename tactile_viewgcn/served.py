@@ -20,7 +20,7 @@ class Served:
 
     def predict(self, model_input: np.ndarray, params: dict[str, Any] | None = None) -> np.ndarray:
         params = params or {}
-        own = np.asarray(params.get("rest", ()), dtype=np.float32)
+        own = np.asarray(params.get("rest", ()), dtype=np.float64)
         if own.size not in (0, np.prod(self.recogniser.shape)):
             raise ValueError(f"rest has {own.size} values; expected one per sensor cell, {self.recogniser.shape}")
         rest = own.reshape(self.recogniser.shape) if own.size else self.recogniser.rest(params.get("session", ""))

@@ -130,7 +130,7 @@ class Run:
         signature = ModelSignature(
             Schema([TensorSpec(dtype, (-1, views, *shape))]),
             Schema([TensorSpec(np.dtype(np.float32), (-1, len(classes)))]),
-            ParamSchema([ParamSpec("session", "string", ""), ParamSpec("rest", "float", [], shape=(-1,))]),
+            ParamSchema([ParamSpec("session", "string", ""), ParamSpec("rest", "double", [], shape=(-1,))]),
         )
         mlflow.set_tracking_uri(self._uri)
         with warnings.catch_warnings(), mlflow.start_run(run_id=self.id):

@@ -5,7 +5,6 @@ of both.
 """
 
 import math
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.params import Augment, Finetune, Pretrain
 from tactile_viewgcn.randomness import torch_seed
 
-FAR = 100.0  # times its first loss: a training that is so far off does not come back
+FAR = 100.0  # times its first loss: a training that is so far off has lost what it began with
 LOOK = 16  # steps from one look at the loss to the next: each look waits for the device
 
 
@@ -73,10 +72,11 @@ def fit(
 ) -> Progress:
     """Run the epochs: a step down each loss, with the learning rates times `factor(epoch)`.
 
-    A training that diverges stops within the epoch, and the weights are again those of the last whole one.
+    A training that diverges stops within the epoch, and the weights are again those of the last epoch that ended well.
+    An epoch's last step is judged by the next one's first loss, that of the last epoch by one loss more.
 
     Args:
-        losses: epoch -> its batches' losses, one by one.
+        losses: epoch -> its batches' losses, one by one; of one epoch more than there are, the first is asked for.
         validate: what to note after an epoch besides the mean loss.
         checkpoint: where the training is kept after every epoch, and gone on with if it was.
 
@@ -94,49 +94,63 @@ def fit(
     for epoch in range(progress.epoch, epochs):
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * factor(epoch)
-        mean, fine = _epoch(losses(epoch), optimiser, progress.curves.get("loss"), bar)
-        if not fine:
-            found = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
-            progress.diverged = (
-                f"training diverged in epoch {epoch + 1} at a learning rate of {found}: the loss is "
-                f"{mean:g}; lower lr in params.yaml"
-            )
-            if not epoch:
-                raise ValueError(progress.diverged)
-            checkpoint.go_back()
+        mean, steps = _epoch(losses(epoch), optimiser, progress, bar)
+        if not _fine(mean, progress):
+            lost = epoch if steps > 1 else max(0, epoch - 1)  # a first loss is that of the weights it began with
+            _stop(progress, checkpoint, lost, mean, optimiser)
             break
         for name, value in ({"loss": mean} | validate()).items():
             progress.curves.setdefault(name, []).append(value)
         progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
         checkpoint.save(progress)
         bar.set_postfix({name: f"{line[-1]:.3f}" for name, line in progress.curves.items()})
+    if epochs and not progress.diverged:
+        with torch.no_grad():
+            last = float(next(losses(epochs)))
+        checkpoint.go_back()  # the look has moved what batch normalisation remembers
+        if not _fine(last, progress):
+            _stop(progress, checkpoint, epochs - 1, last, optimiser)
+    progress.seconds = time.perf_counter() - begin
     return progress
 
 
 def _epoch(
-    losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, before: list[float] | None, bar: tqdm
-) -> tuple[float, bool]:
-    """A step down each loss: their mean so far, and whether all is well; left as soon as it is seen not to be.
-
-    It is where the mean is finite and no more than `FAR` times the loss of the first epoch, or in that one of its first
-    batch, or 1 if that is less; and where the weights are finite at the end.
-    """
-    total, ceiling = 0.0, FAR * max(1.0, before[0]) if before else sys.float_info.max
+    losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, progress: Progress, bar: tqdm
+) -> tuple[float, int]:
+    """A step down each loss, until all is done or it is seen not to be well: the mean loss, and the steps taken."""
+    total, count = 0.0, 0
     for count, loss in enumerate(losses, start=1):
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
         total = total + loss.detach()
         bar.update()
-        if count == 1 or not count % LOOK:
-            mean = float(total) / count
-            if not mean <= ceiling:
-                return mean, False
-            if not before and count == 1:
-                ceiling = FAR * max(1.0, mean)
-    mean = float(total) / count
-    weights = (weight for group in optimiser.param_groups for weight in group["params"])
-    return mean, mean <= ceiling and all(bool(weight.isfinite().all()) for weight in weights)
+        if progress.first is None:
+            progress.first = float(loss.detach())
+        if (count == 1 or not count % LOOK) and not _fine(float(total) / count, progress):
+            break
+    return float(total) / count, count
+
+
+def _fine(loss: float, progress: Progress) -> bool:
+    """Whether a mean loss is a number, and no more than `FAR` times the training's first loss, or FAR."""
+    return loss <= FAR * max(1.0, progress.first) and math.isfinite(loss)
+
+
+def _stop(
+    progress: Progress, checkpoint: Checkpoint, epoch: int, loss: float, optimiser: torch.optim.Optimizer
+) -> None:
+    """Go back to the end of the epoch before the one, numbered from 0, that the training diverged in."""
+    found = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
+    progress.diverged = (
+        f"training diverged in epoch {epoch + 1} at a learning rate of {found}: the loss is {loss:g}; lower lr in "
+        "params.yaml"
+    )
+    if epoch < 1:
+        raise ValueError(progress.diverged)
+    checkpoint.go_back(progress.epoch - epoch)
+    progress.epoch = epoch
+    progress.curves = {name: line[:epoch] for name, line in progress.curves.items()}
 
 
 def error_rate(logits: Tensor, labels: Tensor) -> float:

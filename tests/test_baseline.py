@@ -204,6 +204,18 @@ def test_an_offset_takes_no_digits_of_mean_and_noise(frames, seed, kind):
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("unit", [1.0, 0.1, 5 / 1023])
+def test_counts_kept_as_real_numbers_in_any_unit_have_the_noise_of_counts(unit, kind):
+    counts = 500 + (np.random.default_rng(0).random((200, 2, 2)) < 0.3)
+    counts[:, 0, 0] = 498
+    mean, noise = trimmed(counts.astype(np.int16))
+    scaled = trimmed((unit * counts).astype(kind))
+    np.testing.assert_allclose(scaled[0], unit * mean, rtol=1e-6)
+    np.testing.assert_allclose(scaled[1], unit * noise, rtol=1e-3)
+    assert noise[0, 0] == pytest.approx(12**-0.5)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
 @pytest.mark.parametrize("value", [0.1, 1e-30, 1e30, 0.0, -7.3])
 def test_a_real_sensor_that_never_varies_has_its_value_and_the_noise_of_its_last_digit(value, kind):
     mean, noise = trimmed(np.full((50, 1, 1), value, dtype=kind))

@@ -236,6 +236,13 @@ def test_frames_that_differ_by_rounding_are_one(distinct, seed, scale):
     np.testing.assert_array_equal(labels[:, None] == labels, owner[:, None] == owner)
 
 
+def test_frames_that_differ_by_rounding_are_one_on_the_edge_of_a_step_too():
+    scores = np.array([[1.0, (1000.5 + sign * 1e-7) * 2.0**-20] for sign in (-1, 1) * 5])
+    assert kmeans(scores, 8, restarts=1, seed=0).tolist() == [0] * 10
+    apart = np.array([[1.0, 0.0], [1.0, 3 * 2.0**-20]])
+    assert kmeans(np.repeat(apart, 3, axis=0), 8, restarts=1, seed=0).tolist() == [0, 0, 0, 1, 1, 1]
+
+
 @pytest.mark.parametrize("shape", [(60, 20), (20, 60)])
 def test_components_do_not_depend_on_the_number_of_threads(shape):
     points = np.random.default_rng(0).random(shape)

@@ -61,3 +61,5 @@ def test_results_of_a_training_that_diverged_say_so(place, lost):
     assert result.exit_code == 0, result.output
     told = "finetune diverged in epoch 3, and this is what the weights before it give"
     assert (told in result.output) == bool(lost)
+    metrics = json.loads((place / "results" / "metrics.json").read_text())
+    assert metrics.get("diverged_in_epoch", {}) == ({"finetune": 3.0} if lost else {})

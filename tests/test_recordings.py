@@ -202,12 +202,12 @@ def _with(values, at, value):
         (
             _with(COUNTS.astype(np.float32), (33, 1, 2), np.nan),
             {},
-            r"glove: pressure of frame 33 is not finite; expected a number from every sensor",
+            r"glove: pressure of frame 33 is (nan|-?inf); expected a number from every sensor, up to",
         ),
         (
             _with(COUNTS.astype(np.float32), (2, 0, 0), -np.inf),
             {},
-            r"glove: pressure of frame 2 is not finite; expected a number from every sensor",
+            r"glove: pressure of frame 2 is (nan|-?inf); expected a number from every sensor, up to",
         ),
         (
             _with(COUNTS.astype(np.float64), (7, 0, 0), 1e300),

@@ -160,8 +160,12 @@ class Weights(nn.Module):
         super().__init__()
         self.first, self.second = (nn.Parameter(torch.ones(())) for _ in range(2))
 
+    @property
+    def values(self):
+        return self.first.item(), self.second.item()
 
-def diverging(bad, *, epoch, step=0, steps=1, epochs=3):
+
+def diverging(bad, *, epoch, step=1, steps=2, epochs=3):
     """A training whose loss is `bad` from a step of an epoch on: how it went, its weights, and the steps it took."""
     weights, taken = Weights(), []
     optimiser = torch.optim.SGD([{"params": [weights.first], "lr": 0.125}, {"params": [weights.second]}], 0.25)
@@ -177,21 +181,25 @@ def diverging(bad, *, epoch, step=0, steps=1, epochs=3):
 
 
 @pytest.mark.parametrize("bad", [math.inf, math.nan, 1e6])
-def test_a_training_that_diverges_stops_with_the_weights_of_the_last_whole_epoch_and_says_so(bad):
+def test_a_training_that_diverges_stops_with_the_weights_of_the_last_good_epoch_and_says_so(bad):
     progress, weights, taken = diverging(bad, epoch=1)
-    assert progress.epoch == 1 and taken == [0, 1] and len(progress.curves["loss"]) == 1
-    assert (weights.first.item(), weights.second.item()) == (1 - 0.125, 1 - 0.25)
+    assert progress.epoch == 1 and taken == [0, 0, 1, 1] and len(progress.curves["loss"]) == 1
+    assert weights.values == (1 - 2 * 0.125, 1 - 2 * 0.25)
     assert re.search(
         r"1 epochs \(training diverged in epoch 2 at a learning rate of 0.125, 0.25: the loss is .*; lower lr in "
         r"params.yaml; the weights after epoch 1 are kept\)",
         str(progress),
     )
     assert progress.metrics["diverged_in_epoch"] == 2
+    with pytest.raises(ValueError, match=r"diverged in epoch 2.*a study compares whole trainings"):
+        progress.require_all_epochs()
 
 
 def test_a_training_that_does_not_diverge_says_nothing_of_it():
-    progress, _, _ = diverging(1.0, epoch=1)
+    progress, weights, taken = diverging(1.0, epoch=1)
     assert progress.epoch == 3 and "diverged" not in str(progress) and "diverged_in_epoch" not in progress.metrics
+    assert taken == [0, 0, 1, 1, 2, 2, 3] and weights.values == (1 - 6 * 0.125, 1 - 6 * 0.25)
+    progress.require_all_epochs()
 
 
 def test_divergence_is_seen_within_the_epoch():
@@ -204,13 +212,36 @@ def test_a_loss_that_rises_less_than_a_hundredfold_is_no_divergence():
     assert progress.epoch == 2 and not progress.diverged
 
 
-def test_a_last_step_that_ruins_the_weights_is_seen_although_its_loss_was_fine():
+def test_the_loss_is_compared_with_the_first_one_of_all_however_it_has_risen_since():
+    creeping, sizes = Weights(), [2.0, 150.0, 15_000.0]
+    optimiser = torch.optim.SGD(creeping.parameters(), 1e-12)
+    losses = lambda epoch: iter([creeping.first * sizes[min(epoch, 2)]] * 2)  # noqa: E731
+    found = fit(3, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(weights=creeping))
+    assert found.epoch == 1 and "the loss is 15000" in found.diverged
+
+
+def test_a_first_loss_that_is_bad_blames_the_epoch_before_whose_last_step_made_it():
+    progress, weights, _ = diverging(math.nan, epoch=2, step=0)
+    assert progress.epoch == 1 and "diverged in epoch 2" in progress.diverged and len(progress.curves["loss"]) == 1
+    assert weights.values == (1 - 2 * 0.125, 1 - 2 * 0.25)
+
+
+@pytest.mark.parametrize("rate", [1e10, 1e38])
+def test_a_last_step_that_ruins_the_weights_is_seen_although_every_loss_was_fine(rate):
     weights = Weights()
     optimiser = torch.optim.SGD(weights.parameters(), 1.0)
-    losses = lambda epoch: iter([weights.first * (0.0 if epoch == 0 else 10.0)])  # noqa: E731
-    factors = {0: 1.0, 1: 1e38}
+    losses = lambda epoch: iter([weights.first**2 * (0.0 if epoch == 0 else 10.0)])  # noqa: E731
+    factors = {0: 1.0, 1: rate}
     progress = fit(2, optimiser, factors.get, losses, dict, silent_bar(), forgetting(weights=weights))
-    assert progress.epoch == 1 and "diverged in epoch 2" in progress.diverged and weights.first.item() == 1
+    assert progress.epoch == 1 and "diverged in epoch 2" in progress.diverged and weights.values == (1.0, 1.0)
+
+
+def test_the_look_at_the_end_leaves_what_batch_normalisation_remembers():
+    norm = nn.BatchNorm1d(2)
+    optimiser = torch.optim.SGD(norm.parameters(), 1e-3)
+    losses = lambda epoch: (norm(torch.full((4, 2), float(epoch)) + torch.eye(4, 2)).square().mean() for _ in "ab")  # noqa: E731
+    fit(2, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(norm=norm))
+    assert norm.num_batches_tracked == 4
 
 
 def test_a_huge_learning_rate_diverges_in_the_first_epoch_and_is_refused():

@@ -12,7 +12,6 @@ import torch
 from stages.command import INPUT, OUTPUT, stage
 from studies.error_time.settings import Setting, changed, reuses, settings
 from studies.frames import VALIDATION_SHARE, validated
-from tactile_viewgcn.checkpoint import Progress
 from tactile_viewgcn.classifier import Classifier
 from tactile_viewgcn.clustering import cluster_table, pool_ids
 from tactile_viewgcn.compute import Compute, choose, keep_freed_memory
@@ -97,7 +96,7 @@ class Runs:
             places = viewpoints(how.views, how.viewpoints, how.seed)
             views = cluster_table(table, places, how.cluster, stream(how.seed, "cluster"))
             classifier, progress = finetune_classifier(table, views, weights, how, self.compute)
-            self._tell(progress)
+            progress.require_all_epochs()
             self._trained[key] = classifier, {"pretrain": first, "finetune": progress.seconds}
         return self._trained[key]
 
@@ -105,14 +104,10 @@ class Runs:
         key = repr((how.pretrain, how.model.backbone, id(table)))
         if key not in self._backbones:
             backbone, classifier, progress = pretrain_backbone(table, how, self.compute)
-            self._tell(progress)
+            progress.require_all_epochs()
             weights = {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
             self._backbones[key] = weights, progress.seconds
         return self._backbones[key]
-
-    def _tell(self, progress: Progress) -> None:
-        if progress.diverged:
-            print(progress)
 
     def tested(self, classifier: Classifier, table: Frames, how: SimpleNamespace, compute: Compute) -> Evaluation:
         """All trials of a copy of the classifier."""
