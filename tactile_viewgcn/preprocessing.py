@@ -45,8 +45,8 @@ def prepare(
     """
     if not recordings.live.any():
         raise ValueError(
-            f"{recordings.path}: no sensor's count ever changes in {len(recordings)} frames; expected some that do: is "
-            "the glove connected?"
+            f"{recordings.path}: no sensor's count changes from one to another of the frames ({len(recordings)}); "
+            "expected some that do: is the glove connected?"
         )
     rest = {
         "empty_hand": lambda: empty_hand_rest(recordings),

@@ -172,7 +172,5 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
 
 
 def test_a_glove_whose_counts_never_change_is_refused(tmp_path):
-    with pytest.raises(
-        ValueError, match=rf"no sensor's count ever changes in {len(COUNTS)} frames.*is the glove connec"
-    ):
+    with pytest.raises(ValueError, match=rf"no sensor's count changes.*\({len(COUNTS)}\).*is the glove connec"):
         prepared(tmp_path, counts=np.full_like(COUNTS, 512))

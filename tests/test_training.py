@@ -215,7 +215,7 @@ def test_a_loss_that_rises_less_than_a_hundredfold_is_no_divergence():
 def test_the_loss_is_compared_with_the_first_one_of_all_however_it_has_risen_since():
     creeping, sizes = Weights(), [2.0, 150.0, 15_000.0]
     optimiser = torch.optim.SGD(creeping.parameters(), 1e-12)
-    losses = lambda epoch: iter([creeping.first * sizes[min(epoch, 2)]] * 2)  # noqa: E731
+    losses = lambda epoch: (creeping.first * sizes[min(epoch, 2)] for _ in range(2))  # noqa: E731
     found = fit(3, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(weights=creeping))
     assert found.epoch == 1 and "the loss is 15000" in found.diverged
 

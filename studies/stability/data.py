@@ -80,17 +80,27 @@ def a_million_frames_of_drift(subject: Subject) -> Iterator[Finding]:
 
 
 def a_sensor_without_rest_noise(subject: Subject) -> Iterator[Finding]:
-    """A sensor that reads one number while nothing touches it: what is one step above is noise, two are contact."""
-    for name, kind, rest, step in (("counts", np.int16, 500, 1), ("real numbers", np.float32, 0.1, 2.0**-27)):
-        quiet = np.full((20, 3, 3), rest, dtype=kind)
-        steps = np.repeat([0, 1, 2, 3, 40], 4)
-        touched = (quiet.astype(np.float64) + step * steps[:, None, None]).astype(kind)
-        with ingested(subject, {EMPTY_HAND: quiet, "mug": touched}) as recordings:
+    """Sensors, all but one, that read one number while nothing touches them: one count more is noise, two are contact.
+
+    The same counts as whole numbers, and as real ones in a unit of their own, have the same frames in contact.
+    """
+    quiet, held = np.full((20, 3, 3), 500), np.repeat([0, 1, 2, 3, 40], 4)
+    quiet[::3, 2, 2] += 1
+    touched = np.broadcast_to(500 + held[:, None, None], (20, 3, 3))
+    for name, kind, unit in (
+        ("counts", np.int16, 1),
+        ("real numbers", np.float32, 0.1),
+        ("volts", np.float64, 5 / 1023),
+    ):
+        with ingested(
+            subject, {EMPTY_HAND: (unit * quiet).astype(kind), "mug": (unit * touched).astype(kind)}
+        ) as recordings:
             found = empty_hand_rest(recordings)
-            contact = in_contact(recordings, found, sensors=9, sigmas=5.0)
+            contact = in_contact(recordings, found, sensors=8, sigmas=5.0)
             holds = recordings.columns["object"] == recordings.objects.index("mug")
-        yield Finding(f"rest noise, {name}", apart(found.noise, np.full((1, 3, 3), QUANTISATION * step)), ROUNDING)
-        yield Finding(f"frames in contact, {name}", differing(contact[holds], steps > 5 * QUANTISATION), 0)
+        least = np.full(8, QUANTISATION * unit)
+        yield Finding(f"rest noise, {name}", apart(found.noise.ravel()[:8], least), 1e-4)
+        yield Finding(f"frames in contact, {name}", differing(contact[holds], held > 5 * QUANTISATION), 0)
 
 
 def numbers_that_are_none(subject: Subject) -> Iterator[Finding]:
@@ -99,7 +109,7 @@ def numbers_that_are_none(subject: Subject) -> Iterator[Finding]:
         counts = np.ones((6, 3, 3))
         counts[4, 1, 1] = value
         yield refusal(
-            f"{value} in a file", lambda counts=counts: ingested(subject, {"mug": counts}), "pressure of frame 4 is not"
+            f"{value} in a file", lambda counts=counts: ingested(subject, {"mug": counts}), "pressure of frame 4 is"
         )
 
 
@@ -108,20 +118,20 @@ def sensors_that_never_change(subject: Subject) -> Iterator[Finding]:
     for value in (0, 1023):
         same = np.full((30, 4, 4), value, dtype=np.int16)
         with ingested(subject, {EMPTY_HAND: same, "mug": same, "mug 2": same}) as recordings:
-            yield refusal(f"all counts {value}", lambda: _prepared(subject, recordings), "no sensor's count ever chang")
+            yield refusal(f"all counts {value}", lambda: _prepared(subject, recordings), "no sensor's count changes")
 
 
 def too_little_data(subject: Subject) -> Iterator[Finding]:
     """Data that cannot be split."""
     rng = np.random.default_rng(0)
     noise = rng.integers(REST, REST + 200, (12, 4, 4)).astype(np.int16)
-    for name, what in (
-        ("one frame", {"mug": noise[:1]}),
-        ("one recording", {EMPTY_HAND: noise, "mug": noise}),
-        ("one object", {"mug": noise, "mug 2": noise}),
-        ("no frames", {"mug": noise[:0]}),
+    for name, what, said in (
+        ("one frame", {"mug": noise[:1]}, "no sensor's count changes"),
+        ("one recording", {EMPTY_HAND: noise, "mug": noise}, "fewer than two classes left"),
+        ("no empty hand", {"mug": noise, "mug 2": noise}, "no object is named 'empty_hand'"),
+        ("no frames", {"mug": noise[:0]}, "no frames; expected at least one recording"),
     ):
-        yield refusal(name, lambda what=what: _prepared(subject, ingested(subject, what)), "expected|needs|fewer than")
+        yield refusal(name, lambda what=what: _prepared(subject, ingested(subject, what)), said)
 
 
 def one_live_sensor(subject: Subject) -> Iterator[Finding]:

@@ -40,20 +40,32 @@ PLACES = {
 
 
 def places(subject: Subject) -> Iterator[Finding]:
-    """The graph in both precisions and on the device, against plain loops; what the network makes of it."""
-    device = subject.compute.device
+    """The graph against plain loops, and what the network makes of it in both precisions."""
     for name, where in PLACES.items():
         single = where.float()
         if len(where) <= 8:
             yield Finding(f"neighbours, {name}", differing(nearest(single, 4), _nearest(single, 4)), 0)
             yield Finding(
-                f"furthest points, {name}", differing(furthest_points(single, len(single)), _furthest(single)), 0
+                f"furthest points, {name}", differing(furthest_points(single, len(where)), _furthest(single)), 0
             )
-        on_device, twice = nearest(single.to(device), 4).cpu(), nearest(single.double(), 4)
-        yield Finding(f"neighbours in float64 and on {device.type}, {name}", differing(on_device, twice), 0)
         head = view_gcn(subject, where)
-        nodes = torch.rand(4, len(where), _width(head), generator=torch.Generator().manual_seed(0))
+        nodes = torch.rand(4, len(where), width(head), generator=torch.Generator().manual_seed(0))
         yield Finding(f"logits, {name}", apart(*_both(head, nodes, subject)), SINGLE)
+
+
+def every_configuration(subject: Subject) -> Iterator[Finding]:
+    """The graph of the viewpoints in float64 as they are made, and on the device as they are rounded to float32."""
+    device = subject.compute.device
+    made = (("auto", range(1, 41)), ("circle", (7, 100, 1000)), ("sphere", (1000,)), ("random", (40, 1000)))
+    for kind, counts in made:
+        wrong = 0.0
+        for count in counts:
+            where = torch.from_numpy(viewpoints(count, kind))
+            single = where.float().to(device)
+            wrong += differing(nearest(single, 8).cpu(), nearest(where, 8))
+            wrong += differing(furthest_points(single, count).cpu(), furthest_points(where, count))
+        views = f"{counts[0]} to {counts[-1]:,} views"
+        yield Finding(f"neighbours and furthest points on {device.type}, {kind}, {views}", wrong, 0)
 
 
 def places_out_of_range(subject: Subject) -> Iterator[Finding]:
@@ -83,7 +95,7 @@ def neighbours_of_few_nodes(subject: Subject) -> Iterator[Finding]:
     alone = normalised_adjacency(EVEN.float(), 1)
     yield Finding("GCN's adjacency of isolated nodes", apart(alone, torch.eye(8)), 0)
     head = view_gcn(subject, EVEN, neighbours=1, selector_neighbours=1)
-    nodes = torch.rand(4, 8, _width(head), generator=torch.Generator().manual_seed(0))
+    nodes = torch.rand(4, 8, width(head), generator=torch.Generator().manual_seed(0))
     yield Finding("logits of isolated nodes", apart(*_both(head, nodes, subject)), SINGLE)
 
 
@@ -94,7 +106,7 @@ def views_selected_twice(subject: Subject) -> Iterator[Finding]:
         for weight in head.samplers[0].layers[-1].parameters():
             weight.zero_()
             weight[:, 0] = 1
-    nodes = torch.rand(4, 8, _width(head), generator=torch.Generator().manual_seed(0))
+    nodes = torch.rand(4, 8, width(head), generator=torch.Generator().manual_seed(0))
     nodes[:, 5] += 1
     found = []
     for kind in (torch.float32, torch.float64):
@@ -127,7 +139,7 @@ def sure_selectors(subject: Subject) -> Iterator[Finding]:
         for sampler in head.samplers:
             for weight in sampler.layers.parameters():
                 weight *= 1e4
-    nodes = torch.rand(32, 8, _width(head), generator=torch.Generator().manual_seed(0))
+    nodes = torch.rand(32, 8, width(head), generator=torch.Generator().manual_seed(0))
     yield Finding("logits", apart(*_both(head, nodes, subject)), SINGLE)
 
 
@@ -163,7 +175,7 @@ def _both(head: System, nodes: Tensor, subject: Subject) -> tuple[Tensor, Tensor
         )
 
 
-def _width(head: System) -> int:
+def width(head: System) -> int:
     """Features C that the network takes."""
     return head.classifier[0].out_features
 
@@ -189,6 +201,7 @@ def _furthest(positions: Tensor) -> list[int]:
 
 CASES = (
     places,
+    every_configuration,
     places_out_of_range,
     distances_without_cancellation,
     neighbours_of_few_nodes,

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from studies.stability.case import Finding, Subject, apart, finite, refusal
-from studies.stability.logits import in_precision, some_inputs, some_sets
+from studies.stability.logits import in_precision, rms, some_inputs, some_sets
 from studies.stability.network import without_dropout
 from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.classifier import Classifier
@@ -30,6 +30,7 @@ ROOT = Path(__file__).parents[2]
 STEP = 1e-8  # of a finite difference, in sizes of what it moves: hardly a ReLU changes sides within it
 SLOPES = 1e-5  # of a slope: of the 16 digits of a loss such a step leaves 8, and a few less where slopes are small
 RATES = 10.0 ** np.arange(-8, 4)
+CALM, NOISY = 1e-3, 0.1  # rates up to which a loss must not rise, but by what dropout and noise make of it
 SUM = 2.0**-20  # of single precision, after a few sums
 ANCHORS = 2  # of a class, in the short trainings
 
@@ -127,11 +128,9 @@ def learning_rates(subject: Subject) -> Iterator[Finding]:
     for rate in map(float, RATES):
         params.pretrain = replace(subject.params.pretrain, lr=rate, **short)
         params.finetune = replace(subject.params.finetune, lr=rate, lr_backbone=rate, sizes="full", **short)
-        yield _outcome(f"pretraining at {rate:g}", lambda: pretrain_backbone(table, params, compute)[::2])
+        yield _outcome("pretraining", rate, lambda: pretrain_backbone(table, params, compute)[::2])
         if subject.classifier.head.learns:
-            yield _outcome(
-                f"fine-tuning at {rate:g}", lambda: finetune_classifier(table, views, weights, params, compute)
-            )
+            yield _outcome("fine-tuning", rate, lambda: finetune_classifier(table, views, weights, params, compute))
 
 
 def last_good_weights(subject: Subject) -> Iterator[Finding]:
@@ -172,14 +171,24 @@ def _linear(classifier: Classifier, table: Frames) -> dict[str, Tensor]:
     return nn.Linear(classifier.backbone.features, len(table.classes)).state_dict()
 
 
-def _outcome(name: str, train: Callable[[], tuple[nn.Module, Progress]]) -> Finding:
-    """Of a short training: whether all its weights are finite, or that it was refused or stopped."""
+def _outcome(what: str, rate: float, train: Callable[[], tuple[nn.Module, Progress]]) -> Finding:
+    """Of a short training: the share of its weights that is not finite, or that it was refused or stopped.
+
+    At a calm rate it neither diverges nor does its loss rise.
+    """
+    name = f"weights that are not finite, {what} at {rate:g}"
     try:
         module, progress = train()
     except ValueError as error:
-        return Finding(name, math.nan, math.nan, str(error), refused="training diverged in epoch" in str(error))
-    lost = max(finite(value) for value in module.state_dict().values())
-    said = progress.diverged or f"loss {progress.curves['loss'][-1]:.3g}"
+        said = str(error)
+        return Finding(name, math.nan, math.nan, said, refused="training diverged in epoch" in said and rate > CALM)
+    lost, losses = max(finite(value) for value in module.state_dict().values()), progress.curves["loss"]
+    if rate <= CALM:
+        rise = max(losses[-1] / losses[0] - 1, 0.0) if not (lost or progress.diverged) else math.inf
+        return Finding(
+            f"rise of the loss, {what} at {rate:g}", rise, NOISY, f"from {losses[0]:.3g} to {losses[-1]:.3g}"
+        )
+    said = progress.diverged or f"loss from {losses[0]:.3g} to {losses[-1]:.3g}"
     return Finding(name, lost, 0, said, refused=bool(progress.diverged) and not lost)
 
 
@@ -194,7 +203,7 @@ def _slopes(loss: Callable[[], Tensor], moved: list[Tensor]) -> float:
     slopes = torch.autograd.grad(loss(), moved, allow_unused=True)
     pairs = [(value, slope) for value, slope in zip(moved, slopes, strict=True) if slope is not None]
     for _ in range(5):
-        ways = [torch.randn(value.shape, dtype=value.dtype, generator=rng) * _size(value) for value, _ in pairs]
+        ways = [torch.randn(value.shape, dtype=value.dtype, generator=rng) * rms(value) for value, _ in pairs]
         parts = torch.cat([(way * slope).flatten() for way, (_, slope) in zip(ways, pairs, strict=True)])
         ends = []
         for step in (STEP, -2 * STEP, STEP):  # there, to the other side, and back
@@ -204,10 +213,6 @@ def _slopes(loss: Callable[[], Tensor], moved: list[Tensor]) -> float:
                 ends.append(float(loss()))
         found.append(abs((ends[0] - ends[1]) / (2 * STEP) - float(parts.sum())) / float(parts.norm()))
     return float(np.median(found))
-
-
-def _size(values: Tensor) -> float:
-    return float(values.detach().square().mean().sqrt()) or 1.0
 
 
 CASES = (losses_of_sure_logits, batches_of_one, gradients, gradients_at_the_extremes, learning_rates, last_good_weights)

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from studies.stability import lean
 from studies.stability.case import Finding, Subject
-from studies.stability.graph import view_gcn
+from studies.stability.graph import view_gcn, width
 from studies.stability.learning import few_anchors
 from tactile_viewgcn.classifier import save_classifier
 from tactile_viewgcn.frames import write_frames
@@ -27,30 +28,7 @@ from tactile_viewgcn.viewpoints import viewpoints
 ROOT = Path(__file__).parents[2]
 LAYERS = LocalGraphConvolution | NonLocalMessagePassing | SelectiveViewSampling
 LAYER = Layer(stiffness=2.5e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
-ROUNDS = 5
-#: A run of the unclustered pipeline from its frames on: the stages' own commands, and what they have imported.
-UNCLUSTERED = """
-import sys
-import tactile_viewgcn.evaluation
-from stages.cluster import cluster
-from stages.evaluate import evaluate
-tactile_viewgcn.evaluation.SINGLE_REPEATS = tactile_viewgcn.evaluation.BATCH_REPEATS = 1
-common = ["--frames", "{folder}/frames.h5", "--params", "{root}/params.yaml", "--set", "cluster.method=none",
-          "--set", "evaluate.trials=1", "--set", "evaluate.stop_at=0", "--set", "views={views}",
-          "--set", "viewpoints=sphere"]
-cluster([*common, "--out", "{folder}/views.h5", "--record", "{folder}/c.json"], standalone_mode=False)
-evaluate([*common, "--classifier", "{folder}/few.pt", "--out", "{folder}/out", "--record", "{folder}/e.json"],
-         standalone_mode=False)
-"""
-HELP = """
-import sys
-from tactile_viewgcn.cli import main
-sys.argv = ["tactile-viewgcn", "--help"]
-try:
-    main()
-except SystemExit:
-    pass
-"""
+ROUNDS, SETS = 5, 64
 
 
 def a_graph_of_one_view(subject: Subject) -> Iterator[Finding]:
@@ -59,30 +37,25 @@ def a_graph_of_one_view(subject: Subject) -> Iterator[Finding]:
     seconds = {views: [] for views in heads}
     for _ in range(1 + ROUNDS):
         for views, head in heads.items():
-            nodes = torch.rand(64, views, subject.classifier.given[0])
+            nodes = torch.rand(SETS, views, width(head))
             begin = time.perf_counter()
             with torch.inference_mode():
                 head(nodes)
             seconds[views].append(time.perf_counter() - begin)
-    one, eight = (float(np.median(values[1:])) for values in seconds.values())
+    one, eight = (1e3 * float(np.median(values[1:])) / SETS for values in seconds.values())
     layers = sum(isinstance(layer, LAYERS) for layer in heads[1].modules())
-    yield Finding(
-        "layers of a graph", layers, 0, f"{64e-3 / one:,.0f} thousand view sets a second against {64e-3 / eight:,.0f}"
-    )
+    yield Finding("layers of a graph", layers, 0, f"{one:.2g} ms a view set against {eight:.2g} of eight views")
 
 
 def libraries(subject: Subject) -> Iterator[Finding]:
     """An unclustered run without scikit-learn, one without tracking without MLflow, `--help` without torch."""
     write_frames(subject.folder / "frames.h5", few_anchors(subject.table))
-    save_classifier(subject.folder / "few.pt", subject.classifier, subject.params.model, subject.table)
-    run = UNCLUSTERED.format(folder=subject.folder, root=ROOT, views=subject.classifier.views)
-    found, seconds = _imported(run, "sklearn", "mlflow")
-    yield Finding("scikit-learn imported by an unclustered run", found["sklearn"], 0, f"the run took {seconds:.1f} s")
-    yield Finding("MLflow imported by a run with tracking disabled", found["mlflow"], 0)
-    found, seconds = _imported(HELP, "torch", "mlflow", "sklearn", "scipy")
-    yield Finding(
-        "torch, MLflow, scikit-learn or SciPy imported by --help", sum(found.values()), 0, f"it took {seconds:.1f} s"
-    )
+    save_classifier(subject.folder / "classifier.pt", subject.classifier, subject.params.model, subject.table)
+    found, seconds = _imported("unclustered", str(subject.folder), str(subject.classifier.views))
+    yield Finding("scikit-learn in an unclustered run", float("sklearn" in found), 0, f"the run took {seconds:.1f} s")
+    yield Finding("MLflow in a run with tracking disabled", float("mlflow" in found), 0)
+    found, seconds = _imported("help")
+    yield Finding("torch, SciPy, scikit-learn or MLflow in --help", float(len(found)), 0, f"it took {seconds:.1f} s")
 
 
 def a_hand_without_an_object(_: Subject) -> Iterator[Finding]:
@@ -100,23 +73,14 @@ def a_hand_without_an_object(_: Subject) -> Iterator[Finding]:
     yield Finding("evaluations of the mechanics", evaluations, 0, said)
 
 
-def _imported(code: str, *libraries: str) -> tuple[dict[str, float], float]:
-    """Whether a process that runs the code has imported each library by its end, and its seconds."""
-    tell = f"\nprint('imported', *[name for name in {libraries!r} if name in sys.modules])"
+def _imported(*words: str) -> tuple[set[str], float]:
+    """The libraries that a run of `lean.py` in a process of its own has imported by its end, and its seconds."""
     settings = {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT)}
-    begin = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-c", code + tell],
-        cwd=ROOT,
-        env=os.environ | settings,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command, begin = [sys.executable, "-m", lean.__name__, *words], time.perf_counter()
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | settings, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(done.stderr.strip().splitlines()[-1])
-    last = done.stdout.strip().splitlines()[-1].split()
-    return {name: float(name in last) for name in libraries}, time.perf_counter() - begin
+    return set(done.stdout.split("imported")[-1].split()), time.perf_counter() - begin
 
 
 CASES = (a_graph_of_one_view, libraries, a_hand_without_an_object)

@@ -88,6 +88,11 @@ def odds(logits: Tensor, dim: int) -> Tensor:
     )
 
 
+def rms(values: Tensor) -> float:
+    """Root mean square, or 1 where all is 0."""
+    return float(values.detach().square().mean().sqrt()) or 1.0
+
+
 def _kept(into: list[Tensor], value: Tensor) -> Tensor:
     into.append(value)
     return value
