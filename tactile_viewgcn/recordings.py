@@ -182,13 +182,6 @@ def _check_block(block: dict[str, np.ndarray], source: Source, start: int) -> No
                 f"{path}: pressure from {counts.min()} to {counts.max()}; "
                 f"expected counts from {limits.min} to {limits.max}"
             )
-    if counts.dtype.kind == "f" and not (inside := np.abs(counts) <= LARGEST).all():
-        bad = int(inside.all(axis=(1, 2)).argmin())
-        found = counts[bad][~inside[bad]][0]
-        raise ValueError(
-            f"{path}: pressure of frame {start + bad} is {found:g}; expected a number from every sensor, "
-            f"up to {LARGEST:g}"
-        )
     for column, among in (("object", "objects"), ("recording", "recordings"), ("session", "sessions")):
         count = len(getattr(source, among))
         _check_range(block[column], f"{column} id", (0, count - 1), f"({count} {among})", path, start)
@@ -196,6 +189,13 @@ def _check_block(block: dict[str, np.ndarray], source: Source, start: int) -> No
         if column in block and kind is not np.float64:
             low, high = (0, 1) if kind is np.bool_ else (np.iinfo(kind).min, np.iinfo(kind).max)
             _check_range(block[column], column, (low, high), "in whole numbers", path, start)
+    if counts.dtype.kind == "f" and not (inside := np.abs(counts) <= LARGEST).all():
+        bad = int(inside.all(axis=(1, 2)).argmin())
+        found, recording = counts[bad][~inside[bad]][0], source.recordings[int(block["recording"][bad])]
+        raise ValueError(
+            f"{path}: pressure of frame {block['frame'][bad]} of recording {recording} is {found:g}; expected a number "
+            f"from every sensor, up to {LARGEST:g}"
+        )
 
 
 def _check_range(values: np.ndarray, what: str, limits: tuple[int, int], remark: str, path: Path, start: int) -> None:

@@ -20,7 +20,7 @@ from tactile_viewgcn.compute import Compute
 from tactile_viewgcn.params import Augment, Finetune, Pretrain
 from tactile_viewgcn.randomness import torch_seed
 
-FAR = 100.0  # times its first loss: a training that is so far off has lost what it began with
+FAR, LOST = 100.0, 10.0  # times the first loss: of some batches, and of a whole epoch, that have nothing left to learn
 LOOK = 16  # steps from one look at the loss to the next: each look waits for the device
 
 
@@ -94,8 +94,8 @@ def fit(
     for epoch in range(progress.epoch, epochs):
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * factor(epoch)
-        mean, steps = _epoch(losses(epoch), optimiser, progress, bar)
-        if not _fine(mean, progress):
+        mean, steps, whole = _epoch(losses(epoch), optimiser, progress, bar)
+        if not (whole and _fine(mean, progress, LOST)):
             lost = epoch if steps > 1 else max(0, epoch - 1)  # a first loss is that of the weights it began with
             _stop(progress, checkpoint, lost, mean, optimiser)
             break
@@ -108,7 +108,7 @@ def fit(
         with torch.no_grad():
             last = float(next(losses(epochs)))
         checkpoint.go_back()  # the look has moved what batch normalisation remembers
-        if not _fine(last, progress):
+        if not _fine(last, progress, FAR):
             _stop(progress, checkpoint, epochs - 1, last, optimiser)
     progress.seconds = time.perf_counter() - begin
     return progress
@@ -116,8 +116,8 @@ def fit(
 
 def _epoch(
     losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, progress: Progress, bar: tqdm
-) -> tuple[float, int]:
-    """A step down each loss, until all is done or it is seen not to be well: the mean loss, and the steps taken."""
+) -> tuple[float, int, bool]:
+    """A step down each loss, until it is seen not to be well: the mean loss, the steps taken, and whether all were."""
     total, count = 0.0, 0
     for count, loss in enumerate(losses, start=1):
         optimiser.zero_grad(set_to_none=True)
@@ -127,14 +127,14 @@ def _epoch(
         bar.update()
         if progress.first is None:
             progress.first = float(loss.detach())
-        if (count == 1 or not count % LOOK) and not _fine(float(total) / count, progress):
-            break
-    return float(total) / count, count
+        if (count == 1 or not count % LOOK) and not _fine(float(total) / count, progress, FAR):
+            return float(total) / count, count, False
+    return float(total) / count, count, True
 
 
-def _fine(loss: float, progress: Progress) -> bool:
-    """Whether a mean loss is a number, and no more than `FAR` times the training's first loss, or FAR."""
-    return loss <= FAR * max(1.0, progress.first) and math.isfinite(loss)
+def _fine(loss: float, progress: Progress, times: float) -> bool:
+    """Whether a mean loss is a number, and no more than so many times the first loss of all, or 1 if that is more."""
+    return loss <= times * max(1.0, progress.first) and math.isfinite(loss)
 
 
 def _stop(

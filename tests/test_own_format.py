@@ -182,7 +182,7 @@ BAD = {
     "flags as pressure": ({"pressure": COUNTS > 9}, r"pressure is of type bool; expected integer counts or real"),
     "not finite": (
         {"pressure": np.where(COUNTS == 40, np.nan, COUNTS)},
-        r"pressure of frame 1 is not finite; expected",
+        r"pressure of frame 1 of recording .* is nan; expected",
     ),
     "no frames": ({"pressure": COUNTS[:0]}, r"no frames; expected at least one recording with frames in it"),
     "counts too large": (

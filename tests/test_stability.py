@@ -3,12 +3,14 @@
 import csv
 import math
 import warnings
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
 import pytest
 import torch
 from click.testing import CliRunner
+from torch import nn
 
 from studies.stability import case, clusters, data, graph, learning, left_out, network, same, scoring
 from studies.stability.case import REFUSED, RIGHT, WRONG, Finding, Subject, apart, differing, finite, refusal, run
@@ -67,6 +69,19 @@ def expanded(positions):
     return square[..., :, None] + square[..., None, :] - 2 * positions @ positions.transpose(-1, -2)
 
 
+def expanded_edges(positions, neighbours, distance="squared"):
+    """Edges whose squared distance is expanded; all nodes are neighbours."""
+    return expanded(positions).unsqueeze(-1).expand(*neighbours.shape, 10)
+
+
+class Detached:
+    """Equation 4's sum, of which no gradient reaches the senders."""
+
+    @staticmethod
+    def apply(taken, sent):
+        return nn.functional.leaky_relu(taken.unsqueeze(1) + sent.detach().unsqueeze(2), 0.2).sum(dim=1)
+
+
 def softmax_of_large_numbers(logits, dim):
     powers = logits.exp()
     p = powers / powers.sum(dim, keepdim=True)
@@ -113,8 +128,23 @@ FAULTS = {
         scoring, "share_interval", lambda correct, groups, rng: (correct.mean(), correct.mean()), "scoring.intervals",
     ),
     "a training that is never looked at": (
-        "tactile_viewgcn.training", "_epoch", lambda losses, *_: (sum(float(one.detach()) for one in losses), True),
-        "learning.last_good_weights",
+        "tactile_viewgcn.training", "_fine", lambda *_: True, "learning.last_good_weights",
+    ),
+    "edges by expansion": (graph, "edge_geometry", expanded_edges, "graph.distances_without_cancellation"),
+    "a sum without its gradient": (
+        "tactile_viewgcn.nn.view_gcn", "MessageSum", Detached, "learning.gradients",
+    ),
+    "errors beyond the bins": (
+        scoring, "calibration_error", lambda certainty, right: float(np.abs(certainty - right).mean()),
+        "scoring.calibration",
+    ),
+    "the nearest rank": (
+        scoring, "middle_and_tail",
+        lambda values: {"median": np.sort(values)[len(values) // 2], "p95": values.max()}, "scoring.percentiles",
+    ),
+    "clipping that wraps": (
+        "tactile_viewgcn.frames", "transform",
+        lambda excess, kind, scale: (np.asarray(excess, np.float32) / np.float32(scale)) % 1, "data.unusual_frames",
     ),
     "one thread that says something else": (
         same, "joined", lambda _, nodes, sets, __: nodes[torch.from_numpy(sets)].sum() * torch.get_num_threads(),
@@ -131,6 +161,11 @@ def test_a_fault_is_wrong(subject, monkeypatch, fault):
     module = import_module(module) if isinstance(module, str) else module
     monkeypatch.setattr(module, name, faulty)
     assert any(row[1] == WRONG for row in verdicts(subject, seen))
+
+
+def test_an_unclustered_run_that_imports_scikit_learn_is_wrong(subject, monkeypatch):
+    monkeypatch.setattr(left_out, "_imported", lambda *words: ({"sklearn", "torch"}, 0.1))
+    assert [row[1] for row in verdicts(subject, "left_out.libraries")] == [WRONG, RIGHT, WRONG]
 
 
 def test_an_error_above_the_tolerance_is_wrong_and_so_is_no_number():
@@ -181,7 +216,7 @@ def test_a_warning_and_an_exception_are_wrong_and_the_next_case_still_runs(subje
     assert rows[0]["remark"] == "RuntimeWarning: overflow" and rows[2]["remark"] == "IndexError: far out"
 
 
-def study(place, monkeypatch, cases):
+def study(place, monkeypatch, cases, frames="frames.h5"):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
     monkeypatch.chdir(place)
     (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
@@ -190,7 +225,7 @@ def study(place, monkeypatch, cases):
     module = import_module("studies.stability.stability")
     monkeypatch.setattr(module, "PARTS", [type("Part", (), {"CASES": cases})])
     changes = [word for change in (*SMALL, "precision=float32", "device=cpu") for word in ("--set", change)]
-    files = ("--frames", "frames.h5", "--classifier", "classifier.pt", "--out", "out", "--record", "record.json")
+    files = ("--frames", frames, "--classifier", "classifier.pt", "--out", "out", "--record", "record.json")
     return CliRunner().invoke(module.stability, [*changes, *files])
 
 
@@ -206,12 +241,19 @@ def test_the_study_writes_its_table(tmp_path, monkeypatch):
 def test_a_summary_says_how_near_a_part_is_to_being_wrong():
     module = import_module("studies.stability.stability")
     rows = [
-        {"verdict": RIGHT, "error": 2e-6, "tolerance": 1e-5, "seconds": 1.0},
-        {"verdict": RIGHT, "error": 0.0, "tolerance": 0, "seconds": 0.5},
-        {"verdict": REFUSED, "error": "", "tolerance": "", "seconds": 0.0},
+        {"case": "near", "verdict": RIGHT, "error": 2e-6, "tolerance": 1e-5, "seconds": 1.0},
+        {"case": "exact", "verdict": RIGHT, "error": 0.0, "tolerance": 0, "seconds": 0.5},
+        {"case": "bad", "verdict": REFUSED, "error": "", "tolerance": "", "seconds": 0.0},
     ]
-    assert module.summary(rows) == "2 right, 1 refused, 0 WRONG; at most 0.2 of the tolerance, 1.5 s"
+    assert module.summary(rows) == "2 right, 1 refused, 0 WRONG; at most 0.2 of the tolerance (near), 1.5 s"
     assert module.summary(rows[1:2]) == "1 right, 0 refused, 0 WRONG; 0.5 s"
+
+
+def test_a_classifier_of_other_frames_is_refused(tmp_path, monkeypatch):
+    write_frames(tmp_path / "others.h5", replace(table(), classes=["a", "b", "c", "d"]))
+    result = study(tmp_path, monkeypatch, (), frames="others.h5")
+    assert result.exit_code == 1
+    assert "Error: classifier.pt: of other classes or sensors than others.h5; train it on these frames" in result.output
 
 
 def test_one_wrong_quantity_fails_the_study_and_its_table_is_there(tmp_path, monkeypatch):

@@ -195,7 +195,7 @@ def without_frames(tree):
 BAD_FILES = {
     "without pressure": (lambda tree: without(tree, "pressure"), "no field pressure; found objectId"),
     "of another rank": (lambda tree: tree | {"pressure": tree["pressure"][:, 0]}, "pressure has shape (90, 32);"),
-    "not a number": (with_a_nan, "pressure of frame 3 is not finite"),
+    "not a number": (with_a_nan, "pressure of frame 3 of recording "),
     "id out of range": (lambda tree: tree | {"objectId": tree["objectId"] + 1}, "object id 3 of frame 60 is out of"),
     "short column": (lambda tree: tree | {"ts": tree["ts"][:-1]}, "ts has 89 values; expected one per frame, 90"),
     "zero frames": (without_frames, "no frames"),

@@ -109,7 +109,9 @@ def numbers_that_are_none(subject: Subject) -> Iterator[Finding]:
         counts = np.ones((6, 3, 3))
         counts[4, 1, 1] = value
         yield refusal(
-            f"{value} in a file", lambda counts=counts: ingested(subject, {"mug": counts}), "pressure of frame 4 is"
+            f"{value} in a file",
+            lambda counts=counts: ingested(subject, {"mug": counts}),
+            "pressure of frame 4 of recording mug is",
         )
 
 

@@ -7,6 +7,7 @@ a level has no trained counterpart, with random ones. References are the same in
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from studies.stability.case import Finding, Subject, apart, differing, refusal
 from studies.stability.logits import SINGLE, with_the_same_views
 from tactile_viewgcn.classifier import Classifier
 from tactile_viewgcn.nn.gcn import normalised_adjacency
-from tactile_viewgcn.nn.graph import furthest_points, nearest, squared_distances
+from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest, squared_distances
 from tactile_viewgcn.nn.view_gcn import MessageSum, System
 from tactile_viewgcn.viewpoints import viewpoints
 
@@ -71,17 +72,21 @@ def every_configuration(subject: Subject) -> Iterator[Finding]:
 def places_out_of_range(subject: Subject) -> Iterator[Finding]:
     """Viewpoints whose squared distances single precision cannot hold."""
     for value in (1e20, torch.inf, torch.nan):
-        yield refusal(
-            f"a coordinate of {value:g}", lambda value=value: view_gcn(subject, value * EVEN), "viewpoints hold"
-        )
+        where = EVEN.clone()
+        where[3, 1] = value
+        yield refusal(f"a coordinate of {value:g}", lambda where=where: view_gcn(subject, where), "viewpoints hold")
 
 
 def distances_without_cancellation(_: Subject) -> Iterator[Finding]:
     """Points a quarter apart, a million away from the origin: expanding the square would leave nothing."""
-    grid = torch.cartesian_prod(*[torch.arange(3.0)] * 3) / 4
-    exact = squared_distances(grid.double())
+    steps = list(product(range(3), repeat=3))
+    exact = torch.tensor([[sum((a - b) ** 2 for a, b in zip(p, q, strict=True)) / 16 for q in steps] for p in steps])
+    everyone = torch.arange(len(steps)).expand(1, len(steps), -1)
     for offset in (0.0, 1e3, 1e6):
-        yield Finding(f"squared distances, {offset:g} away", apart(squared_distances(grid + offset), exact), ROUNDING)
+        grid = torch.tensor(steps) / 4 + offset
+        yield Finding(f"squared distances, {offset:g} away", apart(squared_distances(grid), exact), ROUNDING)
+        edges = edge_geometry(grid[None], everyone)[0, ..., 9]
+        yield Finding(f"squared distances of edges, {offset:g} away", apart(edges, exact), ROUNDING)
     yield Finding("coincident points", float(squared_distances(torch.full((2, 3), 1e6 / 3)).max()), 0)
 
 

@@ -30,6 +30,7 @@ ROOT = Path(__file__).parents[2]
 STEP = 1e-8  # of a finite difference, in sizes of what it moves: hardly a ReLU changes sides within it
 SLOPES = 1e-5  # of a slope: of the 16 digits of a loss such a step leaves 8, and a few less where slopes are small
 RATES = 10.0 ** np.arange(-8, 4)
+LOST = 10.0  # times its first loss: a training that ends so has diverged
 CALM, NOISY = 1e-3, 0.1  # rates up to which a loss must not rise, but by what dropout and noise make of it
 SUM = 2.0**-20  # of single precision, after a few sums
 ANCHORS = 2  # of a class, in the short trainings
@@ -124,35 +125,35 @@ def learning_rates(subject: Subject) -> Iterator[Finding]:
     places = subject.classifier.viewpoints.double().cpu().numpy()
     views = cluster_table(table, places, params.cluster, np.random.default_rng(0))
     weights = {"backbone": subject.classifier.backbone.state_dict(), "classifier": _linear(subject.classifier, table)}
-    short = {"epochs": 2, "schedule": "cosine"}
+    halving = {"schedule": "halving", "halve_every": 100, "halve_early": 0}
+    constant = {"schedule": "constant", "sizes": "full"}
     for rate in map(float, RATES):
-        params.pretrain = replace(subject.params.pretrain, lr=rate, **short)
-        params.finetune = replace(subject.params.finetune, lr=rate, lr_backbone=rate, sizes="full", **short)
+        params.pretrain = replace(subject.params.pretrain, epochs=2, lr=rate, **halving)
+        params.finetune = replace(subject.params.finetune, epochs=2, lr=rate, lr_backbone=rate, **constant)
         yield _outcome("pretraining", rate, lambda: pretrain_backbone(table, params, compute)[::2])
         if subject.classifier.head.learns:
             yield _outcome("fine-tuning", rate, lambda: finetune_classifier(table, views, weights, params, compute))
 
 
 def last_good_weights(subject: Subject) -> Iterator[Finding]:
-    """A training whose rate becomes 1e30 in its second epoch ends with the weights of the first, and says so."""
+    """A training whose rate jumps in its second epoch ends with the weights of the first, and says so."""
     nodes = torch.rand(24, *subject.classifier.given, generator=torch.Generator().manual_seed(0))
     sets = torch.from_numpy(some_sets(24, subject.classifier.views, 8))
     labels = torch.arange(len(sets)) % len(subject.table.classes)
-    found = []
-    for epochs in (1, 2):
-        head = deepcopy(subject.classifier.head).cpu()
-        optimiser = torch.optim.SGD(head.parameters(), 1e-3)
-        losses = lambda _, head=head: (head.loss(*head(nodes[sets]), labels) for _ in range(40))  # noqa: E731
+
+    def trained(epochs: int, jump: float) -> tuple[Tensor, Progress]:
+        head = deepcopy(subject.classifier.head).cpu().eval()  # without dropout: both begin alike
+        optimiser = torch.optim.SGD(head.parameters(), 1e-5)
+        losses = lambda _: (head.loss(*head(nodes[sets]), labels) for _ in range(40))  # noqa: E731
         keep = Checkpoint(None, {"head": head}, {}, {}, torch.device("cpu"))
-        progress = fit(epochs, optimiser, {0: 1.0, 1: 1e33}.get, losses, dict, tqdm(disable=True), keep)
-        found.append((torch.cat([weight.detach().flatten() for weight in head.parameters()]), progress))
-    (one, _), (two, progress) = found
-    yield Finding("weights", differing_or_not_said(one, two, progress), 0, progress.diverged)
+        progress = fit(epochs, optimiser, {0: 1.0, 1: jump}.get, losses, dict, tqdm(disable=True), keep)
+        return torch.cat([weight.detach().flatten() for weight in head.parameters()]), progress
 
-
-def differing_or_not_said(one: Tensor, two: Tensor, progress: Progress) -> float:
-    """How far weights are apart; infinite where the training does not say that it diverged."""
-    return apart(two, one) if progress.diverged and progress.epoch == 1 else math.inf
+    one, _ = trained(1, 1.0)
+    for jump in (1e9, 1e33):
+        two, progress = trained(2, jump)
+        told = progress.diverged and progress.epoch == 1
+        yield Finding(f"weights, {jump:g} times the rate", apart(two, one) if told else math.inf, 0, progress.diverged)
 
 
 def few_anchors(table: Frames) -> Frames:
@@ -188,6 +189,8 @@ def _outcome(what: str, rate: float, train: Callable[[], tuple[nn.Module, Progre
         return Finding(
             f"rise of the loss, {what} at {rate:g}", rise, NOISY, f"from {losses[0]:.3g} to {losses[-1]:.3g}"
         )
+    if losses[-1] > LOST * max(1.0, progress.first):
+        lost = math.inf  # and it did not say so
     said = progress.diverged or f"loss from {losses[0]:.3g} to {losses[-1]:.3g}"
     return Finding(name, lost, 0, said, refused=bool(progress.diverged) and not lost)
 

@@ -16,11 +16,12 @@ from tactile_viewgcn.compute import choose, keep_freed_memory
 from tactile_viewgcn.frames import read_frames
 
 PARTS = (data, clusters, graph, network, learning, scoring, glove, same, left_out)
-TEXT = """{data}. Every case is done with the pipeline's own functions. `error` is the largest difference from a
+TEXT = """Every case is done with the pipeline's own functions. `error` is the largest difference from a
 reference in double precision, or an exact one, relative to the largest number there, unless its quantity says what is
 counted; `seconds` are those since the row before. A row is `right` with an error of no more than its tolerance,
-`refused` where the project says in one line that it does not do that, and WRONG otherwise.
-{counts}, in {seconds:.0f} s."""
+`refused` where the project says in one line that it does not do that, or that it went wrong and what is kept, and
+WRONG otherwise.
+"""
 
 
 @stage(
@@ -32,14 +33,18 @@ counted; `seconds` are those since the row before. A row is `right` with an erro
 def stability(params, run, frames, classifier, out):
     """Stiff and extreme cases against their references; fails where one is WRONG."""
     keep_freed_memory()
-    trained, _ = load_classifier(classifier)
+    trained, content = load_classifier(classifier)
+    table = read_frames(frames)
+    if (content["classes"], content["shape"]) != (table.classes, list(table.live.shape)):
+        raise ValueError(f"{classifier}: of other classes or sensors than {frames}; train it on these frames")
     with TemporaryDirectory() as folder:
         compute = choose(params.device, params.precision)
-        subject = Subject(trained, read_frames(frames), params, compute, Path(folder))
+        subject = Subject(trained, table, params, compute, Path(folder))
         rows = in_turn([case for part in PARTS for case in part.CASES], subject)
     verdicts, seconds = Counter(row["verdict"] for row in rows), sum(row["seconds"] for row in rows)
     counts = ", ".join(f"{verdicts[name]} {name}" for name in (RIGHT, REFUSED, WRONG))
-    write_table(out, rows, TEXT.format(data=named(params.data), counts=counts, seconds=seconds))
+    write_table(out, rows, f"{about(subject)}{TEXT}{counts}, in {seconds:.0f} s.")
+    run.metrics({name.lower(): float(verdicts[name]) for name in (RIGHT, REFUSED, WRONG)})
     for name in ("results.csv", "results.md"):
         run.artifact(out / name)
     cases = {(row["part"], row["case"]) for row in rows}
@@ -49,14 +54,25 @@ def stability(params, run, frames, classifier, out):
     wrong = [f"{row['part']}, {row['case']}, {row['quantity']}" for row in rows if row["verdict"] == WRONG]
     if wrong:
         raise ValueError(f"{len(wrong)} WRONG, see {out / 'results.md'}: {'; '.join(wrong)}")
-    return {name.lower(): float(verdicts[name]) for name in (RIGHT, REFUSED, WRONG)}
+
+
+def about(subject: Subject) -> str:
+    """What the cases were run on."""
+    height, width = subject.table.live.shape
+    return (
+        f"{named(subject.params.data)}. {subject.params.model.system} for {subject.classifier.views} views of {height} x "
+        f"{width} sensors and {len(subject.table.classes)} classes, evaluated in {subject.compute.precision} on "
+        f"{subject.compute.device}.\n"
+    )
 
 
 def summary(rows: list[dict]) -> str:
     """How many of a part's rows have which verdict, how near the nearest is to being wrong, and what they took."""
     count = Counter(row["verdict"] for row in rows)
-    shares = [row["error"] / row["tolerance"] for row in rows if row["verdict"] == RIGHT and row["tolerance"]]
-    worst = f"at most {max(shares):.2g} of the tolerance, " if shares else ""
+    shares = [
+        (row["error"] / row["tolerance"], row["case"]) for row in rows if row["verdict"] == RIGHT and row["tolerance"]
+    ]
+    worst = "at most {:.2g} of the tolerance ({}), ".format(*max(shares)) if shares else ""
     verdicts = ", ".join(f"{count[name]} {name}" for name in (RIGHT, REFUSED, WRONG))
     return f"{verdicts}; {worst}{sum(row['seconds'] for row in rows):.1f} s"
 

@@ -2,8 +2,8 @@
 
 Without contact the equation is linear and its steps are long, and a method that looks at two moments of a step cannot
 know of a third; nor does a Newton iteration see what it jumps over. So the way of a step is looked at as well, before
-it is kept, where it is longer than a finger is thick. A touch that does not come as deep as a finger's bone is let
-pass, and so is an object too thin for that, such as a pen.
+it is kept, where it is longer than a finger is thick or than the inradius of the object's thinnest part. A touch is let
+pass that comes neither as deep as a finger's bone nor half the way to the middle of that part.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, RADIUS
 
-LOOK, MOST = 2 * RADIUS, 64  # m of way from one look to the next, a finger's thickness; looks at one way
+LOOK, MOST = 2 * RADIUS, 64  # m of way from one look to the next, a finger's thickness at most; looks at one way
 
 
 def passed(
@@ -19,7 +19,8 @@ def passed(
 ) -> tuple[np.ndarray, int]:
     """Whether a finger or palm of hands (R,) and the object go through each other on the straight way between states.
 
-    They do where they are deeper in each other than at both ends, by more than a bone lies below its skin.
+    They do where they are deeper in each other than at both ends, by more than a bone lies below its skin, or by half
+    of the inradius of the object's thinnest part.
 
     Args:
         rows: the hands; begin, end: (R,) times in frames; before, after: (R, n) states.
@@ -27,7 +28,8 @@ def passed(
     Returns:
         (R,) bool, and how many states were looked at.
     """
-    parts = np.ceil(_way(mechanics, rows, begin, before, end, after) / LOOK)
+    apart = np.minimum(LOOK, mechanics.solids.inradius[rows])
+    parts = np.ceil(_way(mechanics, rows, begin, before, end, after) / apart)
     looks = np.where(parts < 2, 0, np.minimum(parts, MOST) + 1).astype(int)
     which = np.repeat(np.arange(len(rows)), looks)
     if not len(which):
@@ -42,7 +44,8 @@ def passed(
     ends, inner = np.zeros((2, len(rows), 6))
     np.maximum.at(ends, tuple(part[~between] for part in at), touch.depth[~between])
     np.maximum.at(inner, tuple(part[between] for part in at), touch.depth[between])
-    return (inner - ends > RADIUS).any(axis=1), len(which)
+    deep = np.minimum(RADIUS, 0.5 * mechanics.solids.inradius[rows])
+    return (inner - ends > deep[:, None]).any(axis=1), len(which)
 
 
 def _way(

@@ -111,6 +111,7 @@ class Solids:
         reach: (B, P) m, a sphere around each primitive; negative where there is none.
         centre: (B, P, 3) m, turn: (B, P, 3, 3): from the primitive's axes to the object's.
         some: whether any union has a primitive; where none has, nothing can be touched.
+        inradius: (B,) m, of the thinnest primitive of each union; infinite where there is none.
     """
 
     def __init__(self, parts: list[list[Primitive]]):
@@ -126,6 +127,8 @@ class Solids:
                 self.half[b, p, : len(part.half)] = part.half
                 self.turn[b, p] = Rotation.from_rotvec(part.turn).as_matrix()
         self.some = bool((self.reach > 0).any())
+        thin = ([min(part.half) + part.round for part in solids] for solids in parts)
+        self.inradius = np.array([min(own, default=np.inf) for own in thin])
         self.has_cut = any(part.cut != NO_CUT for solids in parts for part in solids)
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
