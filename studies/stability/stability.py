@@ -60,9 +60,9 @@ def about(subject: Subject) -> str:
     """What the cases were run on."""
     height, width = subject.table.live.shape
     return (
-        f"{named(subject.params.data)}. {subject.params.model.system} for {subject.classifier.views} views of {height} x "
-        f"{width} sensors and {len(subject.table.classes)} classes, evaluated in {subject.compute.precision} on "
-        f"{subject.compute.device}.\n"
+        f"{named(subject.params.data)}. {subject.params.model.system} for {subject.classifier.views} views of "
+        f"{height} x {width} sensors and {len(subject.table.classes)} classes, evaluated in "
+        f"{subject.compute.precision} on {subject.compute.device}.\n"
     )
 
 
