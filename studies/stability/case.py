@@ -131,5 +131,5 @@ def _row(found: Finding, seconds: float, folder: Path) -> dict:
         "tolerance": "" if found.refused else found.tolerance,
         "seconds": seconds,
         "verdict": found.verdict,
-        "remark": found.remark.replace(f"{folder}/", ""),
+        "remark": found.remark.replace(f"{folder}/", "").replace(f"{Path.cwd()}/", ""),
     }
