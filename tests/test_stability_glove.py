@@ -19,8 +19,10 @@ CHEAP = {  # and how often they refuse
     glove.stiffness_of_a_plate: 0,
     glove.steps_of_a_whole_frame: 0,
     glove.contact_within_a_step: 0,
+    glove.fingers_stopped_by_a_rod: 0,
     glove.wedged_between_two_fingers: 0,
     glove.damping: 2,
+    glove.deep_at_first: 1,
     glove.energy_never_grows: 0,
     glove.steps_and_tolerances: 5,
 }
