@@ -12,6 +12,7 @@ from tqdm import tqdm
 from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.classifier import Classifier, logits_of_sets
 from tactile_viewgcn.compute import Compute
+from tactile_viewgcn.epochs import fit
 from tactile_viewgcn.frames import Frames, full_scale
 from tactile_viewgcn.nn.backbone import features_of
 from tactile_viewgcn.params import Finetune, Params
@@ -22,7 +23,6 @@ from tactile_viewgcn.training import (
     FeatureBank,
     error_rate,
     factor_of,
-    fit,
     generator,
     optimiser_of,
     parts,

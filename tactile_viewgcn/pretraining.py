@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.compute import Compute
+from tactile_viewgcn.epochs import fit
 from tactile_viewgcn.frames import Frames, full_scale
 from tactile_viewgcn.nn.backbone import Backbone, build_backbone, features_of
 from tactile_viewgcn.nn.perceptron import Perceptron
@@ -21,7 +22,6 @@ from tactile_viewgcn.training import (
     Disturbance,
     error_rate,
     factor_of,
-    fit,
     frame_losses,
     generator,
     optimiser_of,

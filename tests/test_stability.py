@@ -128,7 +128,7 @@ FAULTS = {
         scoring, "share_interval", lambda correct, groups, rng: (correct.mean(), correct.mean()), "scoring.intervals",
     ),
     "a training that is never looked at": (
-        "tactile_viewgcn.training", "_fine", lambda *_: True, "learning.last_good_weights",
+        "tactile_viewgcn.epochs", "_fine", lambda *_: True, "learning.last_good_weights",
     ),
     "edges by expansion": (graph, "edge_geometry", expanded_edges, "graph.distances_without_cancellation"),
     "a sum without its gradient": (

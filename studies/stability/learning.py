@@ -18,13 +18,14 @@ from studies.stability.network import without_dropout
 from tactile_viewgcn.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.classifier import Classifier
 from tactile_viewgcn.clustering import cluster_table
+from tactile_viewgcn.epochs import fit
 from tactile_viewgcn.finetuning import finetune_classifier
 from tactile_viewgcn.frames import Frames
 from tactile_viewgcn.nn.view_gcn import MessageSum, shape_and_view_loss
 from tactile_viewgcn.params import load
 from tactile_viewgcn.pretraining import pretrain_backbone
 from tactile_viewgcn.split import TEST
-from tactile_viewgcn.training import fit, parts
+from tactile_viewgcn.training import parts
 
 ROOT = Path(__file__).parents[2]
 STEP = 1e-8  # of a finite difference, in sizes of what it moves: hardly a ReLU changes sides within it
