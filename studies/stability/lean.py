@@ -26,7 +26,7 @@ def unclustered(folder: str, views: str) -> None:
     evaluate([*given, "--classifier", f"{folder}/classifier.pt", *outputs], standalone_mode=False)
 
 
-def help() -> None:
+def command_line_help() -> None:
     """What `tactile-viewgcn --help` does."""
     from tactile_viewgcn.cli import main
 
@@ -39,5 +39,5 @@ def help() -> None:
 
 
 if __name__ == "__main__":
-    {"unclustered": unclustered, "help": help}[sys.argv[1]](*sys.argv[2:])
+    {"unclustered": unclustered, "help": command_line_help}[sys.argv[1]](*sys.argv[2:])
     print("imported", *(name for name in LIBRARIES if name in sys.modules))

@@ -15,11 +15,11 @@ import torch
 
 from studies.stability import lean
 from studies.stability.case import Finding, Subject
+from studies.stability.glove_scenes import DEFAULT
 from studies.stability.graph import view_gcn, width
 from studies.stability.learning import few_anchors
 from tactile_viewgcn.classifier import save_classifier
 from tactile_viewgcn.frames import write_frames
-from tactile_viewgcn.glove.contact import Layer
 from tactile_viewgcn.glove.objects import THINGS
 from tactile_viewgcn.glove.simulation import EFFECTS, Recipe, Simulation
 from tactile_viewgcn.nn.view_gcn import LocalGraphConvolution, NonLocalMessagePassing, SelectiveViewSampling
@@ -27,7 +27,6 @@ from tactile_viewgcn.viewpoints import viewpoints
 
 ROOT = Path(__file__).parents[2]
 LAYERS = LocalGraphConvolution | NonLocalMessagePassing | SelectiveViewSampling
-LAYER = Layer(stiffness=2.5e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
 ROUNDS, SETS = 5, 64
 
 
@@ -63,7 +62,7 @@ def a_hand_without_an_object(_: Subject) -> Iterator[Finding]:
     seconds = {}
     for name in ("empty_hand", "ball"):
         held = tuple(thing for thing in THINGS if thing.name == name)
-        simulation = Simulation(Recipe(held, 1, 44, 2, 0, LAYER, effects=frozenset(EFFECTS) - {"bending"}))
+        simulation = Simulation(Recipe(held, 1, 44, 2, 0, DEFAULT, effects=frozenset(EFFECTS) - {"bending"}))
         begin, solved = time.perf_counter(), simulation.work
         frames = sum(counts.shape[1] for counts in simulation.blocks())
         seconds[name] = time.perf_counter() - begin
