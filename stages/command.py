@@ -1,10 +1,8 @@
-"""What every stage's command line shares: parameters, tracking, errors in one line, the record of its run."""
+"""What every stage's command line shares: parameters, inputs, tracking, errors in one line, the record of its run."""
 
 import json
-import resource
 import signal
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,30 +10,33 @@ from typing import Any
 
 import click
 
+from stages.job import Job
 from tactile_viewgcn import tracking
-from tactile_viewgcn.files import whole
-from tactile_viewgcn.params import Params, flat, load
-from tactile_viewgcn.preset import PRESETS, preset_changes
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import atomic_write, md5
+from tactile_viewgcn.params import PRESETS, Params, load, preset_changes
+from tactile_viewgcn.process import peak_mb
+from tactile_viewgcn.provenance import committed_params, run_name
+from tactile_viewgcn.schema import flatten
 
 
 class Input(click.Path):
     """An option that names a file the stage reads."""
 
 
-LATER = ("diverged_in_epoch",)  # metrics that stages to come are told by the record
 INPUT, OUTPUT = Input(path_type=Path), click.Path(path_type=Path)
 
 
 def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]:
-    """A click command from `body(params, run, **paths)`.
+    """A click command from `body(params, job, **paths)`.
 
     Args:
-        reads: the keys of params.yaml, or `section.part`, that the body is given, the same as in dvc.yaml; no others.
-        row: the run carries every parameter of params.yaml, as the row that people compare.
+        reads: the keys and sections of params.yaml that the body is given, and no others; `stages.dependencies` has
+            DVC watch them.
+        row: its run is the pipeline's row in MLflow, and carries every parameter.
 
-    The command ends with exit code 1 and one line where the user can mend what is wrong, and writes the run's
-    id, seconds and peak memory to `--record`. The body may return metrics, which are logged; the seconds of one that
-    goes on where an earlier run was interrupted include that run's.
+    The command ends with exit code 1 and one line where the user can mend what is wrong. It writes the run's id,
+    inputs, seconds and peak memory to `--record`, and beside them the counts that the body may return, by name.
     """
 
     def wrap(body: Callable[..., dict[str, float] | None]) -> click.Command:
@@ -54,15 +55,23 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
             debug: bool,
             **paths: Any,
         ) -> None:
+            signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # `dvc queue kill`: the run is closed as KILLED
             try:
                 params = load(params_path, (*(preset_changes(preset) if preset else ()), *changes))
-                given = _given(params, reads)
-                logged = flat(params) if row else _declared(params, reads)
-                _run(body, given, logged, _inputs(context, paths), record, paths)
-            except (ValueError, OSError, MemoryError, RuntimeError) as error:
-                if debug or not _expected(error):
+                inputs = _inputs(context, paths)
+                values = flatten(params) if row else declared(params, reads)
+                head = f"{params.model.system} V={params.views}" if row else body.__name__
+                skip = ("model.system", "views") if row else ()
+                name = run_name(head, values, committed_params(params_path), skip)
+                with tracking.stage_run(body.__name__, name, row=row) as run:
+                    run.parameters(values)
+                    job = Job(body.__name__, run, {name: md5(path) for name, path in inputs.items()})
+                    _write_record(record, job, inputs, body(given(params, reads), job, **paths) or {}, logged=not row)
+            except Exception as error:
+                line = _what_to_mend(error)
+                if debug or line is None:
                     raise
-                raise click.ClickException(" ".join(str(error).split()) or "out of memory") from None
+                raise click.ClickException(line) from None
 
         command.__click_params__ = body.__click_params__ + command.__click_params__
         made = click.command(body.__name__, help=body.__doc__)(command)
@@ -72,69 +81,67 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
     return wrap
 
 
-def _run(
-    body: Callable,
-    given: SimpleNamespace,
-    logged: dict[str, Any],
-    inputs: dict[str, Path],
-    record: Path,
-    paths: dict[str, Any],
-) -> None:
-    begin = time.perf_counter()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # `dvc queue kill`: the run is closed, nothing half-written
-    with tracking.stage_run(body.__name__) as run:
-        run.inputs(inputs)
-        run.parameters(logged)
-        metrics = body(given, run, **paths) or {}
-        before = metrics.get("seconds_before_interruption", 0.0)
-        costs = {"seconds": before + time.perf_counter() - begin, "peak_mb": peak_mb()}
-        run.metrics(metrics | costs)
-        with whole(record) as part:
-            known = {name: metrics[name] for name in LATER if name in metrics}
-            part.write_text(json.dumps({"stage": body.__name__, "run_id": run.id, **costs, **known}, indent=2) + "\n")
+def _write_record(path: Path, job: Job, inputs: dict[str, Path], counts: dict[str, float], *, logged: bool) -> None:
+    """Write what a stage made, from what and at what cost; to its run too where it is `logged`."""
+    before = counts.pop("seconds_before_interruption", 0.0)
+    costs = {"seconds": before + job.seconds, "peak_mb": peak_mb()}
+    if logged:
+        job.run.tags({f"md5.{name}": digest for name, digest in job.md5s.items()})
+        job.run.parameters(counts)
+        job.run.metrics(costs)
+    files = {name: {"path": str(path), "md5": job.md5s[name]} for name, path in inputs.items()}
+    content = {"stage": job.stage, "run_id": job.run.id, **costs, "inputs": files, "counts": counts}
+    with atomic_write(path) as part:
+        part.write_text(json.dumps(content, indent=2) + "\n")
 
 
-def _expected(error: Exception) -> bool:
-    """Whether the user can mend it; any other RuntimeError is a fault of ours and shows its traceback."""
-    out_of_memory = isinstance(error, MemoryError) or "memory" in str(error)
-    return out_of_memory or isinstance(error, ValueError | OSError | tracking.TrackingError)
+def _what_to_mend(error: Exception) -> str | None:
+    """The line for a user who can mend it; None where it is a fault of ours."""
+    text = " ".join(str(error).split())
+    if isinstance(error, UserError | OSError | click.ClickException):
+        return text
+    if _out_of_memory(error):
+        return f"out of memory: {text or 'no more to be had'}; lower `batch` or model.backbone.width, or free some"
+    return None
 
 
-def _declared(params: Params, reads: tuple[str, ...]) -> dict[str, Any]:
-    """The values of these keys and sections under their dotted keys."""
-    return {key: value for key, value in flat(params).items() if any(f"{key}.".startswith(f"{r}.") for r in reads)}
+def _out_of_memory(error: Exception) -> bool:
+    torch = sys.modules.get("torch")  # a stage that takes no torch does not meet its errors
+    if torch is None or not isinstance(error, RuntimeError):
+        return isinstance(error, MemoryError)
+    return isinstance(error, torch.OutOfMemoryError) or "DefaultCPUAllocator: can't allocate memory" in str(error)
 
 
-def _given(params: Params, reads: tuple[str, ...]) -> SimpleNamespace:
-    """The keys and sections that a stage reads; of a section of which it reads a part, that part."""
-    found = SimpleNamespace()
+def declared(params: Params, reads: tuple[str, ...]) -> dict[str, Any]:
+    """The values of these keys and sections under their dotted keys, in the order of params.yaml."""
+    return {key: value for key, value in flatten(params).items() if any(f"{key}.".startswith(f"{r}.") for r in reads)}
+
+
+def given(params: Params, reads: tuple[str, ...]) -> SimpleNamespace:
+    """The keys and sections that a stage reads; of a section of which it reads parts, those parts."""
+    namespace = SimpleNamespace()
     for key in reads:
         section, _, part = key.partition(".")
         value = getattr(params, section)
-        setattr(found, section, SimpleNamespace(**{part: getattr(value, part)}) if part else value)
-    return found
+        if part:
+            setattr(namespace, section, getattr(namespace, section, SimpleNamespace()))
+            setattr(getattr(namespace, section), part, getattr(value, part))
+        else:
+            setattr(namespace, section, value)
+    return namespace
 
 
 def _inputs(context: click.Context, paths: dict[str, Any]) -> dict[str, Path]:
     """The files that the stage reads, each there."""
-    found = {}
+    inputs = {}
     for option in context.command.params:
         if isinstance(option.type, Input):
             many = paths[option.name] if option.multiple else [paths[option.name]]
-            found |= {option.name if not option.multiple else path.stem: path for path in many}
-    for path in found.values():
+            inputs |= {option.name if not option.multiple else path.stem: path for path in many}
+    for path in inputs.values():
         if not path.exists():
-            raise FileNotFoundError(
+            raise UserError(
                 f"{path}: no such file or folder; `dvc repro` makes what a stage reads, "
                 "and data.source in params.yaml names what ingest reads"
             )
-    return found
-
-
-def peak_mb() -> float:
-    """The most memory this process has held, in MB (10^6 bytes)."""
-    status = Path("/proc/self/status")
-    if status.exists():  # Linux, whose ru_maxrss would count the process that started this one
-        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
-        return int(line.split()[1]) * 1024 / 1e6
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    return inputs

@@ -2,57 +2,56 @@
 
 import click
 
-from stages.command import INPUT, OUTPUT, peak_mb, stage
-from tactile_viewgcn.classifier import load_classifier
-from tactile_viewgcn.compute import choose, keep_freed_memory
-from tactile_viewgcn.evaluation import evaluate_table
-from tactile_viewgcn.frames import read_frames
-from tactile_viewgcn.results import costs, lines, metrics_tree, numbers, read_records, write_results
+from stages.command import INPUT, OUTPUT, stage
+from tactile_viewgcn.device import keep_freed_memory, select_device
+from tactile_viewgcn.evaluation import report, row
+from tactile_viewgcn.evaluation.predictions import predictions_of, write_predictions
+from tactile_viewgcn.evaluation.trials import evaluate_table
+from tactile_viewgcn.frames.table import read_frames
+from tactile_viewgcn.process import peak_mb
+from tactile_viewgcn.recognition.model_file import load_classifier
+
+CLUSTERING = "cluster.method", "cluster.components", "cluster.restarts", "cluster.assignment"  # not its scope and seed
 
 
-@stage("seed", "device", "precision", "cluster", "evaluate", row=True)
+@stage("seed", "device", "precision", *CLUSTERING, "evaluate", row=True)
 @click.option("--frames", type=INPUT, required=True)
 @click.option("--classifier", type=INPUT, required=True)
 @click.option("--after", type=INPUT, multiple=True, help="Record of a stage that made the inputs.")
 @click.option("--out", type=OUTPUT, required=True, help="Folder of the results.")
-def evaluate(params, run, frames, classifier, after, out):
+def evaluate(params, job, frames, classifier, after, out):
     """Ten trials on the test side: error with its interval, run time, confusion."""
     keep_freed_memory()
-    compute, table = choose(params.device, params.precision), read_frames(frames)
+    compute, table = select_device(params.device, params.precision), read_frames(frames)
     model, content = load_classifier(classifier)
-    records = read_records(after)
-    run.tags({f"run.{name}": record["run_id"] for name, record in records.items() if record["run_id"]})
-    run.tags({"device": compute.device, "precision": compute.precision})
-    diverged = {name: record["diverged_in_epoch"] for name, record in records.items() if "diverged_in_epoch" in record}
-    run.tags({f"diverged.{name}": f"in epoch {epoch:g}" for name, epoch in diverged.items()})
+    records = report.read_records(after)
     evaluation = evaluate_table(
         model, table, params.cluster, params.evaluate, compute, params.seed, content["temperatures"]
     )
-    metrics = metrics_tree(evaluation, table, model.views) | ({"diverged_in_epoch": diverged} if diverged else {})
-    timing = costs(evaluation, records, peak_mb())
-    write_results(out, metrics, timing, evaluation, table.classes)
-    for path in sorted(out.iterdir()):
-        run.artifact(path)
-    for scope in evaluation.protocols:
-        run.figure(f"confusion_{scope}.png", lambda scope=scope: _picture(evaluation, table.classes, scope))
-    for number in range(params.evaluate.trials):
-        scores = {
-            f"{scope}.error": float(1 - trials.right[number].mean()) for scope, trials in evaluation.protocols.items()
-        }
-        run.child(f"trial {number}", scores, {"trial": number})
-    address = run.model(classifier, model.views, table.live.shape, table.counts.dtype, table.classes)
-    print(
-        "\n".join(([f"classifier: mlflow.pyfunc.load_model({address!r})"] if address else []) + lines(metrics, timing))
-    )
-    for name, epoch in diverged.items():
-        print(f"  {name} diverged in epoch {epoch:g}, and this is what the weights before it give")
-    return numbers(metrics) | numbers(timing)
+    metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side) | row.divergences(records)
+    report.write_results(out, metrics, evaluation, table.classes)
+    write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
+    job.run.dataset(*row.dataset(records, str(frames), job.md5s["frames"]))
+    job.run.tags({"device": compute.device, "precision": compute.precision} | row.row_tags(metrics, records))
+    job.run.parameters(row.counts(metrics, records))
+    job.run.figure("confusion.png", lambda: _picture(evaluation, table.classes))
+    signature = model.views, table.live.shape, table.counts.dtype, table.classes
+    address = job.run.model(classifier, *signature, model.head.packages)
+    timing = report.costs(evaluation, records, job.seconds, peak_mb())
+    report.write_costs(out, timing, row.summary(metrics, timing))
+    job.run.artifacts(out)
+    job.run.metrics(row.row_metrics(metrics, timing))
+    job.run.series(row.trial_errors(evaluation))
+    print("\n".join(report.summary_lines(metrics, timing)))
+    if address:
+        print(f"  use it: mlflow.pyfunc.load_model({address!r})")
 
 
-def _picture(evaluation, classes, scope):
-    from tactile_viewgcn.plots import confusion
+def _picture(evaluation, classes):
+    from tactile_viewgcn.plots import confusions
 
-    return confusion(evaluation.confusion(scope, len(classes)), classes, f"{scope} protocol, all trials")
+    counts = {name: evaluation.confusion(name, len(classes)) for name in evaluation.protocols}
+    return confusions({f"{name} protocol, all trials": table for name, table in counts.items()}, classes)
 
 
 if __name__ == "__main__":

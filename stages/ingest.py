@@ -4,16 +4,16 @@ import click
 import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.recordings import Recordings, write_recordings
-from tactile_viewgcn.source import open_source
+from tactile_viewgcn.recordings.formats import open_source
+from tactile_viewgcn.recordings.table import Recordings, write_recordings
 
 
-@stage("data")
+@stage("data.source")
 @click.option("--source", type=INPUT, required=True, help="STAG metadata.mat, STAG folder, or own recordings.")
 @click.option("--out", type=OUTPUT, required=True)
-def ingest(params, run, source, out):
+def ingest(params, job, source, out):
     """Read the source's recordings into one checked table of raw counts."""
-    write_recordings(out, open_source(source), run.md5s["source"])
+    write_recordings(out, open_source(source), job.md5s["source"])
     with Recordings(out) as table:
         used = {name: len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
         live = int(table.live.sum())

@@ -1,4 +1,4 @@
-"""Subtract the rest of the empty hand, filter, split and balance the frames."""
+"""Subtract the baseline of the empty hand, filter, split and balance the frames."""
 
 import csv
 
@@ -6,49 +6,50 @@ import click
 import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.files import whole
-from tactile_viewgcn.frames import write_frames
-from tactile_viewgcn.preprocessing import account, prepare
+from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.frames.preprocessing import prepare
+from tactile_viewgcn.frames.selection import selection_counts
+from tactile_viewgcn.frames.split import SIDES
+from tactile_viewgcn.frames.table import write_frames
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recordings import Recordings
-from tactile_viewgcn.split import SIDES
+from tactile_viewgcn.recordings.table import Recordings
 
 
 @stage("preprocess", "split")
 @click.option("--recordings", type=INPUT, required=True)
 @click.option("--out", type=OUTPUT, required=True)
 @click.option("--kept", type=OUTPUT, required=True, help="Account of kept and dropped frames, per object and session.")
-def preprocess(params, run, recordings, out, kept):
-    """Subtract the rest of the empty hand, filter, split and balance the frames."""
+def preprocess(params, job, recordings, out, kept):
+    """Subtract the baseline of the empty hand, filter, split and balance the frames."""
     with Recordings(recordings) as table:
         frames, selection = prepare(table, params.preprocess, params.split, stream(params.split.seed, "preprocess"))
-        rows = account(table, selection)
+        rows = selection_counts(table, selection)
     write_frames(out, frames)
-    with whole(kept) as part, part.open("w", newline="") as file:
+    with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    run.artifact(kept)
-    run.text("\n".join(selection.notes) + "\n", "notes.txt")
+    job.run.artifacts(kept)
+    job.run.text("\n".join(selection.notes) + "\n", "notes.txt")
     print(f"preprocess: {len(frames):,} of {len(selection.keep):,} frames kept, {len(frames.classes)} classes")
-    metrics = {
+    counts = {
         "frames.kept": len(frames),
         "frames.dropped": len(selection.keep) - len(frames),
         "classes": len(frames.classes),
     }
     for code, side in enumerate(SIDES):
         on = frames.side == code
-        metrics |= {
+        counts |= {
             f"frames.{side}": int(on.sum()),
             f"anchors.{side}": int((on & frames.anchor).sum()),
             f"groups.{side}": len(np.unique(frames.group[on])),
         }
         print(
-            f"  {side}: {metrics[f'frames.{side}']:,} frames in {metrics[f'groups.{side}']} groups, "
-            f"{metrics[f'anchors.{side}']:,} anchors"
+            f"  {side}: {counts[f'frames.{side}']:,} frames in {counts[f'groups.{side}']} groups, "
+            f"{counts[f'anchors.{side}']:,} anchors"
         )
     print("".join(f"  {note}\n" for note in selection.notes), end="")
-    return metrics
+    return counts
 
 
 if __name__ == "__main__":

@@ -4,24 +4,25 @@ import click
 import torch
 
 from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.checkpoint import kept
-from tactile_viewgcn.compute import choose, keep_freed_memory
-from tactile_viewgcn.files import whole
-from tactile_viewgcn.frames import read_frames
-from tactile_viewgcn.pretraining import pretrain_backbone
+from tactile_viewgcn.device import keep_freed_memory, select_device
+from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.frames.table import read_frames
+from tactile_viewgcn.training.checkpoint import training_checkpoint
+from tactile_viewgcn.training.pretraining import pretrain_backbone
 
 
 @stage("seed", "device", "precision", "augment", "model.backbone", "pretrain")
 @click.option("--frames", type=INPUT, required=True)
 @click.option("--out", type=OUTPUT, required=True)
-def pretrain(params, run, frames, out):
+def pretrain(params, job, frames, out):
     """Train the modified ResNet-18 from scratch to tell objects by single frames."""
     keep_freed_memory()
-    compute, table = choose(params.device, params.precision), read_frames(frames)
-    run.tags({"device": compute.device, "precision": compute.precision})
-    with kept("pretrain", params, run.md5s, compute) as keep:
-        backbone, classifier, progress = pretrain_backbone(table, params, compute, keep)
-        with whole(out) as part:
+    compute, table = select_device(params.device, params.precision), read_frames(frames)
+    job.run.tags({"device": compute.device, "precision": compute.precision})
+    with training_checkpoint("pretrain", params, job.md5s, compute) as checkpoint_path:
+        on_epoch = job.on_epoch(params.pretrain.epochs)
+        backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, on_epoch)
+        with atomic_write(out) as part:
             torch.save(
                 {
                     "backbone": backbone.cpu().state_dict(),
@@ -30,11 +31,8 @@ def pretrain(params, run, frames, out):
                 },
                 part,
             )
-    run.curves(progress.curves, picture="pretrain_curves.png")
     print(f"pretrain: {progress} on {compute.device} in {compute.precision}")
-    return {
-        "weights": sum(weight.numel() for weight in backbone.parameters()),
-    } | progress.metrics
+    return {"weights.backbone": sum(weight.numel() for weight in backbone.parameters())} | progress.metrics
 
 
 if __name__ == "__main__":

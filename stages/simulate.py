@@ -5,30 +5,33 @@ import os
 import click
 
 from stages.command import OUTPUT, stage
-from tactile_viewgcn.glove.simulation import VERSION, recipe_of
-from tactile_viewgcn.glove.simulation import simulate as write
+from tactile_viewgcn.glove.recipe import VERSION, recipe_from_params
+from tactile_viewgcn.glove.writer import simulate as write_recordings
 
 
 @stage("glove")
 @click.option("--out", type=OUTPUT, required=True, help="Folder of recordings.")
-def simulate(params, run, out):
+def simulate(params, job, out):
     """Simulate recordings of a tactile glove, for a machine that has none."""
-    done = write(recipe_of(params.glove), out, workers=os.cpu_count() or 1)
-    steps, evaluations = done.work.steps / done.frames, done.work.evaluations / done.frames
+    summary = write_recordings(recipe_from_params(params.glove), out, workers=os.cpu_count() or 1)
+    cost = summary.statistics
+    steps, evaluations = cost.steps / summary.frames, cost.evaluations / summary.frames
     print(
-        f"simulate: {done.frames:,} simulated frames of {done.recordings} recordings, virtual glove version {VERSION}\n"
-        f"  {steps:.1f} steps and {evaluations:.0f} evaluations a frame, {done.deep:,} contacts beyond the skin; "
-        f"of {done.work.steps:,} steps {done.work.forced:,} missed the tolerance"
+        f"simulate: {summary.frames:,} simulated frames of {summary.recordings} recordings, "
+        f"virtual glove version {VERSION}\n"
+        f"  {steps:.1f} steps and {evaluations:.0f} evaluations a frame, "
+        f"{summary.beyond_thickness:,} contacts beyond the skin; "
+        f"of {cost.steps:,} steps {cost.forced:,} missed the tolerance"
     )
     return {
-        "frames": done.frames,
-        "recordings": done.recordings,
+        "frames": summary.frames,
+        "recordings": summary.recordings,
         "version": VERSION,
         "steps_per_frame": steps,
         "evaluations_per_frame": evaluations,
-        "beyond_thickness": done.deep,
-        "steps_forced": done.work.forced,
-        "stages_unsolved": done.work.unsolved,
+        "beyond_thickness": summary.beyond_thickness,
+        "steps_forced": cost.forced,
+        "stages_unsolved": cost.unsolved,
     }
 
 

@@ -1,4 +1,4 @@
-"""`tactile-viewgcn`: small questions that need no run of the pipeline."""
+"""The command `tactile-viewgcn`: check parameters, inspect and convert recordings, print presets."""
 
 import sys
 from pathlib import Path
@@ -6,34 +6,33 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tactile_viewgcn.preset import PRESETS, preset_changes
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.params import PRESETS, preset_changes
 
 if TYPE_CHECKING:
-    from tactile_viewgcn.recordings import Source
-
-SIMULATED = Path("data/virtual/recordings")  # what data/virtual/dvc.yaml makes
+    from tactile_viewgcn.recordings.source import Source
 
 
 @click.group()
-@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.pass_context
-def cli(context: click.Context, debug: bool) -> None:
+@click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
+def cli() -> None:
     """Recognise held objects from tactile frames. The pipeline itself is run by `dvc repro`."""
-    context.obj = debug
 
 
 @cli.command()
 @click.option("--params", "path", type=click.Path(path_type=Path), default="params.yaml", show_default=True)
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of the file.")
 def check(path: Path, changes: tuple[str, ...]) -> None:
-    """Check params.yaml, list every mistake, and see whether data.source is there."""
-    from tactile_viewgcn.params import flat, load
+    """Check params.yaml, list every mistake, and look for data.source."""
+    from tactile_viewgcn.params import load
+    from tactile_viewgcn.schema import flatten
+    from tactile_viewgcn.tables import VIRTUAL
 
     params = load(path, changes)
-    click.echo(f"{path}: {len(flat(params))} values, all allowed")
+    click.echo(f"{path}: {len(flatten(params))} values, all allowed")
     if not Path(params.data.source).exists():
-        if Path(params.data.source) == SIMULATED:
-            click.echo(f"data.source is {SIMULATED}: `dvc repro` simulates it")
+        if Path(params.data.source) == Path(VIRTUAL):
+            click.echo(f"data.source is {VIRTUAL}: `dvc repro` simulates it")
             return
         raise FileNotFoundError(f"data.source is {params.data.source}: no such file or folder")
 
@@ -41,24 +40,26 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
 def inspect(source: Path) -> None:
-    """Say what SOURCE holds: a STAG metadata.mat, a STAG folder, own recordings, or the table that ingest wrote."""
+    """Describe SOURCE: a STAG metadata.mat, a STAG folder, HDF5 recordings, or the recordings.h5 of `ingest`."""
     import numpy as np
 
-    from tactile_viewgcn.recordings import checked, is_table
+    from tactile_viewgcn.recordings.source import checked_blocks
+    from tactile_viewgcn.recordings.table import is_table
 
-    found, columns = _opened(source), {"pressure"}
-    counts = np.zeros(len(found.objects), dtype=np.int64)
-    low, high = np.full(found.shape, np.inf), np.full(found.shape, -np.inf)
-    for block in checked(found):
+    opened, columns = _open_source_or_table(source), {"pressure"}
+    counts = np.zeros(len(opened.objects), dtype=np.int64)
+    low, high = np.full(opened.shape, np.inf), np.full(opened.shape, -np.inf)
+    for block in checked_blocks(opened):
         counts += np.bincount(block["object"], minlength=len(counts))
         columns |= block.keys()
         low, high = np.minimum(low, block["pressure"].min(axis=0)), np.maximum(high, block["pressure"].max(axis=0))
-    remark = ", the table that ingest wrote" if is_table(source) else ""
+    (height, width), varying = opened.shape, int((low < high).sum())
+    per_object = ", ".join(f"{name} {count:,}" for name, count in zip(opened.objects, counts, strict=True))
     click.echo(
-        f"{source}{remark}: {counts.sum():,} frames of {found.shape[0]} x {found.shape[1]}, {len(found.recordings)} "
-        f"recordings, {len(found.sessions)} sessions, {(low < high).sum()} sensors that vary\n"
-        f"  columns: {', '.join(sorted(columns))}\n  frames per object: "
-        + ", ".join(f"{name} {count:,}" for name, count in zip(found.objects, counts, strict=True))
+        f"{source}{', written by ingest' if is_table(source) else ''}: {counts.sum():,} frames of {height} x {width}, "
+        f"{len(opened.recordings)} recordings, {len(opened.sessions)} sessions, {varying} sensors that vary\n"
+        f"  columns: {', '.join(sorted(columns))}\n"
+        f"  frames per object: {per_object}"
     )
 
 
@@ -66,19 +67,22 @@ def inspect(source: Path) -> None:
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 def convert(source: Path, out: Path) -> None:
-    """Write what `inspect` reads as a new file OUT in the form of STAG's metadata.mat, all frames in memory at once."""
-    from tactile_viewgcn.stag_form import write_metadata
+    """Write SOURCE, anything that `inspect` reads, to a new file OUT in the form of STAG's metadata.mat.
+
+    All frames are in memory at once.
+    """
+    from tactile_viewgcn.recordings.stag_writer import write_metadata
 
     if out.exists():
-        raise FileExistsError(f"{out}: already there; name a new file, or delete it first")
-    fields = write_metadata(out, _opened(source))
+        raise FileExistsError(f"{out}: exists; name a new file, or delete it first")
+    fields = write_metadata(out, _open_source_or_table(source))
     click.echo(f"{out}: {len(fields['pressure']):,} frames; fields: {', '.join(sorted(fields))}")
 
 
-def _opened(path: Path) -> "Source":
-    """A source, or the table that ingest wrote from one."""
-    from tactile_viewgcn.recordings import is_table, read_table
-    from tactile_viewgcn.source import open_source
+def _open_source_or_table(path: Path) -> "Source":
+    """The source at `path`, or the source of the table at `path`."""
+    from tactile_viewgcn.recordings.formats import open_source
+    from tactile_viewgcn.recordings.table import is_table, read_table
 
     return read_table(path) if is_table(path) else open_source(path)
 
@@ -86,12 +90,12 @@ def _opened(path: Path) -> "Source":
 @cli.command()
 @click.argument("name", type=click.Choice(PRESETS))
 def preset(name: str) -> None:
-    """Print a preset as options: dvc exp run $(tactile-viewgcn preset released)."""
+    """Print a preset as options of DVC: dvc exp run $(tactile-viewgcn preset released)."""
     click.echo(" ".join(f"-S {change}" for change in preset_changes(name)))
 
 
 def main() -> None:
-    """The console script: what a user can mend ends in one line and exit code 1."""
+    """Run the command; a mistake of the user ends in one line and exit code 1, without a traceback."""
     try:
         cli(standalone_mode=False)
     except click.ClickException as error:
@@ -99,8 +103,8 @@ def main() -> None:
         raise SystemExit(error.exit_code) from None
     except click.Abort:
         raise SystemExit(1) from None
-    except (ValueError, OSError) as error:
-        if "--debug" in sys.argv:
+    except (UserError, OSError) as error:
+        if "--debug" in sys.argv:  # click has gone by then
             raise
         click.echo(f"Error: {' '.join(str(error).split())}", err=True)
         raise SystemExit(1) from None

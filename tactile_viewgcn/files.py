@@ -1,14 +1,17 @@
-"""Files that appear whole or not at all, and their md5."""
+"""Files written whole or not at all, and their md5."""
 
 import hashlib
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from json import JSONDecodeError
 from pathlib import Path
 from pickle import UnpicklingError
 
-RECORDINGS = (".mat", ".h5", ".hdf5")  # beside them, STAG's folders hold gigabytes of video frames
+from tactile_viewgcn.errors import UserError
+
+VIDEO_SUFFIX = ".jpg"  # STAG's folders also hold gigabytes of video frames, which no reader reads
 
 
 def root() -> Path:
@@ -17,11 +20,11 @@ def root() -> Path:
 
 
 @contextmanager
-def whole(path: str | Path) -> Iterator[Path]:
-    """A path to write to, renamed to `path` when the block ends well and removed when it does not.
+def atomic_write(path: str | Path) -> Iterator[Path]:
+    """A temporary path beside `path` to write to: renamed to `path` at the end of the block, removed on an error.
 
-    The name beside it is the same on every call: torch.save writes it into the file, and two runs with one
-    seed are to give equal bytes.
+    Its name is the same on every call, because torch.save writes it into the file and runs with equal seeds give
+    equal bytes.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -34,11 +37,15 @@ def whole(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_folder(path: str | Path) -> Iterator[Path]:
-    """The same for a folder: an empty one to write to, which takes the place of `path` when the block ends well."""
+def atomic_folder(path: str | Path) -> Iterator[Path]:
+    """A temporary empty folder beside `path`, which replaces `path` at the end of the block and is removed on an error.
+
+    Raises:
+        FileExistsError: `path` is a file or a link.
+    """
     path = Path(path)
     if path.exists() and (path.is_symlink() or not path.is_dir()):
-        raise FileExistsError(f"{path}: there, and no folder; remove it, or name another")
+        raise FileExistsError(f"{path}: exists and is no folder; remove it or name another")
     part, old = path.with_name(path.name + ".part"), path.with_name(path.name + ".old")
     for stale in (part, old):
         shutil.rmtree(stale, ignore_errors=True)
@@ -55,26 +62,33 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def readable(path: str | Path) -> Iterator[None]:
-    """For reading what an earlier stage wrote.
+    """Context for reading what an earlier stage wrote.
 
     Raises:
-        ValueError: the file is damaged, or of another version of the project.
+        UserError: the file is damaged, or of another version of the project.
     """
     try:
         yield
-    except (OSError, KeyError, TypeError, RuntimeError, EOFError, UnpicklingError) as error:
+    except (OSError, KeyError, TypeError, RuntimeError, EOFError, UnpicklingError, JSONDecodeError) as error:
         reason = f"{type(error).__name__}: {str(error).partition('. ')[0]}"
-        raise ValueError(
+        raise UserError(
             f"{path}: damaged, or not written by this version ({reason}); delete it and run `dvc repro` again"
         ) from error
 
 
+def source_files(path: Path) -> list[Path]:
+    """The file at `path`, or the sorted files below the folder at `path`, video frames excepted."""
+    if not path.is_dir():
+        return [path]
+    return sorted(file for file in path.rglob("*") if file.suffix != VIDEO_SUFFIX and file.is_file())
+
+
 def md5(path: str | Path) -> str:
-    """The md5 of a file, or of a folder's recordings: their paths and md5s in sorted order."""
+    """md5 of a file, or of a folder: over the paths and md5s of its `source_files`."""
     path = Path(path)
     digest = hashlib.md5(usedforsecurity=False)
     if path.is_dir():
-        for file in sorted(p for p in path.rglob("*") if p.suffix in RECORDINGS):
+        for file in source_files(path):
             digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode())
         return digest.hexdigest()
     with path.open("rb") as stream:

@@ -7,29 +7,19 @@ GAP = 1  # blank cells between the frames of a mosaic
 WIDEST = 40  # inches
 
 
-def confusion(counts: np.ndarray, classes: list[str], title: str) -> Figure:
-    """Counts (C, C), rows the true class, drawn as shares of each row."""
-    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+def confusions(counts: dict[str, np.ndarray], classes: list[str]) -> Figure:
+    """Counts (C, C) by their panel's title, rows the true class, drawn side by side as shares of each row."""
     side = 2 + 0.28 * len(classes)
-    figure = Figure(figsize=(side + 1, side), layout="constrained")
-    axes = figure.add_subplot()
-    image = axes.imshow(shares, vmin=0, vmax=1, cmap="Blues")
-    axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=8)
-    axes.set_yticks(range(len(classes)), classes, fontsize=8)
-    axes.set(xlabel="predicted", ylabel="held", title=title)
-    figure.colorbar(image, label="share of the object's view sets", shrink=0.8)
-    return figure
-
-
-def curves(values: dict[str, list[float]], title: str) -> Figure:
-    """One line per name over the epochs."""
-    figure = Figure(figsize=(6, 4), layout="constrained")
-    axes = figure.add_subplot()
-    for name, line in values.items():
-        axes.plot(range(1, len(line) + 1), line, marker=".", label=name)
-    axes.set(xlabel="epoch", title=title)
-    axes.grid(alpha=0.3)
-    axes.legend()
+    figure = Figure(figsize=(1 + side * len(counts), side), layout="constrained")
+    panels = figure.subplots(1, len(counts), sharey=True, squeeze=False)[0]
+    for axes, (title, table) in zip(panels, counts.items(), strict=True):
+        shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
+        image = axes.imshow(shares, vmin=0, vmax=1, cmap="Blues")
+        axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=8)
+        axes.set_yticks(range(len(classes)), classes, fontsize=8)
+        axes.set(xlabel="predicted", title=title)
+    panels[0].set_ylabel("held")
+    figure.colorbar(image, ax=panels, label="share of the object's view sets", shrink=0.8)
     return figure
 
 
@@ -41,11 +31,11 @@ def cluster_means(means: np.ndarray, live: np.ndarray, classes: list[str]) -> Fi
         for column in range(views):
             top, left = row * (height + GAP), column * (width + GAP)
             mosaic[top : top + height, left : left + width] = np.where(live, means[row, column], np.nan)
-    figure = Figure(figsize=(2 + min(0.8 * views, WIDEST), 1 + 0.8 * count), layout="constrained")
+    figure = Figure(figsize=(2 + min(0.8 * views, WIDEST), 1 + 0.8 * count), layout="compressed")
     axes = figure.add_subplot()
     image = axes.imshow(mosaic, cmap="viridis", vmin=0, vmax=np.nanpercentile(mosaic, 99.5) or 1)
     axes.set_yticks(np.arange(count) * (height + GAP) + height / 2, classes, fontsize=8)
-    axes.set_xticks(np.arange(views) * (width + GAP) + width / 2, range(views))
+    axes.set_xticks(np.arange(views) * (width + GAP) + width / 2, [str(column) for column in range(views)])
     axes.set(xlabel="cluster = viewpoint", title="mean frame of each cluster, training side")
     figure.colorbar(image, label="network input", shrink=0.4)
     return figure

@@ -1,19 +1,31 @@
 """Independent streams of random numbers, all from the one `seed`."""
 
+from typing import TYPE_CHECKING
 from zlib import crc32
 
 import numpy as np
 
+if TYPE_CHECKING:
+    import torch
+
 
 def stream(seed: int, purpose: str, *numbers: int) -> np.random.Generator:
-    """The generator of one purpose (and trial, say): the same on every run, independent of every other's.
+    """Generator of one purpose, and of one trial or fold of it if `numbers` say so, independent of all others.
 
-    The purpose comes first and numbers are counted from 1, because NumPy pads a list of seeds with zeros: to it
-    [7], [7, 0] and [7, 0, 0] are one stream.
+    The purpose comes first and the numbers count from 1, because NumPy pads a list of seeds with zeros: it makes
+    the same stream of [7], [7, 0] and [7, 0, 0]. A purpose keeps its text when the code's words change ("touches.trial"
+    is of sequential trials): with another text the numbers would be others.
     """
     return np.random.default_rng([crc32(purpose.encode()), seed, *(1 + number for number in numbers)])
 
 
 def torch_seed(seed: int, purpose: str) -> int:
-    """A seed for torch of one purpose."""
+    """Seed for torch of one purpose, below 2^63."""
     return int(stream(seed, purpose).integers(2**63))
+
+
+def torch_generator(seed: int, purpose: str, device: "torch.device | str" = "cpu") -> "torch.Generator":
+    """Torch generator of one purpose on a device."""
+    import torch
+
+    return torch.Generator(device).manual_seed(torch_seed(seed, purpose))

@@ -1,26 +1,27 @@
-"""What every study leaves: its table as CSV and as Markdown, whole or not at all."""
+"""Tables of studies and benchmarks, as CSV and as Markdown."""
 
 import csv
 from pathlib import Path
 
-from tactile_viewgcn.files import whole
+from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import Data
 
-VIRTUAL, SIMULATED = "data/virtual/recordings", "Simulated by the virtual glove"
+VIRTUAL = "data/virtual/recordings"  # the `data.source` that data/virtual/dvc.yaml makes
+SIMULATED = "Simulated by the virtual glove"
 
 
-def named(data: Data) -> str:
-    """What a table or picture says its data are."""
+def describe_data(data: Data) -> str:
+    """Where the data come from, in the words that stand on a table or picture."""
     return SIMULATED if data.source == VIRTUAL else data.source
 
 
 def write_table(folder: Path, rows: list[dict], text: str, name: str = "results") -> None:
     """`results.csv` of rows with the same keys, and `results.md` with a text above them; numbers at three digits."""
-    with whole(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
+    with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    with whole(folder / f"{name}.md") as part:
+    with atomic_write(folder / f"{name}.md") as part:
         part.write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
 
 

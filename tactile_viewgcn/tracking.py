@@ -1,4 +1,7 @@
-"""The one module that knows MLflow. Each stage that runs is one run; evaluate's trials are children of its own.
+"""The one module that knows MLflow, and imports it late.
+
+An evaluated pipeline is one row of the experiment `tactile-viewgcn`: the run of `evaluate`. The runs of the other
+stages lie in `tactile-viewgcn/stages`.
 
 The store is `mlflow.db` at the root of the repository that `dvc` was called in (DVC_ROOT names it inside the
 temporary workspaces of `dvc exp run --temp` and `--queue`), artifacts in `mlruns/` beside it. MLflow's own
@@ -7,119 +10,117 @@ MLFLOW_TRACKING_URI=disabled leaves MLflow out altogether.
 """
 
 import os
-import subprocess
+import socket
 import sys
 import time
 import traceback
-import urllib.error
-import urllib.request
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from http.client import HTTPException
+from getpass import getuser
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from filelock import FileLock
 
-from tactile_viewgcn.files import md5, root
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.process import is_running, start_ticks
+from tactile_viewgcn.provenance import git_revision
+from tactile_viewgcn.store import DISABLED, SQLITE, check_server, store_address, store_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPERIMENT = "tactile-viewgcn"
-DISABLED = "disabled"
-SQLITE = "sqlite:///"
-REACH_SECONDS = 5
-BATCH = 100  # parameters, MLflow's limit for one call
-
-
-class TrackingError(RuntimeError):
-    """The tracking server does not answer."""
+PARAMETERS_AT_ONCE = 100  # MLflow's limit for one call
+KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
+STORE = "store"  # tag of an experiment: the folder of the database that it was created in
 
 
 class Run:
     """One MLflow run. Without a client every method does nothing, and no picture is drawn."""
 
-    def __init__(self, client: Any = None, run_id: str | None = None, experiment: str | None = None, uri: str = ""):
-        self._client, self.id, self._experiment, self._uri = client, run_id, experiment, uri
-        self.md5s: dict[str, str] = {}
-
-    def inputs(self, paths: dict[str, Path]) -> None:
-        """Note the md5 of each input, under its name, in `md5s` too."""
-        self.md5s = {name: md5(path) for name, path in paths.items()}
-        self.tags({f"md5.{name}": digest for name, digest in self.md5s.items()})
+    def __init__(self, client: Any = None, run_id: str | None = None, uri: str = ""):
+        self._client, self.id, self._uri = client, run_id, uri
 
     def parameters(self, values: dict[str, Any]) -> None:
-        """Parameters by dotted key."""
+        """Log parameters, and counts that are no result, by name."""
         if self._client is None:
             return
         from mlflow.entities import Param
 
         entries = [Param(key, str(value)) for key, value in values.items()]
-        for start in range(0, len(entries), BATCH):
-            self._client.log_batch(self.id, params=entries[start : start + BATCH])
+        for start in range(0, len(entries), PARAMETERS_AT_ONCE):
+            self._client.log_batch(self.id, params=entries[start : start + PARAMETERS_AT_ONCE])
 
-    def metrics(self, values: dict[str, float]) -> None:
-        """One value each."""
-        self.curves({key: [value] for key, value in values.items()})
+    def metrics(self, values: dict[str, float], step: int = 0) -> None:
+        """Log one value each, of a step such as an epoch, in one call."""
+        self._log({key: {step: value} for key, value in values.items()})
 
-    def curves(self, values: dict[str, list[float]], picture: str = "") -> None:
-        """A value per epoch each, in one call, and a picture of them under that name; nothing where there are none."""
+    def series(self, values: dict[str, list[float]]) -> None:
+        """Log a value for each of the steps 1, 2, ... in one call."""
+        self._log({key: dict(enumerate(line, start=1)) for key, line in values.items()})
+
+    def _log(self, values: dict[str, dict[int, float]]) -> None:
         if self._client is None or not values:
             return
         from mlflow.entities import Metric
 
         now = int(time.time() * 1000)
-        entries = [
-            Metric(key, float(value), now, step) for key, line in values.items() for step, value in enumerate(line)
-        ]
-        for start in range(0, len(entries), 10 * BATCH):
-            self._client.log_batch(self.id, metrics=entries[start : start + 10 * BATCH])
-        if picture:
-            from tactile_viewgcn import plots
-
-            self.figure(picture, lambda: plots.curves(values, Path(picture).stem))
+        entries = [Metric(key, float(x), now, step) for key, steps in values.items() for step, x in steps.items()]
+        self._client.log_batch(self.id, metrics=entries)
 
     def tags(self, values: dict[str, Any]) -> None:
-        """Tags by name."""
-        if self._client is not None:
-            for key, value in values.items():
-                self._client.set_tag(self.id, key, str(value))
+        """Set tags by name, in one call."""
+        if self._client is None:
+            return
+        from mlflow.entities import RunTag
 
-    def artifact(self, path: str | Path) -> None:
-        """A file, as it is."""
-        if self._client is not None:
-            self._client.log_artifact(self.id, str(path))
+        self._client.log_batch(self.id, tags=[RunTag(key, str(value)) for key, value in values.items()])
+
+    def dataset(self, source: str, digest: str) -> None:
+        """Log the data set by its path and digest, in MLflow's own column of datasets."""
+        if self._client is None:
+            return
+        from mlflow.entities import Dataset, DatasetInput
+
+        self._client.log_inputs(self.id, [DatasetInput(Dataset(source, digest, "local", source))])
+
+    def artifacts(self, path: Path) -> None:
+        """Log a file, or all files of a folder, as they are."""
+        if self._client is None:
+            return
+        log = self._client.log_artifacts if path.is_dir() else self._client.log_artifact
+        log(self.id, str(path))
 
     def text(self, text: str, name: str) -> None:
-        """A text as a file of that name."""
+        """Log a text as a file of that name."""
         if self._client is not None:
             self._client.log_text(self.id, text, name)
 
     def figure(self, name: str, draw: "Callable[[], Figure]") -> None:
-        """A picture, drawn only where it is kept."""
+        """Log a picture, which is drawn only where there is a store."""
         if self._client is not None:
             self._client.log_figure(self.id, draw(), name)
 
-    def child(self, name: str, metrics: dict[str, float], parameters: dict[str, Any]) -> None:
-        """A finished run below this one."""
-        if self._client is None:
-            return
-        run = self._client.create_run(self._experiment, run_name=name, tags={"mlflow.parentRunId": self.id})
-        below = Run(self._client, run.info.run_id, self._experiment, self._uri)
-        below.parameters(parameters)
-        below.metrics(metrics)
-        self._client.set_terminated(below.id, "FINISHED")
-
     def model(
-        self, checkpoint: Path, views: int, shape: tuple[int, int], dtype: np.dtype, classes: list[str]
+        self,
+        checkpoint: Path,
+        views: int,
+        shape: tuple[int, int],
+        dtype: np.dtype,
+        classes: list[str],
+        packages: tuple[str, ...] = (),
     ) -> str | None:
-        """The classifier as an MLflow model: raw view sets of counts (n, V, H, W) in, probabilities out.
+        """Log the classifier as an MLflow model: raw view sets of counts (n, V, H, W) in, probabilities out.
+
+        Args:
+            packages: what its system needs, each in the version installed, as pickled estimators are read by no other.
 
         Returns:
-            Its address, by which `mlflow.pyfunc.load_model` finds it; None without tracking.
+            Its address, for `mlflow.pyfunc.load_model`; None without tracking.
         """
         if self._client is None:
             return None
@@ -130,45 +131,53 @@ class Run:
         signature = ModelSignature(
             Schema([TensorSpec(dtype, (-1, views, *shape))]),
             Schema([TensorSpec(np.dtype(np.float32), (-1, len(classes)))]),
-            ParamSchema([ParamSpec("session", "string", ""), ParamSpec("rest", "double", [], shape=(-1,))]),
+            ParamSchema([ParamSpec("session", "string", ""), ParamSpec("baseline", "double", [], shape=(-1,))]),
         )
+        needs = ["torch", "numpy", "h5py", "pyyaml", *(f"{name}=={version(name)}" for name in packages)]
         mlflow.set_tracking_uri(self._uri)
         with warnings.catch_warnings(), mlflow.start_run(run_id=self.id):
             warnings.filterwarnings("ignore", message=".*input example")  # it would copy frames of the data set
             logged = mlflow.pyfunc.log_model(
                 name="classifier",
-                loader_module="tactile_viewgcn.served",
+                loader_module="tactile_viewgcn.recognition.mlflow_model",
                 data_path=str(checkpoint),
                 code_paths=[str(Path(__file__).parent)],
                 signature=signature,
-                pip_requirements=["torch", "numpy", "h5py", "pyyaml"],
+                pip_requirements=needs,
                 metadata={"classes": classes},
             )
+        self._client.update_run(self.id, status="RUNNING")  # the block has ended MLflow's run, the stage goes on
         return logged.model_uri
 
 
 @contextmanager
-def stage_run(name: str) -> Iterator[Run]:
+def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iterator[Run]:
     """The run of one stage: FINISHED when the block ends well, else FAILED with its traceback as artifact.
 
+    Runs of this machine whose process is gone without closing them are closed first, as KILLED.
+
+    Args:
+        name: what people see; the stage's where it is left out.
+        row: an evaluated pipeline, a row of the experiment that people compare.
+
     Raises:
-        TrackingError: the server does not answer; before the block runs.
+        UserError: the store does not answer, or refuses; before the block runs.
     """
-    uri = _store(os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db")
+    uri = store_address(os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db")
     if uri == DISABLED:
         yield Run()
         return
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # MLflow looks when it is imported
+    os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")  # it tells of the tables that it creates
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
-    client, experiment = _open(uri)
-    tags = {"stage": name, "command": " ".join(sys.orig_argv[1:])} | _revision()
-    if "DVC_EXP_NAME" in os.environ:
-        tags["dvc.experiment"] = os.environ["DVC_EXP_NAME"]
     from mlflow.exceptions import MlflowException
 
     try:
-        run = Run(client, client.create_run(experiment, run_name=name, tags=tags).info.run_id, experiment, uri)
-    except MlflowException as error:
+        client, rows, stages = _open(uri)
+        _close_killed(client, [rows, stages])
+        experiment = rows if row else stages
+        run = Run(client, client.create_run(experiment, run_name=name or stage, tags=_origin(stage)).info.run_id, uri)
+    except (MlflowException, OSError, ImportError) as error:
         raise _refusal(uri, error) from None
     status = "FAILED"
     try:
@@ -188,67 +197,73 @@ def stage_run(name: str) -> Iterator[Run]:
             client.set_terminated(run.id, status)
 
 
-def _refusal(uri: str, error: Exception) -> TrackingError:
-    return TrackingError(
+def _origin(stage: str) -> dict[str, str]:
+    """Tags of a new run: command, code, DVC experiment, and the process, see `_close_killed`."""
+    tags = {
+        "stage": stage,
+        "command": " ".join(sys.orig_argv[1:]),
+        "host": socket.gethostname(),
+        "pid": str(os.getpid()),
+        "start_ticks": start_ticks(os.getpid()),
+        "mlflow.source.name": f"stages/{stage}.py",
+        "mlflow.source.type": "LOCAL",
+    }
+    with suppress(OSError, KeyError):  # a user without a name, as in some containers
+        tags["mlflow.user"] = getuser()
+    if "DVC_EXP_NAME" in os.environ:
+        tags["dvc.experiment"] = os.environ["DVC_EXP_NAME"]
+    return tags | git_revision()
+
+
+def _close_killed(client: Any, experiments: list[str]) -> None:
+    """Close this machine's runs that are RUNNING though their process is gone, as after `kill -9`."""
+    running = f"attributes.status = 'RUNNING' and tags.host = '{socket.gethostname()}'"
+    for run in client.search_runs(experiments, running):
+        if "pid" in (tags := run.data.tags) and not is_running(int(tags["pid"]), tags.get("start_ticks", "")):
+            client.set_terminated(run.info.run_id, "KILLED")
+
+
+def _refusal(uri: str, error: Exception) -> UserError:
+    return UserError(
         f"MLflow store {uri}: {' '.join(str(error).split())}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}"
     )
 
 
-def _store(uri: str) -> str:
-    """A store's address with an absolute path: DVC deletes a temporary workspace, and what is relative to it."""
-    path = uri.removeprefix(SQLITE)
-    if path == uri or path.startswith((":memory:", "file:")):
-        return uri
-    return f"{SQLITE}{root() / path}"  # a path that is absolute already, after a fourth slash, stays so
-
-
-def _open(uri: str) -> tuple[Any, str]:
-    """A client and the experiment's id; a fresh store is made by one process at a time."""
+def _open(uri: str) -> tuple[Any, str, str]:
+    """A client, and the ids of the experiments of rows and stages; a fresh store is made by one process at a time."""
     if uri.startswith(("http://", "https://")):
-        _reach(uri)
+        check_server(uri)
     from mlflow import MlflowClient
+
+    name, folder = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT), store_folder(uri)
+    with FileLock(folder / "mlflow.db.lock") if folder else nullcontext():
+        client = MlflowClient(tracking_uri=uri)
+        return client, _experiment(client, name, folder), _experiment(client, f"{name}/stages", folder)
+
+
+def _experiment(client: Any, name: str, folder: Path | None) -> str:
+    """The id of an experiment, created where there is none.
+
+    One that came to this `folder` in a copied or moved database would write its artifacts to where it was created: it
+    keeps its runs under a name that says so, and the one that was here before, or a new one, takes its place.
+    """
     from mlflow.exceptions import MlflowException
 
-    name = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
-    local = uri.startswith("sqlite:")
-    try:
-        with FileLock(root() / "mlflow.db.lock") if local else nullcontext():
-            client = MlflowClient(tracking_uri=uri)
-            found = client.get_experiment_by_name(name)
-            if found is None:
-                place = (root() / "mlruns").as_uri() if local else None
-                return client, client.create_experiment(name, artifact_location=place)
-    except (MlflowException, OSError, ImportError) as error:
-        raise _refusal(uri, error) from None
-    if found.lifecycle_stage == "deleted":
-        remedy = f"restore it (mlflow experiments restore -x {found.experiment_id}) or name another"
-        raise TrackingError(f"MLflow experiment {name!r} is deleted; {remedy} with MLFLOW_EXPERIMENT_NAME")
-    return client, found.experiment_id
-
-
-def _reach(uri: str) -> None:
-    """Any answer will do, a refusal too: MLflow itself would try for minutes."""
-    try:
-        urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=REACH_SECONDS).close()
-    except urllib.error.HTTPError:
-        return
-    except (OSError, ValueError, HTTPException) as error:
-        raise TrackingError(
-            f"MLflow server {uri} does not answer ({error}); start it, correct MLFLOW_TRACKING_URI, "
-            f"or set it to {DISABLED}"
-        ) from None
-
-
-def _revision() -> dict[str, str]:
-    """The git revision of the code that runs, and whether it was changed; nothing outside git."""
-
-    def git(*words: str) -> str:
-        return subprocess.run(["git", *words], capture_output=True, text=True, check=True).stdout.strip()
-
-    try:
-        return {
-            "mlflow.source.git.commit": git("rev-parse", "HEAD"),
-            "git.dirty": str(bool(git("status", "--porcelain", "--untracked-files=no"))).lower(),
-        }
-    except (OSError, subprocess.CalledProcessError):
-        return {}
+    experiment = client.get_experiment_by_name(name)
+    if experiment is not None and experiment.lifecycle_stage == "deleted":
+        remedy = f"restore it (mlflow experiments restore -x {experiment.experiment_id}) or name another"
+        raise UserError(f"MLflow experiment {name!r} is deleted; {remedy} with MLFLOW_EXPERIMENT_NAME")
+    if folder is not None and experiment is not None and experiment.tags.get(STORE, str(folder)) != str(folder):
+        moved = f"{name} of {experiment.tags[STORE]}"
+        client.rename_experiment(experiment.experiment_id, moved)
+        print(f"MLflow: the runs that came with this copy are in the experiment {moved!r}, new ones in {name!r}")
+        experiment = client.get_experiment_by_name(f"{name} of {folder}")
+        if experiment is not None:
+            client.rename_experiment(experiment.experiment_id, name)
+    if experiment is not None:
+        return experiment.experiment_id
+    place, tags = (None, {}) if folder is None else ((folder / "mlruns").as_uri(), {STORE: str(folder)})
+    with suppress(MlflowException):
+        return client.create_experiment(name, place, tags | KIND)
+    faster = client.get_experiment_by_name(name)  # another process's: no file locks a server's store
+    return faster.experiment_id if faster else client.create_experiment(name, place, tags | KIND)

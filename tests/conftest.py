@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # tiny networks: more threads only wait for each other
+pytest_plugins = ["tests.stability"]  # the fixture `row`
 ROOT = Path(__file__).parents[1]
 
 

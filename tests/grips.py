@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tactile_viewgcn.frames.preprocessing import prepare
+from tactile_viewgcn.frames.selection import selection_counts
 from tactile_viewgcn.params import load
-from tactile_viewgcn.preprocessing import account, prepare
 from tests.sources import written
 
 FILE = Path(__file__).parents[1] / "params.yaml"
@@ -44,4 +45,4 @@ def prepared(tmp_path, *changes, seed=0, counts=COUNTS, columns=COLUMNS, **how):
     with written(tmp_path / "glove.h5", counts, **columns, **how) as recordings:
         rng = np.random.default_rng(seed)
         frames, selection = prepare(recordings, params.preprocess, params.split, rng)
-        return frames, selection, account(recordings, selection)
+        return frames, selection, selection_counts(recordings, selection)

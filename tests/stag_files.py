@@ -140,7 +140,7 @@ def save_folder(path: Path, tree: dict[str, np.ndarray]) -> Path:
     return path
 
 
-def save_own(path: Path, tree: dict[str, np.ndarray]) -> Path:
+def save_hdf5(path: Path, tree: dict[str, np.ndarray]) -> Path:
     """The project's own form: a folder with one HDF5 file per recording."""
     path.mkdir(parents=True, exist_ok=True)
     for name, mine in _recordings(tree):

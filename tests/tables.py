@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tactile_viewgcn.classifier import Classifier
-from tactile_viewgcn.clustering import cluster_table
-from tactile_viewgcn.compute import Compute
-from tactile_viewgcn.finetuning import finetune_classifier
-from tactile_viewgcn.frames import Frames
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frames.preprocessing import prepare
+from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.params import Params, load
-from tactile_viewgcn.preprocessing import prepare
-from tactile_viewgcn.pretraining import pretrain_backbone
-from tactile_viewgcn.recordings import Recordings, write_recordings
-from tactile_viewgcn.stag import read_metadata
-from tactile_viewgcn.viewpoints import viewpoints
-from tactile_viewgcn.views import Views
+from tactile_viewgcn.recordings.stag_reader import read_metadata
+from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tactile_viewgcn.views.clustering import cluster_frames
+from tactile_viewgcn.views.table import Views
+from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.stag_files import metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
@@ -35,7 +35,7 @@ SMALL = (
     "finetune.epochs=1",
     "finetune.lr=2e-3",
     "finetune.batch=8",
-    "finetune.reuse=1",
+    "finetune.feature_reuse=1",
     "evaluate.trials=3",
 )
 
@@ -51,20 +51,20 @@ torch.set_num_threads(1)  # on arrays this small, threads that wait for each oth
 @cache
 def table(*changes: str) -> Frames:
     """Four classes, the empty hand among them, of six recordings of 12 frames (12, 12); two of the six are test."""
-    how = recipe(*changes)
+    params = recipe(*changes)
     tree = metadata(objects=4, recordings=6, frames=12)
     tree["pressure"] = tree["pressure"][:, *CORNER]
     with tempfile.TemporaryDirectory() as folder:
         source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings.h5"
         write_recordings(path, read_metadata(save_matlab5(source, tree)), "")
         with Recordings(path) as recordings:
-            return prepare(recordings, how.preprocess, how.split, np.random.default_rng(how.seed))[0]
+            return prepare(recordings, params.preprocess, params.split, np.random.default_rng(params.seed))[0]
 
 
-def views_of(frames: Frames, how: Params) -> Views:
+def views_of(frames: Frames, params: Params) -> Views:
     """The clusters of all frames but the test side's."""
-    places = viewpoints(how.views, how.viewpoints, how.seed)
-    return cluster_table(frames, places, how.cluster, np.random.default_rng(how.seed))
+    places = viewpoints(params.views, params.viewpoints, params.seed)
+    return cluster_frames(frames, places, params.cluster, np.random.default_rng(params.seed))
 
 
 def fewer_anchors(frames: Frames, every: int) -> Frames:
@@ -83,9 +83,9 @@ def pretrained(*changes: str) -> dict[str, dict[str, torch.Tensor]]:
 
 @cache
 def _trained() -> Classifier:
-    how = recipe()
-    views = views_of(table(), how)
-    return finetune_classifier(table(), views, pretrained(), how, CPU)[0].eval()
+    params = recipe()
+    views = views_of(table(), params)
+    return finetune_classifier(table(), views, pretrained(), params, CPU)[0].eval()
 
 
 def trained() -> Classifier:

@@ -4,12 +4,12 @@ import hashlib
 
 import pytest
 
-from tactile_viewgcn.files import md5, whole, whole_folder
+from tactile_viewgcn.files import atomic_folder, atomic_write, md5
 
 
 def test_a_file_appears_when_the_block_ends_and_not_before(tmp_path):
     path = tmp_path / "made" / "below" / "numbers.txt"
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text("12")
         assert part == path.with_name("numbers.txt.part")
         assert not path.exists()
@@ -18,7 +18,7 @@ def test_a_file_appears_when_the_block_ends_and_not_before(tmp_path):
 
 
 def test_a_block_that_fails_leaves_nothing(tmp_path):
-    with pytest.raises(RuntimeError, match="halfway"), whole(tmp_path / "numbers.txt") as part:
+    with pytest.raises(RuntimeError, match="halfway"), atomic_write(tmp_path / "numbers.txt") as part:
         part.write_text("1")
         raise RuntimeError("halfway")
     assert list(tmp_path.iterdir()) == []
@@ -27,7 +27,7 @@ def test_a_block_that_fails_leaves_nothing(tmp_path):
 def test_a_block_that_fails_keeps_what_was_there(tmp_path):
     path = tmp_path / "numbers.txt"
     path.write_text("old")
-    with pytest.raises(KeyboardInterrupt), whole(path) as part:
+    with pytest.raises(KeyboardInterrupt), atomic_write(path) as part:
         part.write_text("new")
         raise KeyboardInterrupt
     assert path.read_text() == "old"
@@ -36,7 +36,7 @@ def test_a_block_that_fails_keeps_what_was_there(tmp_path):
 
 def test_a_part_left_by_a_killed_run_is_overwritten(tmp_path):
     (tmp_path / "numbers.txt.part").write_text("left by another run, and longer")
-    with whole(tmp_path / "numbers.txt") as part:
+    with atomic_write(tmp_path / "numbers.txt") as part:
         part.write_text("12")
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("numbers.txt", "12")]
 
@@ -67,6 +67,16 @@ def test_the_md5_of_a_folder_lists_paths_and_contents_in_sorted_order(tmp_path):
     assert md5(tmp_path) == hashlib.md5(listing).hexdigest()
 
 
+def test_the_md5_of_a_folder_takes_files_of_every_form_but_video(tmp_path):
+    for name in ("a.parquet", "b.h5", "c"):
+        before = md5(tmp_path)
+        (tmp_path / name).write_bytes(b"one")
+        assert md5(tmp_path) != before
+    before = md5(tmp_path)
+    (tmp_path / "000000.jpg").write_bytes(b"a frame of video")
+    assert md5(tmp_path) == before
+
+
 @pytest.mark.parametrize("change", ["content", "name", "more"])
 def test_the_md5_of_a_folder_changes_with_what_is_in_it(tmp_path, change):
     (tmp_path / "a.h5").write_bytes(b"one")
@@ -82,21 +92,21 @@ def test_the_md5_of_a_folder_changes_with_what_is_in_it(tmp_path, change):
 
 def test_a_folder_takes_the_place_of_the_old_one_whole_or_not_at_all(tmp_path):
     place = tmp_path / "made" / "folder"
-    with whole_folder(place) as part:
+    with atomic_folder(place) as part:
         (part / "a").write_text("first")
         assert not place.exists()
-    with pytest.raises(RuntimeError, match="cut short"), whole_folder(place) as part:
+    with pytest.raises(RuntimeError, match="cut short"), atomic_folder(place) as part:
         (part / "b").write_text("second")
         raise RuntimeError("cut short")
     assert [file.name for file in place.iterdir()] == ["a"]
-    with whole_folder(place) as part:
+    with atomic_folder(place) as part:
         (part / "b").write_text("second")
     assert [file.name for file in place.iterdir()] == ["b"]
     assert [file.name for file in place.parent.iterdir()] == ["folder"]
 
 
 def test_a_file_where_a_folder_should_be_is_refused_before_any_work(tmp_path):
-    (tmp_path / "taken").write_text("mine")
-    with pytest.raises(FileExistsError, match="there, and no folder"), whole_folder(tmp_path / "taken"):
+    (tmp_path / "taken").write_text("content")
+    with pytest.raises(FileExistsError, match="no folder"), atomic_folder(tmp_path / "taken"):
         raise AssertionError("not reached")
-    assert (tmp_path / "taken").read_text() == "mine"
+    assert (tmp_path / "taken").read_text() == "content"

@@ -1,17 +1,17 @@
-"""The scenes of the diagram, from nearly no contact stiffness to steel on steel, and how stiff each one is."""
+"""Grasps from nearly no contact stiffness to steel on steel, and a measure of how stiff each one is."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from tactile_viewgcn.glove.contact import Layer, Mechanics
-from tactile_viewgcn.glove.objects import choose
-from tactile_viewgcn.glove.simulation import Recipe, Simulation
+from tactile_viewgcn.glove.objects import select_objects
+from tactile_viewgcn.glove.recipe import Recipe
+from tactile_viewgcn.glove.simulation import Simulation
 
 FRAMES = 22  # one grasp
-THICKNESS = 0.004  # m
-#: skin Pa/m, object Pa/m, joints N m s/rad, object N s/m
-SETTINGS = (
+THICKNESS = 0.004  # m of skin
+SETTINGS = (  # stiffness of skin and object, Pa/m; damping of joints, N m s / rad, and object, N s / m
     (3e4, 1e6, 0.5, 2000.0),
     (4e6, 1e7, 0.1, 300.0),
     (2.5e7, 2e7, 0.02, 60.0),
@@ -23,16 +23,20 @@ SETTINGS = (
 )
 
 
-def scene(skin: float, thing: float, joint: float, motion: float, *, rate: float, seed: int) -> Simulation:
-    """A hand that grasps a ball, the ball and the skin of some stiffness."""
-    ball = replace(choose(["ball"])[1], stiffness=thing)
-    return Simulation(Recipe((ball,), 1, FRAMES, 1, seed, Layer(skin, THICKNESS, joint, motion), rate))
+def ball_grasp(
+    skin: float, surface: float, joint_damping: float, object_damping: float, *, rate: float, seed: int,
+    tolerance: float = 0.02,
+) -> Simulation:  # fmt: skip
+    """One grasp of a ball; the first four arguments are one of SETTINGS."""
+    ball = replace(select_objects(["ball"])[1], stiffness=surface)
+    layer = Layer(skin, THICKNESS, joint_damping, object_damping)
+    return Simulation(Recipe((ball,), 1, FRAMES, 1, seed, layer, rate, tolerance=tolerance))
 
 
 def stiffness(mechanics: Mechanics, states: np.ndarray, frame: float) -> float:
-    """lambda h: the largest eigenvalue of the (Gauss-Newton) Jacobian at states (B, T, n), times the frame interval."""
+    """lambda h: largest eigenvalue of the Gauss-Newton Jacobian at states (B, T, n), times the frame interval (s)."""
     rows, root, largest = np.arange(len(states)), np.sqrt(mechanics.damping), 0.0
-    for number in range(states.shape[1]):
-        at = mechanics.balance(rows, np.full(len(rows), number + 1.0), states[:, number], palm=mechanics.motion)
-        largest = max(largest, float(np.linalg.eigvalsh(mechanics.hessian(at) / root[:, None] / root).max()))
+    for t in range(states.shape[1]):
+        balance = mechanics.evaluate(rows, np.full(len(rows), t + 1.0), states[:, t], palm=mechanics.motion)
+        largest = max(largest, float(np.linalg.eigvalsh(mechanics.hessian(balance) / root[:, None] / root).max()))
     return largest * frame

@@ -1,10 +1,13 @@
-"""Intervals that know that frames of one group resemble each other, and whether probabilities come true."""
+"""Intervals and tests that resample split groups, whose frames resemble each other; confusion; calibration error."""
+
+from itertools import product
 
 import numpy as np
 
 RESAMPLES = 2000
 OUTSIDE = 0.05  # of an interval
 BINS = 15  # of Guo et al.
+MAX_FLIPS = 10_000
 
 
 def group_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> tuple[float, float] | None:
@@ -32,7 +35,9 @@ def group_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Gener
     return float(low), float(high)
 
 
-def share_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> tuple[float, float] | None:
+def proportion_interval(
+    correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator
+) -> tuple[float, float] | None:
     """95 % interval of a share, `group_interval` but where it would be a point: all of `correct` (A,) is 0, or all 1.
 
     Resampling cannot show what none of the groups did. If each of G groups is one trial, a share of more than
@@ -45,19 +50,54 @@ def share_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Gener
     return interval
 
 
-def middle_and_tail(values: np.ndarray) -> dict[str, float]:
+def sign_flip(difference: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> float:
+    """p that a paired difference (A,) has mean 0: by turning the signs of whole groups' sums.
+
+    Two-sided, from all 2^G ways where G groups have no more than 10,000, else from as many draws (Good 2005,
+    "Permutation, parametric and bootstrap tests of hypotheses", section 3.2). It is never below 2 / 2^G, so that few
+    groups cannot show much, and like `group_interval` it is conditional on the trainings.
+    """
+    sums = np.bincount(np.unique(groups, return_inverse=True)[1].ravel(), weights=difference)
+    slack = 1e-9 * np.abs(sums).sum()  # sums in another order are equal
+    if 2 ** len(sums) <= MAX_FLIPS:
+        signs = np.array(list(product((-1.0, 1.0), repeat=len(sums))))
+        return float((np.abs(signs @ sums) >= abs(sums.sum()) - slack).mean())
+    signs = rng.choice([-1.0, 1.0], size=(MAX_FLIPS, len(sums)))
+    return float((1 + (np.abs(signs @ sums) >= abs(sums.sum()) - slack).sum()) / (1 + MAX_FLIPS))
+
+
+def holm(ps: list[float]) -> list[float]:
+    """p values corrected for their number (Holm 1979), in the order given."""
+    corrected, largest = [0.0] * len(ps), 0.0
+    for rank, place in enumerate(np.argsort(ps, kind="stable")):
+        largest = max(largest, min(1.0, (len(ps) - rank) * ps[place]))
+        corrected[place] = largest
+    return corrected
+
+
+def median_and_p95(values: np.ndarray) -> dict[str, float]:
     """Median and 95th percentile of values (n,), n at least 1, interpolated between neighbours."""
     return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
 
 
-def calibration_error(certainty: np.ndarray, right: np.ndarray) -> float:
-    """Expected calibration error: how far certainty is from the share of right answers (Guo et al. 2017, equation 3).
-
-    The mean over the answers of |mean certainty - share that is right| of their bin, of 15 of equal width.
+def confusion_counts(labels: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarray:
+    """int64 (classes, classes): how often each class, a row, was answered with each, a column.
 
     Args:
-        certainty: (n,) probability of the answer that is given; right: bool (n,).
+        labels: (A,) true classes; predicted: (..., A).
     """
-    bins = np.minimum((certainty * BINS).astype(int), BINS - 1)
-    excess = np.bincount(bins, certainty.astype(np.float64) - right, BINS)
-    return float(np.abs(excess).sum() / len(certainty))
+    cells = np.broadcast_to(labels.astype(np.int64), predicted.shape) * classes + predicted
+    return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
+
+
+def calibration_error(confidence: np.ndarray, correct: np.ndarray) -> float:
+    """Expected calibration error (Guo et al. 2017, equation 3).
+
+    The mean over the answers of |mean confidence - share of correct answers| of their bin, of 15 of equal width.
+
+    Args:
+        confidence: (n,) probability of the answer that is given; correct: bool (n,).
+    """
+    bins = np.minimum((confidence * BINS).astype(int), BINS - 1)
+    excess = np.bincount(bins, confidence.astype(np.float64) - correct, BINS)
+    return float(np.abs(excess).sum() / len(confidence))

@@ -1,26 +1,28 @@
-"""The rest of each sensor: what it reads while nothing touches it, and how much that scatters."""
+"""The baseline of each sensor: mean and noise of what it reads without contact."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.recordings import EMPTY_HAND, Recordings
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.table import Recordings
 
-QUANTISATION = 12**-0.5  # sd, in the last digit's steps, that rounding leaves in a sensor that never varies
-CUT = 3.0  # standard deviations beyond which a frame is no rest: the empty hand bumps into things
-PASSES = 5
-FEWEST = 5  # frames that a mean is taken over
+ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
+OUTLIER_SD = 3.0  # standard deviations beyond which a frame does not count: the empty hand bumps into objects
+MAX_PASSES = 5  # over the frames, to remove outliers
+MIN_FRAMES = 5  # of a mean
 
 
 @dataclass(frozen=True)
-class Rest:
-    """Rest per session, or per recording with `quiet`.
+class Baseline:
+    """Baselines of R sessions, of R recordings (`quiet`), or of all frames.
 
     Attributes:
-        names: whose rest each entry is, R of them.
-        mean: (R, H, W) counts, float32 where that holds the recordings' own counts exactly, else float64.
-        noise: (R, H, W) counts, the standard deviation; None where no rest was measured.
-        of_frame: int16 (T,), the entry that belongs to each frame of the recordings.
+        names: (R,) of the sessions or recordings.
+        mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
+        noise: (R, H, W) standard deviation in counts; None if it was not measured.
+        of_frame: int16 (T,), index of the baseline of each frame of the recordings.
     """
 
     names: list[str]
@@ -29,22 +31,22 @@ class Rest:
     of_frame: np.ndarray
 
 
-def trimmed(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Per-sensor mean and standard deviation (H, W) of counts (T, H, W), outliers cut.
+def trimmed_moments(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (H, W) of each sensor over counts (T, H, W), without outliers.
 
-    The signal's median is one count, so a median of whole counts would show its rounding; a mean without the
-    frames beyond three standard deviations does not. The noise is at least that of the rounding, see `_step`. Sums are
-    of differences from the first frame, which a large offset leaves exact.
+    Frames further than three standard deviations from the mean are removed. A median would be no finer than whole
+    counts, and the signal's median is one count. The standard deviation is at least that of rounding, see `_step`.
+    Differences from the first frame are summed, so that a large offset costs no digits.
     """
-    kind, first = _precise(counts.dtype), counts[0].astype(np.float64)
-    rounding = QUANTISATION * _step(counts)
+    kind, first = _exact_float(counts.dtype), counts[0].astype(np.float64)
+    rounding = ROUNDING_SD * _step(counts)
     values = counts - first
     inside = np.ones(values.shape, dtype=bool)
-    for _ in range(PASSES):
+    for _ in range(MAX_PASSES):
         mean = values.mean(axis=0, where=inside)
         noise = np.maximum(values.std(axis=0, where=inside), rounding)
-        tighter = np.abs(values - mean) <= CUT * noise
-        tighter |= ~tighter.any(axis=0)  # two values far apart: neither is the outlier
+        tighter = np.abs(values - mean) <= OUTLIER_SD * noise
+        tighter |= ~tighter.any(axis=0)  # of two values far apart neither is the outlier
         if (tighter == inside).all():
             break
         inside = tighter
@@ -52,9 +54,9 @@ def trimmed(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _step(counts: np.ndarray) -> float:
-    """What counts (T, H, W) are rounded to: 1 for whole numbers; of real ones the smallest gap between two of them.
+    """Step that counts (T, H, W) are rounded to: 1 for integers, the smallest gap between real numbers.
 
-    Gaps of less than eight last digits are rounding themselves. Where all are equal it is the last digit.
+    Gaps of less than eight units of the last digit are rounding errors. If all are equal it is that unit.
     """
     if counts.dtype.kind in "iu":
         return 1.0
@@ -64,68 +66,69 @@ def _step(counts: np.ndarray) -> float:
     return float(gaps.min()) if len(gaps) else last
 
 
-def _precise(kind: np.dtype) -> np.dtype:
-    """float32 for counts that it holds exactly, else float64."""
-    return np.result_type(kind, np.float32)
+def _exact_float(dtype: np.dtype) -> np.dtype:
+    """float32 if it holds counts of this type exactly, else float64."""
+    return np.result_type(dtype, np.float32)
 
 
-def empty_hand_rest(recordings: Recordings) -> Rest:
-    """Rest over the empty-hand recordings of each session, as the paper subtracts it.
+def empty_hand_baseline(recordings: Recordings) -> Baseline:
+    """Baseline of each session over its frames of the empty hand, as the paper subtracts it.
 
-    All of a session's empty-hand frames count, those on the test side too: the rest is a calibration of the glove,
-    which a user of a new session has to record as well. The empty hand's own accuracy is flattered by it.
+    Frames of the test side count too: the baseline calibrates the glove, and a user records it anew in each session.
+    The accuracy of the class empty hand is too high by that.
 
     Raises:
-        ValueError: a session without enough frames of the empty hand.
+        UserError: a session without enough frames of the empty hand.
     """
     sessions = recordings.columns["session"]
     empty = recordings.columns["object"] == _empty_hand_index(recordings)
     entries = []
     for number, name in enumerate(recordings.sessions):
         index = np.flatnonzero(empty & (sessions == number))
-        if len(index) < FEWEST and (sessions == number).any():
-            raise ValueError(
+        if len(index) < MIN_FRAMES and (sessions == number).any():
+            raise UserError(
                 f"session {name!r} has {len(index)} frames of {EMPTY_HAND!r}; preprocess.baseline "
-                f"empty_hand needs {FEWEST} or more: record the empty hand, or set it to quiet"
+                f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to quiet"
             )
-        entries.append(trimmed(recordings.frames(index)) if len(index) else _nothing(recordings))
+        entries.append(trimmed_moments(recordings.frames(index)) if len(index) else _unused_entry(recordings))
     mean, noise = map(np.stack, zip(*entries, strict=True))
-    return Rest(recordings.sessions, mean, noise, sessions)
+    return Baseline(recordings.sessions, mean, noise, sessions)
 
 
-def quiet_rest(recordings: Recordings, share: float) -> Rest:
-    """Rest over each recording's own quietest frames, for data without an empty hand.
+def quiet_baseline(recordings: Recordings, share: float) -> Baseline:
+    """Baseline of each recording over its quietest frames, for data without an empty hand.
 
-    The quietest are the `share` of a recording's frames with the smallest sum over the sensors, at least five.
+    The quietest are the `share` of its frames with the smallest sums over the sensors, five at least.
     """
-    owner, entries = recordings.columns["recording"], []
+    recording, entries = recordings.columns["recording"], []
     for number in range(len(recordings.recordings)):
-        index = np.flatnonzero(owner == number)
+        index = np.flatnonzero(recording == number)
         if not len(index):
-            entries.append(_nothing(recordings))
+            entries.append(_unused_entry(recordings))
             continue
         counts = recordings.frames(index)
         activity = counts.sum(axis=(1, 2), dtype=np.float64)
-        fewest = min(len(counts), max(FEWEST, round(share * len(counts))))
-        entries.append(trimmed(counts[np.argsort(activity, kind="stable")[:fewest]]))
+        quiet = min(len(counts), max(MIN_FRAMES, round(share * len(counts))))
+        entries.append(trimmed_moments(counts[np.argsort(activity, kind="stable")[:quiet]]))
     mean, noise = map(np.stack, zip(*entries, strict=True))
-    return Rest(recordings.recordings, mean, noise, owner)
+    return Baseline(recordings.recordings, mean, noise, recording)
 
 
-def no_rest(recordings: Recordings, zero: float) -> Rest:
-    """The same constant for every sensor, as the released code subtracts it."""
-    mean = np.full((1, *recordings.shape), zero, dtype=_precise(recordings.dtype))
-    return Rest(["zero"], mean, None, np.zeros(len(recordings), dtype=np.int16))
+def constant_baseline(recordings: Recordings, zero: float) -> Baseline:
+    """Baseline of `zero` counts for every sensor, as the released code subtracts it; its noise is unknown."""
+    mean = np.full((1, *recordings.shape), zero, dtype=_exact_float(recordings.dtype))
+    return Baseline(["zero"], mean, None, np.zeros(len(recordings), dtype=np.int16))
 
 
-def _nothing(recordings: Recordings) -> tuple[np.ndarray, np.ndarray]:
-    """The entry of a session or recording without frames: nothing ever refers to it."""
+def _unused_entry(recordings: Recordings) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and noise (H, W) of a session or recording without frames, which no frame refers to."""
     return np.zeros(recordings.shape, np.float32), np.ones(recordings.shape, np.float32)
 
 
 def _empty_hand_index(recordings: Recordings) -> int:
+    """Index of the empty hand among the objects; UserError if it was not recorded."""
     if EMPTY_HAND not in recordings.objects:
-        raise ValueError(
+        raise UserError(
             f"no object is named {EMPTY_HAND!r}; preprocess.baseline empty_hand needs its frames: "
             "record the empty hand, or set preprocess.baseline to quiet"
         )

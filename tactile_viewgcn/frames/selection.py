@@ -1,73 +1,70 @@
-"""From raw recordings to frames to learn from: rest, filter, classes, sides, anchors, and an account of all."""
+"""Which frames are kept, on which side each is, and which are anchors; with notes on everything that was left out."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactile_viewgcn.baseline import Rest, empty_hand_rest, no_rest, quiet_rest
-from tactile_viewgcn.filtering import flagged, in_contact
-from tactile_viewgcn.frames import Frames
-from tactile_viewgcn.params import Preprocess, Split
-from tactile_viewgcn.recordings import EMPTY_HAND, Recordings
-from tactile_viewgcn.recordings import TEST as PUBLISHED_TEST
-from tactile_viewgcn.split import (
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.baseline import Baseline
+from tactile_viewgcn.frames.filtering import flagged, in_contact
+from tactile_viewgcn.frames.split import (
     SIDES,
     TEST,
     TRAIN,
     VALIDATION,
     balanced_anchors,
-    by_folds,
+    fold_sides,
+    frame_sides,
+    late_frames,
     split_groups,
-    take_validation,
+    validation_sides,
 )
+from tactile_viewgcn.params import Preprocess, Split
+from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.source import TEST as PUBLISHED_TEST
+from tactile_viewgcn.recordings.table import Recordings
 
 
 @dataclass
 class Selection:
-    """What becomes of every frame (T,) of the recordings, and why."""
+    """What becomes of every frame (T,) of the recordings.
 
-    filtered: np.ndarray  # bool: passed the filter
-    keep: np.ndarray  # bool: passed, and its class takes part
-    side: np.ndarray  # TRAIN, VALIDATION or TEST
+    Attributes:
+        filtered: bool, passed the filter.
+        keep: bool, passed the filter, and its class and place in its group are used.
+        side: TRAIN, VALIDATION or TEST.
+        group: split group.
+        anchor: bool, a view set is drawn around it.
+        notes: sentences on what was left out and why.
+    """
+
+    filtered: np.ndarray
+    keep: np.ndarray
+    side: np.ndarray
     group: np.ndarray
     anchor: np.ndarray
     notes: list[str] = field(default_factory=list)
 
 
-def prepare(
-    recordings: Recordings, how: Preprocess, split: Split, rng: np.random.Generator
-) -> tuple[Frames, Selection]:
-    """The kept frames, and the account of every frame.
+def select(
+    recordings: Recordings, baseline: Baseline, preprocess: Preprocess, split: Split, rng: np.random.Generator
+) -> Selection:
+    """Filter, split and balance the frames.
 
     Raises:
-        ValueError: no sensor that ever changes; rest, flags or groups that the data does not have; fewer than two
-            classes left; a side empty.
+        UserError: flags or groups that the recordings do not have, fewer than two classes left, or an empty side.
     """
-    if not recordings.live.any():
-        raise ValueError(
-            f"{recordings.path}: no sensor's count changes from one to another of the frames ({len(recordings)}); "
-            "expected some that do: is the glove connected?"
-        )
-    rest = {
-        "empty_hand": lambda: empty_hand_rest(recordings),
-        "quiet": lambda: quiet_rest(recordings, how.quiet_share),
-        "none": lambda: no_rest(recordings, how.zero),
-    }[how.baseline]()
-    selection = select(recordings, rest, how, split, rng)
-    return _gather(recordings, rest, selection, how), selection
-
-
-def select(recordings: Recordings, rest: Rest, how: Preprocess, split: Split, rng: np.random.Generator) -> Selection:
-    """Filter, split and balance; raises as `prepare` does."""
-    objects = recordings.columns["object"]
-    if how.filter == "flags":
-        filtered = flagged(recordings)
+    objects, contact = recordings.columns["object"], preprocess.filter == "contact"
+    if contact:
+        sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
+        filtered = in_contact(recordings, baseline, sensors=sensors, sigmas=sigmas)
+        notes = _emptied_by_filter(recordings, filtered, f"{sensors} sensors above {sigmas:g} sd")
     else:
-        filtered = in_contact(recordings, rest, sensors=how.contact_sensors, sigmas=how.contact_sigmas)
+        filtered = flagged(recordings)
+        notes = _emptied_by_filter(recordings, filtered, "a flag")
     keep = filtered.copy()
-    notes = _emptied(recordings, filtered, how)
-    if not how.empty_hand_class:
-        keep &= objects != _index(recordings.objects, EMPTY_HAND)
+    if not preprocess.empty_hand_class and EMPTY_HAND in recordings.objects:
+        keep &= objects != recordings.objects.index(EMPTY_HAND)
     group = split_groups(recordings.columns, split.by)
     side = _sides(recordings, keep, group, split, rng, notes)
     _require_classes(recordings, keep)
@@ -75,38 +72,35 @@ def select(recordings: Recordings, rest: Rest, how: Preprocess, split: Split, rn
     _drop_classes(recordings, keep, side, notes)
     _require_classes(recordings, keep)
     _require_sides(keep, side, split)
-    published = how.filter == "flags" and split.by == "source" and "balanced" in recordings.columns
-    if published:
+    if not contact and split.by == "source" and "balanced" in recordings.columns:
         anchor = keep & recordings.columns["balanced"]
-        notes.append("anchors: the source's own balanced frames")
-        for code in np.unique(side[keep]):
-            if not (anchor & (side == code)).any():
-                raise ValueError(
-                    f"the {SIDES[code]} side of split.by source has no balanced frames (isBalanced) that pass the "
-                    "filter; expected some: set preprocess.filter to contact or choose another split.by"
-                )
+        notes.append("anchors: the source's balanced frames")
+        _require_anchors(keep, side, anchor)
     else:
         anchor = np.zeros(len(keep), dtype=bool)
-        anchor[keep], unequal = balanced_anchors(objects[keep], side[keep], minimum=how.balance_minimum, rng=rng)
+        minimum = preprocess.balance_minimum
+        anchor[keep], unequal = balanced_anchors(objects[keep], side[keep], minimum=minimum, rng=rng)
         notes += unequal
-    return Selection(filtered, keep, side, group, anchor, notes)
+    late = late_frames(side[keep], group[keep], objects[keep], share=split.train_share)
+    keep[np.flatnonzero(keep)[late]] = False  # after the anchors are drawn: those of the other sides stay the same
+    return Selection(filtered, keep, side, group, anchor & keep, notes)
 
 
-def account(recordings: Recordings, selection: Selection) -> list[dict[str, object]]:
-    """Per object and session: frames, what the filter and the split took, what is left, and the anchors."""
+def selection_counts(recordings: Recordings, selection: Selection) -> list[dict[str, object]]:
+    """Rows of a table, one per object and session: frames, how many were dropped and why, kept, and anchors."""
     objects, sessions, rows = recordings.columns["object"], recordings.columns["session"], []
     for label, name in enumerate(recordings.objects):
         for number, session in enumerate(recordings.sessions):
-            mine = (objects == label) & (sessions == number)
-            if not mine.any():
+            cell = (objects == label) & (sessions == number)
+            if not cell.any():
                 continue
-            kept = mine & selection.keep
-            row = {
+            kept = cell & selection.keep
+            row: dict[str, object] = {
                 "object": name,
                 "session": session,
-                "frames": int(mine.sum()),
-                "dropped_by_filter": int((mine & ~selection.filtered).sum()),
-                "dropped_with_class": int((mine & selection.filtered & ~selection.keep).sum()),
+                "frames": int(cell.sum()),
+                "dropped_by_filter": int((cell & ~selection.filtered).sum()),
+                "dropped_with_class": int((cell & selection.filtered & ~selection.keep).sum()),
                 "kept": int(kept.sum()),
             }
             for code, side in enumerate(SIDES):
@@ -115,18 +109,18 @@ def account(recordings: Recordings, selection: Selection) -> list[dict[str, obje
     return rows
 
 
-def _emptied(recordings: Recordings, filtered: np.ndarray, how: Preprocess) -> list[str]:
-    """Recordings and objects of which the filter leaves nothing."""
-    notes, bar = (
-        [],
-        f"{how.contact_sensors} sensors above {how.contact_sigmas:g} sd" if how.filter == "contact" else "a flag",
-    )
+def _emptied_by_filter(recordings: Recordings, filtered: np.ndarray, condition: str) -> list[str]:
+    """Notes on recordings and objects of which no frame meets the filter's condition."""
+    notes = []
     for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
-        had = np.bincount(recordings.columns[column], minlength=len(names)) > 0
-        left = np.bincount(recordings.columns[column][filtered], minlength=len(names)) > 0
-        gone = [names[i] for i in np.flatnonzero(had & ~left)]
-        if gone:
-            notes.append(f"filter: {len(gone)} of {had.sum()} {column}s dropped, no frame has {bar}: {', '.join(gone)}")
+        before = np.bincount(recordings.columns[column], minlength=len(names)) > 0
+        after = np.bincount(recordings.columns[column][filtered], minlength=len(names)) > 0
+        emptied = [names[i] for i in np.flatnonzero(before & ~after)]
+        if emptied:
+            notes.append(
+                f"filter: {len(emptied)} of {before.sum()} {column}s dropped, no frame has {condition}: "
+                f"{', '.join(emptied)}"
+            )
     return notes
 
 
@@ -138,78 +132,68 @@ def _sides(
     rng: np.random.Generator,
     notes: list[str],
 ) -> np.ndarray:
+    """Side int8 (T,) of each frame by `split.by`; what a user should know of the split is appended to `notes`."""
     side = np.full(len(keep), TRAIN, dtype=np.int8)
     objects, across = recordings.columns["object"], split.by == "session"
     if split.by == "source":
         side[recordings.columns["split"] == PUBLISHED_TEST] = TEST
-        owner = recordings.columns["recording"]
-        shared = np.intersect1d(owner[keep & (side == TRAIN)], owner[keep & (side == TEST)])
+        recording = recordings.columns["recording"]
+        shared = np.intersect1d(recording[keep & (side == TRAIN)], recording[keep & (side == TEST)])
         notes.append(f"split: the published split has {len(shared)} recordings on both sides")
+    elif split.by == "frame":
+        side[keep] = frame_sides(objects[keep], folds=split.folds, fold=split.fold, rng=rng)
+        notes.append("split: by single frames, whose neighbours in time are on the other side: it leaks")
     else:
-        side[keep] = by_folds(group[keep], objects[keep], folds=split.folds, fold=split.fold, across=across)
-    side[keep] = take_validation(side[keep], group[keep], objects[keep], share=split.validation, across=across, rng=rng)
+        side[keep] = fold_sides(group[keep], objects[keep], folds=split.folds, fold=split.fold, across=across)
+    side[keep] = validation_sides(
+        side[keep], group[keep], objects[keep], share=split.validation, across=across, rng=rng
+    )
     return side
 
 
 def _drop_classes(recordings: Recordings, keep: np.ndarray, side: np.ndarray, notes: list[str]) -> None:
-    """Take classes out of `keep` that cannot be learnt; the empty hand also where it cannot be tested."""
+    """Remove classes without training frames from `keep`, and the empty hand where it has no test frames."""
     objects = recordings.columns["object"]
     for label, name in enumerate(recordings.objects):
-        mine = keep & (objects == label)
-        trains, tests = (mine & (side == TRAIN)).any(), (mine & (side == TEST)).any()
-        if not mine.any() or (trains and tests):
+        of_class = keep & (objects == label)
+        trains, tests = (of_class & (side == TRAIN)).any(), (of_class & (side == TEST)).any()
+        if not of_class.any() or (trains and tests):
             continue
         if name == EMPTY_HAND:
-            keep &= ~mine
-            notes.append(f"classes: {name} cannot stand on both sides and leaves; it stays the baseline")
+            keep &= ~of_class
+            notes.append(f"classes: {name} is not on both sides and is dropped; it still gives the baseline")
         elif not trains:
-            keep &= ~mine
-            notes.append(f"classes: {name} has no training frames and leaves")
+            keep &= ~of_class
+            notes.append(f"classes: {name} has no training frames and is dropped")
         else:
-            notes.append(f"classes: {name} has no test frames; it stays a class that can be mistaken for others")
+            notes.append(f"classes: {name} has no test frames; it is kept as a class that others can be mistaken for")
 
 
 def _require_sides(keep: np.ndarray, side: np.ndarray, split: Split) -> None:
+    """Raise a UserError if a side that is needed has no frames."""
     needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
     empty = [SIDES[code] for code in sorted(needed) if not (keep & (side == code)).any()]
     if empty:
-        raise ValueError(
+        raise UserError(
             f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has no "
-            "frames; expected some on each: choose another split.by, folds or fold"
+            "frames; expected some on each, so two groups of an object or more: record more, or choose another "
+            "split.by, folds or fold"
         )
 
 
 def _require_classes(recordings: Recordings, keep: np.ndarray) -> None:
+    """Raise a UserError if fewer than two classes are left."""
     left = np.unique(recordings.columns["object"][keep])
     if len(left) < 2:
         names = ", ".join(recordings.objects[i] for i in left) or "none"
-        raise ValueError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
+        raise UserError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
 
 
-def _gather(recordings: Recordings, rest: Rest, selection: Selection, how: Preprocess) -> Frames:
-    index = np.flatnonzero(selection.keep)
-    columns = {name: values[index] for name, values in recordings.columns.items()}
-    objects, label = np.unique(columns["object"], return_inverse=True)
-    return Frames(
-        counts=recordings.frames(index),
-        label=label.astype(np.int16),
-        recording=columns["recording"],
-        session=columns["session"],
-        group=selection.group[index],
-        side=selection.side[index],
-        anchor=selection.anchor[index],
-        rest=rest.of_frame[index],
-        time=columns["time"],
-        rest_mean=rest.mean,
-        live=recordings.live,
-        classes=[recordings.objects[i] for i in objects],
-        recordings=recordings.recordings,
-        sessions=recordings.sessions,
-        rest_names=rest.names,
-        kind=how.transform,
-        scale=how.scale,
-    )
-
-
-def _index(names: list[str], name: str) -> int:
-    return names.index(name) if name in names else -1
+def _require_anchors(keep: np.ndarray, side: np.ndarray, anchor: np.ndarray) -> None:
+    """Raise a UserError if a side with frames has no anchors among the source's balanced frames."""
+    for code in np.unique(side[keep]):
+        if not (anchor & (side == code)).any():
+            raise UserError(
+                f"the {SIDES[code]} side of split.by source has no balanced frames (isBalanced) that pass the "
+                "filter; expected some: set preprocess.filter to contact or choose another split.by"
+            )

@@ -1,76 +1,99 @@
-"""Train, validation and test sides, by groups of frames that belong together. Never by frame.
+"""Train, validation and test sides, by groups of frames that belong together.
 
-Frames of one recording resemble each other far more than frames of two, so a group (a recording, a grasp, a
-session) stands on one side as a whole. The published split is the exception: its own sides are taken as they
-are, and how many recordings it shares between them is reported.
+Frames of one recording resemble each other far more than frames of two, so all frames of a group (a recording, a
+grasp, a session) are on one side. The published split is the exception: its sides are used as they are, and the
+number of recordings on both of them is reported. `frame_sides` leaks on purpose, for studies that measure how much.
 """
 
 import numpy as np
+
+from tactile_viewgcn.errors import UserError
 
 TRAIN, VALIDATION, TEST = 0, 1, 2
 SIDES = ("train", "validation", "test")
 
 
 def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
-    """int64 (T,): the split group of each frame, from its columns (T,), numbered in the order of the recordings.
+    """Split group int64 (T,) of each frame from its columns (T,), numbered in the order of the recordings.
 
-    A recording of several objects is a group per object. With `source` the recordings are the groups.
+    A recording of several objects is a group per object. With `source` and `frame` the recordings are the groups.
 
     Raises:
-        ValueError: `grasp` or `source` where the recordings do not carry it.
+        UserError: `grasp` or `source`, and the recordings have no such column.
     """
     needed = {"grasp": "grasp", "source": "split"}.get(by)
     if needed and needed not in columns:
         what = "grasp numbers" if by == "grasp" else "published split"
-        raise ValueError(f"the recordings have no {what}; split.by {by} needs it: set split.by to recording or session")
+        raise UserError(f"the recordings have no {what}; split.by {by} needs it: set split.by to recording or session")
     if by == "session":
         return columns["session"].astype(np.int64)
     keys = [columns["recording"], columns["object"]] + ([columns["grasp"]] if by == "grasp" else [])
     return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
-def by_folds(groups: np.ndarray, labels: np.ndarray, *, folds: int, fold: int, across: bool) -> np.ndarray:
-    """int8 (T,), TRAIN or TEST: group number i of a class is on the test side when i modulo folds is `fold`.
+def fold_sides(groups: np.ndarray, labels: np.ndarray, *, folds: int, fold: int, across: bool) -> np.ndarray:
+    """TRAIN or TEST, int8 (T,): the i-th group of a class is on the test side if i modulo `folds` is `fold`.
 
     Args:
         groups: (T,) split groups.
-        labels: (T,) classes; each class deals out its own groups.
-        across: groups span classes (sessions), so they are dealt out once for all.
+        labels: (T,) classes; the groups of each class are counted on their own.
+        across: groups span classes, as sessions do, and are counted once for all classes.
     """
     side = np.full(len(groups), TRAIN, dtype=np.int8)
     for label in [None] if across else np.unique(labels):
-        mine = np.ones(len(groups), dtype=bool) if across else labels == label
-        test = np.unique(groups[mine])[fold::folds]
-        side[mine & np.isin(groups, test)] = TEST
+        of_class = np.ones(len(groups), dtype=bool) if across else labels == label
+        test = np.unique(groups[of_class])[fold::folds]
+        side[of_class & np.isin(groups, test)] = TEST
     return side
 
 
-def take_validation(
+def frame_sides(labels: np.ndarray, *, folds: int, fold: int, rng: np.random.Generator) -> np.ndarray:
+    """TRAIN or TEST, int8 (T,): of each class one frame in `folds`, drawn at random, is on the test side."""
+    side = np.full(len(labels), TRAIN, dtype=np.int8)
+    for label in np.unique(labels):
+        side[rng.permutation(np.flatnonzero(labels == label))[fold::folds]] = TEST
+    return side
+
+
+def late_frames(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, share: float) -> np.ndarray:
+    """bool (T,): training frames after the first `share` of their group and class, of which one at least is kept."""
+    late = np.zeros(len(side), dtype=bool)
+    if share == 1:
+        return late
+    train = np.flatnonzero(side == TRAIN)
+    member = np.unique(np.stack([groups[train], labels[train]], axis=1), axis=0, return_inverse=True)[1].ravel()
+    for number in range(member.max(initial=-1) + 1):
+        frames = train[member == number]
+        late[frames[max(1, round(share * len(frames))) :]] = True
+    return late
+
+
+def validation_sides(
     side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, share: float, across: bool, rng: np.random.Generator
 ) -> np.ndarray:
-    """A copy of `side` in which that share of each class's training groups is VALIDATION.
+    """Copy of `side` (T,) with a share of each class's training groups, drawn at random, as VALIDATION.
 
-    At least one group a class where it has two or more, and never its last.
+    A class with two groups or more gives at least one and keeps at least one.
     """
     side = side.copy()
     if share == 0:
         return side
     for label in [None] if across else np.unique(labels):
-        mine = side == TRAIN if across else (side == TRAIN) & (labels == label)
-        own = np.unique(groups[mine])
-        count = min(len(own) - 1, max(1, round(share * len(own))))
+        of_class = side == TRAIN if across else (side == TRAIN) & (labels == label)
+        candidates = np.unique(groups[of_class])
+        count = min(len(candidates) - 1, max(1, round(share * len(candidates))))
         if count > 0:
-            side[mine & np.isin(groups, rng.permutation(own)[:count])] = VALIDATION
+            side[of_class & np.isin(groups, rng.permutation(candidates)[:count])] = VALIDATION
     return side
 
 
 def balanced_anchors(
     labels: np.ndarray, side: np.ndarray, *, minimum: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, list[str]]:
-    """bool (T,): equally many anchor frames of every class on a side, drawn at random, and what did not fit.
+    """Anchors bool (T,), drawn at random, equally many of every class on a side; and notes on classes with fewer.
 
-    As many as the smallest class has, but at least `minimum`: a class with fewer keeps what it has, so that one
-    poor class does not cut all the others to a handful.
+    There are as many as the smallest class has frames, but at least `minimum`, so that one small class does not
+    reduce all others to a handful. A class with fewer frames than that uses all of them.
     """
     anchor, notes = np.zeros(len(labels), dtype=bool), []
     for code, name in enumerate(SIDES):
@@ -81,10 +104,10 @@ def balanced_anchors(
         count = max(min(sizes), minimum)
         for index in of_class:
             anchor[rng.permutation(index)[:count]] = True
-        poorer = sum(size < count for size in sizes)
-        if poorer:
+        smaller = sum(size < count for size in sizes)
+        if smaller:
             notes.append(
-                f"{name}: {poorer} of {len(sizes)} classes have fewer than {count} anchors and keep all their frames, "
-                f"{min(sizes)} in the poorest"
+                f"{name}: {smaller} of {len(sizes)} classes have fewer than {count} anchors and use all their frames, "
+                f"{min(sizes)} in the smallest"
             )
     return anchor, notes

@@ -1,46 +1,33 @@
-"""The table of kept frames: counts, rest, class, side and group of each; and the transform to network input."""
+"""The table of kept frames, data/frames.h5: counts, baseline, class, side and group of each."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
-from tactile_viewgcn.files import readable, whole
-
-
-def transform(excess: np.ndarray, kind: str, scale: float) -> np.ndarray:
-    """Network input from counts above rest, float32 of the same shape.
-
-    `clip`: clip(x / scale, 0, 1), the released code's scaling. `log`: log(1 + max(x, 0)).
-    """
-    excess = np.asarray(excess, dtype=np.float32)
-    if kind == "clip":
-        return np.clip(excess / np.float32(scale), 0, 1)
-    return np.log1p(np.maximum(excess, 0))
-
-
-def full_scale(kind: str, scale: float) -> float:
-    """The network input of a sensor at `scale` counts above rest."""
-    return float(transform(np.array(scale), kind, scale))
+from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.frames.transform import network_input
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Kept frames, in the order of their recordings. n frames, R rests, C classes.
+    """The n kept frames in the order of their recordings, with R baselines and C classes.
 
     Attributes:
         counts: (n, H, W) raw counts.
-        label: (n,) class, an index into `classes`.
-        recording, session, group: (n,) indices; `group` is the split group.
+        label: (n,) class, index into `classes`.
+        recording, session: (n,) index into `recordings` and `sessions`.
+        group: (n,) split group.
         side: (n,) split.TRAIN, VALIDATION or TEST.
-        anchor: bool (n,) the balanced frames that view sets are drawn around.
-        rest: (n,) entry of `rest_mean` that belongs to the frame.
+        anchor: bool (n,) view sets are drawn around it; the anchors are balanced over the classes.
+        baseline: (n,) index into `baseline_mean`.
         time: (n,) seconds since the recording's first frame.
-        rest_mean: (R, H, W) counts, in a precision that holds `counts`; rest_names: whose they are.
-        live: bool (H, W) sensors whose counts ever vary.
-        classes, recordings, sessions: names.
-        kind, scale: the transform.
+        baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
+        live: bool (H, W) sensors whose counts vary.
+        classes, recordings, sessions, baseline_names: names, by index.
+        transform, scale: of counts above baseline to network input, see `network_input`.
     """
 
     counts: np.ndarray
@@ -50,34 +37,34 @@ class Frames:
     group: np.ndarray
     side: np.ndarray
     anchor: np.ndarray
-    rest: np.ndarray
+    baseline: np.ndarray
     time: np.ndarray
-    rest_mean: np.ndarray
+    baseline_mean: np.ndarray
     live: np.ndarray
     classes: list[str]
     recordings: list[str]
     sessions: list[str]
-    rest_names: list[str]
-    kind: str
+    baseline_names: list[str]
+    transform: str
     scale: float
 
     def __len__(self) -> int:
         return len(self.label)
 
-    def inputs(self, index: np.ndarray) -> np.ndarray:
-        """Network input, float32 (k, H, W), of the frames in `index` (k,)."""
-        excess = self.counts[index].astype(self.rest_mean.dtype)
-        excess -= self.rest_mean[self.rest[index]]
-        return transform(excess, self.kind, self.scale)
+    def inputs(self, index: np.ndarray, transform: str | None = None) -> np.ndarray:
+        """Network input float32 (k, H, W) of the frames in `index` (k,), by the table's transform or another."""
+        excess = self.counts[index].astype(self.baseline_mean.dtype)
+        excess -= self.baseline_mean[self.baseline[index]]
+        return network_input(excess, transform or self.transform, self.scale)
 
     def on(self, *sides: int) -> np.ndarray:
-        """Indices of the frames on these sides, rising."""
+        """Rising indices of the frames on the given sides."""
         return np.flatnonzero(np.isin(self.side, sides))
 
 
 def write_frames(path: str | Path, frames: Frames) -> None:
-    """Write the table as HDF5: arrays as datasets, names as datasets of text, the transform as attributes."""
-    with whole(path) as part, h5py.File(part, "w") as file:
+    """Write the table as HDF5: arrays and names as datasets, the transform as attributes."""
+    with atomic_write(path) as part, h5py.File(part, "w") as file:
         for field in fields(frames):
             value = getattr(frames, field.name)
             if isinstance(value, np.ndarray):
@@ -92,9 +79,9 @@ def write_frames(path: str | Path, frames: Frames) -> None:
 
 
 def read_frames(path: str | Path) -> Frames:
-    """The table that `write_frames` wrote, whole in memory."""
+    """Read the table that `write_frames` wrote, all of it into memory."""
     with readable(path), h5py.File(path, "r") as file:
-        values = {}
+        values: dict[str, Any] = {}
         for field in fields(Frames):
             if field.name in file.attrs:
                 value = file.attrs[field.name]

@@ -1,4 +1,4 @@
-"""Which sensors are inside an object, and how deep."""
+"""Collision detection: which sensors are inside an object, and how deep."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,18 @@ from tactile_viewgcn.glove.shapes import Solids
 
 @dataclass(frozen=True)
 class Contacts:
-    """Sensors inside an object, C entries in the order of row and sensor.
+    """C contacts, sorted by row and sensor: each is one sensor inside one primitive.
 
-    Where primitives of an object overlap, each counts: a sensor in the groove between two is pressed by both, so that
-    the forces stay continuous up to half of a wall: a sensor that is pressed past it comes out behind.
+    Where primitives of an object overlap, a sensor has a contact with each of them, so the force on it changes
+    continuously as it slides from one into the other. A sensor pressed past the middle of a wall is pushed out on the
+    far side.
 
     Attributes:
-        row: (C,) among the rows asked for; sensor: (C,); patch: (C,) that carries it.
+        row: (C,) index of the hand among those asked for.
+        sensor: (C,) index of the sensor; patch: (C,) patch that carries it.
         depth: (C,) m, above 0.
-        normal: (C, 3) out of the object; point: (C, 3) m, where the sensor is.
+        normal: (C, 3) unit vector out of the object.
+        point: (C, 3) m, position of the sensor.
     """
 
     row: np.ndarray
@@ -33,32 +36,44 @@ _NONE = np.zeros(0, dtype=int)
 NO_CONTACTS = Contacts(_NONE, _NONE, _NONE, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def touching(
-    hands: Hands, solids: Solids, rows: np.ndarray, pose: Pose, place: np.ndarray, turn: np.ndarray, *, palm: bool
-) -> Contacts:
-    """Which sensors of hands `rows` (R,) are inside their objects, placed at (R, 3) m and turned by (R, 3, 3).
+def collisions(
+    hands: Hands, solids: Solids, rows: np.ndarray, pose: Pose, position: np.ndarray, rotation: np.ndarray, *,
+    palm: bool,
+) -> Contacts:  # fmt: skip
+    """Contacts of the hands `rows` with their objects.
 
-    Patches and primitives whose bounding spheres are apart are not looked at.
+    Pairs of patch and primitive whose bounding spheres do not overlap are skipped.
+
+    Args:
+        hands, solids: B hands and the B objects that they hold.
+        rows: (R,) which of them.
+        pose: of the R hands.
+        position: (R, 3) m of the objects; rotation: (R, 3, 3) from the object's axes to the palm's.
+        palm: whether the palm's sensors are tested too.
     """
     patches = len(hands.start) if palm else LINK_PATCHES
-    middle = place[:, None] + np.einsum("rij,rpj->rpi", turn, solids.centre[rows])
-    ball = pose.origin[:, :patches] + np.einsum("rnij,rnj->rni", pose.axes[:, :patches], hands.centre[rows, :patches])
-    far = sum((ball[:, :, None, axis] - middle[:, None, :, axis]) ** 2 for axis in range(3))  # (R, N, P)
-    r, n, p = np.nonzero(far < np.maximum(hands.reach[:patches, None] + solids.reach[rows][:, None], 0) ** 2)
-    turns = turn[r] @ solids.turn[rows[r], p]
-    own = np.einsum("nij,ni->nj", turns, ball[r, n] - middle[r, p])
-    close = solids.distance(rows[r], p, own) < hands.reach[n]
-    r, n, p, turns = r[close], n[close], p[close], turns[close]
+    # Centres of the bounding spheres of primitives (R, P, 3) and patches (R, N, 3).
+    primitive = position[:, None] + np.einsum("rij,rpj->rpi", rotation, solids.centre[rows])
+    patch = pose.origin[:, :patches] + np.einsum("rnij,rnj->rni", pose.axes[:, :patches], hands.centre[rows, :patches])
+    squared = sum((patch[:, :, None, axis] - primitive[:, None, :, axis]) ** 2 for axis in range(3))  # (R, N, P)
+    radii = hands.bounding_radius[:patches, None] + solids.bounding_radius[rows][:, None]
+    r, n, p = np.nonzero(squared < np.maximum(radii, 0) ** 2)
+    axes = rotation[r] @ solids.rotation[rows[r], p]
+    local = np.einsum("nij,ni->nj", axes, patch[r, n] - primitive[r, p])
+    close = solids.distance(rows[r], p, local) < hands.bounding_radius[n]
+    r, n, p, axes = r[close], n[close], p[close], axes[close]
+
+    # One entry for each sensor of the remaining pairs.
     count = hands.count[n]
     first = np.repeat(hands.start[n] - np.cumsum(count) + count, count)
     pair = np.repeat(np.arange(len(r)), count)
-    r, n, p, turns = r[pair], n[pair], p[pair], turns[pair]
+    r, n, p, axes = r[pair], n[pair], p[pair], axes[pair]
     sensor = first + np.arange(len(r))
     point = pose.origin[r, n] + np.einsum("nij,nj->ni", pose.axes[r, n], hands.local[rows[r], sensor])
-    own = np.einsum("nij,ni->nj", turns, point - middle[r, p])
-    distance = solids.distance(rows[r], p, own)
+    local = np.einsum("nij,ni->nj", axes, point - primitive[r, p])
+    distance = solids.distance(rows[r], p, local)
     inside = np.flatnonzero(distance < 0)
     inside = inside[np.argsort(r[inside] * len(hands.patch) + sensor[inside], kind="stable")]
-    r, p, own = r[inside], p[inside], own[inside]
-    normal = np.einsum("nij,nj->ni", turns[inside], solids.gradient(rows[r], p, own))
+    r, p, local = r[inside], p[inside], local[inside]
+    normal = np.einsum("nij,nj->ni", axes[inside], solids.gradient(rows[r], p, local))
     return Contacts(r, sensor[inside], n[inside], -distance[inside], normal, point[inside])

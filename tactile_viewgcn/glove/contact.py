@@ -1,13 +1,14 @@
-"""Contact: skin and glove as an elastic layer in series with the object, joints and object overdamped.
+"""Contact mechanics: an elastic skin in series with the object's surface; joints and object move overdamped.
 
-The unknowns y of a hand are ten joint coordinates (5, 2) and, where the object moves, its position (3,). They follow
+The unknowns y of a hand are ten joint coordinates (5, 2) in rad and, where the object moves, its position (3,) in m:
 
-    D dy/dt = drive(t) - dU/dy,    U = sum_s k A_s d_s^2 / 2  +  joints  +  limits  +  holding,
+    D dy/dt = drive(t) - dU/dy,    U = sum_s k A_s d_s^2 / 2  +  joints  +  joint limits  +  holding.
 
-with d_s the depth of sensor s inside the object, A_s its area and k the stiffness per area of the two layers in
-series (elastic or Winkler foundation: Johnson, "Contact Mechanics" (1985), section 4.3). A sensor's force is k A d
-along the object's normal. Friction is lumped into `holding`, a spring between the object and the place that the
-scene wants it at. The Hessian leaves out the curvature of the contact (Gauss-Newton), so it is never indefinite.
+D is the damping, d_s the depth of sensor s inside the object, A_s its area, and k the stiffness per area of skin and
+object in series (elastic or Winkler foundation: Johnson, "Contact Mechanics" (1985), section 4.3). The force on a
+sensor is k A_s d_s along the object's normal. There is no separate friction: a spring, `holding`, pulls the object to
+the position that the scene prescribes. The Hessian of U omits the curvature of the contact (Gauss-Newton) and is
+therefore never indefinite.
 """
 
 from dataclasses import dataclass
@@ -15,30 +16,33 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.glove.collision import NO_CONTACTS, Contacts, collisions
+from tactile_viewgcn.glove.drive import Drive
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands, Pose
 from tactile_viewgcn.glove.shapes import Solids
-from tactile_viewgcn.glove.touching import NO_CONTACTS, Contacts, touching
 
-LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: beyond them a stiff spring
-JOINT = np.array([0.25, 0.16])  # N m / rad
-LIMIT = 6.0  # N m / rad
-TENDON = np.array([1.0, 0.5])  # what a finger's squeeze gives to its two coordinates
-HOLDING = 1500.0  # N/m
+LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: range of the two coordinates of a finger
+JOINT = np.array([0.25, 0.16])  # N m / rad: springs towards the posture
+LIMIT = 6.0  # N m / rad: spring beyond LIMITS
+TENDON = np.array([1.0, 0.5])  # share of a finger's squeeze that acts on each of its coordinates
+HOLDING = 1500.0  # N/m: spring between the object and its prescribed position
 GRAVITY = 9.81  # m/s^2
-LEVER = 0.05  # m: makes torques and forces comparable
+LEVER = 0.05  # m: converts between forces and torques of comparable size
 
 
 @dataclass(frozen=True)
 class Layer:
-    """The elastic layer and the damping: what makes a scene stiff.
+    """Skin and glove as an elastic layer, and the damping. They decide how stiff the equation is.
 
     Args:
-        stiffness: Pa/m of skin and glove, their modulus over their thickness.
-        thickness: m; deeper penetration is counted.
-        joint_damping: N m s / rad; object_damping: N s / m.
+        stiffness: Pa/m of skin and glove: modulus over thickness.
+        thickness: m; contacts compressed further are counted.
+        joint_damping: N m s / rad.
+        object_damping: N s / m.
 
     Raises:
-        ValueError: one that is not above 0, or not finite.
+        UserError: a value that is not positive and finite.
     """
 
     stiffness: float
@@ -49,61 +53,34 @@ class Layer:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not 0 < value < np.inf:
-                raise ValueError(f"{name} is {value}; expected more than 0, and finite")
+                raise UserError(f"{name} is {value}; expected more than 0, and finite")
 
     def series(self, stiffness: np.ndarray) -> np.ndarray:
-        """Pa/m of the layer in series with objects of some stiffness."""
+        """Stiffness (B,) Pa/m of the layer in series with objects of `stiffness` (B,) Pa/m."""
         return 1 / (1 / self.stiffness + 1 / stiffness)
 
 
 @dataclass(frozen=True)
-class Drive:
-    """What the scenes prescribe, (B, K, ...) at K knots one frame apart; linear between them.
-
-    Attributes:
-        posture: (B, K, 5, 2) rad that the joints' springs pull to; squeeze: (B, K, 5) N m of each finger on top.
-        opposition: (B, K) rad of the thumb.
-        place: (B, K, 3) m, where the object is wanted; turn: (B, K, 3) rotation vector.
-        load: (B, K, 3) N on the object.
-    """
-
-    posture: np.ndarray
-    squeeze: np.ndarray
-    opposition: np.ndarray
-    place: np.ndarray
-    turn: np.ndarray
-    load: np.ndarray
-
-    def at(self, rows: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
-        """Values of some rows (R,) at times (R,), in frames since the first knot."""
-        out, last = {}, self.squeeze.shape[1] - 1
-        knot = np.minimum(time.astype(int), last - 1)
-        share = np.minimum(time - knot, 1.0)
-        for name, values in vars(self).items():
-            here, there = values[rows, knot], values[rows, knot + 1]
-            weight = share.reshape(-1, *[1] * (here.ndim - 1))
-            out[name] = here + weight * (there - here)
-        return out
-
-
-@dataclass(frozen=True)
 class Balance:
-    """The mechanics of R rows at one state.
+    """Forces, energy and Hessian of R hands at one state.
 
     Attributes:
-        residual: (R, n) dU/dy - drive.
-        energy: (R,) U - drive . y.
-        fingers: (R, 5, 2, 2), cross: (R, 5, 2, 3), thing: (R, 3, 3), empty without motion: the Hessian's blocks.
-        contacts: the sensors in contact; force: (C,) N along the contact's normal.
-        slope: (C, 5) of each depth in the two coordinates of its finger and the object's three.
-        facing: (C,) cosine between the sensor's and the contact's pressure direction, not below 0.
+        residual: (R, n) dU/dy - drive; 0 in equilibrium.
+        energy: (R,) J, U - drive . y.
+        fingers: (R, 5, 2, 2) the Hessian's blocks of the fingers.
+        cross: (R, 5, 2, 3) its blocks between fingers and object.
+        object: (R, 3, 3) its block of the object; (R, 0, 0) without motion.
+        contacts: the C contacts.
+        force: (C,) N along the contact's normal.
+        slope: (C, 5) derivative of the depth by the two coordinates of the sensor's finger and the object's three.
+        facing: (C,) cosine between the sensor's normal and the direction of the pressure, at least 0.
     """
 
     residual: np.ndarray
     energy: np.ndarray
     fingers: np.ndarray
     cross: np.ndarray
-    thing: np.ndarray
+    object: np.ndarray
     contacts: Contacts
     force: np.ndarray
     slope: np.ndarray
@@ -111,14 +88,15 @@ class Balance:
 
 
 class Mechanics:
-    """The ordinary differential equation of B hands; `motion` adds the object's three unknowns.
+    """The differential equation of B hands.
 
     Args:
-        hands, solids: B of each; stiffness: (B,) Pa/m of the objects.
+        hands, solids: B hands and objects.
+        stiffness: (B,) Pa/m of the objects' surfaces.
+        drive: what the scenes prescribe.
+        layer: skin and damping.
+        motion: whether the object's position is unknown too; n is 13 with it, 10 without.
         names: of the objects, for errors.
-
-    Raises:
-        ValueError: an object that starts inside the palm.
     """
 
     def __init__(
@@ -131,152 +109,168 @@ class Mechanics:
         self.size = 13 if motion else 10
         self.damping = np.full(self.size, layer.joint_damping)
         self.damping[10:] = layer.object_damping
-        self.lever = np.ones(self.size)  # makes the torque of a joint and the force on the object comparable
+        self.lever = np.ones(self.size)  # makes torques on joints and forces on the object comparable
         self.lever[10:] = LEVER
 
-    def start(self) -> np.ndarray:
-        """(B, n): everything where the scene wants it at first."""
-        if self.solids.some:
-            self._outside_the_palm()
+    def initial_state(self) -> np.ndarray:
+        """States (B, n) with everything at its prescribed posture and position of the first knot.
+
+        Raises:
+            UserError: an object that starts inside the palm.
+        """
+        if self.solids.has_primitives:
+            self._check_outside_palm()
         count = len(self.stiffness)
         y = np.zeros((count, self.size))
         y[:, :10] = self.drive.posture[:, 0].reshape(count, 10)
         if self.motion:
-            y[:, 10:] = self.drive.place[:, 0]
+            y[:, 10:] = self.drive.position[:, 0]
         return y
 
-    def _outside_the_palm(self) -> None:
-        """Refuses an object that starts inside the palm: there it may come out behind."""
-        rows, place, turn = np.arange(len(self.stiffness)), self.drive.place[:, 0], _matrix(self.drive.turn[:, 0])
-        pose = self.hands.pose(rows, self.drive.posture[:, 0], self.drive.opposition[:, 0])
-        inside = touching(self.hands, self.solids, rows, pose, place, turn, palm=True)
-        if (inside.patch >= LINK_PATCHES).any():
-            worst = np.where(inside.patch >= LINK_PATCHES, inside.depth, 0).argmax()
-            raise ValueError(
-                f"object {self.names[inside.row[worst]] if self.names else inside.row[worst]} starts "
-                f"{inside.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; start it further away"
+    def _check_outside_palm(self) -> None:
+        """Refuse objects that start inside the palm, which could push them out on its far side."""
+        drive, rows = self.drive, np.arange(len(self.stiffness))
+        pose = self.hands.pose(rows, drive.posture[:, 0], drive.opposition[:, 0])
+        rotation = _matrix(drive.rotation[:, 0])
+        contacts = collisions(self.hands, self.solids, rows, pose, drive.position[:, 0], rotation, palm=True)
+        if (contacts.patch >= LINK_PATCHES).any():
+            worst = np.where(contacts.patch >= LINK_PATCHES, contacts.depth, 0).argmax()
+            row = contacts.row[worst]
+            raise UserError(
+                f"object {self.names[row] if self.names else row} starts "
+                f"{contacts.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; start it further away"
             )
 
-    def balance(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:
-        """Forces, energy and Hessian of rows (R,) at times (R,) and y (R, n); `palm`: with the palm's sensors."""
+    def evaluate(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:
+        """Forces, energy and Hessian of rows (R,) at times (R,) in frames and states y (R, n).
+
+        `palm`: whether the palm's sensors are tested for contact. They matter only where the object moves.
+        """
         now = self.drive.at(rows, time)
         q, count = y[:, :10].reshape(-1, 5, 2), len(rows)
-        thing = y[:, 10:] if self.motion else now["place"]
-        touch, slope, facing = self._contacts(rows, q, thing, now, palm=palm)
-        own = rows[touch.row], touch.sensor
-        stiff = self.stiffness[own[0]] * self.hands.area[own]
-        force = stiff * touch.depth
-        group = touch.row * 6 + np.minimum(touch.patch // 3, 5)
-        pulls, blocks = _sums(group, count * 6, slope, force, stiff)
-        pulls, blocks = pulls.reshape(count, 6, 5), blocks.reshape(count, 6, 5, 5)
+        position = y[:, 10:] if self.motion else now["position"]
+        contacts, slope, facing = self._contacts(rows, q, position, now, palm=palm)
+        sensor = rows[contacts.row], contacts.sensor
+        stiffness = self.stiffness[sensor[0]] * self.hands.area[sensor]  # N/m
+        force = stiffness * contacts.depth
+        group = contacts.row * 6 + np.minimum(contacts.patch // 3, 5)  # five fingers and the palm of each hand
+        gradient, blocks = _sums(group, count * 6, slope, force, stiffness)
+        gradient, blocks = gradient.reshape(count, 6, 5), blocks.reshape(count, 6, 5, 5)
         residual = np.zeros((count, self.size))
         bend = q - now["posture"]
-        over = q - np.clip(q, LIMITS[:, 0], LIMITS[:, 1])
+        beyond = q - np.clip(q, LIMITS[:, 0], LIMITS[:, 1])
         torque = now["squeeze"][..., None] * TENDON
-        residual[:, :10] = (JOINT * bend + LIMIT * over + pulls[:, :5, :2] - torque).reshape(count, 10)
-        energy = 0.5 * (JOINT * bend**2 + LIMIT * over**2).sum(axis=(1, 2)) - (torque * q).sum(axis=(1, 2))
-        energy += 0.5 * np.bincount(touch.row, force * touch.depth, count)
-        block = blocks[:, :5, :2, :2].copy()
-        block[..., [0, 1], [0, 1]] += JOINT + LIMIT * (over != 0)
-        whole = np.empty((count, 0, 0))
+        residual[:, :10] = (JOINT * bend + LIMIT * beyond + gradient[:, :5, :2] - torque).reshape(count, 10)
+        energy = 0.5 * (JOINT * bend**2 + LIMIT * beyond**2).sum(axis=(1, 2)) - (torque * q).sum(axis=(1, 2))
+        energy += 0.5 * np.bincount(contacts.row, force * contacts.depth, count)
+        fingers = blocks[:, :5, :2, :2].copy()
+        fingers[..., [0, 1], [0, 1]] += JOINT + LIMIT * (beyond != 0)
+        on_object = np.empty((count, 0, 0))
         if self.motion:
-            whole = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING * np.eye(3)
-            apart = thing - now["place"]
-            residual[:, 10:] = HOLDING * apart + pulls[:, :, 2:].sum(axis=1) - now["load"]
-            energy += 0.5 * HOLDING * (apart**2).sum(axis=1) - (now["load"] * thing).sum(axis=1)
-        return Balance(residual, energy, block, blocks[:, :5, :2, 2:], whole, touch, force, slope, facing)
+            on_object = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING * np.eye(3)
+            offset = position - now["position"]
+            residual[:, 10:] = HOLDING * offset + gradient[:, :, 2:].sum(axis=1) - now["load"]
+            energy += 0.5 * HOLDING * (offset**2).sum(axis=1) - (now["load"] * position).sum(axis=1)
+        return Balance(residual, energy, fingers, blocks[:, :5, :2, 2:], on_object, contacts, force, slope, facing)
 
     def _contacts(
-        self, rows: np.ndarray, q: np.ndarray, place: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
+        self, rows: np.ndarray, q: np.ndarray, position: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
     ) -> tuple[Contacts, np.ndarray, np.ndarray]:
-        """The contacts, their slopes (C, 5), and which way the sensors face (C,); nobody looks where no object is."""
-        if not self.solids.some:
+        """Contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`; no search where there is no object."""
+        if not self.solids.has_primitives:
             return NO_CONTACTS, np.zeros((0, 5)), np.zeros(0)
         pose = self.hands.pose(rows, q, now["opposition"])
-        touch = touching(self.hands, self.solids, rows, pose, place, _matrix(now["turn"]), palm=palm)
-        own = rows[touch.row], touch.sensor
-        skin = np.einsum("nij,nj->ni", pose.axes[touch.row, touch.patch], self.hands.normal[own])
-        return touch, self._slope(touch, pose), np.maximum(-np.einsum("ni,ni->n", skin, touch.normal), 0)
+        contacts = collisions(self.hands, self.solids, rows, pose, position, _matrix(now["rotation"]), palm=palm)
+        local = self.hands.normal[rows[contacts.row], contacts.sensor]
+        skin = np.einsum("nij,nj->ni", pose.axes[contacts.row, contacts.patch], local)
+        return contacts, self._slope(contacts, pose), np.maximum(-np.einsum("ni,ni->n", skin, contacts.normal), 0)
 
-    def _slope(self, touch: Contacts, pose: Pose) -> np.ndarray:
-        """(C, 5) of each depth in its finger's two coordinates, 0 on the palm, and in the object's three."""
-        slope = np.zeros((len(touch.row), 5))
-        slope[:, 2:] = touch.normal
-        on = touch.patch < LINK_PATCHES
-        r, finger, link = touch.row[on], touch.patch[on] // 3, touch.patch[on] % 3
-        spin = _cross(pose.hinge[r, finger], touch.normal[on])  # n . (hinge x arm) = -arm . (hinge x n)
-        arm = touch.point[on, None] - pose.origin[r[:, None], 3 * finger[:, None] + np.arange(3)]  # (C, 3 joints, 3)
+    def _slope(self, contacts: Contacts, pose: Pose) -> np.ndarray:
+        """Derivative (C, 5) of each depth by its finger's two coordinates (0 on the palm) and the object's three."""
+        slope = np.zeros((len(contacts.row), 5))
+        slope[:, 2:] = contacts.normal
+        on = contacts.patch < LINK_PATCHES
+        r, finger, link = contacts.row[on], contacts.patch[on] // 3, contacts.patch[on] % 3
+        spin = _cross(pose.hinge[r, finger], contacts.normal[on])  # n . (hinge x arm) = -arm . (hinge x n)
+        joints = pose.origin[r[:, None], 3 * finger[:, None] + np.arange(3)]
+        arm = contacts.point[on, None] - joints  # (C, 3 joints, 3)
         by_joint = np.einsum("nji,ni->nj", arm, spin) * (np.arange(3) <= link[:, None])
         slope[on, :2] = by_joint @ COUPLING
         return slope
 
-    def change(self, at: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
-        """(C,) N by which the contacts' forces change when the unknowns do by dy (R, n), to first order."""
-        row, finger = at.contacts.row, np.minimum(at.contacts.patch // 3, 4)
-        deeper = np.einsum("ni,ni->n", at.slope[:, :2], dy[:, :10].reshape(-1, 5, 2)[row, finger])
+    def force_change(self, balance: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        """Change (C,) N of the contacts' forces for a change dy (R, n) of the state, to first order."""
+        row, finger = balance.contacts.row, np.minimum(balance.contacts.patch // 3, 4)
+        deeper = np.einsum("ni,ni->n", balance.slope[:, :2], dy[:, :10].reshape(-1, 5, 2)[row, finger])
         if self.motion:
-            deeper += np.einsum("ni,ni->n", at.slope[:, 2:], dy[row, 10:])
-        return self.stiffness[rows[row]] * self.hands.area[rows[row], at.contacts.sensor] * deeper
+            deeper += np.einsum("ni,ni->n", balance.slope[:, 2:], dy[row, 10:])
+        return self.stiffness[rows[row]] * self.hands.area[rows[row], balance.contacts.sensor] * deeper
 
-    def hessian(self, at: Balance) -> np.ndarray:
-        """The Gauss-Newton Hessian of U as (R, n, n)."""
-        out = np.zeros((*at.residual.shape, self.size))
+    def hessian(self, balance: Balance) -> np.ndarray:
+        """Gauss-Newton Hessian (R, n, n) of U."""
+        hessian = np.zeros((*balance.residual.shape, self.size))
         for finger in range(5):
-            own = slice(2 * finger, 2 * finger + 2)
-            out[:, own, own] = at.fingers[:, finger]
+            block = slice(2 * finger, 2 * finger + 2)
+            hessian[:, block, block] = balance.fingers[:, finger]
             if self.motion:
-                out[:, own, 10:] = at.cross[:, finger]
-                out[:, 10:, own] = at.cross[:, finger].swapaxes(1, 2)
+                hessian[:, block, 10:] = balance.cross[:, finger]
+                hessian[:, 10:, block] = balance.cross[:, finger].swapaxes(1, 2)
         if self.motion:
-            out[:, 10:, 10:] = at.thing
-        return out
+            hessian[:, 10:, 10:] = balance.object
+        return hessian
 
-    def solve(self, at: Balance, shift: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """x (R, n) of (Hessian + diag(shift)) x = residual, for shift (R, n): fingers first, then the object."""
+    def solve(self, balance: Balance, shift: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Solution x (R, n) of (Hessian + diag(shift)) x = residual, for shift and residual (R, n).
+
+        The fingers are coupled only through the object, so a 3 x 3 Schur complement is solved, then each finger.
+        """
         count = len(residual)
-        block = at.fingers.copy()
+        block = balance.fingers.copy()
         block[..., [0, 1], [0, 1]] += shift[:, :10].reshape(count, 5, 2)
         inverse = _inverse(block)
         on_fingers = residual[:, :10].reshape(count, 5, 2)
         if not self.motion:
             return np.einsum("rfij,rfj->rfi", inverse, on_fingers).reshape(count, 10)
-        through = np.einsum("rfji,rfjk->rfik", at.cross, inverse)  # (R, 5, 3, 2)
-        schur = at.thing - np.einsum("rfij,rfjk->rik", through, at.cross)
+        through = np.einsum("rfji,rfjk->rfik", balance.cross, inverse)  # (R, 5, 3, 2)
+        schur = balance.object - np.einsum("rfij,rfjk->rik", through, balance.cross)
         schur[:, [0, 1, 2], [0, 1, 2]] += shift[:, 10:]
-        right = residual[:, 10:] - np.einsum("rfij,rfj->ri", through, on_fingers)
-        thing = np.linalg.solve(schur, right[..., None])[..., 0]
-        rest = on_fingers - np.einsum("rfij,rj->rfi", at.cross, thing)
-        x = np.einsum("rfij,rfj->rfi", inverse, rest).reshape(count, 10)
-        return np.concatenate([x, thing], axis=1)
+        on_object = residual[:, 10:] - np.einsum("rfij,rfj->ri", through, on_fingers)
+        x_object = np.linalg.solve(schur, on_object[..., None])[..., 0]
+        remainder = on_fingers - np.einsum("rfij,rj->rfi", balance.cross, x_object)
+        x_fingers = np.einsum("rfij,rfj->rfi", inverse, remainder).reshape(count, 10)
+        return np.concatenate([x_fingers, x_object], axis=1)
 
 
-def _matrix(turn: np.ndarray) -> np.ndarray:
+def _matrix(rotation: np.ndarray) -> np.ndarray:
     """Rotation matrices (R, 3, 3) of rotation vectors (R, 3)."""
-    return Rotation.from_rotvec(turn).as_matrix()
+    return Rotation.from_rotvec(rotation).as_matrix()
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products (n, 3); np.cross takes ten times as long on few rows."""
+    """Cross products (n, 3) of a and b (n, 3); np.cross takes ten times as long on few rows."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
 def _inverse(block: np.ndarray) -> np.ndarray:
-    """Inverses of (..., 2, 2)."""
+    """Inverses of matrices (..., 2, 2)."""
     a, b, c, d = block[..., 0, 0], block[..., 0, 1], block[..., 1, 0], block[..., 1, 1]
     adjugate = np.stack([d, -b, -c, a], axis=-1).reshape(block.shape)
     return adjugate / (a * d - b * c)[..., None, None]
 
 
 def _sums(
-    group: np.ndarray, groups: int, slope: np.ndarray, force: np.ndarray, stiff: np.ndarray
+    group: np.ndarray, groups: int, slope: np.ndarray, force: np.ndarray, stiffness: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Per group: sum of force x slope (G, 5), and of stiff x slope slope' (G, 5, 5); entries come group by group."""
-    pulls, blocks = np.zeros((groups, 5)), np.zeros((groups, 5, 5))
+    """Sums by group of force * slope (G, 5) and of stiffness * slope slope' (G, 5, 5).
+
+    `group` (C,) is sorted; slope (C, 5), force (C,) N and stiffness (C,) N/m are those of the contacts.
+    """
+    gradient, blocks = np.zeros((groups, 5)), np.zeros((groups, 5, 5))
     if len(group):
         starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
-        at = group[starts]
-        pulls[at] = np.add.reduceat(force[:, None] * slope, starts)
-        outer = (stiff[:, None] * slope)[:, :, None] * slope[:, None, :]
-        blocks[at] = np.add.reduceat(outer, starts)
-    return pulls, blocks
+        present = group[starts]
+        gradient[present] = np.add.reduceat(force[:, None] * slope, starts)
+        outer = (stiffness[:, None] * slope)[:, :, None] * slope[:, None, :]
+        blocks[present] = np.add.reduceat(outer, starts)
+    return gradient, blocks

@@ -1,9 +1,9 @@
 """The hand: a palm and five jointed fingers that carry STAG's 548 sensors.
 
-Axes of the palm: x towards the fingertips, y from the little finger to the thumb, z out of the palm, towards what
-it holds; metres, the wrist at x = 0. Each finger has three flexion joints and two degrees of freedom: the base joint
-turns by q[0], the middle one by q[1] and the last one by 2/3 q[1], as the tendons of a human finger couple them.
-The thumb's plane of flexion is turned about x by the opposition angle.
+Axes of the palm: x towards the fingertips, y from the little finger to the thumb, z out of the palm towards the
+object. Lengths are in m, and the wrist is at x = 0. Each finger has three flexion joints and two coordinates: the base
+joint bends by q[0], the middle one by q[1] and the last one by 2/3 q[1], as the tendons of a human finger couple them.
+The opposition angle rotates the thumb's plane of flexion about x.
 
 Where the sensors sit in the 32 x 32 frame follows the description of STAG (Sundaram et al., Nature 569, 698-702
 (2019)); lengths are those of an adult hand.
@@ -22,27 +22,27 @@ LINKS = np.array(  # m: proximal, middle and distal link; of the thumb: metacarp
 BASES = np.array(  # m: the base joint of each finger
     [[0.082, -0.032, 0], [0.088, -0.011, 0], [0.090, 0.010, 0], [0.087, 0.031, 0], [0.026, 0.036, 0.004]]
 )
-SPREAD = np.array([-0.16, -0.06, 0.02, 0.10])  # rad about z, away from the middle finger
-THUMB_LEAN = 0.98  # rad between the thumb's rest direction and x
+FINGER_SPREAD = np.array([-0.16, -0.06, 0.02, 0.10])  # rad about z, of the little to the index finger
+THUMB_ANGLE = 0.98  # rad between x and the straight, unopposed thumb
 RADIUS = 0.008  # m from a finger's bone to its skin
-SIDE_TILT = 0.45  # rad by which the outer rows of sensors look aside
+SIDE_TILT = 0.45  # rad by which a finger's outer rows of sensors are tilted aside
 PALM = (0.090, 0.084)  # m: length and width that the sensors cover
-PALM_CUP = 0.007  # m by which the palm's edges stand above its middle
-TILE = 6  # the palm's sensors come in tiles of so many squared
+PALM_CUP = 0.007  # m by which the palm's edges are higher than its middle
+TILE = 6  # a patch of the palm has TILE x TILE sensors
 LINK_PATCHES = 15  # the first patches are the fingers' links, three each; the others belong to the palm
 
 
 @dataclass(frozen=True)
 class Hand:
-    """S sensors in patches, each patch on one link or on the palm; the sensors come patch by patch.
+    """S sensors, sorted by the patch that carries them. A patch belongs to one link or to the palm.
 
     Attributes:
-        row, column: (S,) place in the frame.
+        row, column: (S,) cell in the frame.
         patch: (S,) 3 x finger + link, or LINK_PATCHES and above on the palm.
-        local: (S, 3) m, normal: (S, 3): on a link, along it from its joint, aside, and towards the skin; on the
-            palm, in the palm's axes.
+        local: (S, 3) m, position; normal: (S, 3). On a link the axes are: along it from its joint, aside, and out of
+            the skin. On the palm they are the palm's.
         area: (S,) m^2 of skin that each sensor covers.
-        bases: (5, 3) m; links: (5, 3) m.
+        bases: (5, 3) m, the fingers' base joints; links: (5, 3) m, lengths.
     """
 
     row: np.ndarray
@@ -58,14 +58,14 @@ class Hand:
         return len(self.row)
 
     def frame(self, values: np.ndarray, elsewhere: float) -> np.ndarray:
-        """Values (..., S) at their places in frames (..., 32, 32)."""
-        out = np.full((*values.shape[:-1], *SHAPE), elsewhere, values.dtype)
-        out[..., self.row, self.column] = values
-        return out
+        """Frames (..., 32, 32) with the sensors' values (..., S) in their cells and `elsewhere` in the others."""
+        frame = np.full((*values.shape[:-1], *SHAPE), elsewhere, values.dtype)
+        frame[..., self.row, self.column] = values
+        return frame
 
 
 def stag_hand(*, scale: float = 1.0, slip: tuple[float, float] = (0.0, 0.0)) -> Hand:
-    """A hand of `scale` times the usual size, on which the glove sits `slip` m further along and aside."""
+    """STAG's sensors on a hand of `scale` times the usual size; the glove is shifted by `slip` m along and aside."""
     parts = []
     for finger, first in enumerate((0, 6, 10, 15)):
         row, column = np.mgrid[first : first + 3, 0:14].reshape(2, -1)
@@ -76,14 +76,19 @@ def stag_hand(*, scale: float = 1.0, slip: tuple[float, float] = (0.0, 0.0)) -> 
     parts.append((row, column, *_on_palm(row, column - 14, scale, slip)))
     row, column, patch, local, normal, area = (np.concatenate(values) for values in zip(*parts, strict=True))
     order = np.argsort(patch, kind="stable")
-    sensors = (values[order] for values in (row, column, patch, local, normal, area))
-    return Hand(*sensors, BASES * scale, LINKS * scale)
+    return Hand(
+        row[order], column[order], patch[order], local[order], normal[order], area[order], BASES * scale, LINKS * scale
+    )
 
 
 def _on_finger(
     finger: int, along: np.ndarray, aside: np.ndarray, across: int, scale: float, slip: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Patch, local, normal and area of a finger's sensors: `along` from 0 at its base to 1 at its tip, `aside` rows."""
+    """Patch, local, normal and area of a finger's n sensors.
+
+    `along` (n,) goes from 0 at the base to 1 at the tip; `aside` (n,) counts rows from the middle one; `across` is the
+    number of rows.
+    """
     ends = np.cumsum(LINKS[finger]) * scale
     distance = along * ends[-1]
     link = np.searchsorted(ends[:2], distance, side="right")
@@ -98,7 +103,7 @@ def _on_finger(
 def _on_palm(
     row: np.ndarray, column: np.ndarray, scale: float, slip: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The same of the palm's 18 x 18 sensors, the columns counted from the fingers."""
+    """Patch, local, normal and area of the palm's 18 x 18 sensors; columns are counted from the fingers."""
     length, width = PALM[0] * scale, PALM[1] * scale
     x, y = (17.5 - column) / 18 * length + slip[0], (row - 8.5) / 18 * width + slip[1]
     cup = PALM_CUP * scale * (2 / width) ** 2
@@ -111,11 +116,12 @@ def _on_palm(
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the patches of R hands are.
+    """Positions and orientations of the N patches of R hands, in the palm's axes.
 
     Attributes:
-        origin: (R, N, 3) m: of a link, its joint; axes: (R, N, 3, 3): columns along, aside and towards the skin.
-        hinge: (R, 5, 3) direction about which each finger flexes.
+        origin: (R, N, 3) m, the joint of a link; 0 for the palm.
+        axes: (R, N, 3, 3), columns: along the link, aside, and out of the skin.
+        hinge: (R, 5, 3) axis about which each finger flexes.
     """
 
     origin: np.ndarray
@@ -124,36 +130,37 @@ class Pose:
 
 
 class Hands:
-    """B hands with the same sensors that differ in their fit; `Hand` says what the attributes are.
+    """B hands with the same sensors and N patches, which differ in size and in how the glove sits.
 
     Attributes:
-        centre: (B, N, 3) m in the patch's axes, reach: (N,) m: a sphere around each patch's sensors.
-        start, count: (N,) the first sensor of each patch, and how many it has.
+        local, normal, area, bases, links: those of `Hand`, with a first axis of length B.
+        reference: the first hand; patch: its patches.
+        centre: (B, N, 3) m in the patch's axes and bounding_radius: (N,) m, of a sphere around each patch's sensors.
+        start, count: (N,) first sensor of each patch, and number of its sensors.
     """
 
     def __init__(self, hands: list[Hand]):
-        one = hands[0]
-        self.one, self.patch = one, one.patch
+        self.reference, self.patch = hands[0], hands[0].patch
         self.local, self.normal, self.area, self.bases, self.links = (
             np.stack([getattr(hand, name) for hand in hands]) for name in ("local", "normal", "area", "bases", "links")
         )
-        patches = np.arange(max(one.patch.max() + 1, LINK_PATCHES))
-        self.start = np.searchsorted(one.patch, patches)
-        self.count = np.searchsorted(one.patch, patches, side="right") - self.start
-        self.centre, self.reach = np.zeros((len(hands), len(patches), 3)), np.zeros(len(patches))
+        patches = np.arange(max(self.patch.max() + 1, LINK_PATCHES))
+        self.start = np.searchsorted(self.patch, patches)
+        self.count = np.searchsorted(self.patch, patches, side="right") - self.start
+        self.centre, self.bounding_radius = np.zeros((len(hands), len(patches), 3)), np.zeros(len(patches))
         for n, (first, count) in enumerate(zip(self.start, self.count, strict=True)):
             if count:
-                own = self.local[:, first : first + count]
-                self.centre[:, n] = own.mean(axis=1)
-                self.reach[n] = np.linalg.norm(own - self.centre[:, n, None], axis=-1).max()
+                local = self.local[:, first : first + count]
+                self.centre[:, n] = local.mean(axis=1)
+                self.bounding_radius[n] = np.linalg.norm(local - self.centre[:, n, None], axis=-1).max()
 
     def pose(self, rows: np.ndarray, q: np.ndarray, opposition: np.ndarray) -> Pose:
-        """Forward kinematics of the hands `rows` (R,) at q (R, 5, 2) rad, the thumbs opposed by (R,) rad."""
+        """Forward kinematics of hands `rows` (R,) at joint coordinates q (R, 5, 2) rad and opposition (R,) rad."""
         along, aside, skin = _finger_axes(opposition)  # (R, 5, 3) each
         angle = np.cumsum(q @ COUPLING.T, axis=-1)[..., None]  # (R, 5, 3, 1)
         cos, sin = np.cos(angle), np.sin(angle)
-        ahead = cos * along[:, :, None] + sin * skin[:, :, None]  # (R, 5, 3, 3): along each link
-        out = cos * skin[:, :, None] - sin * along[:, :, None]  # towards its skin
+        ahead = cos * along[:, :, None] + sin * skin[:, :, None]  # along each link (R, 5, 3, 3)
+        out = cos * skin[:, :, None] - sin * along[:, :, None]  # out of its skin
         steps = self.links[rows][..., None] * ahead
         origin = np.zeros((len(rows), len(self.start), 3))
         axes = np.zeros((len(rows), len(self.start), 3, 3))
@@ -166,14 +173,14 @@ class Hands:
 
 
 def _finger_axes(opposition: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Each finger's directions (R, 5, 3) when straight: along it, aside, and out of its skin."""
+    """Axes of straight fingers, (R, 5, 3) each: along, aside, and out of the skin; opposition (R,) rad."""
     count = len(opposition)
     along, aside, skin = np.zeros((count, 5, 3)), np.zeros((count, 5, 3)), np.zeros((count, 5, 3))
-    along[:, :4, 0], along[:, :4, 1] = np.cos(SPREAD), np.sin(SPREAD)
-    aside[:, :4, 0], aside[:, :4, 1] = -np.sin(SPREAD), np.cos(SPREAD)
+    along[:, :4, 0], along[:, :4, 1] = np.cos(FINGER_SPREAD), np.sin(FINGER_SPREAD)
+    aside[:, :4, 0], aside[:, :4, 1] = -np.sin(FINGER_SPREAD), np.cos(FINGER_SPREAD)
     skin[:, :4, 2] = 1
     cos, sin = np.cos(opposition), np.sin(opposition)
-    lean = np.cos(THUMB_LEAN), np.sin(THUMB_LEAN)
+    lean = np.cos(THUMB_ANGLE), np.sin(THUMB_ANGLE)
     along[:, 4] = np.stack([np.full(count, lean[0]), lean[1] * cos, lean[1] * sin], axis=1)
     aside[:, 4] = np.stack([np.full(count, -lean[1]), lean[0] * cos, lean[0] * sin], axis=1)
     skin[:, 4] = np.stack([np.zeros(count), -sin, cos], axis=1)

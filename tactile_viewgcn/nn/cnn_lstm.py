@@ -1,4 +1,4 @@
-"""CNN-LSTM: the views' features in the order of time through a long short-term memory, whose last state is classified.
+"""CNN-LSTM: a long short-term memory over the views in the order of time.
 
 Hochreiter and Schmidhuber, "Long short-term memory" (1997).
 """
@@ -8,8 +8,8 @@ from torch import Tensor, nn
 from tactile_viewgcn.nn.system import ViewSystem
 
 
-class System(ViewSystem):
-    """Features (B, k, C), the earliest first, to logits."""
+class CNNLSTM(ViewSystem):
+    """Features (B, k, C), the earliest first, to logits (B, classes) of the last state."""
 
     in_time_order = True
     takes_fewer = True

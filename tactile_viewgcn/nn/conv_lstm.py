@@ -1,8 +1,8 @@
-"""ConvLSTM: the views' feature maps in the order of time through a memory whose gates are one 3x3 convolution.
+"""ConvLSTM: a long short-term memory over the views' feature maps, whose gates are one 3x3 convolution.
 
 Shi et al., "Convolutional LSTM network: a machine learning approach for precipitation nowcasting" (arXiv
-1506.04214), without its peephole connections. Its products are computed in the precision of the maps, as the
-backbone's are: with them it is the larger part of the work.
+1506.04214), without its peephole connections. Its convolutions are computed in the precision of the maps, as the
+backbone's are, since they take most of the time.
 """
 
 import torch
@@ -11,8 +11,8 @@ from torch import Tensor, nn
 from tactile_viewgcn.nn.system import ViewSystem
 
 
-class System(ViewSystem):
-    """Maps (B, k, C, H, W), the earliest first, to logits of the last state's average over H and W."""
+class ConvLSTM(ViewSystem):
+    """Maps (B, k, C, H, W), the earliest first, to logits (B, classes) of the last state's average over H and W."""
 
     takes = "maps"
     in_time_order = True
@@ -32,7 +32,7 @@ class System(ViewSystem):
         return self.classifier(hidden.to(cell.dtype).mean(dim=(2, 3))), []
 
     def step(self, view: Tensor, hidden: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:
-        """Maps of a view and of the states, (B, C, H, W) each, to the next states."""
-        inward, forget, outward, candidate = self.gates(torch.cat([view, hidden], dim=1)).chunk(4, dim=1)
-        cell = forget.sigmoid() * cell + inward.sigmoid() * candidate.tanh()
-        return (outward.sigmoid() * cell.tanh()).to(view.dtype), cell
+        """Next hidden and cell states of a view's maps and the states before, (B, C, H, W) each."""
+        input_gate, forget_gate, output_gate, candidate = self.gates(torch.cat([view, hidden], dim=1)).chunk(4, dim=1)
+        cell = forget_gate.sigmoid() * cell + input_gate.sigmoid() * candidate.tanh()
+        return (output_gate.sigmoid() * cell.tanh()).to(view.dtype), cell

@@ -10,16 +10,20 @@ from tactile_viewgcn.nn.graph import furthest_points, nearest
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 
 
-class System(ViewSystem):
-    """Features (B, k, C) at k viewpoints to logits; with k < V those that furthest point sampling comes to first.
+class GCN(ViewSystem):
+    """Features (B, k, C) at k viewpoints to logits (B, classes); k is V or fewer.
+
+    Fewer views sit at the viewpoints that furthest point sampling comes to first.
 
     Args:
         viewpoints: (V, 3).
-        neighbours: of each node in the graph, itself included.
-        readout: `max` or `mean`.
+        neighbours: of each node in the graph, itself included; of a list the first.
+        readout: `max` or `mean` over the nodes.
     """
 
     takes_fewer = True
+    viewpoints: Tensor
+    order: Tensor
 
     def __init__(
         self,
@@ -41,10 +45,10 @@ class System(ViewSystem):
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         count = views.shape[1]
-        places = self.viewpoints if count == len(self.viewpoints) else self.viewpoints[self.order[:count]]
-        spread, nodes = normalised_adjacency(places, self.neighbours), views
+        positions = self.viewpoints if count == len(self.viewpoints) else self.viewpoints[self.order[:count]]
+        adjacency, nodes = normalised_adjacency(positions, self.neighbours), views
         for layer in self.layers:
-            nodes = torch.relu(spread @ layer(nodes))
+            nodes = torch.relu(adjacency @ layer(nodes))
         return self.classifier(nodes.amax(dim=1) if self.readout == "max" else nodes.mean(dim=1)), []
 
 
@@ -53,7 +57,7 @@ def normalised_adjacency(positions: Tensor, neighbours: int) -> Tensor:
 
     Args:
         positions: (N, 3).
-        neighbours: the nearest of each node that it is joined to, itself included, so that A has ones on its diagonal.
+        neighbours: number of nearest nodes that each node is joined to, itself included: A has ones on its diagonal.
     """
     adjacency = torch.eye(len(positions), dtype=positions.dtype, device=positions.device)
     adjacency = adjacency.scatter(-1, nearest(positions, neighbours), 1.0)

@@ -1,4 +1,4 @@
-"""The geometry of the view-graph: distances, neighbours, furthest points, and what an edge knows.
+"""The geometry of the view-graph: distances, nearest neighbours, furthest points, edges.
 
 Positions are (..., N, 3). Squared distances are sums of squared differences, never the expansion of the
 square, so that coincident points are at exactly zero. Ties go to the lowest index: distances that differ by less
@@ -10,7 +10,7 @@ squares of very small and very large coordinates stay numbers.
 import torch
 from torch import Tensor
 
-STEPS = 2.0**16
+STEPS = 2.0**16  # of a squared distance, relative to the largest
 
 
 def squared_distances(positions: Tensor) -> Tensor:
@@ -19,7 +19,7 @@ def squared_distances(positions: Tensor) -> Tensor:
 
 
 def _ranks(positions: Tensor) -> Tensor:
-    """Squared distances (..., N, N) in whole steps of a 65,536th of the largest, by which nodes are compared."""
+    """Squared distances (..., N, N) rounded to 65,536ths of the largest, so that equal ones are ties."""
     distances = squared_distances(positions.double())
     largest = distances.amax(dim=(-2, -1), keepdim=True)
     return (distances / largest.clamp_min(torch.finfo(distances.dtype).tiny) * STEPS).round()

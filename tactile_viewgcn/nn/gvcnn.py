@@ -1,4 +1,4 @@
-"""GVCNN: views in groups by how much each tells, the mean inside a group, and a weighted mean of the groups.
+"""GVCNN: views in groups of similar scores, the mean of each group, and the groups' weighted mean.
 
 Feng et al., "GVCNN: group-view convolutional neural networks for 3D shape recognition" (CVPR 2018).
 """
@@ -9,11 +9,11 @@ from torch import Tensor, nn
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 
 
-class System(ViewSystem):
-    """Maps (B, k, C, H, W) to logits, whatever the order of the views.
+class GVCNN(ViewSystem):
+    """Maps (B, k, C, H, W) to logits (B, classes), whatever the order of the views.
 
-    A view's score is sigma(log |FC(maps)|), between 0 and 1, which falls into one of V groups of equal width. A
-    group's weight is the mean score of its views; the weights carry the scores' gradient.
+    A view's score is sigma(log |FC(maps)|), between 0 and 1; V groups divide this range equally. A group's weight is
+    the mean score of its views, through which the scores are learnt. A score that is not finite makes the logits NaN.
 
     Args:
         maps: (C, H, W).
@@ -31,19 +31,25 @@ class System(ViewSystem):
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         views = views.to(self.score.weight.dtype)
-        scores = squashed(self.score(views.flatten(2)).squeeze(-1))
+        scores = squash(self.score(views.flatten(2)).squeeze(-1))
         return self.classifier(grouped_mean(views.mean(dim=(3, 4)), scores, self.groups)), []
 
 
-def squashed(x: Tensor) -> Tensor:
-    """sigma(log |x|) = |x| / (1 + |x|), without the logarithm of 0."""
+def squash(x: Tensor) -> Tensor:
+    """sigma(log |x|), computed as |x| / (1 + |x|), which needs no logarithm of 0; NaN where x is not finite."""
     return x.abs() / (1 + x.abs())
 
 
 def grouped_mean(features: Tensor, scores: Tensor, groups: int) -> Tensor:
-    """Features (B, k, C) with scores (B, k) from 0 to 1 -> (B, C): groups' means, weighted by their mean scores."""
-    group = (scores.detach() * groups).long().clamp(0, groups - 1)  # a score that is no number is in some group
-    member = nn.functional.one_hot(group, groups).to(features.dtype)  # (B, k, groups)
+    """Mean (B, C) of the groups' mean features, weighted by their mean scores.
+
+    Args:
+        features: (B, k, C).
+        scores: (B, k), 0 to 1; a NaN belongs to no group and makes the result NaN.
+        groups: number of groups.
+    """
+    group = (scores.detach() * groups).floor().clamp_max(groups - 1)
+    member = (group.unsqueeze(-1) == torch.arange(groups, device=group.device)).to(features.dtype)  # (B, k, groups)
     count = member.sum(dim=1).clamp_min(1)
     means = (member.transpose(1, 2) @ features) / count.unsqueeze(-1)  # (B, groups, C), 0 where there is no view
     weights = (member * scores.unsqueeze(-1)).sum(dim=1) / count

@@ -1,12 +1,12 @@
-"""The mean over the views, against which the maximum of MVCNN is to be seen."""
+"""Mean: the mean over the views, the control of MVCNN's maximum."""
 
 from torch import Tensor
 
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 
 
-class System(ViewSystem):
-    """Features (B, k, C) to logits, whatever the order of the views."""
+class MeanViews(ViewSystem):
+    """Features (B, k, C) to logits (B, classes), whatever the order of the views."""
 
     takes_fewer = True
 

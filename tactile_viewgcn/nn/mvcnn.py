@@ -8,8 +8,8 @@ from torch import Tensor
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 
 
-class System(ViewSystem):
-    """Features (B, k, C) to logits, whatever the order of the views."""
+class MVCNN(ViewSystem):
+    """Features (B, k, C) to logits (B, classes), whatever the order of the views."""
 
     takes_fewer = True
 

@@ -1,4 +1,4 @@
-"""Two layers on the sensors themselves, in place of the residual network: no maps, every sensor a weight of its own."""
+"""Two linear layers on the sensors, in place of the residual network: every sensor has weights of its own."""
 
 import torch
 from torch import Tensor, nn

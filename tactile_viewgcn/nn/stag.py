@@ -1,8 +1,8 @@
 """STAG's network: the maps of all views concatenated, a 1x1 convolution, global average pooling, a linear layer.
 
 Sundaram et al., "Learning the signatures of the human grasp using a scalable tactile glove", Nature 569, 698-702
-(2019). The convolution has no activation, so it commutes with the pooling: on pooled features it is a linear
-layer with the same weights and the same result, and no map is needed.
+(2019). The convolution has no activation, so it commutes with the pooling: here it is a linear layer on pooled
+features, with the same weights and the same result.
 """
 
 from torch import Tensor, nn
@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from tactile_viewgcn.nn.system import ViewSystem
 
 
-class System(ViewSystem):
-    """Features (B, V, C) to logits; each place in the set has weights of its own."""
+class STAGNet(ViewSystem):
+    """Features (B, V, C) to logits (B, classes); each place in the set has weights of its own."""
 
     def __init__(self, *, views: int, features: int, classes: int):
         super().__init__()

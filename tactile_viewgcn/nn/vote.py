@@ -1,23 +1,23 @@
-"""Vote: each view is classified alone and the probabilities are averaged. Nothing is trained a second time."""
+"""Vote: the mean of the class probabilities of single views. Nothing is fine-tuned."""
 
 from torch import Tensor, nn
 
 from tactile_viewgcn.nn.system import ViewSystem
 
 
-class System(ViewSystem):
-    """Features (B, k, C) to the logarithms of the mean class probabilities, whatever the order of the views."""
+class Vote(ViewSystem):
+    """Features (B, k, C) to logits (B, classes), the logarithms of the mean probabilities; the order plays no part."""
 
     takes_fewer = True
-    learns = False
+    trainable = False
 
     def __init__(self, *, features: int, classes: int):
         super().__init__()
         self.classifier = nn.Linear(features, classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        each = self.classifier(views).log_softmax(dim=-1)
-        return each.logsumexp(dim=1) - each.new_tensor(views.shape[1]).log(), []
+        log_p = self.classifier(views).log_softmax(dim=-1)
+        return log_p.logsumexp(dim=1) - log_p.new_tensor(views.shape[1]).log(), []
 
-    def begin(self, classifier: dict[str, Tensor]) -> None:
-        self.classifier.load_state_dict(classifier)
+    def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:
+        self.classifier.load_state_dict(weights)

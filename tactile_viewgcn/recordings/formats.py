@@ -1,22 +1,25 @@
-"""Telling what a path holds, and opening it."""
+"""Telling what form of recordings a path holds, and opening it."""
 
 from pathlib import Path
 
 import h5py
 
-from tactile_viewgcn.own_format import read_own
-from tactile_viewgcn.recordings import Source, is_table
-from tactile_viewgcn.stag import read_folder, read_metadata
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recordings.hdf5_reader import SUFFIXES, read_hdf5
+from tactile_viewgcn.recordings.source import Source
+from tactile_viewgcn.recordings.stag_folder import read_folder
+from tactile_viewgcn.recordings.stag_reader import read_metadata
+from tactile_viewgcn.recordings.table import is_table
 
-REMEDY = "set data.source to a STAG metadata.mat, a STAG folder, or recordings in the HDF5 form of the README"
+REMEDY = "set data.source to a STAG metadata.mat, a STAG folder, or HDF5 recordings (see the manual's page on data)"
 
 
 def open_source(path: str | Path) -> Source:
-    """A STAG metadata.mat, a folder of STAG recordings, or the project's own HDF5 recordings.
+    """The source at a path: a STAG metadata.mat, a folder of STAG recordings, or the project's HDF5 recordings.
 
     Raises:
         FileNotFoundError: nothing at that path.
-        ValueError: something else, or damaged; the sentence says what was found and what to do.
+        UserError: none of these forms, or damaged.
     """
     path = Path(path)
     if not path.exists():
@@ -24,22 +27,24 @@ def open_source(path: str | Path) -> Source:
     if path.is_dir():
         if next(path.glob("*/*/pressuredata.mat"), None):
             return read_folder(path)
-        if any(p.suffix in (".h5", ".hdf5") for p in path.rglob("*")):
-            return read_own(path)
-        raise ValueError(f"{path}: neither [batch]/[recording]/pressuredata.mat nor .h5 recordings in it; {REMEDY}")
+        if any(file.suffix in SUFFIXES for file in path.rglob("*")):
+            return read_hdf5(path)
+        raise UserError(f"{path}: neither [batch]/[recording]/pressuredata.mat nor .h5 recordings in it; {REMEDY}")
     if not path.stat().st_size:
-        raise ValueError(f"{path}: an empty file; {REMEDY}")
+        raise UserError(f"{path}: an empty file; {REMEDY}")
     if is_table(path):
-        raise ValueError(f"{path}: the table that ingest writes, not what it reads; {REMEDY}")
-    if h5py.is_hdf5(path):
-        return read_own(path) if path.suffix in (".h5", ".hdf5") or _names_object(path) else read_metadata(path)
-    return read_metadata(path)
+        raise UserError(f"{path}: the table that ingest writes, not what it reads; {REMEDY}")
+    if path.suffix in SUFFIXES or _names_object(path):
+        return read_hdf5(path)
+    if path.suffix == ".mat" or h5py.is_hdf5(path):
+        return read_metadata(path)
+    raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {REMEDY}")
 
 
 def _names_object(path: Path) -> bool:
-    """Whether an HDF5 file is of our own form: MATLAB 7.3 marks its arrays, our own form its object."""
+    """Whether an HDF5 file has the attribute `object`, as the project's recordings and no MATLAB 7.3 file have."""
     try:
         with h5py.File(path, "r") as file:
             return "object" in file.attrs
-    except OSError:  # cut short: read_metadata says so
+    except OSError:  # no HDF5 file, or cut short
         return False

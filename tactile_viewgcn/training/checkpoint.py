@@ -1,7 +1,6 @@
-"""A training under way, kept in a file after every epoch, so that one that was interrupted goes on where it was."""
+"""The file of a training under way, from which an interrupted one is continued after its last whole epoch."""
 
 import hashlib
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,20 +11,20 @@ import numpy as np
 import torch
 from filelock import FileLock
 
-from tactile_viewgcn.compute import Compute
-from tactile_viewgcn.files import readable, root, whole
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.files import atomic_write, readable, root
 
 FOLDER = "checkpoints"
+PACKAGE = Path(__file__).parents[1]
+#: the package's code that the result of a training depends on
+CODE = ("nn/*.py", "training/*.py", "views/*.py", "frames/*.py", "device.py", "randomness.py")
 
 
 @contextmanager
-def kept(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Iterator[Path]:
-    """The file that a stage's training is kept in, removed when the block ends well.
+def training_checkpoint(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Iterator[Path]:
+    """The file of a stage's training, see `checkpoint_path`; removed when the block ends well.
 
     Another process with the same training waits until this one is done.
-
-    Args:
-        stage, params, inputs, compute: see `checkpoint_path`.
     """
     path = checkpoint_path(stage, params, inputs, compute)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -35,26 +34,25 @@ def kept(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> I
 
 
 def checkpoint_path(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Path:
-    """Where the training of a stage is kept: under a name of everything that its result depends on.
+    """The path of a stage's training, named by a hash of all that its result depends on.
+
+    These are the arguments, the package's code in `CODE`, the versions of torch and NumPy and the number of threads.
 
     Args:
         stage: its name.
-        params: the parameters that it was given, an object whose attributes they are.
+        params: an object whose attributes are the parameters that the stage was given.
         inputs: the md5 of each input.
         compute: the device and the precision really used.
-
-    Beside these the name depends on the project's code that is loaded, on torch and NumPy, and on the number of
-    threads.
     """
-    code = {
-        name: Path(module.__file__).read_bytes()
-        for name, module in sorted(sys.modules.items())
-        if name.partition(".")[0] in ("__main__", "stages", "studies", "tactile_viewgcn")
-        and getattr(module, "__file__", None)
-    }
+    code = {path: (PACKAGE / path).read_bytes() for path in code_files()}
     machine = (compute.device.type, compute.precision, torch.__version__, np.__version__, torch.get_num_threads())
-    known = (sorted(vars(params).items()), sorted(inputs.items()), code, machine)
-    return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(known).encode()).hexdigest()[:16]}.pt"
+    key = (sorted(vars(params).items()), sorted(inputs.items()), code, machine)
+    return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.pt"
+
+
+def code_files() -> list[str]:
+    """Paths of `CODE` from the package's folder, sorted."""
+    return sorted(path.relative_to(PACKAGE).as_posix() for pattern in CODE for path in PACKAGE.glob(pattern))
 
 
 @dataclass
@@ -62,18 +60,18 @@ class Progress:
     """How far a training has come.
 
     Attributes:
-        epoch: epochs done.
-        curves: a value per epoch each.
-        seconds: spent on them.
-        first: loss of the very first batch, which later ones are compared with.
-        diverged: in which epoch, at what learning rate, and what to do; empty where all went well.
-        resumed: epochs that were done before the last interruption, and the seconds spent on those.
+        epoch: number of epochs done.
+        curves: by name, a value per epoch.
+        seconds: spent on these epochs.
+        first_loss: of the very first batch; later losses are compared with it.
+        diverged: in which epoch, at what learning rate, and the remedy; empty if it did not diverge.
+        resumed: epochs done before the last interruption, and the seconds spent on them.
     """
 
     epoch: int = 0
     curves: dict[str, list[float]] = field(default_factory=dict)
     seconds: float = 0.0
-    first: float | None = None
+    first_loss: float | None = None
     diverged: str = ""
     resumed: tuple[int, float] = (0, 0.0)
 
@@ -83,26 +81,21 @@ class Progress:
         lost = f" ({self.diverged}; the weights after epoch {self.epoch} are kept)" if self.diverged else ""
         return f"{self.epoch} epochs{before}{lost}" + (f", at the end {last}," if last else "")
 
-    def require_all_epochs(self) -> None:
-        """For studies, which compare whole trainings: ValueError where this one diverged."""
-        if self.diverged:
-            raise ValueError(f"{self.diverged}: a study compares whole trainings")
-
     @property
     def metrics(self) -> dict[str, float]:
-        """What a stage notes besides the curves."""
-        found = {"seconds_before_interruption": self.resumed[1]}
-        return found | ({"diverged_in_epoch": self.epoch + 1.0} if self.diverged else {})
+        """Single values that a stage logs besides the curves."""
+        values = {"seconds_before_interruption": self.resumed[1]}
+        return values | ({"diverged_in_epoch": self.epoch + 1.0} if self.diverged else {})
 
 
 class Checkpoint:
-    """Everything that the rest of a training depends on, in one file.
+    """Saves and restores everything that the rest of a training depends on, in one file.
 
     Args:
-        path: the file; None keeps nothing.
-        state: what has `state_dict` and `load_state_dict`: modules and the optimiser.
-        generators: torch's generators that are drawn from, beside torch's own.
-        rngs: NumPy's.
+        path: the file; None saves nothing but the weights, in memory.
+        state: modules and the optimiser, whose `state_dict` is saved.
+        generators: torch's generators that are drawn from, besides torch's default one.
+        rngs: NumPy's generators that are drawn from.
         device: where it is trained.
     """
 
@@ -115,16 +108,16 @@ class Checkpoint:
         device: torch.device,
     ):
         self.path, self._state, self._generators, self._rngs, self._device = path, state, generators, rngs, device
-        self._weights: list[dict[str, dict[str, torch.Tensor]]] = []  # of the last two times, the last one last
+        self._weights: list[dict[str, dict[str, torch.Tensor]]] = []  # of the last two epochs, the latest one last
 
-    def go_back(self, epochs: int = 0) -> None:
-        """Give the modules the weights that they had when the state was kept last, or the time before."""
+    def restore_weights(self, epochs: int = 0) -> None:
+        """Give the modules the weights of the last save, or with `epochs` 1 of the save before."""
         for name, weights in self._weights[-1 - epochs].items():
             self._state[name].load_state_dict(weights)
 
     def _remember(self) -> None:
-        """The weights, in memory; what has none, such as the optimiser, is of no use without the rest of a training."""
-        modules = {name: thing for name, thing in self._state.items() if isinstance(thing, torch.nn.Module)}
+        """Copy the weights of the modules in memory, for `restore_weights`."""
+        modules = {name: item for name, item in self._state.items() if isinstance(item, torch.nn.Module)}
         weights = {
             name: {key: value.clone() for key, value in module.state_dict().items()}
             for name, module in modules.items()
@@ -133,37 +126,37 @@ class Checkpoint:
         self._weights = [*self._weights[-1:], weights]
 
     def save(self, progress: Progress) -> None:
-        """Keep the state as it is."""
+        """Save the state as it is now."""
         self._remember()
         if self.path is None:
             return
         content = {
             "progress": vars(progress),
-            "state": {name: thing.state_dict() for name, thing in self._state.items()},
-            "generators": {name: one.get_state() for name, one in self._generators.items()},
+            "state": {name: item.state_dict() for name, item in self._state.items()},
+            "generators": {name: generator.get_state() for name, generator in self._generators.items()},
             "rngs": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
             "torch": torch.get_rng_state(),
             "before": self._weights[:-1],
         }
         if self._device.type == "cuda":
             content["cuda"] = torch.cuda.get_rng_state(self._device)
-        with whole(self.path) as part:
+        with atomic_write(self.path) as part:
             torch.save(content, part)
 
     def restore(self) -> Progress:
-        """Put everything back as it was kept; where nothing was, it stays, and no epoch is done.
+        """Put everything back as it was saved; without a file nothing changes, and no epoch is done.
 
         Raises:
-            ValueError: the file is damaged.
+            UserError: the file is damaged.
         """
         if self.path is None or not self.path.exists():
             return Progress()
         with readable(self.path):
             content = torch.load(self.path, map_location="cpu", weights_only=True)
-            for name, thing in self._state.items():
-                thing.load_state_dict(content["state"][name])
-            for name, one in self._generators.items():
-                one.set_state(content["generators"][name])
+            for name, item in self._state.items():
+                item.load_state_dict(content["state"][name])
+            for name, generator in self._generators.items():
+                generator.set_state(content["generators"][name])
             for name, rng in self._rngs.items():
                 rng.bit_generator.state = content["rngs"][name]
             torch.set_rng_state(content["torch"])

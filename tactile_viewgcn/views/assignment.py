@@ -1,61 +1,62 @@
-"""At which viewpoint a cluster sits. The paper has cluster i at viewpoint i, and k-means numbers clusters at random.
+"""Assignment of clusters to viewpoints. In the paper cluster i is at viewpoint i, and k-means numbers them at random.
 
-`index`, `anchor` and `random` leave the clusters their numbers, see `views.ViewSets.draw`. `area` numbers a pool's
-clusters by their contact area; `matched` aligns them with reference views common to all pools, so that viewpoint i
-means the same for every object. Both look at frames alone; only the pools of `cluster.scope: object` know labels.
+`index`, `anchor` and `random` keep the numbers of k-means, see `sampling.ViewSets.draw`. `area` numbers the clusters of
+a pool by contact area. `matched` aligns them with reference views common to all pools, so that viewpoint i means the
+same for every object. Neither uses labels, except through the pools of `cluster.scope: object`.
 """
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tactile_viewgcn.frames import transform
+from tactile_viewgcn.frames.transform import network_input
 
-CONTACT_COUNTS = 5.0  # above rest, of a sensor that is touched
-ROUNDS = 100
-
-
-def touched_above(kind: str, scale: float) -> float:
-    """The network input above which a sensor is touched, for that transform."""
-    return float(transform(np.array(CONTACT_COUNTS), kind, scale))
+CONTACT_COUNTS = 5.0  # above baseline, of a sensor in contact
+MAX_ROUNDS = 100  # of matching
 
 
-def arranged(
+def contact_threshold(transform: str, scale: float) -> float:
+    """Network input above which a sensor is in contact, for a transform."""
+    return float(network_input(np.array(CONTACT_COUNTS), transform, scale))
+
+
+def assigned_viewpoints(
     cluster: np.ndarray,
     pool: np.ndarray,
     points: np.ndarray,
     views: int,
     assignment: str,
     *,
-    touched: float,
+    threshold: float,
     references: np.ndarray,
 ) -> np.ndarray:
-    """The clusters (n,) with the numbers that `cluster.assignment` gives them.
+    """Viewpoint (n,), 0 to V - 1, of each frame's cluster, by `cluster.assignment`.
 
     Args:
-        cluster, pool: (n,) of each frame; pools are numbered from 0.
+        cluster, pool: (n,) of each frame; pools are counted from 0.
         points: (n, d) network input at the live sensors.
         views: V.
-        touched: see `touched_above`.
-        references: (V, d), see `common_references`; of `matched` alone.
+        threshold: see `contact_threshold`; used by `area`.
+        references: (V, d), see `reference_views`; used by `matched`.
     """
     if assignment == "area":
-        area = _means((points > touched).sum(axis=1, keepdims=True), cluster, pool, views)[..., 0]  # (P, V)
-        order = np.argsort(area, axis=1, kind="stable")  # an empty cluster, without area, comes first
+        area = _means((points > threshold).sum(axis=1, keepdims=True), cluster, pool, views)[..., 0]  # (P, V)
+        order = np.argsort(area, axis=1, kind="stable")  # an empty cluster has no area and comes first
         return np.argsort(order, axis=1)[pool, cluster]
     if assignment == "matched":
         return _matching(_directions(points, cluster, pool, views), references)[pool, cluster]
     return cluster
 
 
-def common_references(points: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
-    """Reference views float64 (V, d): what the clusters of all pools have in common once they are aligned.
+def reference_views(points: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
+    """Reference views float64 (V, d): mean directions of the clusters of all pools after their alignment.
 
-    They begin as the clusters of the first pool. Each pool's clusters are then assigned to them at the highest sum
-    of cosines (Kuhn 1955), and they become the means of what is assigned to them, until no assignment changes.
+    They start as the clusters of the first pool. Then two steps alternate until no assignment changes: the clusters
+    of each pool are assigned to the references with the highest sum of cosines (Kuhn 1955), and each reference
+    becomes the mean of the clusters assigned to it.
     """
     directions = _directions(points, cluster, pool, views)  # (P, V, d)
     references, before = directions[0], None
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         place = _matching(directions, references)
         if before is not None and (place == before).all():
             break
@@ -65,17 +66,17 @@ def common_references(points: np.ndarray, cluster: np.ndarray, pool: np.ndarray,
 
 
 def _matching(directions: np.ndarray, references: np.ndarray) -> np.ndarray:
-    """The reference int64 (P, V) that each cluster (P, V, d) is assigned to."""
-    return np.stack([linear_sum_assignment(own @ references.T, maximize=True)[1] for own in directions])
+    """Reference int64 (P, V) that each cluster (P, V, d) is assigned to."""
+    return np.stack([linear_sum_assignment(views @ references.T, maximize=True)[1] for views in directions])
 
 
 def _directions(points: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
-    """Mean frame (P, V, d) of each cluster at unit length; zeros of an empty one, which is like nothing."""
+    """Mean frame (P, V, d) of each cluster at unit length; zeros for an empty cluster."""
     return _unit(_means(points, cluster, pool, views))
 
 
 def _means(values: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
-    """Mean (P, V, d) of the values (n, d) in each cluster, 0 where it is empty."""
+    """Mean (P, V, d) of the values (n, d) in each cluster; zeros for an empty cluster."""
     cells = (int(pool.max()) + 1) * views
     cell = pool * views + cluster
     total = np.zeros((cells, values.shape[1]))
@@ -85,5 +86,6 @@ def _means(values: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int
 
 
 def _unit(values: np.ndarray) -> np.ndarray:
+    """Vectors (..., d) scaled to unit length; zeros stay zeros."""
     length = np.linalg.norm(values, axis=-1, keepdims=True)
     return values / np.where(length > 0, length, 1)

@@ -1,4 +1,4 @@
-"""Where the nodes of the view-graph sit: positions (V, 3) around the object.
+"""Viewpoints, the positions (V, 3) of the view-graph's nodes around the object.
 
 The paper puts 8 views on the vertices of a cube and 12 on a circle at 30 degrees of elevation; View-GCN (Wei
 et al. 2020) also uses the 20 vertices of the dodecahedron. The cube's vertices are (+-1, +-1, +-1); the other
@@ -9,27 +9,34 @@ from itertools import product
 
 import numpy as np
 
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.params import PLACES
 from tactile_viewgcn.randomness import stream
 
 RADIUS = 3**0.5
 ELEVATION = np.deg2rad(30)
 GOLDEN = (1 + 5**0.5) / 2
+AUTO = {12: "circle"} | {count: name for name, count in PLACES.items()}  # any other number: sphere
 
 
 def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
-    """Positions float64 (V, 3).
+    """Positions float64 (V, 3) of `views` viewpoints.
 
-    `auto`: 8 cube, 12 circle, 20 dodecahedron, any other number even on the sphere. The vertices of the cube
-    and the dodecahedron are in lexicographic order. `random`: anywhere on the sphere, by the seed, as the control
-    that asks whether the geometry matters.
+    Args:
+        views: V.
+        kind: `cube`, `circle`, `dodecahedron`; `sphere`: evenly spread; `random`: anywhere on the sphere, a control
+            of whether the geometry matters; `auto`: 8 cube, 12 circle, 20 dodecahedron, any other number sphere.
+        seed: of `random`.
+
+    Vertices of the cube and the dodecahedron are in lexicographic order.
 
     Raises:
-        ValueError: a cube of other than 8 views, a dodecahedron of other than 20, no views.
+        UserError: no views, a cube of other than 8 views, or a dodecahedron of other than 20.
     """
     if views < 1:
-        raise ValueError(f"views is {views}; expected 1 or more")
+        raise UserError(f"views is {views}; expected 1 or more")
     if kind == "auto":
-        kind = {8: "cube", 12: "circle", 20: "dodecahedron"}.get(views, "sphere")
+        kind = AUTO.get(views, "sphere")
     places = {
         "cube": _cube,
         "circle": lambda: _circle(views),
@@ -38,29 +45,31 @@ def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
         "random": lambda: _random(views, stream(seed, "viewpoints")),
     }[kind]()
     if len(places) != views:
-        raise ValueError(f"viewpoints {kind} has {len(places)} places; views is {views}")
+        raise UserError(f"viewpoints {kind} has {len(places)} places; views is {views}")
     return places
 
 
 def _cube() -> np.ndarray:
+    """Vertices (8, 3) of the cube."""
     return np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 def _circle(views: int) -> np.ndarray:
+    """Equal steps (V, 3) of a circle at 30 degrees of elevation."""
     angle = 2 * np.pi * np.arange(views) / views
     flat = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.cos(ELEVATION)
     return RADIUS * np.column_stack([flat, np.full(views, np.sin(ELEVATION))])
 
 
 def _dodecahedron() -> np.ndarray:
-    """The cube's vertices and the cyclic permutations of (0, +-1/golden, +-golden)."""
+    """Vertices (20, 3): those of the cube, and the cyclic permutations of (0, +-1/golden, +-golden)."""
     edges = [np.roll((0.0, a / GOLDEN, b * GOLDEN), shift) for a, b, shift in product((-1, 1), (-1, 1), range(3))]
     places = np.concatenate([_cube(), edges])
     return places[np.lexsort(places.T[::-1])]
 
 
 def _sphere(views: int) -> np.ndarray:
-    """The Fibonacci lattice: equal steps of height, turning by the golden angle."""
+    """Fibonacci lattice (V, 3): equal steps of height, each turned by the golden angle."""
     height = 1 - (2 * np.arange(views) + 1) / views
     angle = 2 * np.pi * np.arange(views) / GOLDEN
     across = np.sqrt(1 - height**2)
@@ -68,5 +77,6 @@ def _sphere(views: int) -> np.ndarray:
 
 
 def _random(views: int, rng: np.random.Generator) -> np.ndarray:
+    """Points (V, 3) distributed uniformly over the sphere."""
     directions = rng.standard_normal((views, 3))
     return RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from studies.differences import holm, sign_flip
+from tactile_viewgcn.evaluation.statistics import holm, sign_flip
 
 
 def test_signs_of_six_groups_that_all_differ_one_way_come_up_twice_in_64():
     groups = np.repeat(np.arange(6), 3)
-    found = sign_flip(np.full(18, 0.5), groups, np.random.default_rng(0))
-    assert found == 2 / 64
+    p = sign_flip(np.full(18, 0.5), groups, np.random.default_rng(0))
+    assert p == 2 / 64
 
 
 def test_a_difference_that_one_group_makes_is_no_evidence():

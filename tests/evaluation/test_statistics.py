@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import binomtest
+from scipy.stats import beta
 
-from tactile_viewgcn import statistics
-from tactile_viewgcn.statistics import calibration_error, group_interval, middle_and_tail, share_interval
+from benchmarks.stability.rows import max_rel_error
+from tactile_viewgcn.evaluation import statistics
+from tactile_viewgcn.evaluation.statistics import calibration_error, group_interval, median_and_p95, proportion_interval
 
 GROUPS, EACH = 20, 6
+DIGITS = 1e-12  # of double precision
 
 
 def simulated(rng):
@@ -24,7 +26,7 @@ def naive_interval(correct, groups, rng, resamples):
     means = []
     for _ in range(resamples):
         drawn = [members[i] for i in rng.integers(len(members), size=len(members))]
-        means.append(np.mean([own[int(rng.random() * len(own))] for own in drawn for _ in own]))
+        means.append(np.mean([group[int(rng.random() * len(group))] for group in drawn for _ in group]))
     return tuple(np.percentile(means, [2.5, 97.5]))
 
 
@@ -33,8 +35,10 @@ def frame_interval(correct, rng, resamples):
     return np.percentile(rng.choice(correct, (resamples, len(correct))).mean(axis=1), [2.5, 97.5])
 
 
-def test_one_group_says_nothing_of_how_groups_differ():
-    assert group_interval(np.ones(9), np.full(9, 4), np.random.default_rng(0)) is None
+@pytest.mark.stability("intervals")
+def test_one_group_says_nothing_of_how_groups_differ(row):
+    interval = group_interval(np.random.default_rng(1).random(9), np.full(9, 4), np.random.default_rng(0))
+    row("one group has no interval", float(interval is not None))
 
 
 def test_the_interval_is_that_of_a_loop(monkeypatch):
@@ -68,8 +72,19 @@ def test_groups_that_resemble_themselves_widen_the_interval():
     assert high - low > 4 * (naive_high - naive_low)
 
 
-def test_view_sets_all_alike_have_an_interval_of_no_width():
-    assert group_interval(np.full(12, 0.25), np.arange(12) % 3, np.random.default_rng(0)) == (0.25, 0.25)
+@pytest.mark.stability("intervals")
+def test_view_sets_all_alike_have_an_interval_of_no_width(row):
+    for name, value in (("no difference at all", 0.0), ("one difference everywhere", 0.25)):
+        interval = group_interval(np.full(60, value), np.arange(60) // 5, np.random.default_rng(0))
+        row(name, max_rel_error(interval, (value, value)))
+
+
+@pytest.mark.stability("intervals")
+def test_the_interval_of_errors_mirrors_that_of_correct_answers(row):
+    correct, groups = np.random.default_rng(0).integers(0, 2, 60).astype(float), np.repeat(np.arange(12), 5)
+    low, high = group_interval(correct, groups, np.random.default_rng(1))
+    mirrored = group_interval(1 - correct, groups, np.random.default_rng(1))
+    row("errors are what is not right", max_rel_error(mirrored, (1 - high, 1 - low)), DIGITS)
 
 
 def test_the_same_generator_gives_the_same_interval():
@@ -80,44 +95,66 @@ def test_the_same_generator_gives_the_same_interval():
     assert low < correct.mean() < high
 
 
-@pytest.mark.parametrize("count", [2, 5, 27, 400])
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_where_all_is_right_or_wrong_the_interval_is_the_exact_one_of_the_groups(share, count):
+@pytest.mark.stability("intervals")
+@pytest.mark.parametrize("count", [2, 12, 400])
+@pytest.mark.parametrize(("name", "share"), [("right", 1.0), ("wrong", 0.0)])
+def test_where_all_is_right_or_wrong_the_interval_is_clopper_and_pearsons_of_the_groups(row, name, share, count):
     groups = np.repeat(np.arange(count), 3)
-    low, high = share_interval(np.full(len(groups), share), groups, np.random.default_rng(0))
-    exact = binomtest(int(share * count), count).proportion_ci(0.95, "exact")
-    assert (low, high) == pytest.approx((exact.low, exact.high), abs=1e-9)
+    low, high = proportion_interval(np.full(len(groups), share), groups, np.random.default_rng(0))
+    exact = (beta.ppf(0.025, count, 1), 1.0) if share else (0.0, beta.ppf(0.975, 1, count))
+    row(f"all {name}, {count} groups", max_rel_error((low, high), exact), DIGITS, f"{low:.3f} to {high:.3f}")
 
 
-def test_any_other_share_has_the_resampled_interval():
+@pytest.mark.stability("intervals")
+def test_any_other_share_has_the_resampled_interval(row):
     correct, groups = simulated(np.random.default_rng(3))
-    found, expected = (f(correct, groups, np.random.default_rng(4)) for f in (share_interval, group_interval))
-    assert found == expected
-    assert share_interval(np.full(9, 0.5), np.arange(9), np.random.default_rng(0)) == (0.5, 0.5)
-    assert share_interval(np.ones(4), np.zeros(4), np.random.default_rng(0)) is None
+    interval, expected = (f(correct, groups, np.random.default_rng(4)) for f in (proportion_interval, group_interval))
+    row("some right: the resampled interval", max_rel_error(interval, expected))
+    assert proportion_interval(np.full(9, 0.5), np.arange(9), np.random.default_rng(0)) == (0.5, 0.5)
+    assert proportion_interval(np.ones(4), np.zeros(4), np.random.default_rng(0)) is None
 
 
 def test_the_calibration_error_by_hand():
-    certainty = np.array([0.95, 0.95, 0.05, 0.5])
-    right = np.array([True, False, False, True])
-    assert calibration_error(certainty, right) == pytest.approx((0.9 + 0.05 + 0.5) / 4)
+    confidence = np.array([0.95, 0.95, 0.05, 0.5])
+    correct = np.array([True, False, False, True])
+    assert calibration_error(confidence, correct) == pytest.approx((0.9 + 0.05 + 0.5) / 4)
     assert calibration_error(np.ones(3), np.ones(3, dtype=bool)) == 0
     assert calibration_error(np.zeros(3), np.ones(3, dtype=bool)) == 1
 
 
+@pytest.mark.stability("calibration")
+def test_the_calibration_error_of_one_bin_is_how_far_confidence_is_from_the_share_correct(row):
+    correct = np.arange(10) < 7
+    for confidence in (0.0, 0.3, 1 / 3, 0.7, 1.0):  # at the ends of bins
+        error = calibration_error(np.full(10, confidence, dtype=np.float32), correct)
+        row(f"one bin, confidence {confidence:.3g}", abs(error - abs(confidence - 0.7)), 1e-7)
+    row("one answer", abs(calibration_error(np.array([0.6]), np.array([True])) - 0.4), DIGITS)
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=60), st.integers(0, 1000))
-def test_the_calibration_error_is_that_of_a_loop_over_the_bins(certainty, seed):
-    certainty, total = np.array(certainty), 0.0
-    right = np.random.default_rng(seed).random(len(certainty)) < certainty
-    bins = np.minimum(np.floor(certainty * 15), 14)
+def test_the_calibration_error_is_that_of_a_loop_over_the_bins(confidence, seed):
+    confidence, total = np.array(confidence), 0.0
+    correct = np.random.default_rng(seed).random(len(confidence)) < confidence
+    bins = np.minimum(np.floor(confidence * 15), 14)
     for number in range(15):
-        own = bins == number
-        if own.any():
-            total += own.mean() * abs(certainty[own].mean() - right[own].mean())
-    assert calibration_error(certainty, right) == pytest.approx(total, abs=1e-12)
+        chosen = bins == number
+        if chosen.any():
+            total += chosen.mean() * abs(confidence[chosen].mean() - correct[chosen].mean())
+    assert calibration_error(confidence, correct) == pytest.approx(total, abs=1e-12)
 
 
-def test_the_middle_and_the_tail_of_few_values():
-    assert middle_and_tail(np.array([3.0])) == {"median": 3.0, "p95": 3.0}
-    assert middle_and_tail(np.array([1.0, 2.0])) == pytest.approx({"median": 1.5, "p95": 1.95})
+@pytest.mark.stability("percentiles")
+@pytest.mark.parametrize(
+    ("times", "median", "p95"),
+    [
+        ([7.0], 7, 7),
+        ([1.0, 3.0], 2, 2.9),
+        ([1e-9, 2.0, 1e9], 2, 9e8 + 0.2),
+        (np.arange(50.0) ** 2, 600.5, 2167.15),
+    ],
+)
+def test_the_median_and_the_tail_of_few_values_by_hand(row, times, median, p95):
+    values = median_and_p95(np.random.default_rng(0).permutation(times))
+    row(f"median of {len(times)}", max_rel_error(values["median"], median), DIGITS)
+    row(f"p95 of {len(times)}", max_rel_error(values["p95"], p95), DIGITS)

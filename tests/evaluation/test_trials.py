@@ -1,6 +1,6 @@
 """Trials on the test side: what is drawn, what is counted, what it adds up to."""
 
-from itertools import count, product
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,10 +8,10 @@ import pytest
 import torch
 from tqdm import tqdm
 
-from tactile_viewgcn import evaluation
-from tactile_viewgcn.evaluation import Trials, evaluate_table, latency, run_trials, summary
+from tactile_viewgcn.evaluation import trials as evaluation
+from tactile_viewgcn.evaluation.trials import Trials, evaluate_table, run_trials, summary
+from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn.system import ViewSystem
-from tactile_viewgcn.split import TEST
 from tests.tables import CPU, fewer_anchors, recipe, table, trained
 
 
@@ -24,19 +24,19 @@ def untimed(monkeypatch):
 @pytest.fixture
 def drawn(monkeypatch, untimed):
     """The view sets of each trial, in order; logits are made up, 0.0 for every class but the first."""
-    found = []
+    result = []
 
-    def logits_of_sets(head, features, sets):
-        found.append(sets.numpy())
+    def view_set_logits(head, features, sets):
+        result.append(sets.numpy())
         return torch.eye(4)[:1].expand(len(sets), 4)
 
-    monkeypatch.setattr(evaluation, "logits_of_sets", logits_of_sets)
-    return found
+    monkeypatch.setattr(evaluation, "view_set_logits", view_set_logits)
+    return result
 
 
 def evaluated(*changes, seed=0, classifier=None, frames=None):
-    how = recipe(*changes)
-    return evaluate_table(classifier or trained(), frames or table(), how.cluster, how.evaluate, CPU, seed)
+    params = recipe(*changes)
+    return evaluate_table(classifier or trained(), frames or table(), params.cluster, params.evaluate, CPU, seed)
 
 
 def test_each_test_frame_passes_the_backbone_once(untimed):
@@ -58,7 +58,7 @@ def test_each_trial_draws_one_view_set_around_each_anchor(drawn):
 
 
 def test_the_object_protocol_draws_from_all_recordings_of_a_class(drawn):
-    evaluated("evaluate.scope=[object]")
+    evaluated("evaluate.protocols=[object]")
     frames = table()
     index = frames.on(TEST)
     label, recording = frames.label[index], frames.recording[index]
@@ -69,7 +69,7 @@ def test_the_object_protocol_draws_from_all_recordings_of_a_class(drawn):
 
 @pytest.mark.parametrize("method", ["kmeans", "none"])
 def test_the_recording_protocol_never_mixes_recordings(drawn, method):
-    evaluated("evaluate.scope=[recording]", f"cluster.method={method}")
+    evaluated("evaluate.protocols=[recording]", f"cluster.method={method}")
     frames = table()
     recording = frames.recording[frames.on(TEST)]
     assert len(drawn) == 3
@@ -81,9 +81,9 @@ def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
     for seed in (0, 0, 1):
         evaluated("evaluate.trials=2", seed=seed)
     first, again, other = drawn[:4], drawn[4:8], drawn[8:]
-    for mine, same, different in zip(first, again, other, strict=True):
-        np.testing.assert_array_equal(mine, same)
-        assert (mine != different).any()
+    for one, same, different in zip(first, again, other, strict=True):
+        np.testing.assert_array_equal(one, same)
+        assert (one != different).any()
     for one, another in ((0, 1), (2, 3), (0, 2)):
         assert (first[one] != first[another]).any()
 
@@ -91,16 +91,16 @@ def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
 def test_one_seed_gives_one_result(untimed):
     first, again = evaluated(), evaluated()
     assert first.scores == again.scores
-    for scope in ("object", "recording"):
-        np.testing.assert_array_equal(first.protocols[scope].predicted, again.protocols[scope].predicted)
+    for protocol in ("object", "recording"):
+        np.testing.assert_array_equal(first.protocols[protocol].predicted, again.protocols[protocol].predicted)
 
 
 def test_a_trained_classifier_is_far_above_chance(untimed):
-    found = evaluated()
-    for scope in ("object", "recording"):
-        assert found.scores[scope]["error"]["mean"] < 0.4  # chance: 0.75
-    assert found.trials == 3
-    assert found.seconds > 0
+    result = evaluated()
+    for protocol in ("object", "recording"):
+        assert result.scores[protocol]["error"]["mean"] < 0.4  # chance: 0.75
+    assert result.trials == 3
+    assert result.seconds > 0
 
 
 def test_the_same_is_found_whatever_mode_the_classifier_comes_in(untimed):
@@ -109,30 +109,30 @@ def test_the_same_is_found_whatever_mode_the_classifier_comes_in(untimed):
 
 
 def test_the_counts_agree_with_one_another(untimed):
-    frames, found = table(), evaluated()
+    frames, result = table(), evaluated()
     anchors = int((frames.anchor & (frames.side == TEST)).sum())
-    for scope, trials in found.protocols.items():
-        counts, score = found.confusion(scope, 4), found.scores[scope]
-        assert trials.predicted.shape == trials.right.shape == trials.near.shape == (3, anchors)
+    for protocol, trials in result.protocols.items():
+        counts, score = result.confusion(protocol, 4), result.scores[protocol]
+        assert trials.predicted.shape == trials.correct.shape == trials.in_top3.shape == (3, anchors)
         assert counts.sum() == 3 * anchors
-        assert np.trace(counts) == trials.right.sum()
-        np.testing.assert_array_equal(trials.right, trials.predicted == found.labels)
-        assert (trials.near >= trials.right).all()
+        assert np.trace(counts) == trials.correct.sum()
+        np.testing.assert_array_equal(trials.correct, trials.predicted == result.labels)
+        assert (trials.in_top3 >= trials.correct).all()
         assert score["top3"]["mean"] >= score["top1"]["mean"]
         assert score["error"]["mean"] == pytest.approx(1 - score["top1"]["mean"], abs=1e-12)
-        low, high = score["top1"]["ci95"]
+        low, high = score["top1"]["ci95"].values()
         assert 0 <= low <= score["top1"]["mean"] <= high <= 1
 
 
 def test_the_confusion_is_that_of_a_loop():
     rng = np.random.default_rng(0)
     labels, predicted = rng.integers(0, 4, 30).astype(np.int16), rng.integers(0, 5, (6, 30))
-    right = predicted == labels
-    found = evaluation.Evaluation({"object": Trials(predicted, right, right, 0)}, labels, labels, {}, 0.0, {})
+    correct = predicted == labels
+    result = evaluation.Evaluation({"object": Trials(predicted, correct, correct, 0)}, labels, labels, {}, 0.0, {})
     expected = np.zeros((5, 5), dtype=int)
     for trial, anchor in product(range(6), range(30)):
         expected[labels[anchor], predicted[trial, anchor]] += 1
-    np.testing.assert_array_equal(found.confusion("object", 5), expected)
+    np.testing.assert_array_equal(result.confusion("object", 5), expected)
 
 
 class MadeUp(ViewSystem):
@@ -155,7 +155,7 @@ def run_made_up(
     points=None,
     pool=None,
     anchors=None,
-    how=(),
+    changes=(),
     trials=2,
     references=None,
     in_time_order=False,
@@ -168,8 +168,8 @@ def run_made_up(
         labels,
         labels if pool is None else pool,
         np.arange(len(labels)) if anchors is None else anchors,
-        recipe(*how).cluster,
-        touched=0.5,
+        recipe(*changes).cluster,
+        threshold=0.5,
         trials=[np.random.default_rng(number) for number in range(trials)],
         bar=tqdm(disable=True),
     )
@@ -177,34 +177,34 @@ def run_made_up(
 
 def test_right_and_near_follow_the_logits_and_ties_the_lowest_class():
     labels = np.array([0, 1, 2, 3, 4])
-    found = run_made_up(
+    result = run_made_up(
         lambda nodes: (torch.tensor([[1.0, 1, 1, 1, 2]]).expand(len(nodes), 5), []),
         labels=labels,
         views=2,
         features=torch.zeros(5, 3),
     )
-    assert found.predicted.tolist() == [[4] * 5] * 2
-    assert found.right.tolist() == [[False, False, False, False, True]] * 2
-    assert found.near.tolist() == [[True, True, False, False, True]] * 2
+    assert result.predicted.tolist() == [[4] * 5] * 2
+    assert result.correct.tolist() == [[False, False, False, False, True]] * 2
+    assert result.in_top3.tolist() == [[True, True, False, False, True]] * 2
 
 
 def test_the_head_sees_the_features_of_each_view_set():
     labels = np.repeat([2, 0, 1], 8)
-    found = run_made_up(
+    result = run_made_up(
         lambda nodes: (nodes.mean(dim=1), []),
         labels=labels,
         views=4,
         features=torch.eye(3)[labels],
         anchors=np.arange(0, 24, 5),
     )
-    assert found.predicted.tolist() == [labels[::5].tolist()] * 2
-    assert found.right.all()
+    assert result.predicted.tolist() == [labels[::5].tolist()] * 2
+    assert result.correct.all()
 
 
 AREAS = np.repeat([3, 1, 4, 2], 6)  # sensors touched in each of 24 frames of one pool: four clusters
 
 
-def columns(*how, labels=None, **given):
+def columns(*changes, labels=None, **given):
     """The area of each view that the system saw, (sets, V), over two trials."""
     seen = []
 
@@ -219,7 +219,7 @@ def columns(*how, labels=None, **given):
         points=(np.arange(5) < AREAS[:, None]).astype(np.float32),
         views=4,
         features=torch.from_numpy(AREAS[:, None]).float(),
-        how=how,
+        changes=changes,
         **given,
     )
     return np.concatenate(seen)
@@ -255,62 +255,53 @@ def test_a_system_in_time_order_sees_the_earliest_frame_first():
     assert (columns("cluster.assignment=random") != [3, 1, 4, 2]).any()
 
 
-@pytest.mark.parametrize(("how", "each"), [((), 2), (("cluster.method=none",), 2)])
-def test_clusters_without_frames_are_counted_over_the_trials(how, each):
-    found = run_made_up(
+@pytest.mark.parametrize(("changes", "each"), [((), 2), (("cluster.method=none",), 2)])
+def test_clusters_without_frames_are_counted_over_the_trials(changes, each):
+    result = run_made_up(
         lambda nodes: (torch.zeros(len(nodes), 2), []),
         labels=np.array([0, 0, 0, 1, 1, 1, 1, 1, 1, 1]),
         views=5,
         features=torch.zeros(10, 3),
-        how=how,
+        changes=changes,
         trials=3,
     )
-    assert found.empty == 3 * each
+    assert result.empty == 3 * each
 
 
 def test_the_summary_by_hand():
-    right = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0]], dtype=bool)
-    near = np.array([[1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 0, 0]], dtype=bool)
-    score = summary(Trials(right * 1, right, near, 0), np.array([0, 0, 1, 1]), np.random.default_rng(0))
+    correct = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0]], dtype=bool)
+    in_top3 = np.array([[1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 0, 0]], dtype=bool)
+    score = summary(Trials(correct * 1, correct, in_top3, 0), np.array([0, 0, 1, 1]), np.random.default_rng(0))
     assert score["top1"]["mean"] == pytest.approx(0.5)
-    assert score["top1"]["spread"] == pytest.approx(0.25)  # of 0.5, 0.75 and 0.25
+    assert score["top1"]["std"] == pytest.approx(0.25)  # of 0.5, 0.75 and 0.25
     assert score["top3"]["mean"] == pytest.approx(0.75)
     assert score["error"]["mean"] == pytest.approx(0.5)
-    low, high = score["top1"]["ci95"]
+    low, high = score["top1"]["ci95"].values()
     assert 0 <= low < 0.5 < high <= 1
 
 
-def test_one_trial_has_no_spread_and_one_group_no_interval():
-    right = np.array([[True, False]])
-    score = summary(Trials(right * 1, right, right, 0), np.zeros(2), np.random.default_rng(0))
-    assert score["top1"] == {"mean": 0.5, "spread": 0.0, "ci95": None}
+@pytest.mark.stability("one trial")
+def test_one_trial_has_no_spread_and_one_group_no_interval(row):
+    correct = np.array([[True, False, True, True]])
+    score = summary(Trials(correct * 1, correct, correct, 0), np.zeros(4), np.random.default_rng(0))
+    row("error", abs(score["error"]["mean"] - 0.25))
+    row("spread over trials", score["top1"]["std"])
+    row("intervals given", float(score["top1"]["ci95"] is not None))
 
 
 def test_only_the_protocols_asked_for_are_run(untimed):
-    found = evaluated("evaluate.scope=[recording]", "evaluate.trials=1")
-    assert list(found.protocols) == list(found.scores) == ["recording"]
+    result = evaluated("evaluate.protocols=[recording]", "evaluate.trials=1")
+    assert list(result.protocols) == list(result.scores) == ["recording"]
 
 
 def test_a_protocol_s_result_does_not_depend_on_the_other(untimed):
-    both, alone = evaluated("evaluate.trials=1"), evaluated("evaluate.trials=1", "evaluate.scope=[recording]")
+    both, alone = evaluated("evaluate.trials=1"), evaluated("evaluate.trials=1", "evaluate.protocols=[recording]")
     assert both.scores["recording"] == alone.scores["recording"]
-
-
-def test_latency_is_in_milliseconds_per_view_set(monkeypatch):
-    ticks = count()
-    monkeypatch.setattr(evaluation, "time", SimpleNamespace(perf_counter=lambda: float(next(ticks))))
-    monkeypatch.setattr(evaluation, "SINGLE_REPEATS", 4)
-    monkeypatch.setattr(evaluation, "BATCH_REPEATS", 2)
-    classifier, sizes = trained(), []
-    classifier.head.register_forward_hook(lambda _, inputs, __: sizes.append(len(inputs[0])))
-    found = latency(classifier, torch.rand(3, 1, 12, 12), CPU, batch=4)
-    assert found == {"single": {"median": 1000.0, "p95": 1000.0}, "batch": {"median": 250.0, "p95": 250.0}}
-    assert sizes == [1] * 5 + [4] * 3
 
 
 def test_latency_is_measured_on_the_test_frames(monkeypatch):
     given = []
     monkeypatch.setattr(evaluation, "latency", lambda *them: given.append(them) or {"single": {}})
-    found = evaluated("evaluate.trials=1", "evaluate.scope=[object]")
-    assert found.latency_ms == {"single": {}}
+    result = evaluated("evaluate.trials=1", "evaluate.protocols=[object]")
+    assert result.latency_ms == {"single": {}}
     assert given[0][1].shape == (96, 1, 12, 12)

@@ -5,18 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn import recordings as module
-from tactile_viewgcn.baseline import Rest
-from tactile_viewgcn.filtering import flagged, in_contact
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.baseline import Baseline
+from tactile_viewgcn.frames.filtering import flagged, in_contact
+from tactile_viewgcn.recordings import table as module
 from tests.sources import written
 
 FRAMES, SHAPE = 60, (3, 4)
 RNG = np.random.default_rng(0)
 COUNTS = (514 + RNG.integers(-3, 30, size=(FRAMES, *SHAPE)) * (RNG.random((FRAMES, *SHAPE)) < 0.5)).astype(np.int16)
-COUNTS[:, 2, 3] = 530  # a cell without a sensor, far above the rest given below
+COUNTS[:, 2, 3] = 530  # a cell without a sensor, far above the baseline given below
 OBJECTS = np.repeat([0, 1, 2], 20)
 SESSIONS = np.tile([0, 1], 30)
-REST = Rest(
+BASELINE = Baseline(
     ["session0", "session1"],
     RNG.uniform(511, 516, size=(2, *SHAPE)).astype(np.float32),
     RNG.uniform(0.5, 1.5, size=(2, *SHAPE)).astype(np.float32),
@@ -31,7 +32,7 @@ def recordings(tmp_path_factory):
         yield table
 
 
-def _touching(frame, sensors, sigmas):
+def _in_contact(frame, sensors, sigmas):
     """Whether one frame is in contact, sensor by sensor."""
     if OBJECTS[frame] == 0:
         return True
@@ -39,7 +40,7 @@ def _touching(frame, sensors, sigmas):
     for at in np.ndindex(SHAPE):
         if at == (2, 3):
             continue
-        above += bool(COUNTS[frame, *at] > REST.mean[session, *at] + sigmas * REST.noise[session, *at])
+        above += bool(COUNTS[frame, *at] > BASELINE.mean[session, *at] + sigmas * BASELINE.noise[session, *at])
     return above >= sensors
 
 
@@ -47,20 +48,20 @@ def _touching(frame, sensors, sigmas):
 @given(st.integers(1, 12), st.sampled_from([0.5, 2.0, 5.0, 10.0]), st.sampled_from([1, 7, 60, 4096]))
 def test_contact_is_what_counting_sensor_by_sensor_finds(recordings, sensors, sigmas, block):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "BLOCK", block)
-        found = in_contact(recordings, REST, sensors=sensors, sigmas=sigmas)
-    assert found.dtype == bool
-    assert found.tolist() == [_touching(frame, sensors, sigmas) for frame in range(FRAMES)]
+        patch.setattr(module, "BLOCK_FRAMES", block)
+        contact = in_contact(recordings, BASELINE, sensors=sensors, sigmas=sigmas)
+    assert contact.dtype == bool
+    assert contact.tolist() == [_in_contact(frame, sensors, sigmas) for frame in range(FRAMES)]
 
 
 def test_some_frames_touch_and_some_do_not(recordings):
-    found = in_contact(recordings, REST, sensors=5, sigmas=5.0)[OBJECTS > 0]
-    assert 5 < found.sum() < 35
+    contact = in_contact(recordings, BASELINE, sensors=5, sigmas=5.0)[OBJECTS > 0]
+    assert 5 < contact.sum() < 35
 
 
-def _rest(mean, noise, frames):
+def _baseline(mean, noise, frames):
     entry = np.ones((1, 1, 3), dtype=np.float32)
-    return Rest(["s"], mean * entry, noise * entry, np.zeros(frames, dtype=np.int16))
+    return Baseline(["s"], mean * entry, noise * entry, np.zeros(frames, dtype=np.int16))
 
 
 def test_as_many_sensors_as_asked_for_must_lie_above_the_threshold_and_not_on_it(tmp_path):
@@ -68,39 +69,39 @@ def test_as_many_sensors_as_asked_for_must_lie_above_the_threshold_and_not_on_it
     counts = np.array(list(above.values()), dtype=np.int16)[:, None, :]
     counts = np.concatenate([counts, np.full((1, 1, 3), 510, np.int16)])  # makes every sensor vary
     with written(tmp_path / "t", counts, object=1) as recordings:
-        found = in_contact(recordings, _rest(510, 2, 5), sensors=2, sigmas=5.0)
-    assert found.tolist() == [False, False, True, True, False]
+        contact = in_contact(recordings, _baseline(510, 2, 5), sensors=2, sigmas=5.0)
+    assert contact.tolist() == [False, False, True, True, False]
 
 
 def test_a_sensor_that_never_varies_touches_nothing(tmp_path):
     counts = np.array([[900, 510, 510], [900, 900, 510]], dtype=np.int16)[:, None, :]
     with written(tmp_path / "t", counts, object=1) as recordings:
         assert recordings.live.tolist() == [[False, True, False]]
-        assert in_contact(recordings, _rest(510, 1, 2), sensors=1, sigmas=5.0).tolist() == [False, True]
-        assert in_contact(recordings, _rest(510, 1, 2), sensors=2, sigmas=5.0).tolist() == [False, False]
+        assert in_contact(recordings, _baseline(510, 1, 2), sensors=1, sigmas=5.0).tolist() == [False, True]
+        assert in_contact(recordings, _baseline(510, 1, 2), sensors=2, sigmas=5.0).tolist() == [False, False]
 
 
 def test_frames_of_the_empty_hand_are_always_kept(recordings):
-    found = in_contact(recordings, REST, sensors=1000, sigmas=5.0)
-    np.testing.assert_array_equal(found, OBJECTS == 0)
+    contact = in_contact(recordings, BASELINE, sensors=1000, sigmas=5.0)
+    np.testing.assert_array_equal(contact, OBJECTS == 0)
 
 
 def test_without_an_empty_hand_no_frame_is_kept_untouched(tmp_path):
     counts = np.array([[510, 510, 510], [900, 900, 900]], dtype=np.int16)[:, None, :]
     with written(tmp_path / "t", counts, objects=["mug"]) as recordings:
-        assert in_contact(recordings, _rest(510, 1, 2), sensors=3, sigmas=5.0).tolist() == [False, True]
+        assert in_contact(recordings, _baseline(510, 1, 2), sensors=3, sigmas=5.0).tolist() == [False, True]
 
 
 def test_a_frame_is_held_against_the_rest_of_its_own_session(tmp_path):
     counts = np.array([520, 520, 510, 510], dtype=np.int16)[:, None, None]
-    rest = Rest(
+    baseline = Baseline(
         ["low", "high"],
         np.array([510, 519], np.float32)[:, None, None],
         np.ones((2, 1, 1), np.float32),
         np.array([0, 1, 0, 1]),
     )
-    with written(tmp_path / "t", counts, object=1, session=rest.of_frame) as recordings:
-        assert in_contact(recordings, rest, sensors=1, sigmas=5.0).tolist() == [True, False, False, False]
+    with written(tmp_path / "t", counts, object=1, session=baseline.of_frame) as recordings:
+        assert in_contact(recordings, baseline, sensors=1, sigmas=5.0).tolist() == [True, False, False, False]
 
 
 def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):
@@ -118,5 +119,5 @@ def test_flags_are_given_as_a_copy(tmp_path):
 
 
 def test_recordings_without_flags_are_told_what_to_do(recordings):
-    with pytest.raises(ValueError, match=r"t: no validity flags; preprocess\.filter flags .*: set it to contact$"):
+    with pytest.raises(UserError, match=r"t: no validity flags .* preprocess\.filter flags .*: set it to contact$"):
         flagged(recordings)

@@ -5,14 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.split import (
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.split import (
     TEST,
     TRAIN,
     VALIDATION,
     balanced_anchors,
-    by_folds,
+    fold_sides,
+    frame_sides,
+    late_frames,
     split_groups,
-    take_validation,
+    validation_sides,
 )
 
 WAYS = pytest.mark.parametrize("by", ["recording", "grasp", "session"])
@@ -56,7 +59,7 @@ def test_the_groups_of_a_table_are_counted_right(by):
 )
 def test_a_split_that_the_recordings_do_not_carry_is_refused(by, column, sentence):
     columns = {name: values for name, values in made().items() if name != column}
-    with pytest.raises(ValueError, match=sentence):
+    with pytest.raises(UserError, match=sentence):
         split_groups(columns, by)
 
 
@@ -64,7 +67,7 @@ def test_each_class_deals_out_its_own_groups_in_turn():
     groups = np.array([0, 0, 1, 2, 3, 4, 4, 5, 7, 9])
     labels = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 1])
     tested = [
-        np.unique(groups[by_folds(groups, labels, folds=3, fold=fold, across=False) == TEST]).tolist()
+        np.unique(groups[fold_sides(groups, labels, folds=3, fold=fold, across=False) == TEST]).tolist()
         for fold in range(3)
     ]
     assert tested == [[0, 3, 4, 9], [1, 5], [2, 7]]
@@ -73,15 +76,15 @@ def test_each_class_deals_out_its_own_groups_in_turn():
 def test_sessions_are_dealt_out_once_for_all_classes():
     groups = np.array([0, 1, 2, 1, 2, 3])
     labels = np.array([0, 0, 0, 1, 1, 1])
-    tested = [by_folds(groups, labels, folds=2, fold=fold, across=True).tolist() for fold in range(2)]
+    tested = [fold_sides(groups, labels, folds=2, fold=fold, across=True).tolist() for fold in range(2)]
     assert tested == [[TEST, TRAIN, TEST, TRAIN, TEST, TRAIN], [TRAIN, TEST, TRAIN, TEST, TRAIN, TEST]]
 
 
 def _sides(columns, by, folds, fold, share, seed=0):
     groups, across = split_groups(columns, by), by == "session"
-    side = by_folds(groups, columns["object"], folds=folds, fold=fold, across=across)
+    side = fold_sides(groups, columns["object"], folds=folds, fold=fold, across=across)
     rng = np.random.default_rng(seed)
-    return groups, take_validation(side, groups, columns["object"], share=share, across=across, rng=rng)
+    return groups, validation_sides(side, groups, columns["object"], share=share, across=across, rng=rng)
 
 
 @WAYS
@@ -112,15 +115,16 @@ def test_validation_groups_come_from_the_training_side_and_leave_the_test_side(b
 
 
 @pytest.mark.parametrize(
-    ("own", "share", "count"), [(10, 0.3, 3), (10, 0.01, 1), (10, 0.99, 9), (2, 0.9, 1), (1, 0.9, 0), (4, 0.0, 0)]
+    ("groups_of_class", "share", "count"),
+    [(10, 0.3, 3), (10, 0.01, 1), (10, 0.99, 9), (2, 0.9, 1), (1, 0.9, 0), (4, 0.0, 0)],
 )
-def test_the_share_of_validation_groups_is_kept_and_the_last_group_too(own, share, count):
-    groups = np.repeat(np.arange(own), 3)
+def test_the_share_of_validation_groups_is_kept_and_the_last_group_too(groups_of_class, share, count):
+    groups = np.repeat(np.arange(groups_of_class), 3)
     side = np.full(len(groups), TRAIN, dtype=np.int8)
-    found = take_validation(
+    validation = validation_sides(
         side, groups, np.zeros(len(groups)), share=share, across=False, rng=np.random.default_rng(0)
     )
-    assert len(np.unique(groups[found == VALIDATION])) == count
+    assert len(np.unique(groups[validation == VALIDATION])) == count
     assert (side == TRAIN).all()
 
 
@@ -128,10 +132,10 @@ def test_every_class_gives_its_own_share_of_validation_groups():
     columns = made(objects=3, sessions=5, recordings=2)
     groups, side = _sides(columns, "recording", 2, 0, 0.4)
     for label in range(3):
-        mine = columns["object"] == label
-        assert len(np.unique(groups[mine & (side == VALIDATION)])) == 2
-        assert len(np.unique(groups[mine & (side == TRAIN)])) == 3
-        assert len(np.unique(groups[mine & (side == TEST)])) == 5
+        of_class = columns["object"] == label
+        assert len(np.unique(groups[of_class & (side == VALIDATION)])) == 2
+        assert len(np.unique(groups[of_class & (side == TRAIN)])) == 3
+        assert len(np.unique(groups[of_class & (side == TEST)])) == 5
 
 
 def test_validation_groups_are_drawn_by_the_generator():
@@ -153,12 +157,13 @@ def test_every_class_of_a_side_has_as_many_anchors_as_the_smallest():
     assert notes == []
 
 
-def test_a_poor_class_keeps_what_it_has_and_does_not_cut_the_others_below_the_minimum():
+def test_a_small_class_uses_all_its_frames_and_the_others_the_minimum():
     labels = np.repeat([0, 1, 2, 3], [100, 3, 40, 25])
     side = np.full(len(labels), TRAIN)
     anchor, notes = balanced_anchors(labels, side, minimum=30, rng=np.random.default_rng(0))
     assert _counts(labels, side, anchor, TRAIN) == [30, 3, 30, 25]
-    assert notes == ["train: 2 of 4 classes have fewer than 30 anchors and keep all their frames, 3 in the poorest"]
+    (note,) = notes
+    assert note.startswith("train: 2 of 4 classes have fewer than 30 anchors") and "3 in the smallest" in note
 
 
 def test_a_class_that_is_not_on_a_side_does_not_count_there():
@@ -176,9 +181,9 @@ def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes
     labels = np.repeat([0, 1, 2, 0, 1, 2], sizes)
     side = np.repeat([TRAIN] * 3 + [VALIDATION] * 3, sizes)
     anchor, _ = balanced_anchors(labels, side, minimum=minimum, rng=np.random.default_rng(0))
-    for code, own in ((TRAIN, sizes[:3]), (VALIDATION, sizes[3:])):
-        count = max([minimum, *([min(size for size in own if size)] if any(own) else [])])
-        for label, size in enumerate(own):
+    for code, groups_of_class in ((TRAIN, sizes[:3]), (VALIDATION, sizes[3:])):
+        count = max([minimum, *([min(size for size in groups_of_class if size)] if any(groups_of_class) else [])])
+        for label, size in enumerate(groups_of_class):
             assert (anchor & (labels == label) & (side == code)).sum() == min(size, count)
 
 
@@ -187,3 +192,19 @@ def test_anchors_are_drawn_at_random_from_all_of_a_class():
     drawn = [balanced_anchors(labels, side, minimum=1, rng=np.random.default_rng(seed))[0] for seed in (0, 0, 1)]
     assert drawn[0].tolist() == drawn[1].tolist() != drawn[2].tolist()
     assert np.flatnonzero(drawn[0][:200]).max() > 100
+
+
+def test_frame_sides_deal_out_every_frame_once_and_equally_of_each_class():
+    labels = np.repeat([0, 1], [30, 12])
+    sides = [frame_sides(labels, folds=3, fold=fold, rng=np.random.default_rng(4)) for fold in range(3)]
+    assert (np.sum([side == TEST for side in sides], axis=0) == 1).all()
+    assert [np.bincount(labels[side == TEST]).tolist() for side in sides] == [[10, 4]] * 3
+    assert np.unique(np.diff(np.flatnonzero(sides[0][:30] == TEST))).size > 1  # at random, not every third
+
+
+def test_late_frames_leave_the_beginning_of_each_training_group():
+    side = np.array([TRAIN] * 8 + [TEST] * 4)
+    groups, labels = np.repeat([0, 1, 2, 3], [5, 2, 1, 4]), np.zeros(12, dtype=int)
+    late = late_frames(side, groups, labels, share=0.4)
+    assert late.tolist() == [False, False, True, True, True, False, True, False] + [False] * 4
+    assert not late_frames(side, groups, labels, share=1.0).any()

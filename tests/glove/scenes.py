@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from studies.glove_solver.scenes import THICKNESS, scene
-from tactile_viewgcn.glove.comparison import by_scipy
-from tactile_viewgcn.glove.contact import HOLDING, Drive, Layer, Mechanics
+from benchmarks.solver.other_integrators import integrate_with_scipy
+from benchmarks.solver.scenes import THICKNESS, ball_grasp, stiffness
+from tactile_viewgcn.glove.contact import HOLDING, Layer, Mechanics
+from tactile_viewgcn.glove.drive import Drive
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hand, Hands, stag_hand
 from tactile_viewgcn.glove.scene import OPEN
 from tactile_viewgcn.glove.shapes import Primitive, Solids, box, sphere
@@ -14,28 +15,56 @@ from tactile_viewgcn.glove.shapes import Primitive, Solids, box, sphere
 RATE = 7.35  # frames a second, STAG's
 FRAME = 1 / RATE
 DEFAULT = Layer(2.5e7, THICKNESS, 0.02, 60.0)  # of params.yaml
+#: of a grasp, for each decade of lambda h: skin Pa/m, object Pa/m, joints N m s/rad, object N s/m
+GRASPS = (
+    (3e4, 1e6, 5.0, 2e4),
+    (3e4, 1e6, 0.5, 2e3),
+    (4e6, 1e7, 0.1, 300.0),
+    (2.5e7, 2e7, 0.02, 60.0),
+    (2e8, 1e9, 0.01, 30.0),
+    (5e9, 2.5e10, 0.01, 30.0),
+    (5e10, 2.5e11, 0.01, 30.0),
+    (3e10, 1e11, 0.0007, 2.0),
+    (3e11, 1e12, 0.0007, 2.0),
+)
+BALL, BALL_AT = sphere(0.034), (0.075, 0.0, 0.037)  # m: above the palm, so that only fingers touch it at first
 RTOL, MOST = 1e-6, 60_000  # of Radau, and the evaluations it may take
 FLAT = (0.08, 0.04, 0.03)  # m: a plate that lies on the palm between the fingers and the thumb
 MIDDLE, FIRM = 0.02, 15_000.0  # m: its x; N/m of its sensors together, or more: so it sinks in by less than
 SUNK = 2e-4  # m: its two outer rows of sensors carry it, the next ones are 0.5 mm lower
 
 
+def skin(setting: tuple[float, float, float, float]) -> Layer:
+    """The layer of one of GRASPS."""
+    return Layer(setting[0], DEFAULT.thickness, *setting[2:])
+
+
+def lambda_h(mechanics: Mechanics, states: np.ndarray) -> str:
+    """How stiff a scene was."""
+    return f"lambda h = {stiffness(mechanics, states, FRAME):.1e}"
+
+
+def around_a_ball(setting: tuple[float, float, float, float], posture, *, hands: int = 1, **drive) -> Mechanics:
+    """Hands around a ball above the palm, the stiffness and damping one of GRASPS."""
+    return held([BALL], [BALL_AT] * hands, posture, layer=skin(setting), stiffness=setting[1], opposition=0.9, **drive)
+
+
 def grasp(setting: tuple[float, float, float, float], *, seed: int, frames: int) -> Mechanics:
     """A grasp of a ball from the moment the fingers begin to close; the ball is in place and the hand open."""
-    return scene(*setting, rate=RATE, seed=seed).mechanics(7, 7 + frames)
+    return ball_grasp(*setting, rate=RATE, seed=seed).mechanics(7, 7 + frames)
 
 
 def held(
-    parts: list[Primitive], place, posture, *, layer: Layer = DEFAULT, stiffness: float = 2e7, knots: int = 2,
+    parts: list[Primitive], position, posture, *, layer: Layer = DEFAULT, stiffness: float = 2e7, knots: int = 2,
     squeeze=0.0, opposition: float = 0.3, load=(0.0, 0.0, 0.0), motion: bool = True, hands: Hands | None = None,
 ) -> Mechanics:  # fmt: skip
-    """Hands around an object, the drive the same at all knots; B is the number of places (B, 3)."""
-    place = np.atleast_2d(np.asarray(place, dtype=float))
-    count = len(place)
+    """Hands around an object, the drive the same at all knots; B is the number of positions (B, 3)."""
+    position = np.atleast_2d(np.asarray(position, dtype=float))
+    count = len(position)
     drive = Drive(*(
         np.broadcast_to(values, (count, knots, *shape)).astype(float)
         for values, shape in (
-            (posture, (5, 2)), (squeeze, (5,)), (opposition, ()), (place[:, None], (3,)), (0.0, (3,)), (load, (3,))
+            (posture, (5, 2)), (squeeze, (5,)), (opposition, ()), (position[:, None], (3,)), (0.0, (3,)), (load, (3,))
         )
     ))  # fmt: skip
     hands = hands or Hands([stag_hand()] * count)
@@ -47,29 +76,30 @@ def forces(mechanics: Mechanics, states: np.ndarray) -> np.ndarray:
     hands, frames, _ = states.shape
     out, rows = np.zeros((hands, frames, len(mechanics.hands.patch))), np.arange(hands)
     for t in range(frames):
-        at = mechanics.balance(rows, np.full(hands, t + 1.0), states[:, t], palm=True)
-        np.add.at(out[:, t], (at.contacts.row, at.contacts.sensor), at.force)
+        balance = mechanics.evaluate(rows, np.full(hands, t + 1.0), states[:, t], palm=True)
+        np.add.at(out[:, t], (balance.contacts.row, balance.contacts.sensor), balance.force)
     return out
 
 
 def energies(mechanics: Mechanics, y: np.ndarray, states: np.ndarray) -> np.ndarray:
     """(B, T + 1) J: U - drive . y of the start (B, n) and of the frames (B, T, n)."""
     path, rows = np.concatenate([y[:, None], states], axis=1), np.arange(len(y))
-    found = [
-        mechanics.balance(rows, np.full(len(y), float(t)), path[:, t], palm=mechanics.motion).energy
+    energy = [
+        mechanics.evaluate(rows, np.full(len(y), float(t)), path[:, t], palm=mechanics.motion).energy
         for t in range(path.shape[1])
     ]
-    return np.stack(found, axis=1)
+    return np.stack(energy, axis=1)
 
 
 def radau(mechanics: Mechanics, y: np.ndarray, frames: int) -> np.ndarray:
     """States (1, frames, n) of the first hand from y (1, n)."""
-    return by_scipy("Radau", mechanics, 0, y[0], frames, FRAME, rtol=RTOL, most=MOST)[0][None]
+    states, _ = integrate_with_scipy("Radau", mechanics, 0, y[0], frames, FRAME, rtol=RTOL, max_evaluations=MOST)
+    return states[None]
 
 
-def off(found: np.ndarray, exact: np.ndarray) -> float:
-    """Norm of a difference over frames and sensors, over the exact values' norm; not a number where that is 0."""
-    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+def rel_norm_error(values: np.ndarray, exact: np.ndarray) -> float:
+    """Norm of the difference over frames and sensors, over the exact values' norm; NaN where that is 0."""
+    return float(np.linalg.norm(values - exact) / np.linalg.norm(exact))
 
 
 def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.ndarray]:
@@ -96,23 +126,23 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
     )
     load = min(8.0, 1.5 * SUNK * whole) * np.where(np.arange(frames + 1) % 2, 1.0, 0.5)  # N
     mechanics.drive.load[0, :, 2] = -load
-    start, depth, exact = mechanics.drive.place[:, 0] - [0, 0, load[1] / whole], load[1] / whole, []
+    start, depth, exact = mechanics.drive.position[:, 0] - [0, 0, load[1] / whole], load[1] / whole, []
     for begin, end in pairwise(load):
         lag = (end - begin) / FRAME * damping / whole
         depth = (end - lag) / whole + (depth - (begin - lag) / whole) * np.exp(-FRAME * whole / damping)
         exact.append(depth)
-    felt = np.array(exact)[:, None] * np.where(carry, per_area * hand.area, 0.0)
-    return mechanics, np.concatenate([mechanics.drive.posture[:, 0].reshape(1, 10), start], axis=1), felt[None]
+    force = np.array(exact)[:, None] * np.where(carry, per_area * hand.area, 0.0)
+    return mechanics, np.concatenate([mechanics.drive.posture[:, 0].reshape(1, 10), start], axis=1), force[None]
 
 
 def repeated_grasp(*, hands: int, grasps: int) -> tuple[Mechanics, int]:
-    """Hands with every eighth sensor grasp a ball again and again, each at its own place; and a grasp's frames."""
+    """Hands with every eighth sensor grasp a ball again and again, each at its own position; and a grasp's frames."""
     hand, period = stag_hand(), 20
     names = ("row", "column", "patch", "local", "normal", "area")
     fewer = Hand(*(getattr(hand, name)[::8] for name in names), hand.bases, hand.links)
-    place = [0.075, 0, 0.034] + np.random.default_rng(0).normal(0, 0.002, (hands, 3)) * [1, 1, 0.1]
+    position = [0.075, 0, 0.034] + np.random.default_rng(0).normal(0, 0.002, (hands, 3)) * [1, 1, 0.1]
     mechanics = held(
-        [sphere(0.03)], place, OPEN, knots=grasps * period + 1, hands=Hands([fewer] * hands), load=(0, 0, -0.5)
+        [sphere(0.03)], position, OPEN, knots=grasps * period + 1, hands=Hands([fewer] * hands), load=(0, 0, -0.5)
     )
     phase = np.arange(grasps * period + 1) % period
     closed = np.clip(np.minimum(phase - 3, period - 3 - phase) / 4, 0, 1)

@@ -6,16 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.hand import (
-    FINGERS,
-    LINK_PATCHES,
-    PALM,
-    RADIUS,
-    SPREAD,
-    THUMB_LEAN,
-    Hands,
-    stag_hand,
-)
+from tactile_viewgcn.glove.hand import FINGER_SPREAD, FINGERS, LINK_PATCHES, PALM, RADIUS, THUMB_ANGLE, Hands, stag_hand
 from tests.gloves import points
 
 HAND = stag_hand()
@@ -44,14 +35,14 @@ def chained(hand, q, opposition):
             continue
         finger, link = divmod(int(patch), 3)
         if finger == THUMB:
-            turn = Rotation.from_euler("XZ", [opposition, THUMB_LEAN])
+            rotation = Rotation.from_euler("XZ", [opposition, THUMB_ANGLE])
         else:
-            turn = Rotation.from_euler("Z", SPREAD[finger])
-        place = hand.bases[finger].copy()
+            rotation = Rotation.from_euler("Z", FINGER_SPREAD[finger])
+        position = hand.bases[finger].copy()
         for joint, angle in enumerate((q[finger, 0], q[finger, 1], q[finger, 1] * 2 / 3)[: link + 1]):
-            turn = turn * Rotation.from_euler("Y", -angle)
-            place += turn.apply([hand.links[finger, joint], 0, 0] if joint < link else hand.local[s])
-        places[s], normals[s] = place, turn.apply(hand.normal[s])
+            rotation = rotation * Rotation.from_euler("Y", -angle)
+            position += rotation.apply([hand.links[finger, joint], 0, 0] if joint < link else hand.local[s])
+        places[s], normals[s] = position, rotation.apply(hand.normal[s])
     return places, normals
 
 
@@ -113,8 +104,8 @@ def test_straight_fingers_lie_along_x_and_their_skin_looks_up():
         links = pose.axes[0, 3 * finger : 3 * finger + 3]
         assert (links[:, 0, 0] > 0.98).all()
         np.testing.assert_array_equal(links[:, :, 2], [[0, 0, 1]] * 3)
-        own = HAND.patch // 3 == finger
-        middle = own & (HAND.row == np.median(HAND.row[own]))
+        of_finger = HAND.patch // 3 == finger
+        middle = of_finger & (HAND.row == np.median(HAND.row[of_finger]))
         np.testing.assert_allclose(places[middle, 2], RADIUS)
         x = places[middle][np.argsort(HAND.column[middle]), 0]
         assert len(x) == 14 and (np.diff(x) < 0).all()  # column 0 is the tip's
@@ -138,8 +129,8 @@ def test_flexion_brings_the_tips_towards_the_palms_side():
 def test_opposition_lifts_the_thumb_over_the_palm():
     flat, over = (posed(np.zeros((5, 2)), angle).origin[0, 3 * THUMB + 2] for angle in (0.0, np.pi / 2))
     base, reach = HAND.bases[THUMB], HAND.links[THUMB, :2].sum()
-    np.testing.assert_allclose(flat - base, reach * np.array([np.cos(THUMB_LEAN), np.sin(THUMB_LEAN), 0]))
-    np.testing.assert_allclose(over - base, reach * np.array([np.cos(THUMB_LEAN), 0, np.sin(THUMB_LEAN)]), atol=1e-15)
+    np.testing.assert_allclose(flat - base, reach * np.array([np.cos(THUMB_ANGLE), np.sin(THUMB_ANGLE), 0]))
+    np.testing.assert_allclose(over - base, reach * np.array([np.cos(THUMB_ANGLE), 0, np.sin(THUMB_ANGLE)]), atol=1e-15)
 
 
 def test_normals_are_unit_vectors():
@@ -169,7 +160,7 @@ def test_a_patchs_sphere_holds_its_sensors_in_every_hand_and_no_more():
     hands = Hands(fits)
     apart = np.linalg.norm(hands.local - hands.centre[:, HAND.patch], axis=-1)  # (B, S)
     for n in range(len(hands.start)):
-        assert apart[:, n == HAND.patch].max() == pytest.approx(hands.reach[n], rel=1e-12)
+        assert apart[:, n == HAND.patch].max() == pytest.approx(hands.bounding_radius[n], rel=1e-12)
 
 
 def test_frames_hold_the_values_at_the_sensors_cells_and_the_filling_elsewhere():

@@ -1,4 +1,4 @@
-"""The objects: STAG's names and weights, how far they reach, and how a user names or describes others."""
+"""The objects: STAG's names and weights, their extents, and how a user names or describes others."""
 
 import re
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.objects import ACROSS, SHAPES, THINGS, Thing, choose
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.glove.objects import ACROSS, OBJECTS, SHAPES, GraspObject, select_objects
 from tactile_viewgcn.glove.shapes import BOX, NO_CUT, Solids, box, capsule, sphere, tube
 
 GRAMS = {
@@ -31,72 +32,82 @@ def surface(part):
         ball = np.random.default_rng(0).normal(size=(4000, 3))
         ball *= part.round / np.linalg.norm(ball, axis=1, keepdims=True)
         corners = np.stack(np.meshgrid(*[[-half, half] for half in part.half]), axis=-1).reshape(-1, 1, 3)
-        own = (corners + ball).reshape(-1, 3)
+        local = (corners + ball).reshape(-1, 3)
     else:  # the outline of the section, turned about z
         ends = np.concatenate([np.full(400, -part.half[1]), np.full(400, part.half[1])])
         rho = part.offset + part.half[0] + part.round * np.tile(cos, 2)
         z = ends + part.round * np.tile(sin, 2)
-        own = np.stack([rho[:, None] * cos, rho[:, None] * sin, np.broadcast_to(z[:, None], (800, 400))], axis=-1)
-        own = own.reshape(-1, 3)
-    first = np.zeros(len(own), dtype=int)
-    own = own[Solids([[part]]).distance(first, first, own) > -1e-12]
-    return own @ Rotation.from_rotvec(part.turn).as_matrix().T + part.centre
+        local = np.stack([rho[:, None] * cos, rho[:, None] * sin, np.broadcast_to(z[:, None], (800, 400))], axis=-1)
+        local = local.reshape(-1, 3)
+    first = np.zeros(len(local), dtype=int)
+    local = local[Solids([[part]]).distance(first, first, local) > -1e-12]
+    return local @ Rotation.from_rotvec(part.rotation).as_matrix().T + part.centre
 
 
 def test_names_order_and_weights_are_stags():
-    assert {thing.name: thing.weight for thing in THINGS} == GRAMS
-    assert [thing.name for thing in THINGS] == list(GRAMS) and len(THINGS) == 27
+    assert {grasp_object.name: grasp_object.weight for grasp_object in OBJECTS} == GRAMS
+    assert [grasp_object.name for grasp_object in OBJECTS] == list(GRAMS) and len(OBJECTS) == 27
 
 
 def test_only_the_empty_hand_holds_nothing():
-    assert [thing.name for thing in THINGS if not thing.parts] == ["empty_hand"]
-    assert THINGS[0].extent(np.eye(3), np.array([0.0, 0, 1])) == 0
+    assert [grasp_object.name for grasp_object in OBJECTS if not grasp_object.parts] == ["empty_hand"]
+    assert OBJECTS[0].extent(np.eye(3), np.array([0.0, 0, 1])) == 0
 
 
 def test_objects_fit_a_hand():
-    for thing in THINGS[1:]:
-        widths = [thing.extent(np.eye(3), np.array(d)) + thing.extent(np.eye(3), -np.array(d)) for d in np.eye(3)]
-        assert 0.004 < min(widths) <= max(widths) < 0.2, thing.name
+    for grasp_object in OBJECTS[1:]:
+        widths = [
+            grasp_object.extent(np.eye(3), np.array(d)) + grasp_object.extent(np.eye(3), -np.array(d))
+            for d in np.eye(3)
+        ]
+        assert 0.004 < min(widths) <= max(widths) < 0.2, grasp_object.name
 
 
 def test_extents_by_hand():
     quarter = Rotation.from_rotvec([0, np.pi / 2, 0]).as_matrix()  # z to x
     x, z = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
-    one = Thing("one", 1, 1e9, (box(2, 4, 6),))
+    one = GraspObject("one", 1, 1e9, (box(2, 4, 6),))
     assert one.extent(np.eye(3), x) == pytest.approx(1) and one.extent(quarter, x) == pytest.approx(3)
     diagonal = np.ones(3) / np.sqrt(3)
     assert one.extent(np.eye(3), diagonal) == pytest.approx(6 / np.sqrt(3))
-    two = Thing("two", 1, 1e9, (sphere(1, centre=(0, 0, 3)), capsule(0.5, 4)))
+    two = GraspObject("two", 1, 1e9, (sphere(1, centre=(0, 0, 3)), capsule(0.5, 4)))
     assert two.extent(np.eye(3), z) == pytest.approx(4) and two.extent(np.eye(3), -z) == pytest.approx(2)
     assert two.extent(quarter, x) == pytest.approx(4) and two.extent(np.eye(3), x) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("thing", THINGS[1:], ids=lambda thing: thing.name)
-def test_the_extent_is_that_of_the_furthest_of_many_points_of_the_surface(thing):
+@pytest.mark.parametrize("grasp_object", OBJECTS[1:], ids=lambda grasp_object: grasp_object.name)
+def test_the_extent_is_that_of_the_furthest_of_many_points_of_the_surface(grasp_object):
     rng = np.random.default_rng(1)
-    whole = [part for part in thing.parts if part.cut == NO_CUT]
-    points = np.concatenate([surface(part) for part in whole])
-    for turn in Rotation.random(3, random_state=rng).as_matrix():
+    uncut = [part for part in grasp_object.parts if part.cut == NO_CUT]
+    points = np.concatenate([surface(part) for part in uncut])
+    for rotation in Rotation.random(3, random_state=rng).as_matrix():
         direction = rng.normal(size=3)
         direction /= np.linalg.norm(direction)
-        furthest = (points @ turn.T @ direction).max()
-        extent = Thing("x", 1, 1e9, tuple(whole)).extent(turn, direction)
+        furthest = (points @ rotation.T @ direction).max()
+        extent = GraspObject("x", 1, 1e9, tuple(uncut)).extent(rotation, direction)
         assert furthest - 1e-12 <= extent <= furthest + 2e-4
-        assert thing.extent(turn, direction) >= extent
+        assert grasp_object.extent(rotation, direction) >= extent
 
 
 def test_all_are_stags_and_names_come_in_the_wanted_order_after_the_empty_hand():
-    assert choose("all") == THINGS
-    assert [thing.name for thing in choose(["tape", "ball"])] == ["empty_hand", "tape", "ball"]
-    with pytest.raises(ValueError, match="object tape: named twice; give each a name of its own"):
-        choose(["tape", "ball", "tape"])
-    assert choose(["empty_hand", "mug"]) == (THINGS[0], THINGS[16])
+    assert select_objects("all") == OBJECTS
+    assert [grasp_object.name for grasp_object in select_objects(["tape", "ball"])] == ["empty_hand", "tape", "ball"]
+    with pytest.raises(UserError, match="object tape: named twice; give each a name of its own"):
+        select_objects(["tape", "ball", "tape"])
+    assert select_objects(["empty_hand", "mug"]) == (OBJECTS[0], OBJECTS[16])
 
 
 def test_a_description_makes_an_object():
-    empty, cup = choose([CUP])
-    assert empty is THINGS[0]
-    assert (cup.name, cup.weight, cup.stiffness, cup.lie, cup.pinch, cup.place) == ("cup", 90, 1e9, ACROSS, False, None)
+    empty, cup = select_objects([CUP])
+    assert empty is OBJECTS[0]
+    assert (cup.name, cup.weight, cup.stiffness, cup.orientation, cup.pinch, cup.position) == (
+        "cup",
+        90,
+        1e9,
+        ACROSS,
+        False,
+        None,
+    )
     assert cup.parts == (tube(0.03, 0.034, 0.08),)
     bob = {
         "name": "bob",
@@ -104,10 +115,10 @@ def test_a_description_makes_an_object():
         "stiffness": 1e7,
         "parts": [{"sphere": {"radius": 0.02, "centre": [0, 0, 0.01]}}],
     }
-    bob |= {"pinch": True, "lie": [0, 0, 1], "place": [0.08, 0, 0.05]}
-    thing = choose(["ball", CUP, bob])[3]
-    assert thing.parts[0].reach == 0.02 and thing.parts[0].centre == (0, 0, 0.01)
-    assert (thing.pinch, thing.lie, thing.place) == (True, (0, 0, 1), (0.08, 0, 0.05))
+    bob |= {"pinch": True, "orientation": [0, 0, 1], "position": [0.08, 0, 0.05]}
+    grasp_object = select_objects(["ball", CUP, bob])[3]
+    assert grasp_object.parts[0].bounding_radius == 0.02 and grasp_object.parts[0].centre == (0, 0, 0.01)
+    assert (grasp_object.pinch, grasp_object.orientation, grasp_object.position) == (True, (0, 0, 1), (0.08, 0, 0.05))
 
 
 NAN = float("nan")
@@ -115,7 +126,7 @@ BALL = {"sphere": {"radius": 0.02}}
 
 
 def ball(**changes):
-    """The cup as a ball with another place or cut."""
+    """The cup as a ball with another placement."""
     return CUP | {"parts": [{"sphere": BALL["sphere"] | changes}]}
 
 
@@ -147,14 +158,20 @@ BAD = {
     "the empty hand's name": (CUP | {"name": "empty_hand"}, "object empty_hand: that name is taken"),
     "an empty list of parts": (CUP | {"parts": []}, "object cup: no parts; name at least one of sphere, box,"),
     "two shapes in one part": (CUP | {"parts": [BALL | {"box": {}}]}, "object cup: too many values to unpack"),
-    "a place that is no number": (CUP | {"place": [0, 0, NAN]}, "object cup: place is (0, 0, nan); expected 3 numbers"),
-    "a place of two numbers": (CUP | {"place": [0, 1]}, "object cup: place is (0, 1); expected 3 numbers"),
-    "a place of none": (CUP | {"place": []}, "object cup: place is (); expected 3 numbers"),
-    "a place in words": (CUP | {"place": "here"}, "object cup: not understood ('here' is no number)"),
-    "a lie of two numbers": (CUP | {"lie": [0, 1]}, "object cup: lie is (0, 1); expected 3 numbers"),
+    "a position that is no number": (
+        CUP | {"position": [0, 0, NAN]},
+        "object cup: position is (0, 0, nan); expected 3 numbers",
+    ),
+    "a position of two numbers": (CUP | {"position": [0, 1]}, "object cup: position is (0, 1); expected 3 numbers"),
+    "a position of none": (CUP | {"position": []}, "object cup: position is (); expected 3 numbers"),
+    "a position in words": (CUP | {"position": "here"}, "object cup: not understood ('here' is no number)"),
+    "an orientation of two numbers": (
+        CUP | {"orientation": [0, 1]},
+        "object cup: orientation is (0, 1); expected 3 numbers",
+    ),
     "a centre that is no number": (ball(centre=[0, NAN, 0]), "object cup: shape's centre is (0, nan, 0); expected 3"),
     "a centre of two numbers": (ball(centre=[0, 1]), "object cup: shape's centre is (0, 1); expected 3 numbers"),
-    "a turn of one number": (ball(turn=[1]), "object cup: shape's turn is (1,); expected 3 numbers"),
+    "a rotation of one number": (ball(rotation=[1]), "object cup: shape's rotation is (1,); expected 3 numbers"),
     "a cut of three numbers": (ball(cut=[0, 0, 1]), "object cup: shape's cut is (0, 0, 1); expected 4 numbers"),
     "a cut that is no number": (ball(cut=[0, 0, 1, NAN]), "object cup: shape's cut is (0, 0, 1, nan); expected 4"),
 }
@@ -163,22 +180,22 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_what_is_no_object_is_refused_by_its_name(case):
     entry, sentence = BAD[case]
-    with pytest.raises(ValueError, match=re.escape(sentence)):
-        choose(["ball", entry])
+    with pytest.raises(UserError, match=re.escape(sentence)):
+        select_objects(["ball", entry])
 
 
 def test_a_description_that_is_not_understood_names_the_shapes():
-    with pytest.raises(ValueError, match=f"each part one of {', '.join(SHAPES)} with its sizes in metres"):
-        choose([CUP | {"parts": [{"cone": {}}]}])
+    with pytest.raises(UserError, match=f"each part one of {', '.join(SHAPES)} with its sizes in metres"):
+        select_objects([CUP | {"parts": [{"cone": {}}]}])
 
 
 def test_numbers_may_be_written_as_yaml_reads_them():
     """YAML 1.1 takes 1e9, which has no point, for text."""
-    cup = choose([CUP | {"stiffness": "1e9", "place": ["8e-2", 0, 0.05]}])[1]
-    assert cup.stiffness == 1e9 and cup.place == (0.08, 0, 0.05)
+    cup = select_objects([CUP | {"stiffness": "1e9", "position": ["8e-2", 0, 0.05]}])[1]
+    assert cup.stiffness == 1e9 and cup.position == (0.08, 0, 0.05)
 
 
 @pytest.mark.parametrize("wanted", [["empty_hand"], []])
 def test_nothing_but_the_empty_hand_is_refused(wanted):
-    with pytest.raises(ValueError, match="no object besides the empty hand; name at least one"):
-        choose(wanted)
+    with pytest.raises(UserError, match="no object besides the empty hand; name at least one"):
+        select_objects(wanted)

@@ -1,16 +1,16 @@
 """Scenes: phases and grasps, what each effect adds to them, and that no recording depends on another."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.glove.collision import collisions
 from tactile_viewgcn.glove.contact import GRAVITY
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
-from tactile_viewgcn.glove.objects import THINGS
+from tactile_viewgcn.glove.objects import OBJECTS
 from tactile_viewgcn.glove.scene import (
     ASIDE,
     AWAY,
@@ -20,14 +20,14 @@ from tactile_viewgcn.glove.scene import (
     OPEN,
     PHASES,
     RELAXED,
-    Habits,
-    closing,
+    Grasps,
+    GraspVariation,
+    closure,
     plan,
     schedule,
 )
-from tactile_viewgcn.glove.touching import touching
 from tactile_viewgcn.randomness import stream
-from tests.gloves import KNOWN, solids
+from tests.gloves import OBJECTS_BY_NAME, solids
 
 HAND = stag_hand()
 FIXED = sum(PHASES.values())
@@ -35,17 +35,17 @@ LAST = dict(zip(PHASES, range(6), strict=True))  # number of each phase
 
 
 def planned(names, *, effects=(), frames=50, grasps=2, seed=0):
-    things = [KNOWN[name] for name in names]
+    objects = [OBJECTS_BY_NAME[name] for name in names]
     rngs = [stream(seed, f"scene {name}") for name in names]
     return plan(
-        things, Hands([HAND] * len(things)), solids(*things), rngs, Habits(), frames=frames, grasps=grasps,
+        objects, Hands([HAND] * len(objects)), solids(*objects), rngs, GraspVariation(), frames=frames, grasps=grasps,
         effects=frozenset(effects),
     )  # fmt: skip
 
 
-def holds(found, grasp):
+def holds(scenes, grasp):
     """Knots of the steady part of a grasp."""
-    return 1 + np.flatnonzero(found.held & (found.grasp == grasp))
+    return 1 + np.flatnonzero(scenes.held & (scenes.grasp == grasp))
 
 
 def test_phases_by_hand():
@@ -59,18 +59,18 @@ def test_phases_by_hand():
 
 
 @settings(max_examples=50, deadline=None)
-@given(grasps=st.integers(1, 9), each=st.integers(FIXED + 1, 40), rest=st.integers(0, 8))
-def test_every_grasp_has_all_its_phases_whatever_the_number_of_frames(grasps, each, rest):
-    rest = min(rest, grasps - 1)
-    phase, share, grasp = schedule(grasps * each + rest, grasps)
-    assert len(phase) == len(share) == len(grasp) == grasps * each + rest
+@given(grasps=st.integers(1, 9), each=st.integers(FIXED + 1, 40), remainder=st.integers(0, 8))
+def test_every_grasp_has_all_its_phases_whatever_the_number_of_frames(grasps, each, remainder):
+    remainder = min(remainder, grasps - 1)
+    phase, share, grasp = schedule(grasps * each + remainder, grasps)
+    assert len(phase) == len(share) == len(grasp) == grasps * each + remainder
     assert (np.diff(grasp) >= 0).all() and set(grasp) == set(range(grasps))
     for number in range(grasps):
-        own = phase[grasp == number]
-        counts = np.bincount(own, minlength=6)
+        of_grasp = phase[grasp == number]
+        counts = np.bincount(of_grasp, minlength=6)
         expected = np.array([length or each - FIXED for length in PHASES.values()])
-        expected[0] += rest * (number == 0)
-        assert counts.tolist() == expected.tolist() and (np.diff(own) >= 0).all()
+        expected[0] += remainder * (number == 0)
+        assert counts.tolist() == expected.tolist() and (np.diff(of_grasp) >= 0).all()
     ends = np.flatnonzero(np.diff(phase, append=-1))
     np.testing.assert_array_equal(share[ends], 1)
     assert ((share > 0) & (share <= 1)).all()
@@ -79,63 +79,65 @@ def test_every_grasp_has_all_its_phases_whatever_the_number_of_frames(grasps, ea
 @pytest.mark.parametrize(("frames", "grasps"), [(FIXED, 1), (3 * FIXED + 2, 3), (5, 1), (10, 30)])
 def test_grasps_too_short_for_their_phases_are_refused(frames, grasps):
     with pytest.raises(
-        ValueError, match=f"{frames} frames for {grasps} grasps leave .* each; expected more than {FIXED}"
+        UserError, match=f"{frames} frames for {grasps} grasps leave .* each; expected more than {FIXED}"
     ):
         schedule(frames, grasps)
 
 
 def test_without_effects_nothing_moves_while_the_object_is_held():
-    found = planned(["ball", "pen", "mug"])
-    assert found.held.sum() == 2 * (25 - FIXED) and found.drive.squeeze.shape == (3, 51, 5)
+    scenes = planned(["ball", "pen", "mug"])
+    assert scenes.held.sum() == 2 * (25 - FIXED) and scenes.drive.squeeze.shape == (3, 51, 5)
     for grasp in (0, 1):
-        knots = holds(found, grasp)
-        for name, values in vars(found.drive).items():
+        knots = holds(scenes, grasp)
+        for name, values in vars(scenes.drive).items():
             assert np.ptp(values[:, knots], axis=1).max() < 1e-12, name
-        assert (found.drive.squeeze[:, knots] > 0).all()
-    assert not found.drive.load.any()
-    first, second = (found.drive.place[:, holds(found, grasp)[0]] for grasp in (0, 1))
+        assert (scenes.drive.squeeze[:, knots] > 0).all()
+    assert not scenes.drive.load.any()
+    first, second = (scenes.drive.position[:, holds(scenes, grasp)[0]] for grasp in (0, 1))
     assert np.abs(first - second).max() > 1e-4  # another grasp is another place
 
 
 def test_a_grasp_begins_and_ends_with_an_open_hand_and_the_object_away():
-    found = planned(["ball", "mug"])
+    scenes = planned(["ball", "mug"])
     phase, _, grasp = schedule(50, 2)
     for number in (0, 1):
-        rest = 1 + np.flatnonzero((phase == LAST["rest"]) & (grasp == number))
+        hand_open = 1 + np.flatnonzero((phase == LAST["open"]) & (grasp == number))
         end = 1 + np.flatnonzero(grasp == number)[-1]
-        held = found.drive.place[:, holds(found, number)[0]]
-        for knot in (*rest, end):
-            np.testing.assert_allclose(found.drive.place[:, knot], held + np.array([0, 0, AWAY]))
-            np.testing.assert_array_equal(found.drive.squeeze[:, knot], 0)
-            np.testing.assert_allclose(found.drive.posture[:, knot], np.broadcast_to(OPEN, (2, 5, 2)))
-            np.testing.assert_allclose(found.drive.opposition[:, knot], ASIDE)
-    for values in vars(found.drive).values():
+        held = scenes.drive.position[:, holds(scenes, number)[0]]
+        for knot in (*hand_open, end):
+            np.testing.assert_allclose(scenes.drive.position[:, knot], held + np.array([0, 0, AWAY]))
+            np.testing.assert_array_equal(scenes.drive.squeeze[:, knot], 0)
+            np.testing.assert_allclose(scenes.drive.posture[:, knot], np.broadcast_to(OPEN, (2, 5, 2)))
+            np.testing.assert_allclose(scenes.drive.opposition[:, knot], ASIDE)
+    for values in vars(scenes.drive).values():
         np.testing.assert_array_equal(values[:, 0], values[:, 1])  # before the first frame all stands still
 
 
-@pytest.mark.parametrize(("effect", "moves"), [("shift", {"place", "turn"}), ("tremor", {"squeeze"})])
+@pytest.mark.parametrize(("effect", "moves"), [("shift", {"position", "rotation"}), ("tremor", {"squeeze"})])
 def test_an_effect_moves_what_it_names_and_nothing_else(effect, moves):
-    without, found = planned(["ball", "mug"]), planned(["ball", "mug"], effects=[effect])
-    knots = holds(found, 1)
-    for name, values in vars(found.drive).items():
+    without, scenes = planned(["ball", "mug"]), planned(["ball", "mug"], effects=[effect])
+    knots = holds(scenes, 1)
+    for name, values in vars(scenes.drive).items():
         before = getattr(without.drive, name)
         assert (np.ptp(values[:, knots], axis=1).max() > 1e-5) == (name in moves), name
         assert np.array_equal(values, before) == (name not in moves), name
     phase, _, _ = schedule(50, 2)
-    rest = 1 + np.flatnonzero(phase <= LAST["close"])
+    hand_open = 1 + np.flatnonzero(phase <= LAST["close"])
     for name in moves:  # an open hand does not move what it does not hold
-        np.testing.assert_array_equal(getattr(found.drive, name)[:, rest], getattr(without.drive, name)[:, rest])
+        np.testing.assert_array_equal(
+            getattr(scenes.drive, name)[:, hand_open], getattr(without.drive, name)[:, hand_open]
+        )
 
 
 def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
-    found = planned(["ball", "mug", "empty_hand"], effects=["weight"])
+    scenes = planned(["ball", "mug", "empty_hand"], effects=["weight"])
     grams = np.array([55, 509, 0])
     for grasp in (0, 1):
-        load = found.drive.load[:, holds(found, grasp)]
+        load = scenes.drive.load[:, holds(scenes, grasp)]
         np.testing.assert_array_equal(load[..., :2], 0)
         np.testing.assert_allclose(load[..., 2], np.tile(-1e-3 * grams[:, None] * GRAVITY, load.shape[1]))
     phase, _, _ = schedule(50, 2)
-    np.testing.assert_array_equal(found.drive.load[:, 1 + np.flatnonzero(phase <= LAST["close"])], 0)
+    np.testing.assert_array_equal(scenes.drive.load[:, 1 + np.flatnonzero(phase <= LAST["close"])], 0)
 
 
 def test_heavier_objects_are_squeezed_more():
@@ -146,18 +148,18 @@ def test_heavier_objects_are_squeezed_more():
 
 
 def test_the_empty_hand_touches_nothing_and_its_fingers_bend_a_little():
-    found = planned(["empty_hand"], effects=["shift", "tremor", "weight"])
-    hands, shapes = Hands([HAND]), solids(KNOWN["empty_hand"])
+    scenes = planned(["empty_hand"], effects=["shift", "tremor", "weight"])
+    hands, shapes = Hands([HAND]), solids(OBJECTS_BY_NAME["empty_hand"])
     row = np.array([0])
     for knot in range(51):
-        now = {name: values[:, knot] for name, values in vars(found.drive).items()}
+        now = {name: values[:, knot] for name, values in vars(scenes.drive).items()}
         pose = hands.pose(row, now["posture"], now["opposition"])
-        turn = Rotation.from_rotvec(now["turn"]).as_matrix()
-        assert len(touching(hands, shapes, row, pose, now["place"], turn, palm=True).row) == 0
+        rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
+        assert len(collisions(hands, shapes, row, pose, now["position"], rotation, palm=True).row) == 0
     np.testing.assert_allclose(
-        found.drive.posture[0, holds(found, 0)[0]], np.tile(OPEN + IDLE * (CLOSED - OPEN), (5, 1))
+        scenes.drive.posture[0, holds(scenes, 0)[0]], np.tile(OPEN + IDLE * (CLOSED - OPEN), (5, 1))
     )
-    assert not found.drive.load.any()
+    assert not scenes.drive.load.any()
 
 
 def test_the_scene_of_a_recording_does_not_depend_on_the_others():
@@ -171,37 +173,39 @@ def test_the_scene_of_a_recording_does_not_depend_on_the_others():
 
 def test_another_generator_gives_another_scene():
     one, other = planned(["ball"], seed=0), planned(["ball"], seed=1)
-    assert np.abs(one.drive.place[0, 20] - other.drive.place[0, 20]).max() > 1e-4
-    assert np.abs(one.drive.turn[0, 20] - other.drive.turn[0, 20]).max() > 1e-2
+    assert np.abs(one.drive.position[0, 20] - other.drive.position[0, 20]).max() > 1e-4
+    assert np.abs(one.drive.rotation[0, 20] - other.drive.rotation[0, 20]).max() > 1e-2
 
 
 def test_no_object_is_wanted_deep_inside_the_palm_nor_through_it():
-    things = [thing for thing in THINGS if thing.parts and thing.place is None]
-    found = planned([thing.name for thing in things], frames=60, grasps=3)
-    for row, thing in enumerate(things):
+    grasp_objects = [grasp_object for grasp_object in OBJECTS if grasp_object.parts and grasp_object.position is None]
+    scenes = planned([grasp_object.name for grasp_object in grasp_objects], frames=60, grasps=3)
+    for row, grasp_object in enumerate(grasp_objects):
         for grasp in range(3):
-            knot = holds(found, grasp)[0]
-            turn = Rotation.from_rotvec(found.drive.turn[row, knot]).as_matrix()
-            below = thing.extent(turn, np.array([0, 0, -1.0]))
-            assert found.drive.place[row, knot, 2] - below >= -DIP - 1e-12, thing.name
+            knot = holds(scenes, grasp)[0]
+            rotation = Rotation.from_rotvec(scenes.drive.rotation[row, knot]).as_matrix()
+            below = grasp_object.extent(rotation, np.array([0, 0, -1.0]))
+            assert scenes.drive.position[row, knot, 2] - below >= -DIP - 1e-12, grasp_object.name
 
 
 def test_fingers_close_until_they_touch():
-    things = [KNOWN["mug"], KNOWN["ball"], KNOWN["empty_hand"]]
-    hands, shapes = Hands([HAND] * 3), solids(*things)
-    place = np.tile([0.080, 0.002, 0.042], (3, 1, 1))
-    turn = np.array([Rotation.from_rotvec(thing.lie).as_rotvec() for thing in things])[:, None]
-    lie = SimpleNamespace(place=place, turn=turn, opposition=np.full((3, 1), 0.95), squeeze=np.zeros((3, 1, 5)))
-    share = closing(hands, shapes, lie, 0)
+    grasp_objects = [OBJECTS_BY_NAME["mug"], OBJECTS_BY_NAME["ball"], OBJECTS_BY_NAME["empty_hand"]]
+    hands, shapes = Hands([HAND] * 3), solids(*grasp_objects)
+    position = np.tile([0.080, 0.002, 0.042], (3, 1, 1))
+    rotation = np.array([Rotation.from_rotvec(grasp_object.orientation).as_rotvec() for grasp_object in grasp_objects])[
+        :, None
+    ]
+    held = Grasps(position=position, rotation=rotation, opposition=np.full((3, 1), 0.95), squeeze=np.zeros((3, 1, 5)))
+    share = closure(hands, shapes, held, 0)
 
     def touched(part):
         """(B, 5): whether fingers that are closed so far are inside the object."""
         pose = hands.pose(np.arange(3), OPEN + part[..., None] * (CLOSED - OPEN), np.full(3, 0.95))
-        matrix = Rotation.from_rotvec(turn[:, 0]).as_matrix()
-        found = touching(hands, shapes, np.arange(3), pose, place[:, 0], matrix, palm=False)
+        matrix = Rotation.from_rotvec(rotation[:, 0]).as_matrix()
+        scenes = collisions(hands, shapes, np.arange(3), pose, position[:, 0], matrix, palm=False)
         out = np.zeros((3, 5), dtype=bool)
-        out[found.row, found.patch // 3] = True
-        assert (found.patch < LINK_PATCHES).all()
+        out[scenes.row, scenes.patch // 3] = True
+        assert (scenes.patch < LINK_PATCHES).all()
         return out
 
     closed = touched(share)

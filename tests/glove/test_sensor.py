@@ -6,20 +6,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.glove.hand import stag_hand
+from tactile_viewgcn.glove.recipe import EFFECTS, READING
 from tactile_viewgcn.glove.sensor import (
     CROSSTALK,
-    FULL,
     HYSTERESIS,
-    NOWHERE,
+    MAX_COUNT,
+    NO_SENSOR,
     RECOVERY,
     SATURATION,
     SENSITIVITY,
     Electronics,
     Sensors,
-    Spread,
+    SensorVariation,
     electronics,
 )
-from tactile_viewgcn.glove.simulation import EFFECTS, READING
 from tactile_viewgcn.randomness import stream
 
 HAND = stag_hand()
@@ -29,12 +29,12 @@ PA = 1 / SENSITIVITY  # of one count at little pressure
 
 
 def kit(**changes):
-    """Electronics of equal sensors with rest 100, whose gain turns a `count` of pressure into a count."""
-    given = {
+    """Electronics of equal sensors with baseline 100 and gain 1."""
+    kit_ = {
         "gain": np.ones(COUNT), "stuck": np.full(COUNT, np.nan), "bend": np.zeros(COUNT),
-        "rest": np.full(COUNT, 100.0), "noise": np.zeros(COUNT), "common": 0.0, "row_noise": 0.0,
+        "baseline": np.full(COUNT, 100.0), "noise": np.zeros(COUNT), "common": 0.0, "row_noise": 0.0,
     }  # fmt: skip
-    return Electronics(**(given | changes))
+    return Electronics(**(kit_ | changes))
 
 
 def sensors(*effects, seed=0, **changes):
@@ -42,15 +42,15 @@ def sensors(*effects, seed=0, **changes):
 
 
 def read(pressure, *effects, flexion=FLAT, seed=0, **changes):
-    """Counts (T, S) above rest of pressures (T, S), or (T,) alike on all sensors, given in counts."""
+    """Counts (T, S) above the baseline of pressures (T, S), or (T,) alike on all sensors, given in counts."""
     pressure = np.asarray(pressure, dtype=float)
     if pressure.ndim == 1:
         pressure = np.repeat(pressure[:, None], COUNT, axis=1)
     frames = sensors(*effects, seed=seed, **changes).read(pressure[None] * PA, flexion)
-    return frames[0][:, HAND.row, HAND.column] - changes.get("rest", np.full(COUNT, 100.0)).astype(int)
+    return frames[0][:, HAND.row, HAND.column] - changes.get("baseline", np.full(COUNT, 100.0)).astype(int)
 
 
-def test_without_effects_counts_are_rest_plus_sensitivity_times_pressure():
+def test_without_effects_counts_are_baseline_plus_sensitivity_times_pressure():
     gain = np.linspace(0.5, 2, COUNT)
     pressure = np.random.default_rng(0).uniform(0, 300, (6, COUNT))
     np.testing.assert_array_equal(read(pressure, gain=gain), np.rint(100 + gain * pressure) - 100)
@@ -64,43 +64,44 @@ def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
     assert frames.shape == (2, 3, 32, 32) and frames.dtype == np.int16
     there = np.zeros((32, 32), dtype=bool)
     there[HAND.row, HAND.column] = True
-    assert (frames[:, :, ~there] == NOWHERE).all() and there.sum() == 548
-    assert (frames[0][:, there] == FULL).all() and FULL == 1023
+    assert (frames[:, :, ~there] == NO_SENSOR).all() and there.sum() == 548
+    assert (frames[0][:, there] == MAX_COUNT).all() and MAX_COUNT == 1023
     assert set(np.unique(frames[1][:, there])) == {0, 100}
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.19])
-def test_without_contact_counts_are_the_rest_and_its_noise(scale):
-    given = electronics(
-        HAND, stream(3, "glove"), stream(3, "session", 1), frozenset(["noise"]), Spread(row_noise=scale)
+def test_without_contact_counts_are_baseline_and_noise(scale):
+    kit_ = electronics(
+        HAND, stream(3, "glove"), stream(3, "session", 1), frozenset(["noise"]), SensorVariation(row_noise=scale)
     )
-    glove = Sensors(HAND, [given], [stream(3, "noise")], frozenset(["noise", "saturation", "hysteresis", "crosstalk"]))
+    glove = Sensors(HAND, [kit_], [stream(3, "noise")], frozenset(["noise", "saturation", "hysteresis", "crosstalk"]))
     frames = glove.read(np.zeros((1, 5, COUNT)), FLAT)[0]
     again = stream(3, "noise")
     for frame in frames:
         draws = again.standard_normal(COUNT + 32)
-        noise = given.noise * draws[:COUNT] + scale * draws[COUNT:][HAND.row]
-        np.testing.assert_array_equal(frame[HAND.row, HAND.column], np.rint(given.rest + noise))
+        noise = kit_.noise * draws[:COUNT] + scale * draws[COUNT:][HAND.row]
+        np.testing.assert_array_equal(frame[HAND.row, HAND.column], np.rint(kit_.baseline + noise))
 
 
-def test_rest_and_noise_are_spread_as_they_should_be():
-    spread = Spread()
+def test_baseline_and_noise_have_the_stated_distributions():
+    spread = SensorVariation()
     kits = [
         electronics(HAND, stream(seed, "glove"), stream(seed, "session"), frozenset(), spread) for seed in range(40)
     ]
-    rest, noise = np.array([one.rest for one in kits]), np.array([one.noise for one in kits])
-    assert rest.mean() == pytest.approx(spread.base[0], abs=4 * spread.base[1] / np.sqrt(40))
+    baseline, noise = np.array([one.baseline for one in kits]), np.array([one.noise for one in kits])
+    assert baseline.mean() == pytest.approx(spread.baseline[0], abs=4 * spread.baseline[1] / np.sqrt(40))
     within = np.sqrt(spread.row**2 + spread.sensor**2)
-    assert (rest - rest.mean(axis=1, keepdims=True)).std() == pytest.approx(within, rel=0.1)
+    assert (baseline - baseline.mean(axis=1, keepdims=True)).std() == pytest.approx(within, rel=0.1)
     assert np.median(noise) == pytest.approx(spread.noise[0], rel=0.02)
     common = [one.common for one in kits]
     assert spread.common[0] <= min(common) < max(common) <= spread.common[1]
     assert not any(np.isfinite(one.stuck).any() for one in kits) and all((one.gain > 0).all() for one in kits)
 
 
-def test_a_glove_keeps_its_sensors_from_session_to_session_and_its_rest_moves():
+def test_a_glove_keeps_its_sensors_from_session_to_session_and_its_baseline_moves():
     first, second = (
-        electronics(HAND, stream(0, "glove"), stream(0, "session", s), frozenset(["defects"]), Spread()) for s in (0, 1)
+        electronics(HAND, stream(0, "glove"), stream(0, "session", s), frozenset(["defects"]), SensorVariation())
+        for s in (0, 1)
     )
     np.testing.assert_array_equal(first.bend, second.bend)
     np.testing.assert_array_equal(first.noise, second.noise)
@@ -108,13 +109,13 @@ def test_a_glove_keeps_its_sensors_from_session_to_session_and_its_rest_moves():
     np.testing.assert_array_equal(first.stuck, second.stuck)
     live = first.gain > 0
     assert 0.6 < np.corrcoef(np.log(first.gain[live]), np.log(second.gain[live]))[0, 1] < 0.99
-    assert np.abs(first.rest - second.rest).mean() > 0.1
+    assert np.abs(first.baseline - second.baseline).mean() > 0.1
 
 
 def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():
     gain = np.full(COUNT, 800 / (SATURATION * SENSITIVITY))  # 800 counts at the saturation pressure, were it linear
     pressure = np.linspace(0, 10, 101) * SATURATION * SENSITIVITY
-    counts = read(pressure, "saturation", gain=gain, rest=np.zeros(COUNT))[:, 0]
+    counts = read(pressure, "saturation", gain=gain, baseline=np.zeros(COUNT))[:, 0]
     assert (counts[10], counts[30], counts[100]) == (400, 600, round(8000 / 11))
     rise = np.diff(counts)
     assert (rise >= 0).all() and (np.diff(counts, 2) <= 1).all()  # concave but for the rounding
@@ -157,8 +158,8 @@ def test_crosstalk_is_what_a_double_loop_over_rows_and_columns_gives(seed):
             if not np.isnan(frame[row, column]):
                 expected[row, column] += CROSSTALK[0] * np.nanmean(frame[row])
                 expected[row, column] += CROSSTALK[1] * np.nanmean(frame[:, column])
-    found = read(pressure[None], "crosstalk")[0]
-    np.testing.assert_allclose(found, expected[HAND.row, HAND.column], atol=0.5 + 1e-6)
+    counts = read(pressure[None], "crosstalk")[0]
+    np.testing.assert_allclose(counts, expected[HAND.row, HAND.column], atol=0.5 + 1e-6)
 
 
 def test_crosstalk_stays_in_the_pressed_row_and_column():
@@ -186,33 +187,33 @@ def test_the_common_mode_moves_all_sensors_alike_and_wanders():
 
 def test_bending_adds_each_sensors_share_of_its_own_flexion():
     bend, flexion = np.linspace(0, 3, COUNT), np.random.default_rng(0).uniform(0, 1.5, (1, 4, COUNT))
-    found = read(np.zeros((4, COUNT)), "bending", bend=bend, flexion=flexion)
-    np.testing.assert_array_equal(found, np.rint(100 + bend * flexion[0]) - 100)
+    counts = read(np.zeros((4, COUNT)), "bending", bend=bend, flexion=flexion)
+    np.testing.assert_array_equal(counts, np.rint(100 + bend * flexion[0]) - 100)
     np.testing.assert_array_equal(read(np.zeros((4, COUNT)), bend=bend, flexion=flexion), 0)
 
 
 def test_dead_sensors_never_move_and_stuck_ones_neither():
     effects = frozenset(["defects", "saturation", "hysteresis"])
-    given = electronics(HAND, stream(0, "glove"), stream(0, "session"), effects, Spread(dead=0.05, stuck=0.05))
-    dead, stuck = given.gain == 0, np.isfinite(given.stuck)
+    kit_ = electronics(HAND, stream(0, "glove"), stream(0, "session"), effects, SensorVariation(dead=0.05, stuck=0.05))
+    dead, stuck = kit_.gain == 0, np.isfinite(kit_.stuck)
     assert 10 < dead.sum() < 50 and 10 < stuck.sum() < 50 and not (dead & stuck).any()
     pressure = np.random.default_rng(0).uniform(0, 1e5, (1, 30, COUNT))
-    counts = Sensors(HAND, [given], [stream(0, "noise")], effects).read(pressure, FLAT)[0][:, HAND.row, HAND.column]
+    counts = Sensors(HAND, [kit_], [stream(0, "noise")], effects).read(pressure, FLAT)[0][:, HAND.row, HAND.column]
     moves = np.ptp(counts, axis=0) > 0
     assert not moves[dead | stuck].any() and moves[~dead & ~stuck].mean() > 0.95
-    np.testing.assert_array_equal(counts[:, dead], np.rint(given.rest[dead])[None].repeat(30, 0))
-    np.testing.assert_array_equal(counts[:, stuck], np.rint(given.rest + given.stuck)[stuck][None].repeat(30, 0))
+    np.testing.assert_array_equal(counts[:, dead], np.rint(kit_.baseline[dead])[None].repeat(30, 0))
+    np.testing.assert_array_equal(counts[:, stuck], np.rint(kit_.baseline + kit_.stuck)[stuck][None].repeat(30, 0))
 
 
 def test_sensors_that_are_whole_have_the_same_gain_with_and_without_defects():
     with_, without = (
-        electronics(HAND, stream(0, "glove"), stream(0, "session"), frozenset(effects), Spread())
+        electronics(HAND, stream(0, "glove"), stream(0, "session"), frozenset(effects), SensorVariation())
         for effects in (["defects"], [])
     )
     whole = with_.gain > 0
     assert 0 < (~whole).sum() < 40
     np.testing.assert_array_equal(with_.gain[whole], without.gain[whole])
-    np.testing.assert_array_equal(with_.rest, without.rest)
+    np.testing.assert_array_equal(with_.baseline, without.baseline)
 
 
 @pytest.mark.parametrize("cuts", [(1,), (7,), (3, 4, 15)])
@@ -221,7 +222,7 @@ def test_blocks_of_any_length_give_the_same_frames(cuts):
     pressure = rng.uniform(0, 3e4, (2, 20, COUNT)) * (rng.random((2, 20, 1)) < 0.5)
     flexion = rng.uniform(0, 1, (2, 20, COUNT))
     effects = frozenset(EFFECTS)
-    kits = [electronics(HAND, stream(0, "glove"), stream(0, "session", s), effects, Spread()) for s in (0, 1)]
+    kits = [electronics(HAND, stream(0, "glove"), stream(0, "session", s), effects, SensorVariation()) for s in (0, 1)]
 
     def glove():
         return Sensors(HAND, kits, [stream(0, "noise", s) for s in (0, 1)], effects)
@@ -237,8 +238,8 @@ def test_every_effect_of_reading_changes_the_counts(effect):
     pressure, flexion = rng.uniform(0, 3e4, (1, 12, COUNT)), rng.uniform(0, 1, (1, 12, COUNT))
 
     def counts(*effects):
-        given = electronics(HAND, stream(0, "glove"), stream(0, "session"), frozenset(effects), Spread())
-        return Sensors(HAND, [given], [stream(0, "noise")], frozenset(effects)).read(pressure, flexion)
+        kit_ = electronics(HAND, stream(0, "glove"), stream(0, "session"), frozenset(effects), SensorVariation())
+        return Sensors(HAND, [kit_], [stream(0, "noise")], frozenset(effects)).read(pressure, flexion)
 
     assert np.count_nonzero(counts(effect) != counts()) > 10
 
@@ -247,7 +248,9 @@ def test_a_recording_is_read_the_same_alone_and_among_others():
     rng = np.random.default_rng(0)
     pressure, flexion = rng.uniform(0, 3e4, (3, 9, COUNT)), rng.uniform(0, 1, (3, 9, COUNT))
     effects = frozenset(EFFECTS)
-    kits = [electronics(HAND, stream(0, "glove"), stream(0, "session", s), effects, Spread()) for s in range(3)]
+    kits = [
+        electronics(HAND, stream(0, "glove"), stream(0, "session", s), effects, SensorVariation()) for s in range(3)
+    ]
     together = Sensors(HAND, kits, [stream(0, "noise", s) for s in range(3)], effects).read(pressure, flexion)
     for s in range(3):
         alone = Sensors(HAND, kits[s : s + 1], [stream(0, "noise", s)], effects)

@@ -6,6 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.shapes import BOX, REVOLVED, Primitive, Solids, box, capsule, cylinder, sphere, torus, tube
 
 HAND_WORKED = [  # shape, point, distance
@@ -53,7 +54,7 @@ PARTS = (
     torus(0.03, 0.008), tube(0.02, 0.03, 0.04, 0.003), tube(0.0, 0.02, 0.05),
     box(0.03, 0.04, 0.05, cut=(0.6, 0.0, 0.8, 0.01)), torus(0.03, 0.01, cut=(-1.0, 0.0, 0.0, 0.01)),
 )  # fmt: skip
-place = st.tuples(*[st.floats(-0.08, 0.08)] * 3).map(np.array)
+position = st.tuples(*[st.floats(-0.08, 0.08)] * 3).map(np.array)
 
 
 def distance(part, at):
@@ -100,7 +101,7 @@ def test_gradients_by_hand(part, at, expected):
 
 
 @settings(max_examples=300, deadline=None)
-@given(part=st.sampled_from(PARTS), at=place)
+@given(part=st.sampled_from(PARTS), at=position)
 def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, at):
     step = 1e-6
     ahead, behind = distance(part, at + step * np.eye(3)), distance(part, at - step * np.eye(3))
@@ -118,24 +119,27 @@ def test_on_axes_and_kinks_the_gradient_is_still_a_unit_vector(part, at):
 
 
 @pytest.mark.parametrize("part", [part for part in PARTS if part.cut[3] == np.inf])
-def test_the_reach_is_the_radius_of_the_smallest_sphere_about_the_centre(part):
+def test_the_bounding_radius_is_that_of_the_smallest_sphere_about_the_centre(part):
     around = directions()
-    assert (distance(part, 1.0001 * part.reach * around) > 0).all()
-    assert (distance(part, 0.99 * part.reach * around) < 0).any()
+    assert (distance(part, 1.0001 * part.bounding_radius * around) > 0).all()
+    assert (distance(part, 0.99 * part.bounding_radius * around) < 0).any()
 
 
 @pytest.mark.parametrize("part", [part for part in PARTS if part.cut[3] < np.inf])
-def test_the_reach_of_what_is_cut_is_that_of_the_whole(part):
+def test_the_bounding_radius_of_what_is_cut_is_that_of_the_whole(part):
     whole = Primitive(part.kind, part.half, part.round, part.offset)
-    assert part.reach == whole.reach and (distance(part, 1.0001 * part.reach * directions()) > 0).all()
+    assert (
+        part.bounding_radius == whole.bounding_radius
+        and (distance(part, 1.0001 * part.bounding_radius * directions()) > 0).all()
+    )
 
 
 def test_many_unions_at_once_give_what_each_primitive_gives_alone():
     rng = np.random.default_rng(0)
     unions = [[], list(PARTS[:3]), [PARTS[9]], list(PARTS[3:])]
     solids = Solids(unions)
-    b, p = np.nonzero(np.isfinite(solids.reach))
-    assert len(b) == 3 + 1 + 8 and solids.reach.shape == (4, 8) and (solids.reach[0] < 0).all()
+    b, p = np.nonzero(np.isfinite(solids.bounding_radius))
+    assert len(b) == 3 + 1 + 8 and solids.bounding_radius.shape == (4, 8) and (solids.bounding_radius[0] < 0).all()
     pick = rng.integers(len(b), size=200)
     at = rng.uniform(-0.06, 0.06, (200, 3))
     far, slope = solids.distance(b[pick], p[pick], at), solids.gradient(b[pick], p[pick], at)
@@ -144,14 +148,14 @@ def test_many_unions_at_once_give_what_each_primitive_gives_alone():
         assert far[n] == pytest.approx(distance(part, at[n])[0], abs=1e-16)
         np.testing.assert_allclose(slope[n], gradient(part, at[n])[0], atol=1e-15)
     for n in range(len(b)):
-        assert solids.reach[b[n], p[n]] == unions[b[n]][p[n]].reach
+        assert solids.bounding_radius[b[n], p[n]] == unions[b[n]][p[n]].bounding_radius
 
 
 def test_centre_and_turn_are_kept_for_whoever_places_the_object():
-    solids = Solids([[sphere(1.0)], [sphere(1.0), box(1, 1, 1, centre=(1, 2, 3), turn=(0, 0, np.pi / 2))]])
+    solids = Solids([[sphere(1.0)], [sphere(1.0), box(1, 1, 1, centre=(1, 2, 3), rotation=(0, 0, np.pi / 2))]])
     np.testing.assert_array_equal(solids.centre[1, 1], [1, 2, 3])
-    np.testing.assert_allclose(solids.turn[1, 1] @ [1, 0, 0], [0, 1, 0], atol=1e-15)
-    np.testing.assert_allclose(solids.turn[1, 0], Rotation.identity().as_matrix())
+    np.testing.assert_allclose(solids.rotation[1, 1] @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(solids.rotation[1, 0], Rotation.identity().as_matrix())
     assert solids.kind[1].tolist() == [REVOLVED, BOX]
 
 
@@ -167,7 +171,7 @@ def test_centre_and_turn_are_kept_for_whoever_places_the_object():
     ],
 )
 def test_sizes_that_are_negative_or_no_numbers_are_refused(make):
-    with pytest.raises(ValueError, match=r"shape sizes are \(.*\); expected finite numbers of metres, none negative"):
+    with pytest.raises(UserError, match=r"shape sizes are \(.*\); expected finite numbers of metres, none negative"):
         make()
 
 
@@ -183,17 +187,17 @@ def test_sizes_that_are_negative_or_no_numbers_are_refused(make):
     ],
 )
 def test_shapes_without_extent_are_refused(make):
-    with pytest.raises(ValueError, match=r"shape with half sizes .* has no extent; give it some"):
+    with pytest.raises(UserError, match=r"shape with half sizes .* has no extent; give it some"):
         make()
 
 
 def test_a_rounding_of_half_a_wall_is_allowed_and_a_larger_one_refused():
     assert tube(0.03, 0.036, 0.08, 0.003).half[0] == 0
-    with pytest.raises(ValueError, match=r"tube wall is 0.006 m, rounded by 0.004 m; expected at most half of it"):
+    with pytest.raises(UserError, match=r"tube wall is 0.006 m, rounded by 0.004 m; expected at most half of it"):
         tube(0.03, 0.036, 0.08, 0.004)
-    with pytest.raises(ValueError, match=r"inner radius 0.05 m is more than the outer one, 0.036 m"):
+    with pytest.raises(UserError, match=r"inner radius 0.05 m is more than the outer one, 0.036 m"):
         tube(0.05, 0.036, 0.08)
-    with pytest.raises(ValueError, match=r"box side is 0.02 m, rounded by 0.011 m; expected at most half of it"):
+    with pytest.raises(UserError, match=r"box side is 0.02 m, rounded by 0.011 m; expected at most half of it"):
         box(0.02, 0.03, 0.04, round=0.011)
-    with pytest.raises(ValueError, match=r"capsule length is 0.03 m, rounded by 0.02 m; expected at most half of it"):
+    with pytest.raises(UserError, match=r"capsule length is 0.03 m, rounded by 0.02 m; expected at most half of it"):
         capsule(0.02, 0.03)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from tactile_viewgcn.nn.backbone import AT_ONCE, Backbone, Stem, build_backbone, features_of
+from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, Backbone, Stem, build_backbone, extract_features
 
 
 def test_it_has_the_released_code_s_number_of_weights():
@@ -39,8 +39,8 @@ def test_dropout_takes_whole_channels_and_only_in_training():
 
 def test_features_in_batches_equal_those_of_single_frames():
     torch.manual_seed(0)
-    backbone, frames = Backbone(), torch.rand(AT_ONCE + 3, 1, 8, 8)
-    together = features_of(backbone.train(), frames)
+    backbone, frames = Backbone(), torch.rand(INFERENCE_BATCH + 3, 1, 8, 8)
+    together = extract_features(backbone.train(), frames)
     alone = torch.cat([backbone(frame[None]) for frame in frames])
     assert not backbone.training
     torch.testing.assert_close(together, alone, rtol=1e-4, atol=1e-5)
@@ -68,17 +68,16 @@ def random_stem():
 def test_the_stem_is_convolution_normalisation_relu_and_pooling_in_training():
     stem, frames = random_stem()
     plain = plain_stem(stem)
-    found, expected = stem(frames), plain(frames)
-    torch.testing.assert_close(found, expected)
+    maps, expected = stem(frames), plain(frames)
+    torch.testing.assert_close(maps, expected)
     for name, running in plain[1].named_buffers():
         torch.testing.assert_close(dict(stem.norm.named_buffers())[name], running)
     weights = [stem.conv.weight, stem.norm.weight, stem.norm.bias]
     plain_weights = [plain[0].weight, plain[1].weight, plain[1].bias]
-    slope = torch.randn_like(found)
-    for mine, its in zip(
-        torch.autograd.grad(found, weights, slope), torch.autograd.grad(expected, plain_weights, slope), strict=True
-    ):
-        torch.testing.assert_close(mine, its)
+    slope = torch.randn_like(maps)
+    torch.testing.assert_close(
+        torch.autograd.grad(maps, weights, slope), torch.autograd.grad(expected, plain_weights, slope)
+    )
 
 
 def test_the_stem_uses_the_running_moments_in_evaluation():
@@ -191,8 +190,8 @@ def test_maps_are_those_that_would_be_read_out_and_their_shape_is_known_before(s
     whole.load_state_dict(backbone.state_dict())
     maps, features = maps_and_features(backbone, frames)
     assert torch.equal(whole(frames), maps)
-    assert backbone.maps_of(shape) == whole.maps_of(shape) == maps.shape[1:]
-    torch.testing.assert_close(features_of(whole, frames).mean(dim=(2, 3)), features)
+    assert backbone.map_shape(shape) == whole.map_shape(shape) == maps.shape[1:]
+    torch.testing.assert_close(extract_features(whole, frames).mean(dim=(2, 3)), features)
 
 
 @pytest.mark.parametrize("readout", ["average", "grid"])

@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch import nn
 
-from tactile_viewgcn.nn.backbone import Backbone, build_backbone, features_of
+from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_features
 from tactile_viewgcn.nn.perceptron import Perceptron
-from tactile_viewgcn.pretraining import pretrain_backbone
+from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tests.tables import CPU, recipe, table
 
 OPTIONS = {"width": 2, "blocks": 2, "dropout": 0.5, "readout": "average"}
@@ -85,7 +85,7 @@ def test_frames_in_channels_last_order_have_the_same_features():
     torch.manual_seed(0)
     perceptron, frames = Perceptron((4, 5), 4, 0.2).eval(), torch.rand(3, 1, 4, 5)
     ordered = frames.contiguous(memory_format=torch.channels_last)
-    torch.testing.assert_close(features_of(perceptron, ordered), perceptron(frames))
+    torch.testing.assert_close(extract_features(perceptron, ordered), perceptron(frames))
 
 
 def test_the_kind_says_which_backbone_is_built():

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn import classifier as module
-from tactile_viewgcn.classifier import (
-    Classifier,
-    Recogniser,
-    load_classifier,
-    logits_of_sets,
-    save_classifier,
-)
-from tactile_viewgcn.nn.backbone import features_of
-from tactile_viewgcn.split import TEST
-from tactile_viewgcn.viewpoints import viewpoints
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.split import TEST
+from tactile_viewgcn.nn import classifier as module
+from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
+from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.tables import CPU, recipe, table, trained
 
 RELEASED = (
@@ -44,20 +41,8 @@ def pipeline_logits(classifier, frames, sets):
     """Logits (A, classes) of view sets of indices into the table, as evaluation has them."""
     inputs = CPU.frames(torch.from_numpy(frames.inputs(sets.ravel())))
     with torch.inference_mode():
-        features = features_of(classifier.backbone, inputs)
-        return logits_of_sets(classifier.head, features, torch.arange(sets.size).view(sets.shape))
-
-
-def test_the_classifier_is_the_head_on_the_backbone_s_features():
-    classifier, frames = trained(), torch.rand(12, 1, 12, 12, generator=torch.Generator().manual_seed(0))
-    with torch.inference_mode():
-        logits, view_logits = classifier(frames, 4)
-        features = classifier.backbone(frames)
-        by_hand = classifier.head(torch.stack([features[4 * i : 4 * i + 4] for i in range(3)]))[0]
-    assert logits.shape == (3, 4)
-    assert [out.shape for out in view_logits] == [(3, 2, 4, 4)]
-    torch.testing.assert_close(logits, by_hand)
-    assert classifier.views == 4
+        features = extract_features(classifier.backbone, inputs)
+        return view_set_logits(classifier.head, features, torch.arange(sets.size).view(sets.shape))
 
 
 def test_the_released_options_give_the_released_code_s_number_of_weights():
@@ -72,11 +57,11 @@ def test_view_sets_in_batches_have_the_logits_of_all_at_once(monkeypatch):
     sets, sizes = torch.from_numpy(np.random.default_rng(0).integers(0, 20, (11, 4))), []
     classifier.head.register_forward_hook(lambda _, inputs, __: sizes.append(len(inputs[0])))
     with torch.inference_mode():
-        together = logits_of_sets(classifier.head, features, sets)
-        monkeypatch.setattr(module, "SETS_AT_ONCE", 3 * 4 * 128)
-        parts = logits_of_sets(classifier.head, features, sets)
-        monkeypatch.setattr(module, "SETS_AT_ONCE", 1)
-        singly = logits_of_sets(classifier.head, features, sets)
+        together = view_set_logits(classifier.head, features, sets)
+        monkeypatch.setattr(module, "MAX_NODE_VALUES", 3 * 4 * 128)
+        parts = view_set_logits(classifier.head, features, sets)
+        monkeypatch.setattr(module, "MAX_NODE_VALUES", 1)
+        singly = view_set_logits(classifier.head, features, sets)
     assert sizes == [11] + [3, 3, 3, 2] + [1] * 11
     torch.testing.assert_close(parts, together)
     torch.testing.assert_close(singly, together)
@@ -87,10 +72,10 @@ def test_the_checkpoint_holds_tensors_and_plain_values_alone(saved):
     frames = table()
     assert content["classes"] == ["empty_hand", "object1", "object2", "object3"]
     assert content["shape"] == [12, 12]
-    assert (content["kind"], content["scale"]) == ("clip", 150.0)
+    assert (content["transform"], content["scale"]) == ("clip", 150.0)
     assert content["model"] == asdict(recipe().model)
-    assert content["rest_names"] == ["000"]
-    np.testing.assert_array_equal(content["rest_mean"], frames.rest_mean)
+    assert content["baseline_names"] == ["000"]
+    np.testing.assert_array_equal(content["baseline_mean"], frames.baseline_mean)
     np.testing.assert_allclose(content["viewpoints"], viewpoints(4), rtol=1e-6)
 
 
@@ -118,12 +103,12 @@ def test_other_options_of_the_model_come_back(tmp_path):
         assert torch.equal(loaded.head(views)[0], classifier.head(views)[0])
 
 
-@pytest.mark.parametrize("kind", ["clip", "log"])
-def test_probabilities_of_raw_counts_are_those_of_the_pipeline(tmp_path, kind):
-    frames, sets = replace(table(), kind=kind), some_sets()
+@pytest.mark.parametrize("transform", ["clip", "log"])
+def test_probabilities_of_raw_counts_are_those_of_the_pipeline(tmp_path, transform):
+    frames, sets = replace(table(), transform=transform), some_sets()
     save_classifier(tmp_path / "c.pt", trained(), recipe().model, frames)
     recogniser = Recogniser(tmp_path / "c.pt")
-    found = recogniser.probabilities(frames.counts[sets], recogniser.rest("000"))
+    found = recogniser.probabilities(frames.counts[sets], recogniser.baseline("000"))
     expected = pipeline_logits(trained(), frames, sets).softmax(dim=-1)
     assert found.shape == (12, 4)
     np.testing.assert_allclose(found, expected, atol=1e-6)
@@ -135,78 +120,80 @@ def test_a_recogniser_says_what_is_held(saved):
     frames = table()
     index, recogniser = frames.on(TEST), Recogniser(saved)
     starts = [np.flatnonzero(frames.label[index] == label)[:4] for label in range(4)]
-    found = recogniser.probabilities(frames.counts[index[np.stack(starts)]], recogniser.rest())
-    right = (found.argmax(axis=1) == np.arange(4)).sum()
-    assert right >= 3
+    found = recogniser.probabilities(frames.counts[index[np.stack(starts)]], recogniser.baseline())
+    correct = (found.argmax(axis=1) == np.arange(4)).sum()
+    assert correct >= 3
 
 
 def test_an_offset_of_a_billion_takes_nothing_of_the_excess(saved):
     frames, recogniser = table(), Recogniser(saved)
-    counts, rest = frames.counts[some_sets()].astype(np.int64), np.rint(recogniser.rest("000")).astype(np.int64)
-    moved = recogniser.probabilities(counts + 10**9, rest + 10**9)
-    np.testing.assert_array_equal(moved, recogniser.probabilities(counts, rest))
+    counts, baseline = frames.counts[some_sets()].astype(np.int64), np.rint(recogniser.baseline("000")).astype(np.int64)
+    moved = recogniser.probabilities(counts + 10**9, baseline + 10**9)
+    np.testing.assert_array_equal(moved, recogniser.probabilities(counts, baseline))
 
 
 @pytest.mark.parametrize("place", [1e20, np.inf, np.nan])
 def test_viewpoints_that_are_out_of_range_are_refused(place):
     places = torch.tensor([[0.0, 0, 1], [0, place, 0]])
-    with pytest.raises(ValueError, match=r"viewpoints hold .*; expected coordinates between -1e\+09 and 1e\+09"):
+    with pytest.raises(UserError, match=r"viewpoints hold .*; expected coordinates between -1e\+09 and 1e\+09"):
         Classifier(places, 3, recipe().model)
 
 
 def test_only_the_excess_over_rest_counts(saved):
     frames, recogniser = table(), Recogniser(saved)
-    counts, rest = frames.counts[some_sets()].astype(np.float64), recogniser.rest("000")
+    counts, baseline = frames.counts[some_sets()].astype(np.float64), recogniser.baseline("000")
     shift = np.arange(144.0).reshape(12, 12)
-    moved = recogniser.probabilities(counts + shift, rest + shift)
-    np.testing.assert_allclose(moved, recogniser.probabilities(counts, rest), atol=1e-3)
+    moved = recogniser.probabilities(counts + shift, baseline + shift)
+    np.testing.assert_allclose(moved, recogniser.probabilities(counts, baseline), atol=1e-3)
 
 
 def with_rests(path, means, names):
     """A recogniser whose frames all belong to the first of these rests (R,) in counts."""
     rests = np.broadcast_to(np.array(means, np.float32)[:, None, None], (len(means), 12, 12)).copy()
-    save_classifier(path, trained(), recipe().model, replace(table(), rest_mean=rests, rest_names=names))
+    save_classifier(path, trained(), recipe().model, replace(table(), baseline_mean=rests, baseline_names=names))
     return Recogniser(path)
 
 
 def test_a_session_s_rest_is_found_by_its_name(tmp_path):
     frames = table()
     both = replace(
-        frames, rest=np.arange(len(frames)) % 2, rest_mean=np.stack([frames.rest_mean[0], np.ones((12, 12))])
+        frames,
+        baseline=np.arange(len(frames)) % 2,
+        baseline_mean=np.stack([frames.baseline_mean[0], np.ones((12, 12))]),
     )
-    save_classifier(tmp_path / "c.pt", trained(), recipe().model, replace(both, rest_names=["one", "two"]))
+    save_classifier(tmp_path / "c.pt", trained(), recipe().model, replace(both, baseline_names=["one", "two"]))
     recogniser = Recogniser(tmp_path / "c.pt")
-    np.testing.assert_array_equal(recogniser.rest("one"), frames.rest_mean[0])
-    np.testing.assert_array_equal(recogniser.rest("two"), np.ones((12, 12)))
-    np.testing.assert_allclose(recogniser.rest(), (frames.rest_mean[0] + 1) / 2, rtol=1e-6)
+    np.testing.assert_array_equal(recogniser.baseline("one"), frames.baseline_mean[0])
+    np.testing.assert_array_equal(recogniser.baseline("two"), np.ones((12, 12)))
+    np.testing.assert_allclose(recogniser.baseline(), (frames.baseline_mean[0] + 1) / 2, rtol=1e-6)
 
 
 def test_a_session_without_frames_does_not_enter_the_mean_rest(tmp_path):
     recogniser = with_rests(tmp_path / "c.pt", [514, 0], ["used", "empty"])
-    np.testing.assert_array_equal(recogniser.rest(), np.full((12, 12), 514))
+    np.testing.assert_array_equal(recogniser.baseline(), np.full((12, 12), 514))
 
 
 def test_an_unknown_session_is_refused(saved):
-    with pytest.raises(ValueError, match=r"session is 'monday'; expected one of 000, or give the rest"):
-        Recogniser(saved).rest("monday")
+    with pytest.raises(UserError, match=r"session is 'monday'; expected one of 000, or give the baseline"):
+        Recogniser(saved).baseline("monday")
 
 
 @pytest.mark.parametrize("shape", [(4, 12, 12), (2, 3, 12, 12), (2, 4, 12, 13), (2, 4, 12), (2, 4, 12, 12, 1)])
 def test_counts_of_another_shape_are_refused(saved, shape):
     recogniser = Recogniser(saved)
-    with pytest.raises(ValueError, match=r"counts has shape \(.*\); expected \(sets, views, rows, columns\)") as error:
-        recogniser.probabilities(np.zeros(shape), recogniser.rest())
+    with pytest.raises(UserError, match=r"counts has shape \(.*\); expected \(sets, views, rows, columns\)") as error:
+        recogniser.probabilities(np.zeros(shape), recogniser.baseline())
     assert str(shape) in str(error.value)
     assert "(any, 4, 12, 12)" in str(error.value)
 
 
 def test_no_view_sets_have_no_probabilities(saved):
     recogniser = Recogniser(saved)
-    assert recogniser.probabilities(np.zeros((0, 4, 12, 12)), recogniser.rest()).shape == (0, 4)
+    assert recogniser.probabilities(np.zeros((0, 4, 12, 12)), recogniser.baseline()).shape == (0, 4)
 
 
 def test_a_rest_of_another_shape_is_refused(saved):
-    with pytest.raises(ValueError, match=r"rest has shape \(12,\); expected \(12, 12\)"):
+    with pytest.raises(UserError, match=r"baseline has shape \(12,\); expected \(12, 12\)"):
         Recogniser(saved).probabilities(np.zeros((1, 4, 12, 12)), np.zeros(12))
 
 
@@ -219,7 +206,7 @@ def test_a_saved_system_gives_a_user_the_probabilities_that_evaluation_has(tmp_p
     sets = some_sets(5)
     expected = pipeline_logits(classifier, frames, np.sort(sets, axis=1)).softmax(dim=-1)
     recogniser = Recogniser(tmp_path / "classifier.pt")
-    rest = frames.rest_mean[frames.rest[sets[0, 0]]]
-    found = recogniser.probabilities(frames.counts[np.sort(sets, axis=1)], rest)
+    baseline = frames.baseline_mean[frames.baseline[sets[0, 0]]]
+    found = recogniser.probabilities(frames.counts[np.sort(sets, axis=1)], baseline)
     np.testing.assert_allclose(found, expected, atol=1e-5)
-    assert recogniser.probabilities(frames.counts[sets[:0]], rest).shape == (0, 4)
+    assert recogniser.probabilities(frames.counts[sets[:0]], baseline).shape == (0, 4)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy import io
 
-from tactile_viewgcn import stag as module
-from tactile_viewgcn.recordings import Recordings, write_recordings
-from tactile_viewgcn.stag import read_folder
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recordings import stag_folder as module
+from tactile_viewgcn.recordings.stag_folder import read_folder
+from tactile_viewgcn.recordings.table import Recordings, write_recordings
 from tests.sources import read
 from tests.stag_files import metadata, save_folder, save_matlab73
 
@@ -49,7 +50,7 @@ def test_a_recording_is_named_by_its_session_and_holds_what_its_name_says(tmp_pa
 
 
 def test_a_long_recording_comes_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "BLOCK", 4)
+    monkeypatch.setattr(module, "BLOCK_FRAMES", 4)
     _raw(tmp_path, "000/000-mug", pressure=np.arange(10, dtype=np.int16)[:, None, None] * np.ones((2, 3), np.int16))
     blocks = list(read_folder(tmp_path).blocks)
     assert [len(block["pressure"]) for block in blocks] == [4, 4, 2]
@@ -73,15 +74,15 @@ COUNTS = np.full((3, 4, 5), 510, dtype=np.int16)
         ({"frame": np.arange(3)}, r"no field pressure; expected STAG's pressuredata\.mat"),
         ({"pressure": COUNTS[0]}, r"pressure has shape \(4, 5\); expected \(frames, rows, columns\)"),
         ({"pressure": COUNTS[:, :3]}, r"frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"),
-        ({"pressure": COUNTS, "frame": np.arange(4)}, r"frame has 4 values; expected one per frame, 3"),
-        ({"pressure": COUNTS, "tStamp": np.arange(2.0)}, r"tStamp has 2 values; expected one per frame, 3"),
+        ({"pressure": COUNTS, "frame": np.arange(4)}, r"frame has 4 values for 3 frames"),
+        ({"pressure": COUNTS, "tStamp": np.arange(2.0)}, r"tStamp has 2 values for 3 frames"),
         ({"pressure": np.full((3, 4, 5), "a")}, r"pressure is of type .*; expected integer counts or real numbers"),
     ],
 )
 def test_a_mistake_in_a_raw_recording_names_its_file(tmp_path, fields, sentence):
     _raw(tmp_path, "raw/000/000-mug", pressure=COUNTS)
     _raw(tmp_path, "raw/000/001-pen", **fields)
-    with pytest.raises(ValueError, match=rf"001-pen.pressuredata\.mat: {sentence}"):
+    with pytest.raises(UserError, match=rf"001-pen.pressuredata\.mat: {sentence}"):
         write_recordings(tmp_path / "t.h5", read_folder(tmp_path / "raw"), "0" * 32)
     assert not list(tmp_path.glob("t.h5*"))
 
@@ -94,11 +95,11 @@ def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_pa
     _raw(raw, "001/003-can", pressure=COUNTS[:, :3])
     _raw(raw, "001/004-ball", pressure=np.full((3, 4, 5), "a"))
     monkeypatch.setattr(io, "loadmat", lambda *_, **__: pytest.fail("a recording was read"))
-    with pytest.raises(ValueError, match="000-mug") as caught:
+    with pytest.raises(UserError, match="000-mug") as caught:
         read_folder(raw)
     assert str(caught.value).replace(f"{raw}/", "").replace("/pressuredata.mat", "") == (
         "000/000-mug: no field pressure; expected STAG's pressuredata.mat; "
-        "000/001-pen: frame has 4 values; expected one per frame, 3; "
+        "000/001-pen: frame has 4 values for 3 frames; expected one for each frame; "
         "001/004-ball: pressure is of type char; expected integer counts or real numbers; "
         "001/003-can: frames of (3, 5); expected (4, 5) as in 000/002-cup"
     )
@@ -109,7 +110,7 @@ def test_raw_recordings_are_compared_in_both_forms_of_matlab(tmp_path, save):
     for name, counts in (("000-mug", COUNTS), ("001-pen", COUNTS[:, :3])):
         (tmp_path / "000" / name).mkdir(parents=True)
         save(tmp_path / "000" / name / "pressuredata.mat", {"pressure": counts})
-    with pytest.raises(ValueError, match=r"001-pen.*: frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"):
+    with pytest.raises(UserError, match=r"001-pen.*: frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"):
         read_folder(tmp_path)
 
 
@@ -118,7 +119,7 @@ def test_a_raw_recording_of_another_type_is_named_when_it_is_read(tmp_path):
     _raw(tmp_path, "000/001-pen", pressure=COUNTS / 8)
     blocks = read_folder(tmp_path).blocks
     assert len(next(blocks)["pressure"]) == 3
-    with pytest.raises(ValueError, match=r"001-pen.*: pressure is of type float64; expected int16 as in .*000-mug"):
+    with pytest.raises(UserError, match=r"001-pen.*: pressure is of type float64; expected int16 as in .*000-mug"):
         next(blocks)
 
 
@@ -126,7 +127,7 @@ def test_a_raw_recording_cut_short_is_named(tmp_path):
     _raw(tmp_path, "raw/000/000-mug", pressure=COUNTS)
     path = _raw(tmp_path, "raw/000/001-pen", pressure=COUNTS)
     path.write_bytes(path.read_bytes()[:-9])
-    with pytest.raises(ValueError, match=r"001-pen.pressuredata\.mat: not a readable MAT-file, or cut short"):
+    with pytest.raises(UserError, match=r"001-pen.pressuredata\.mat: not a readable MAT-file, or cut short"):
         write_recordings(tmp_path / "t.h5", read_folder(tmp_path / "raw"), "0" * 32)
     assert not list(tmp_path.glob("t.h5*"))
 
@@ -141,5 +142,5 @@ def test_a_raw_recording_may_be_saved_as_matlab_7(tmp_path):
 
 
 def test_a_folder_without_raw_recordings_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"no \[batch\]/\[recording\]/pressuredata\.mat in it"):
+    with pytest.raises(UserError, match=r"no \[batch\]/\[recording\]/pressuredata\.mat in it"):
         read_folder(tmp_path)

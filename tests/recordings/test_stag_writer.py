@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from scipy import io
 
-from tactile_viewgcn import stag_form as module
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5
-from tactile_viewgcn.recordings import Recordings, write_recordings
-from tactile_viewgcn.source import open_source
-from tactile_viewgcn.stag import REQUIRED, read_metadata
-from tactile_viewgcn.stag_form import write_metadata
+from tactile_viewgcn.recordings import stag_writer as module
+from tactile_viewgcn.recordings.formats import open_source
+from tactile_viewgcn.recordings.stag_reader import REQUIRED_FIELDS, read_metadata
+from tactile_viewgcn.recordings.stag_writer import write_metadata
+from tactile_viewgcn.recordings.table import Recordings, write_recordings
 from tests.sources import source
 from tests.stag_files import as_weights, metadata, save_folder, save_matlab5
 
@@ -79,7 +80,7 @@ def test_files_of_stag_come_back_with_the_same_fields(tmp_path, tree):
 def test_a_source_without_columns_gets_none(tmp_path):
     path = save_folder(tmp_path / "raw", TREE)
     fields = write_metadata(tmp_path / "metadata.mat", open_source(path))
-    assert fields.keys() == {*REQUIRED, "frame", "ts"}
+    assert fields.keys() == {*REQUIRED_FIELDS, "frame", "ts"}
     assert_same(tmp_path, open_source(path), read_metadata(tmp_path / "metadata.mat"))
 
 
@@ -134,14 +135,14 @@ REFUSED = {
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_what_the_form_cannot_hold_is_refused_and_nothing_is_left(tmp_path, mistake):
     counts, how, sentence = REFUSED[mistake]
-    with pytest.raises(ValueError, match=sentence):
+    with pytest.raises(UserError, match=sentence):
         write_metadata(tmp_path / "metadata.mat", source(counts, **how))
     assert not list(tmp_path.iterdir())
 
 
 def test_more_than_matlab_holds_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "LARGEST", 360)
-    with pytest.raises(ValueError, match=r"glove: 12 frames are 360 bytes; expected less than 360, .* in parts"):
+    monkeypatch.setattr(module, "MAX_FIELD_BYTES", 360)
+    with pytest.raises(UserError, match=r"glove: 12 frames are 360 bytes; expected less than 360, .* in parts"):
         write_metadata(tmp_path / "metadata.mat", source(COUNTS))
     assert not list(tmp_path.iterdir())
 

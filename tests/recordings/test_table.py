@@ -8,18 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn import recordings as module
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5
-from tactile_viewgcn.recordings import (
-    COLUMNS,
-    Recordings,
-    check_shape,
-    is_table,
-    read_table,
-    storage_type,
-    write_recordings,
-)
+from tactile_viewgcn.recordings import table as module
+from tactile_viewgcn.recordings.formats import open_source
+from tactile_viewgcn.recordings.source import COLUMNS, check_shape, storage_type
+from tactile_viewgcn.recordings.table import Recordings, is_table, read_table, write_recordings
 from tests.sources import source, written
+from tests.stag_files import metadata, save_matlab5
 
 RNG = np.random.default_rng(0)
 COUNTS = RNG.integers(500, 600, size=(50, 4, 6)).astype(np.int16)
@@ -61,7 +57,7 @@ def test_a_table_is_read_as_the_source_that_it_was_written_from(tmp_path, monkey
     columns = {"object": np.repeat([0, 1], 25), "valid": np.arange(50) % 3 == 0, "time": np.arange(50) * 0.136}
     given = source(COUNTS, weights=np.array([0, np.nan]), **columns)
     write_recordings(tmp_path / "t.h5", replace(given, action=np.array([[-1.0, 2.5]])), "0" * 32)
-    monkeypatch.setattr(module, "BLOCK", 20)
+    monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
     found = read_table(tmp_path / "t.h5")
     assert (found.objects, found.recordings, found.sessions) == (given.objects, given.recordings, given.sessions)
     assert (found.shape, found.dtype) == (given.shape, given.dtype)
@@ -86,7 +82,7 @@ def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
     written(tmp_path / "t.h5", COUNTS).__exit__()
     with h5py.File(tmp_path / "t.h5", "r+") as file:
         del file[name]
-    with pytest.raises(ValueError, match=r"t\.h5: damaged, or not written by this version .*dvc repro"):
+    with pytest.raises(UserError, match=r"t\.h5: damaged, or not written by this version .*dvc repro"):
         read_table(tmp_path / "t.h5")
 
 
@@ -113,14 +109,14 @@ def test_a_sensor_that_varies_only_between_blocks_is_live(tmp_path):
 @given(st.lists(st.integers(0, 49), unique=True).map(sorted), st.integers(1, 60))
 def test_frames_read_block_by_block_are_those_of_the_index(kept, index, block):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "BLOCK", block)
+        patch.setattr(module, "BLOCK_FRAMES", block)
         found = kept.frames(np.array(index, dtype=np.int64))
     np.testing.assert_array_equal(found, np.array([COUNTS[i] for i in index]).reshape(-1, 4, 6))
     assert found.dtype == np.int16
 
 
 def test_blocks_cover_the_table_in_order(kept, monkeypatch):
-    monkeypatch.setattr(module, "BLOCK", 20)
+    monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
     starts, blocks = zip(*kept.blocks(), strict=True)
     assert starts == (0, 20, 40)
     assert [len(block) for block in blocks] == [20, 20, 10]
@@ -165,7 +161,7 @@ def test_counts_are_kept_as_integers_and_other_numbers_in_their_precision(given_
 
 @pytest.mark.parametrize("kind", [bool, complex, "U3", object])
 def test_pressure_that_is_no_number_is_refused(kind):
-    with pytest.raises(ValueError, match=r"a\.mat: pressure is of type .*; expected integer counts or real numbers"):
+    with pytest.raises(UserError, match=r"a\.mat: pressure is of type .*; expected integer counts or real numbers"):
         storage_type(np.dtype(kind), "a.mat")
 
 
@@ -185,7 +181,7 @@ def test_frames_up_to_64_x_64_are_allowed(shape):
     ],
 )
 def test_pressure_of_another_shape_is_refused(shape, sentence):
-    with pytest.raises(ValueError, match=sentence):
+    with pytest.raises(UserError, match=sentence):
         check_shape(shape, "a.mat")
 
 
@@ -237,7 +233,7 @@ def _with(values, at, value):
     ],
 )
 def test_a_source_with_a_mistake_is_refused_and_nothing_is_left(tmp_path, counts, how, sentence):
-    with pytest.raises(ValueError, match=sentence):
+    with pytest.raises(UserError, match=sentence):
         write_recordings(tmp_path / "t.h5", source(counts, cuts=(10, 30), **how), "0" * 32)
     assert list(tmp_path.iterdir()) == []
 
@@ -249,10 +245,10 @@ def test_a_source_that_fails_halfway_leaves_the_old_table(tmp_path):
 
     def blocks():
         yield from second.blocks
-        raise ValueError("b.mat: cut short")
+        raise UserError("b.mat: cut short")
 
     broken = type(second)(**{**vars(second), "blocks": blocks()})
-    with pytest.raises(ValueError, match=r"^b\.mat: cut short$"):
+    with pytest.raises(UserError, match=r"^b\.mat: cut short$"):
         write_recordings(path, broken, "0" * 32)
     assert md5(path) == before
     assert list(tmp_path.iterdir()) == [path]
@@ -271,3 +267,12 @@ def test_the_table_opens_by_its_name_as_text(tmp_path):
     write_recordings(tmp_path / "t.h5", source(COUNTS), "0" * 32)
     with Recordings(str(tmp_path / "t.h5")) as found:
         assert len(found) == 50
+
+
+def test_the_file_uses_the_projects_words(tmp_path):
+    source = open_source(save_matlab5(tmp_path / "m.mat", metadata(objects=2, recordings=1, frames=4)))
+    write_recordings(tmp_path / "recordings.h5", source, "0" * 32)
+    with h5py.File(tmp_path / "recordings.h5") as file:
+        assert set(file) - set(COLUMNS) == {"pressure", "live", "objects", "recordings", "sessions"}
+        assert {"object", "recording", "session", "frame", "time"} <= set(file)
+        assert dict(file.attrs) == {"source_md5": "0" * 32}

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import yaml
 
-pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
-ROOT = Path(__file__).parents[1]
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]  # the warnings are MLflow's own
+ROOT = Path(__file__).parents[2]
 ALL = ["ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate"]
 TINY = {
     "views": 4,
@@ -60,13 +60,14 @@ def small_glove(folder):
 
 
 def store_of(place):
-    """The MLflow store's client, and all its runs."""
+    """The MLflow store's client, the rows of pipelines, and the runs of the other stages."""
     from mlflow import MlflowClient
 
     copy = Path(tempfile.mkdtemp(dir=place.parent)) / "mlflow.db"  # MLflow keeps connections by path
     shutil.copy(place / "mlflow.db", copy)
     client = MlflowClient(f"sqlite:///{copy}")
-    return client, client.search_runs([client.get_experiment_by_name("tactile-viewgcn").experiment_id])
+    ids = (client.get_experiment_by_name(name).experiment_id for name in ("tactile-viewgcn", "tactile-viewgcn/stages"))
+    return client, *(client.search_runs([number]) for number in ids)
 
 
 def results(place, *names):
@@ -79,7 +80,7 @@ def clone(tmp_path_factory):
     place = tmp_path_factory.mktemp("clone") / "repository"
     for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
-        if (ROOT / name).is_file():
+        if (ROOT / name).is_file() and Path(name).name != "dvc.lock":  # what a run here has left
             shutil.copy(ROOT / name, place / name)
     source = small_glove(place.parent / "recordings")
     tree = yaml.safe_load((place / "params.yaml").read_text())
@@ -104,13 +105,14 @@ def test_the_results_hold_what_people_rely_on(clone):
     metrics = json.loads((clone / "results" / "metrics.json").read_text())
     assert {key: metrics[key] for key in ("views", "classes", "trials")} == {"views": 4, "classes": 4, "trials": 2}
     assert metrics["frames"]["train"] == metrics["frames"]["test"] == 96 and metrics["groups"]["test"] == 4
-    for scope in ("object", "recording"):
-        score = metrics[scope]
-        low, high = score["top1"]["ci95"]
+    for protocol in ("object", "recording"):
+        score = metrics[protocol]
+        low, high = score["top1"]["ci95"].values()
         assert low <= score["top1"]["mean"] <= high and score["top1"]["mean"] <= score["top3"]["mean"]
         assert score["error"]["mean"] == pytest.approx(1 - score["top1"]["mean"])
     timing = json.loads((clone / "results" / "timing.json").read_text())
-    assert set(timing["seconds"]) == set(ALL) and timing["peak_mb"] > 50
+    assert set(timing["seconds"]) == {*ALL, "total"} and timing["peak_mb"] > 50
+    assert timing["seconds"]["evaluate"] > timing["trials_seconds"] > 0
     assert timing["latency_ms"]["single"]["p95"] >= timing["latency_ms"]["single"]["median"] > 0
     assert timing["latency_ms"]["batch"]["median"] > 0
 
@@ -121,35 +123,35 @@ def test_nothing_runs_twice_and_git_sees_no_data(clone):
 
 
 def test_dvc_shows_metrics_and_plots(clone):
-    shown = json.loads(sh("dvc", "metrics", "show", "--json", cwd=clone))[""]["data"]
-    assert shown[str(Path("results/metrics.json"))]["data"]["views"] == 4
+    (shown,) = json.loads(sh("dvc", "metrics", "show", "--json", cwd=clone))[""]["data"].values()
+    assert set(shown["data"]) == {"error", "top3_error", "seconds", "ms_per_view_set"}
     sh("dvc", "plots", "show", "-o", clone.parent / "plots", cwd=clone)
     page = (clone.parent / "plots" / "index.html").read_text()
     assert all(title in page for title in ("Confusion over all trials", "Error of each trial", "Accuracy per object"))
 
 
-def test_every_stage_is_a_run_and_evaluate_links_to_the_others(clone):
-    client, runs = store_of(clone)
-    found = {run.info.run_name: run for run in runs}
-    assert {name for name in found if not name.startswith("trial")} == set(ALL)
-    row = found["evaluate"]
-    assert row.data.params["pretrain.epochs"] == "2" and row.data.params["preprocess.filter"] == "flags"
-    metrics = json.loads((clone / "results" / "metrics.json").read_text())
-    assert row.data.metrics["object.error.mean"] == metrics["object"]["error"]["mean"]
-    assert row.data.metrics["seconds.finetune"] > 0
-    for name in ALL[:-1]:
-        assert row.data.tags[f"run.{name}"] == found[name].info.run_id
-    assert found["trial 1"].data.tags["mlflow.parentRunId"] == row.info.run_id
-    kept = {file.path for file in client.list_artifacts(row.info.run_id)}
-    assert {"confusion_object.png", "confusion_recording.png", "metrics.json", "trials.csv"} <= kept
+def test_the_pipeline_is_a_row_and_links_to_the_other_stages(clone):
+    client, (row,), runs = store_of(clone)
+    stages = {run.info.run_name: run for run in runs}
+    assert set(stages) == set(ALL) - {"evaluate"} and row.info.run_name == "view_gcn V=4"
+    assert row.data.params["pretrain.epochs"] == "2" and row.data.params["frames.test"] == "96"
+    summary = json.loads((clone / "results" / "summary.json").read_text())
+    assert row.data.metrics["error.object"] == summary["error"]["object"]
+    assert row.data.metrics["seconds.total"] > row.data.metrics["seconds.finetune"] > 0
+    assert len(client.get_metric_history(row.info.run_id, "trials.error.object")) == 2
+    assert [metric.step for metric in client.get_metric_history(stages["pretrain"].info.run_id, "loss")] == [1, 2]
+    for name in stages:
+        assert row.data.tags[f"stage.{name}"] == stages[name].info.run_id
+    source = yaml.safe_load((clone / "params.yaml").read_text())["data"]["source"]
+    assert row.inputs.dataset_inputs[0].dataset.name == source
+    files = {file.path for file in client.list_artifacts(row.info.run_id)}
+    assert {"confusion.png", "metrics.json", "timing.json", "summary.json", "trials.csv"} <= files
 
 
 @pytest.mark.parametrize(
     ("change", "stages"),
     [
         ("views=2", ["cluster", "finetune", "evaluate"]),
-        ("pretrain.epochs=1", ["pretrain", "finetune", "evaluate"]),
-        ("evaluate.trials=1", ["evaluate"]),
         ("cluster.method=none", ["cluster", "finetune", "evaluate"]),
         ("preprocess.scale=100", ["preprocess", "cluster", "pretrain", "finetune", "evaluate"]),
     ],
@@ -159,13 +161,6 @@ def test_a_change_reruns_what_it_touches(clone, change, stages):
     assert ran(output) == stages
     if change == "cluster.method=none":
         assert "view sets are drawn at random" in output and "clusters each" not in output
-    restore(clone)
-
-
-def test_editing_the_graph_reruns_what_uses_it(clone):
-    path = clone / "tactile_viewgcn" / "nn" / "graph.py"
-    path.write_text(path.read_text() + "\n# changed\n")
-    assert ran(sh("dvc", "repro", cwd=clone, MLFLOW_TRACKING_URI="disabled")) == ["finetune", "evaluate"]
     restore(clone)
 
 
@@ -192,8 +187,7 @@ def test_queued_experiments_share_one_fresh_store(clone):
         if not {"Queued", "Running"} & set(logs):
             break
     assert logs == ["Success"] * 3
-    client, runs = store_of(clone)
-    rows = [run for run in runs if run.info.run_name == "evaluate"]
+    client, rows, _ = store_of(clone)
     assert sorted(run.data.params["views"] for run in rows) == ["1", "2", "3"]
     for run in rows:
         path = client.download_artifacts(run.info.run_id, "metrics.json", str(clone.parent))

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tactile_viewgcn.source import open_source
-from tests.test_stages import ROOT, refused, run_stage
+from tactile_viewgcn.recordings.formats import open_source
+from tests.stages.test_stages import ROOT, refused, run_stage
 
 TINY = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}
 CUP = {"name": "cup", "weight": 90, "stiffness": 1e9, "parts": [{"sphere": {"radius": 0.03}}]}
@@ -60,13 +60,13 @@ BAD = {
         described(parts=[{"sphere": {"radius": 0}}]),
         "object cup: shape with half sizes (0, 0) and rounding 0 m has no extent; give it some",
     ),
-    "a place inside the palm": (
-        described(place=[0.05, 0, -0.1]),
+    "a position inside the palm": (
+        described(position=[0.05, 0, -0.1]),
         "mm inside the palm; expected it outside; start it further away",
     ),
-    "a place that is no number": (
-        described(place=[0, 0, ".nan"]).replace('".nan"', ".nan"),
-        "object cup: place is (0, 0, nan); expected 3 numbers",
+    "a position that is no number": (
+        described(position=[0, 0, ".nan"]).replace('".nan"', ".nan"),
+        "object cup: position is (0, 0, nan); expected 3 numbers",
     ),
     "another effect": ("glove.effects.frcition=true", "unknown key glove.effects.frcition"),
     "an effect that is a number": ("glove.effects.motion=1", "glove.effects.motion is 1; expected true or false"),
@@ -124,6 +124,7 @@ def repro(place, *words):
     return re.findall(r"^Running stage '(?:.*:)?(\w+)'", output, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_dvc_simulates_where_the_source_is_what_the_glove_writes(repository):
     assert repro(repository, "ingest") == ["simulate", "ingest"]
     assert open_source(repository / "data" / "virtual" / "recordings").objects == ["empty_hand", "ball"]
@@ -137,6 +138,7 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes(repository):
     assert repro(repository, "ingest") == ["simulate", "ingest"]
 
 
+@pytest.mark.slow
 def test_dvc_simulates_nothing_where_the_source_is_another(repository):
     assert simulate(repository).returncode == 0
     (repository / "recordings").rename(repository / "own")

@@ -1,30 +1,59 @@
-"""dvc.yaml says what the stages read, the stages read no more, and what a user can mend ends in one line."""
+"""The stages at their command line: what they print, leave behind and refuse."""
 
+import ast
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import traceback
+from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout
+from importlib import import_module
+from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import patch
 
+import click
 import h5py
 import numpy as np
 import pytest
+import torch
 import yaml
+from click.testing import CliRunner
 from scipy import io
 
-from tests.imports import closure, imported
+from stages.command import stage
+from stages.job import Job
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import md5
+from tactile_viewgcn.frames.table import write_frames
+from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.tracking import Run
 from tests.stag_files import as_weights, metadata, save_matlab5
+from tests.tables import SMALL, recipe, table, trained
 
-ROOT = Path(__file__).parents[1]
-FILES = ("dvc.yaml", "data/virtual/dvc.yaml")
-STAGES = {name: stage for file in FILES for name, stage in yaml.safe_load((ROOT / file).read_text())["stages"].items()}
+ROOT = Path(__file__).parents[2]
 
 
 def run_stage(name, *words, cwd):
-    environment = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", f"stages.{name}", *map(str, words)]
-    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    """A stage as its command line runs it, in this process: exit code and what it prints."""
+    command, before = getattr(import_module(f"stages.{name}"), name), signal.getsignal(signal.SIGTERM)
+    code, out, err = 0, StringIO(), StringIO()
+    with ExitStack() as stack:
+        stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": "disabled"}))
+        for manager in (chdir(cwd), redirect_stdout(out), redirect_stderr(err)):
+            stack.enter_context(manager)
+        stack.callback(signal.signal, signal.SIGTERM, before)
+        try:
+            command([str(word) for word in words], prog_name=name)
+        except SystemExit as end:
+            code = end.code
+        except Exception:
+            code = 1
+            traceback.print_exc()
+    return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())
 
 
 def refused(result) -> str:
@@ -57,68 +86,14 @@ def left(place) -> set[str]:
     return {path.name for path in place.iterdir()} - {"params.yaml", "metadata.mat", "recordings.h5", "ingest.json"}
 
 
-@pytest.mark.parametrize("name", sorted(STAGES))
-def test_a_stage_depends_on_the_modules_that_it_imports(name):
-    listed = {path for path in STAGES[name]["deps"] if path.endswith(".py")}
-    assert listed == closure(f"stages/{name}.py")
+PACKAGES = [ROOT / "stages", *(path.parent for path in sorted((ROOT / "tactile_viewgcn").rglob("__init__.py")))]
 
 
-@pytest.mark.parametrize("name", sorted(STAGES))
-def test_a_stage_is_given_the_parameters_that_dvc_watches(name):
-    import importlib
-
-    module = importlib.import_module(f"stages.{name}")
-    assert list(getattr(module, name).reads) == STAGES[name]["params"]
-
-
-def test_every_parameter_is_watched_by_a_stage():
-    tree = yaml.safe_load((ROOT / "params.yaml").read_text())
-    watched = {key for stage in STAGES.values() for key in stage["params"]}
-    whole = {key for key in watched if "." not in key}
-    assert whole == set(tree)
-    for section, name in (part.split(".") for part in watched - whole):
-        assert name in tree[section]
-
-
-def test_a_stage_that_reads_a_part_of_a_section_is_given_and_logs_that_part_alone():
-    from stages.command import _declared, _given
-    from tactile_viewgcn.params import load
-
-    params, reads = load(ROOT / "params.yaml"), ("seed", "model.backbone", "augment")
-    given = _given(params, reads)
-    assert vars(given).keys() == {"seed", "model", "augment"}
-    assert vars(given.model) == {"backbone": params.model.backbone}
-    assert (given.seed, given.augment) == (params.seed, params.augment)
-    logged = {f"model.backbone.{name}" for name in vars(params.model.backbone)}
-    assert _declared(params, reads).keys() == logged | {"seed", "augment.gain", "augment.drop", "augment.shift"}
-
-
-@pytest.mark.parametrize("package", ["stages", "tactile_viewgcn", "tactile_viewgcn/nn", "tactile_viewgcn/glove"])
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_package_files_hold_nothing_that_a_stage_could_depend_on(package):
-    import ast
-
-    (docstring,) = ast.parse((ROOT / package / "__init__.py").read_text()).body
+    """The lists of code leave them out."""
+    (docstring,) = ast.parse((package / "__init__.py").read_text()).body
     assert isinstance(docstring, ast.Expr)
-
-
-def test_only_tracking_imports_mlflow_and_networks_import_nothing_of_the_rest():
-    for path in (*ROOT.glob("tactile_viewgcn/*.py"), *ROOT.glob("stages/*.py")):
-        names = imported(str(path.relative_to(ROOT)))
-        assert path.name == "tracking.py" or not any(name.split(".")[0] == "mlflow" for name in names), path
-    for path in ROOT.glob("tactile_viewgcn/nn/*.py"):
-        own = {name for name in imported(str(path.relative_to(ROOT))) if name.startswith("tactile_viewgcn")}
-        assert all(name.startswith("tactile_viewgcn.nn") for name in own), path
-
-
-def test_nothing_but_the_simulate_stage_imports_the_virtual_glove_and_it_imports_little_of_the_rest():
-    glove = "tactile_viewgcn.glove"
-    for path in (*ROOT.glob("tactile_viewgcn/**/*.py"), *ROOT.glob("stages/*.py")):
-        names = {name for name in imported(str(path.relative_to(ROOT))) if name.startswith("tactile_viewgcn.")}
-        if path.parent.name == "glove":
-            allowed = (glove, "tactile_viewgcn.files", "tactile_viewgcn.randomness")
-            assert all(name.startswith(allowed) for name in names), path
-        elif path != ROOT / "stages" / "simulate.py":
-            assert not any(name.startswith(glove) for name in names), path
 
 
 def test_the_virtual_glove_takes_no_torch():
@@ -126,34 +101,37 @@ def test_the_virtual_glove_takes_no_torch():
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 
-def test_dvc_runs_the_virtual_glove_in_the_root_and_its_output_is_the_sources_default():
-    stage = STAGES["simulate"]
-    place = (ROOT / "data" / "virtual" / stage["wdir"]).resolve()
-    source = yaml.safe_load((ROOT / "params.yaml").read_text())["data"]["source"]
-    assert place == ROOT and source in stage["outs"] and f"--out {source} " in stage["cmd"]
+UNCLUSTERED = """
+import sys
+from stages.cluster import cluster
+from stages.evaluate import evaluate
+
+given = [*sys.argv[1:], "--frames", "frames.h5"]
+cluster([*given, "--out", "views.h5", "--record", "cluster.json"], standalone_mode=False)
+outputs = ["--classifier", "classifier.pt", "--out", "results", "--record", "evaluate.json"]
+evaluate([*given, *outputs], standalone_mode=False)
+print("imported", *sys.modules)
+"""
 
 
-def test_importing_the_package_takes_no_torch():
-    code = (
-        "import sys, tactile_viewgcn, tactile_viewgcn.cli; assert not {'torch', 'mlflow', 'numpy'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
-
-
-def test_an_unclustered_run_takes_no_scikit_learn(place):
-    ingest(place, metadata(objects=3, frames=10))
-    preprocess(place, "split.by=recording")
-    code = (
-        "import sys; from stages.cluster import cluster\n"
-        "cluster(['--frames','frames.h5','--out','views.h5','--record','c.json','--set','cluster.method=none'],"
-        "standalone_mode=False)\nassert 'sklearn' not in sys.modules"
-    )
+@pytest.mark.slow
+@pytest.mark.stability("libraries")
+def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow(row, place):
+    write_frames(place / "frames.h5", table())
+    save_classifier(place / "classifier.pt", trained(), recipe().model, table())
+    changes = (*SMALL, "cluster.method=none", "evaluate.trials=1", "evaluate.confidence_threshold=0", "device=cpu")
+    words = [word for change in changes for word in ("--set", change)]
     environment = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT)}
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=place, env=environment)
+    run = [sys.executable, "-c", UNCLUSTERED, *words]
+    done = subprocess.run(run, check=False, cwd=place, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    imported = done.stdout.split("imported")[-1].split()
+    row("scikit-learn in an unclustered run", "sklearn" in imported)
+    row("MLflow in a run with tracking disabled", "mlflow" in imported)
 
 
-@pytest.mark.parametrize("name", ["it's mine.mat", 'a "b" `c`.mat', "$HOME & ${seed};#*.mat"])
-def test_dvc_hands_on_a_source_whatever_letters_its_path_has(place, name):
+def test_dvc_hands_on_a_source_whatever_letters_its_path_has(place):
+    name = 'it\'s a "b" `c` $HOME & ${seed};#*.mat'
     shutil.copy(ROOT / "dvc.yaml", place)
     for package in ("stages", "tactile_viewgcn"):
         shutil.copytree(ROOT / package, place / package, ignore=shutil.ignore_patterns("__pycache__"))
@@ -177,6 +155,8 @@ def test_a_run_leaves_its_record(place):
     assert result.returncode == 0, result.stderr
     record = json.loads((place / "ingest.json").read_text())
     assert record["stage"] == "ingest" and record["seconds"] > 0 and record["peak_mb"] > 10
+    assert record["inputs"] == {"source": {"path": "metadata.mat", "md5": md5(place / "metadata.mat")}}
+    assert record["counts"]["frames"] == 90
     assert "90 frames of 32 x 32, 548 sensors, 3 objects, 9 recordings, 1 sessions" in result.stdout
 
 
@@ -197,7 +177,7 @@ BAD_FILES = {
     "of another rank": (lambda tree: tree | {"pressure": tree["pressure"][:, 0]}, "pressure has shape (90, 32);"),
     "not a number": (with_a_nan, "pressure of frame 3 of recording "),
     "id out of range": (lambda tree: tree | {"objectId": tree["objectId"] + 1}, "object id 3 of frame 60 is out of"),
-    "short column": (lambda tree: tree | {"ts": tree["ts"][:-1]}, "ts has 89 values; expected one per frame, 90"),
+    "short column": (lambda tree: tree | {"ts": tree["ts"][:-1]}, "ts has 89 values for 90 frames"),
     "zero frames": (without_frames, "no frames"),
 }
 
@@ -279,6 +259,61 @@ def test_several_mistakes_are_all_listed(place):
 def test_debug_shows_the_traceback(place):
     result = run_stage("ingest", "--source", "x", "--out", "y", "--record", "z", "--debug", cwd=place)
     assert result.returncode == 1 and "Traceback" in result.stderr
+
+
+def failing(error):
+    """A stage that raises this."""
+
+    @stage("seed")
+    @click.option("--out")
+    def broken(params, job, out):
+        raise error
+
+    return CliRunner().invoke(broken, ["--params", str(ROOT / "params.yaml"), "--record", "record.json"])
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (UserError("views is 0;\n expected more"), "Error: views is 0; expected more\n"),
+        (FileNotFoundError("a.h5: no such file"), "Error: a.h5: no such file\n"),
+        (MemoryError("Unable to allocate 3 GiB"), "out of memory: Unable to allocate 3 GiB"),
+        (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB"), "Tried to allocate 2 GiB"),
+        (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "out of memory: "),
+    ],
+)
+def test_what_a_user_can_mend_ends_in_one_line(monkeypatch, error, says):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    result = failing(error)
+    assert result.exit_code == 1 and says in result.output and result.output.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ValueError("operands could not be broadcast together"),
+        RuntimeError("CUDA error: an illegal memory access was encountered"),
+        KeyError("memory"),
+    ],
+)
+def test_a_fault_of_ours_keeps_its_traceback(monkeypatch, error):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    assert failing(error).exception is error
+
+
+def test_a_torch_that_was_never_loaded_is_not_asked(place):
+    code = (
+        "import sys; from stages.command import _what_to_mend as line\n"
+        "assert 'out of memory' in line(MemoryError()) and line(RuntimeError('x')) is None\n"
+        "assert 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+def test_where_no_bar_is_shown_each_epoch_prints_a_line(capsys):
+    report = Job("pretrain", Run(), {}).on_epoch(30)
+    report(3, {"loss": 1.2344, "validation_error": 0.5})
+    assert capsys.readouterr().err.startswith("pretrain: epoch 3/30, loss 1.234, validation error 0.500, ")
 
 
 def test_a_glove_of_another_shape_is_read(place):

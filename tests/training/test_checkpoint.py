@@ -1,5 +1,6 @@
 """A training that was interrupted ends as one that was not."""
 
+import shutil
 import time
 from threading import Thread
 from types import SimpleNamespace
@@ -8,12 +9,19 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn import checkpoint as module
-from tactile_viewgcn import pretraining
-from tactile_viewgcn.checkpoint import Checkpoint, Progress, checkpoint_path, kept
-from tactile_viewgcn.compute import Compute
-from tactile_viewgcn.finetuning import finetune_classifier
-from tactile_viewgcn.pretraining import pretrain_backbone
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.training import checkpoint as module
+from tactile_viewgcn.training import pretraining
+from tactile_viewgcn.training.checkpoint import (
+    Checkpoint,
+    Progress,
+    checkpoint_path,
+    code_files,
+    training_checkpoint,
+)
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
 
 
@@ -21,18 +29,29 @@ class Interrupted(Exception):
     """What a kill is here."""
 
 
-def finetuned(keep, *changes):
-    how, frames = (
+def finetuned(path, *changes):
+    params, frames = (
         recipe("finetune.epochs=4", "split.validation=0.25", *changes),
         fewer_anchors(table("split.validation=0.25"), 6),
     )
-    return finetune_classifier(frames, views_of(frames, how), pretrained(), how, CPU, keep)
+    return finetune_classifier(frames, views_of(frames, params), pretrained(), params, CPU, path)
 
 
-def pretrained_with(keep, *changes):
-    how = recipe("pretrain.epochs=4", *changes)
-    backbone, _, progress = pretrain_backbone(fewer_anchors(table(), 6), how, CPU, keep)
+def pretrained_with(path, *changes):
+    params = recipe("pretrain.epochs=4", *changes)
+    backbone, _, progress = pretrain_backbone(fewer_anchors(table(), 6), params, CPU, path)
     return backbone, progress
+
+
+def test_a_resumed_training_tells_of_the_epochs_before_the_interruption_too(tmp_path, monkeypatch):
+    path, told = tmp_path / "training.pt", []
+    with monkeypatch.context() as patch:
+        interrupt(patch, 3)
+        with pytest.raises(Interrupted):
+            pretrained_with(path)
+    frames, on_epoch = fewer_anchors(table(), 6), lambda *values: told.append(values)
+    _, _, progress = pretrain_backbone(frames, recipe("pretrain.epochs=4"), CPU, path, on_epoch)
+    assert told == [(number, {"loss": loss}) for number, loss in enumerate(progress.curves["loss"], start=1)]
 
 
 def interrupt(monkeypatch, after):
@@ -41,7 +60,7 @@ def interrupt(monkeypatch, after):
 
     def saved(self, progress):
         save(self, progress)
-        if progress.epoch == after:
+        if self.path is not None and progress.epoch == after:
             raise Interrupted
 
     monkeypatch.setattr(Checkpoint, "save", saved)
@@ -58,20 +77,20 @@ def alike(one, other):
     [
         (pretrained_with, ()),
         (finetuned, ()),
-        (finetuned, ("finetune.reuse=4", "finetune.sizes=random")),
-        (finetuned, ("finetune.redraw=never", "finetune.schedule=compounding_cosine")),
-        (finetuned, ("views=1", "finetune.reuse=8")),
+        (finetuned, ("finetune.feature_reuse=4", "finetune.num_views=random")),
+        (finetuned, ("finetune.resample_views=never", "finetune.schedule=compounding_cosine")),
+        (finetuned, ("views=1", "finetune.feature_reuse=8")),
     ],
 )
 def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch, train, changes, after):
     whole, progress = train(None, *changes)
-    keep = tmp_path / "training.pt"
+    path = tmp_path / "training.pt"
     with monkeypatch.context() as patch:
         interrupt(patch, after)
         with pytest.raises(Interrupted):
-            train(keep, *changes)
+            train(path, *changes)
     torch.manual_seed(99)  # another process
-    resumed, again = train(keep, *changes)
+    resumed, again = train(path, *changes)
     assert alike(whole, resumed)
     assert again.curves == progress.curves
     assert again.epoch == progress.epoch == 4
@@ -81,26 +100,26 @@ def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch,
 
 
 def test_only_the_epochs_that_are_left_are_run(tmp_path, monkeypatch):
-    keep, epochs = tmp_path / "training.pt", []
+    path, epochs = tmp_path / "training.pt", []
     with monkeypatch.context() as patch:
         interrupt(patch, 3)
         with pytest.raises(Interrupted):
-            pretrained_with(keep)
+            pretrained_with(path)
     losses = pretraining.frame_losses
     monkeypatch.setattr(
         pretraining, "frame_losses", lambda *given, **names: epochs.append(1) or losses(*given, **names)
     )
-    pretrained_with(keep)
+    pretrained_with(path)
     assert len(epochs) == 2  # the last epoch, and the look at what it came to
 
 
 def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch):
-    keep = tmp_path / "training.pt"
+    path = tmp_path / "training.pt"
     with monkeypatch.context() as patch:
         interrupt(patch, 2)
         with pytest.raises(Interrupted):
-            pretrained_with(keep)
-    before = keep.read_bytes()
+            pretrained_with(path)
+    before = path.read_bytes()
 
     def half(content, path):
         path.write_bytes(b"half of it")
@@ -109,23 +128,23 @@ def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, mo
     with monkeypatch.context() as patch:
         patch.setattr(module.torch, "save", half)
         with pytest.raises(Interrupted):
-            pretrained_with(keep)
-    assert keep.read_bytes() == before
+            pretrained_with(path)
+    assert path.read_bytes() == before
 
 
 def test_a_damaged_checkpoint_is_refused(tmp_path):
-    keep = tmp_path / "training.pt"
-    keep.write_bytes(b"no checkpoint")
-    with pytest.raises(ValueError, match=r"training\.pt: damaged.*delete it"):
-        pretrained_with(keep)
+    path = tmp_path / "training.pt"
+    path.write_bytes(b"no checkpoint")
+    with pytest.raises(UserError, match=r"training\.pt: damaged.*delete it"):
+        pretrained_with(path)
 
 
 def test_it_loads_as_plain_values_alone(tmp_path, monkeypatch):
-    keep = tmp_path / "training.pt"
+    path = tmp_path / "training.pt"
     interrupt(monkeypatch, 1)
     with pytest.raises(Interrupted):
-        finetuned(keep, "finetune.reuse=2")
-    content = torch.load(keep, weights_only=True)
+        finetuned(path, "finetune.feature_reuse=2")
+    content = torch.load(path, weights_only=True)
     assert set(content["state"]) == {"classifier", "optimiser", "bank"}
     assert content["progress"]["epoch"] == 1
 
@@ -149,10 +168,19 @@ def test_another_parameter_input_stage_or_precision_has_another_file():
 
 def test_other_code_has_another_file(tmp_path, monkeypatch):
     before = path_of()
-    changed = tmp_path / "views.py"
-    changed.write_text("# another version\n")
-    monkeypatch.setattr("tactile_viewgcn.views.__file__", str(changed))
+    shutil.copytree(module.PACKAGE, tmp_path / "package", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(module, "PACKAGE", tmp_path / "package")
+    assert path_of() == before
+    (tmp_path / "package" / "plots.py").write_text("# draws otherwise\n")
+    assert path_of() == before
+    (tmp_path / "package" / "views" / "sampling.py").write_text("# another version\n")
     assert path_of() != before
+
+
+def test_the_code_of_a_training_is_listed_and_what_only_reports_is_not():
+    files = code_files()
+    assert {"nn/view_gcn.py", "training/loop.py", "views/sampling.py", "frames/transform.py", "device.py"} <= set(files)
+    assert not {"tracking.py", "plots.py", "params.py", "evaluation/report.py"} & set(files)
 
 
 def test_it_lies_in_the_original_repository(tmp_path, monkeypatch):
@@ -173,11 +201,11 @@ def test_of_two_processes_with_one_training_one_waits(tmp_path, monkeypatch):
     order = []
 
     def second():
-        with kept(*given) as path:
+        with training_checkpoint(*given) as path:
             order.append("second")
             assert not path.exists()  # the first is done with it
 
-    with kept(*given) as path:
+    with training_checkpoint(*given) as path:
         path.write_bytes(b"under way")
         thread = Thread(target=second)
         thread.start()
@@ -189,7 +217,7 @@ def test_of_two_processes_with_one_training_one_waits(tmp_path, monkeypatch):
 
 def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    with pytest.raises(Interrupted), kept("pretrain", SimpleNamespace(seed=0), {}, CPU) as path:
+    with pytest.raises(Interrupted), training_checkpoint("pretrain", SimpleNamespace(seed=0), {}, CPU) as path:
         path.write_bytes(b"under way")
         raise Interrupted
     assert path.read_bytes() == b"under way"

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 
 from stages.evaluate import evaluate
 from stages.pretrain import pretrain
-from tactile_viewgcn.classifier import save_classifier
-from tactile_viewgcn.frames import write_frames
+from tactile_viewgcn.frames.table import write_frames
+from tactile_viewgcn.recognition.model_file import save_classifier
 from tests.tables import ROOT, SMALL, fewer_anchors, recipe, table, trained
 
 CHANGES = [word for change in (*SMALL, "precision=float32", "device=cpu") for word in ("--set", change)]
@@ -30,12 +30,12 @@ def run_pretrain(*changes):
 
 
 def test_one_that_diverges_after_an_epoch_leaves_that_epochs_weights_and_says_so(place, monkeypatch):
-    monkeypatch.setattr("tactile_viewgcn.pretraining.factor_of", lambda _: {0: 1.0, 1: 1e30}.get)
+    monkeypatch.setattr("tactile_viewgcn.training.pretraining.lr_lambda", lambda _: {0: 1.0, 1: 1e30}.get)
     result = run_pretrain("pretrain.epochs=2")
     assert result.exit_code == 0, result.output
     assert "pretrain: 1 epochs (training diverged in epoch 2 at a learning rate of 5e+27" in result.output
     assert "lower lr in params.yaml; the weights after epoch 1 are kept)" in result.output
-    assert json.loads((place / "pretrain.json").read_text())["diverged_in_epoch"] == 2
+    assert json.loads((place / "pretrain.json").read_text())["counts"]["diverged_in_epoch"] == 2
     assert (place / "backbone.pt").exists()
 
 
@@ -48,13 +48,14 @@ def test_one_that_diverges_at_once_is_refused_and_leaves_nothing(place):
 
 def test_one_that_goes_well_records_nothing_of_it(place):
     assert run_pretrain("pretrain.epochs=1").exit_code == 0
-    assert "diverged_in_epoch" not in json.loads((place / "pretrain.json").read_text())
+    counts = json.loads((place / "pretrain.json").read_text())["counts"]
+    assert "weights.backbone" in counts and "diverged_in_epoch" not in counts
 
 
 @pytest.mark.parametrize("lost", [{}, {"diverged_in_epoch": 3.0}])
 def test_results_of_a_training_that_diverged_say_so(place, lost):
     save_classifier(place / "classifier.pt", trained(), recipe().model, table())
-    record = {"stage": "finetune", "run_id": None, "seconds": 1.0, "peak_mb": 1.0} | lost
+    record = {"stage": "finetune", "run_id": None, "seconds": 1.0, "peak_mb": 1.0, "inputs": {}, "counts": lost}
     (place / "finetune.json").write_text(json.dumps(record))
     files = ("--frames", "frames.h5", "--classifier", "classifier.pt", "--after", "finetune.json", "--out", "results")
     result = CliRunner().invoke(evaluate, [*CHANGES, *files, "--record", "evaluate.json"])

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn import finetuning
-from tactile_viewgcn.checkpoint import Progress
-from tactile_viewgcn.finetuning import Side, finetune_classifier
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.nn.backbone import Backbone
-from tactile_viewgcn.split import TEST, TRAIN, VALIDATION
-from tactile_viewgcn.touches import touch
-from tactile_viewgcn.views import ViewSets
+from tactile_viewgcn.recognition.sequential import sequential_trials
+from tactile_viewgcn.training import finetuning
+from tactile_viewgcn.training.checkpoint import Progress
+from tactile_viewgcn.training.finetuning import SideViewSets, finetune_classifier
+from tactile_viewgcn.views.sampling import ViewSets
 from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
 
 VALIDATED = "split.validation=0.25"
@@ -18,9 +19,9 @@ VALIDATED = "split.validation=0.25"
 
 def finetuned(*changes, seed=0, every=1):
     """The classifier and its curves, from each `every`-th anchor."""
-    how, first = recipe(*changes, f"seed={seed}"), recipe(*changes)
+    params, first = recipe(*changes, f"seed={seed}"), recipe(*changes)
     frames = fewer_anchors(table(*(c for c in changes if c.startswith("split"))), every)
-    classifier, progress = finetune_classifier(frames, views_of(frames, first), pretrained(), how, CPU)
+    classifier, progress = finetune_classifier(frames, views_of(frames, first), pretrained(), params, CPU)
     return classifier, progress.curves
 
 
@@ -87,7 +88,7 @@ def test_view_sets_are_redrawn_every_epoch(draws):
 
 
 def test_redraw_never_draws_once(draws):
-    finetuned("finetune.epochs=3", "finetune.redraw=never", every=12)
+    finetuned("finetune.epochs=3", "finetune.resample_views=never", every=12)
     assert len(draws) == 1
 
 
@@ -153,7 +154,7 @@ def test_unclustered_view_sets_are_of_one_class(draws):
 
 def test_a_side_draws_one_set_around_each_of_its_anchors():
     frames = fewer_anchors(table(VALIDATED), 3)
-    side = Side(VALIDATION, frames, views_of(frames, recipe()), CPU, 0, "anchor")
+    side = SideViewSets(VALIDATION, frames, views_of(frames, recipe()), CPU, 0, "anchor")
     index = frames.on(VALIDATION)
     np.testing.assert_array_equal(side.labels, frames.label[index])
     np.testing.assert_array_equal(side.frames[:, 0], frames.inputs(index))
@@ -163,16 +164,16 @@ def test_a_side_draws_one_set_around_each_of_its_anchors():
 
 
 def test_a_training_that_diverges_says_which_learning_rates_to_lower():
-    with pytest.raises(ValueError, match=r"training diverged in epoch \d at a learning rate of 0.0001, 1e\+20.*lower"):
+    with pytest.raises(UserError, match=r"training diverged in epoch \d at a learning rate of 0.0001, 1e\+20.*lower"):
         finetuned("finetune.lr=1e20", every=4)
 
 
 def planned(*changes):
     """A side, its anchors' view sets and the batches of an epoch."""
-    how, frames = recipe(*changes), table()
-    side = Side(TRAIN, frames, views_of(frames, how), CPU, 0, "index")
+    params, frames = recipe(*changes), table()
+    side = SideViewSets(TRAIN, frames, views_of(frames, params), CPU, 0, "index")
     drawn = side.draw()
-    return side, drawn, list(side.plan(drawn, how.finetune))
+    return side, drawn, list(side.batches(drawn, params.finetune))
 
 
 def test_an_epoch_s_batches_hold_every_view_set_once_and_differ_by_one_at_most():
@@ -186,9 +187,9 @@ def test_an_epoch_s_batches_hold_every_view_set_once_and_differ_by_one_at_most()
         np.testing.assert_array_equal(fresh, np.broadcast_to(np.arange(4), sets.shape))
 
 
-@pytest.mark.parametrize(("reuse", "fresh"), [(1, 4), (2, 2), (3, 2), (4, 1), (9, 1)])
-def test_one_view_in_reuse_passes_the_backbone_the_anchor_always(reuse, fresh):
-    side, drawn, plan = planned(f"finetune.reuse={reuse}")
+@pytest.mark.parametrize(("feature_reuse", "fresh"), [(1, 4), (2, 2), (3, 2), (4, 1), (9, 1)])
+def test_one_view_in_reuse_passes_the_backbone_the_anchor_always(feature_reuse, fresh):
+    side, drawn, plan = planned(f"finetune.feature_reuse={feature_reuse}")
     anchor_of = {tuple(sets): anchor for sets, anchor in zip(drawn, side.anchors, strict=True)}
     columns = set()
     for sets, columns_of in plan:
@@ -201,7 +202,7 @@ def test_one_view_in_reuse_passes_the_backbone_the_anchor_always(reuse, fresh):
 
 
 def test_random_sizes_are_all_there_one_a_batch_and_keep_the_anchor():
-    side, _, plan = planned("finetune.sizes=random", "finetune.batch=3", "finetune.reuse=2")
+    side, _, plan = planned("finetune.num_views=random", "finetune.batch=3", "finetune.feature_reuse=2")
     sizes = [sets.shape[1] for sets, _ in plan]
     assert set(sizes) == {1, 2, 3, 4}
     anchors = set(side.anchors.tolist())
@@ -213,7 +214,7 @@ def test_random_sizes_are_all_there_one_a_batch_and_keep_the_anchor():
 
 
 def test_shared_features_learn_to_tell_the_objects_too():
-    _, curves = finetuned("finetune.epochs=2", "finetune.reuse=4", VALIDATED)
+    _, curves = finetuned("finetune.epochs=2", "finetune.feature_reuse=4", VALIDATED)
     assert curves["validation_error"][-1] < 0.3  # chance: 0.75
     assert curves["loss"][1] < 0.7 * curves["loss"][0]
 
@@ -226,9 +227,9 @@ def test_sharing_spares_backbone_passes(monkeypatch):
         return forward(self, frames)
 
     monkeypatch.setattr(Backbone, "forward", counted)
-    for reuse in (1, 2, 4):
+    for feature_reuse in (1, 2, 4):
         passed.append(0)
-        finetuned(f"finetune.reuse={reuse}", every=4)
+        finetuned(f"finetune.feature_reuse={feature_reuse}", every=4)
     frames = fewer_anchors(table(), 4)
     anchors, kept = int((frames.anchor & (frames.side == TRAIN)).sum()), len(frames.on(TRAIN))
     look = 8  # view sets of one batch more, at the end
@@ -236,11 +237,11 @@ def test_sharing_spares_backbone_passes(monkeypatch):
 
 
 def test_a_classifier_of_any_number_of_views_is_better_than_chance_with_each():
-    classifier, _ = finetuned("finetune.sizes=random", "finetune.epochs=3", VALIDATED)
+    classifier, _ = finetuned("finetune.num_views=random", "finetune.epochs=3", VALIDATED)
     frames = table()
     index = frames.on(TEST)
     with torch.inference_mode():
         features = classifier.eval().backbone(CPU.frames(torch.from_numpy(frames.inputs(index))))
-    found = touch(classifier, [1.0] * 4, features, frames.label[index], frames.recording[index],
+    found = sequential_trials(classifier, [1.0] * 4, features, frames.label[index], frames.recording[index],
                   np.arange(len(index)), [np.random.default_rng(0)])  # fmt: skip
-    assert (found.right.mean(axis=(0, 2)) > 0.5).all()  # chance: 0.25
+    assert (found.correct.mean(axis=(0, 2)) > 0.5).all()  # chance: 0.25

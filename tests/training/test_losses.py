@@ -1,4 +1,4 @@
-"""What the two trainings share: batches, learning rates, noise and losses."""
+"""What the two trainings share: augmentation and losses of batches."""
 
 import math
 
@@ -8,108 +8,22 @@ import torch
 import torch.nn.functional as functional
 from torch import nn
 
-from tactile_viewgcn.compute import Compute
+from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.system import ViewSystem
-from tactile_viewgcn.params import Augment
-from tactile_viewgcn.training import (
-    Disturbance,
-    FeatureBank,
-    compounding_cosine,
-    error_rate,
-    factor_of,
-    frame_losses,
-    generator,
-    halving,
-    optimiser_of,
-    parts,
-    set_losses,
-)
-from tests.tables import CPU, recipe
+from tactile_viewgcn.params import AugmentParams
+from tactile_viewgcn.randomness import torch_generator
+from tactile_viewgcn.training.augmentation import Augmentation
+from tactile_viewgcn.training.feature_bank import FeatureBank
+from tactile_viewgcn.training.losses import error_rate, frame_losses, set_losses
+from tests.tables import CPU
 
 
 def seeded(seed=0):
     return torch.Generator().manual_seed(seed)
 
 
-def disturbance(noise=0.0, gain=0.0, drop=0.0, shift=0, seed=0):
-    return Disturbance(noise, Augment(gain, drop, shift), seeded(seed))
-
-
-@pytest.mark.parametrize(("early", "factors"), [(0, [1, 1, 0.5, 0.25]), (1, [1, 0.5, 0.5, 0.25])])
-def test_the_rate_halves_every_ten_epochs(early, factors):
-    assert [halving(epoch, every=10, early=early) for epoch in (0, 9, 10, 20)] == factors
-
-
-def test_halving_early_halves_in_epochs_nine_nineteen_and_twentynine():
-    rates = [halving(epoch, every=10, early=1) for epoch in range(30)]
-    assert [epoch for epoch in range(1, 30) if rates[epoch] < rates[epoch - 1]] == [9, 19, 29]
-
-
-def test_the_compounding_cosine_is_the_released_code_s():
-    assert [compounding_cosine(epoch, epochs=15) for epoch in (0, 1)] == [1, 1]
-    second, third = (1 + math.cos(2 * math.pi / 15)) / 2, (1 + math.cos(math.pi / 5)) / 2
-    assert compounding_cosine(3, epochs=15) == pytest.approx(second * third)
-    assert f"{5e-4 * compounding_cosine(10, epochs=15):.1e}" == "3.8e-06"
-    assert f"{5e-4 * compounding_cosine(14, epochs=15):.1e}" == "2.8e-11"
-
-
-@pytest.mark.parametrize("training", ["pretrain", "finetune"])
-@pytest.mark.parametrize(
-    ("kind", "expected"), [("sgd", torch.optim.SGD), ("adam", torch.optim.Adam), ("adamw", torch.optim.AdamW)]
-)
-def test_the_optimiser_is_the_one_asked_for_with_the_recipe_s_rate_and_decay(training, kind, expected):
-    how = recipe(*(f"{training}.{change}" for change in (f"optimiser={kind}", "lr=0.25", "weight_decay=0.125")))
-    first, second = nn.Parameter(torch.zeros(2)), nn.Parameter(torch.zeros(3))
-    optimiser = optimiser_of(getattr(how, training), [{"params": [first], "lr": 0.5}, {"params": [second]}])
-    assert type(optimiser) is expected
-    assert [group["lr"] for group in optimiser.param_groups] == [0.5, 0.25]
-    assert [group["weight_decay"] for group in optimiser.param_groups] == [0.125, 0.125]
-    assert [group["params"] for group in optimiser.param_groups] == [[first], [second]]
-
-
-def stepped(*changes, slopes, start=0.0):
-    """One weight after a step down a loss of each slope."""
-    how = recipe("pretrain.lr=0.1", *(f"pretrain.{change}" for change in changes)).pretrain
-    weight = nn.Parameter(torch.tensor(start))
-    optimiser = optimiser_of(how, [{"params": [weight]}])
-    for slope in slopes:
-        weight.grad = torch.tensor(slope)
-        optimiser.step()
-    return float(weight.detach())
-
-
-@pytest.mark.parametrize(
-    ("kind", "without", "half"),
-    [("sgd", 0, -0.05), ("adam", -0.0947368, -0.0947368), ("adamw", -0.0947368, -0.0947368)],  # 0.1 (1 - 0.01 / 0.19)
-)
-def test_momentum_is_of_sgd_alone(kind, without, half):
-    for momentum, expected in ((0.0, without), (0.5, half)):
-        changes = (f"optimiser={kind}", f"momentum={momentum}", "weight_decay=0")
-        assert stepped(*changes, slopes=(1.0, -1.0)) == pytest.approx(expected, abs=1e-6)
-
-
-@pytest.mark.parametrize(("kind", "left"), [("sgd", 0.95), ("adam", 0.9), ("adamw", 0.95)])
-def test_weights_decay_with_the_slope_in_adam_and_apart_from_it_in_adamw(kind, left):
-    changes = (f"optimiser={kind}", "weight_decay=0.5")
-    assert stepped(*changes, slopes=(0.0,), start=1.0) == pytest.approx(left, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("training", "schedule", "epochs", "factors"),
-    [
-        ("finetune", "constant", 4, {0: 1, 3: 1}),
-        ("pretrain", "halving", 9, {0: 1, 1: 1, 2: 0.5, 4: 0.5, 5: 0.25, 8: 0.125}),  # every 3, early by 1
-        ("pretrain", "cosine", 4, {0: 1, 1: 0.853553, 2: 0.5, 3: 0.146447}),
-        ("finetune", "cosine", 3, {0: 1, 1: 0.75, 2: 0.25}),
-        ("finetune", "compounding_cosine", 4, {0: 1, 1: 1, 2: 0.5, 3: 0.0732233}),
-        ("finetune", "tenth_in_100", 4, {0: 1, 1: 0.977237, 50: 0.316228, 100: 0.1}),
-    ],
-)
-def test_the_factor_of_each_schedule(training, schedule, epochs, factors):
-    changes = (f"{training}.schedule={schedule}", f"{training}.epochs={epochs}")
-    how = recipe(*changes, "pretrain.halve_every=3", "pretrain.halve_early=1")
-    factor = factor_of(getattr(how, training))
-    assert {epoch: factor(epoch) for epoch in factors} == pytest.approx(factors, rel=1e-5)
+def augmentation(noise=0.0, gain=0.0, drop=0.0, shift=0, seed=0):
+    return Augmentation(noise, AugmentParams(gain, drop, shift), seeded(seed))
 
 
 def test_the_error_is_the_share_of_rows_whose_largest_logit_is_another():
@@ -121,7 +35,7 @@ def test_the_error_is_the_share_of_rows_whose_largest_logit_is_another():
 def test_noise_is_white_of_the_stated_standard_deviation(noise):
     frames = torch.rand(200, 1, 16, 16, generator=seeded())
     before = frames.clone()
-    added = disturbance(noise, seed=1)(frames) - before
+    added = augmentation(noise, seed=1)(frames) - before
     assert torch.equal(frames, before)
     assert float(added.std()) == pytest.approx(noise, rel=0.02)
     assert abs(float(added.mean())) < 4 * noise / len(added.flatten()) ** 0.5
@@ -129,29 +43,29 @@ def test_noise_is_white_of_the_stated_standard_deviation(noise):
     assert abs(float(torch.corrcoef(neighbours)[0, 1])) < 0.03
 
 
-def test_no_disturbance_draws_nothing():
-    disturb, frames = disturbance(), torch.ones(3, 1, 2, 2)
-    state = disturb.rng.get_state()
-    assert disturb(frames) is frames
-    assert torch.equal(disturb.rng.get_state(), state)
+def test_no_augmentation_draws_nothing():
+    augment_frames, frames = augmentation(), torch.ones(3, 1, 2, 2)
+    state = augment_frames.rng.get_state()
+    assert augment_frames(frames) is frames
+    assert torch.equal(augment_frames.rng.get_state(), state)
 
 
 def test_a_gain_is_one_factor_a_frame_around_1():
-    factors = disturbance(gain=0.3)(torch.ones(4000, 1, 2, 2))
+    factors = augmentation(gain=0.3)(torch.ones(4000, 1, 2, 2))
     assert torch.equal(factors, factors[..., :1, :1].expand_as(factors))
     logs = factors[:, 0, 0, 0].log()
     assert (float(logs.mean()), float(logs.std())) == (pytest.approx(0, abs=0.02), pytest.approx(0.3, rel=0.05))
 
 
 def test_dropped_sensors_read_nothing_and_the_others_what_they_did():
-    left = disturbance(drop=0.25)(torch.full((50, 1, 16, 16), 3.0))
+    left = augmentation(drop=0.25)(torch.full((50, 1, 16, 16), 3.0))
     assert set(left.unique().tolist()) == {0.0, 3.0}
     assert float((left == 0).float().mean()) == pytest.approx(0.25, abs=0.02)
 
 
 def test_a_shift_moves_a_frame_whole_and_nothing_moves_in():
     frame = torch.arange(1.0, 17).view(1, 1, 4, 4)
-    moved = disturbance(shift=1)(frame.expand(300, 1, 4, 4))
+    moved = augmentation(shift=1)(frame.expand(300, 1, 4, 4))
     by_hand = {}
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
@@ -170,7 +84,7 @@ def losses_of_frames(frames, labels, classifier, *, batch, precision="float32", 
             frames,
             labels,
             batch=batch,
-            disturb=disturbance(),
+            augment_frames=augmentation(),
             compute=Compute(torch.device("cpu"), precision),
             order=seeded(order),
         )
@@ -184,14 +98,6 @@ def test_frame_losses_of_an_epoch_add_up_to_the_cross_entropy_of_all_frames(prec
     losses = losses_of_frames(frames, labels, classifier, batch=5, precision=precision)
     expected = functional.cross_entropy(classifier(frames.flatten(1)), labels)
     torch.testing.assert_close(torch.stack(losses).mean(), expected)
-
-
-@pytest.mark.parametrize(
-    ("count", "size", "expected"), [(20, 5, 4), (21, 5, 5), (3, 2, 1), (5, 2, 2), (1, 4, 1), (33, 32, 2)]
-)
-def test_no_example_is_left_alone_in_a_batch(count, size, expected):
-    assert parts(count, size) == expected
-    assert count // parts(count, size) >= 2 or count == 1
 
 
 @pytest.mark.parametrize(("count", "size"), [(20, 5), (21, 5), (33, 32), (7, 64), (2, 2)])
@@ -241,7 +147,7 @@ def losses_of_sets(classifier, frames, labels, plan, bank=None):
             labels,
             plan,
             bank=bank,
-            disturb=disturbance(),
+            augment_frames=augmentation(),
             compute=CPU,
         )
     )
@@ -260,7 +166,7 @@ def test_set_losses_pair_each_view_set_with_the_class_of_its_frames():
 
 def filled_bank(backbone, frames):
     bank = FeatureBank(len(frames), (frames[0].numel(),), CPU)
-    bank.fill(backbone, frames, batch=5, disturb=disturbance())
+    bank.fill(backbone, frames, batch=5, augment_frames=augmentation())
     return bank
 
 
@@ -302,7 +208,7 @@ def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fr
 
 def test_streams_of_random_numbers_differ_by_purpose_and_seed_and_repeat():
     first, again, other, purpose = (
-        torch.rand(4, generator=generator(seed, purpose))
+        torch.rand(4, generator=torch_generator(seed, purpose))
         for seed, purpose in ((5, "noise"), (5, "noise"), (9, "noise"), (5, "order"))
     )
     assert torch.equal(first, again)

@@ -11,7 +11,8 @@ import pytest
 
 from tests.stag_files import metadata, save_matlab5
 
-ROOT = Path(__file__).parents[1]
+pytestmark = pytest.mark.slow  # test_checkpoint.py interrupts the same trainings in one process
+ROOT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
 RECIPE = ("views=4", "split.by=recording", "precision=float32", "pretrain.epochs=12", "finetune.epochs=8")
 
@@ -58,7 +59,16 @@ def place(tmp_path_factory):
         ("pretrain", ("--frames", "frames.h5"), "backbone.pt"),
         (
             "finetune",
-            ("--frames", "frames.h5", "--views", "views.h5", "--backbone", "backbone.pt", "--set", "finetune.reuse=2"),
+            (
+                "--frames",
+                "frames.h5",
+                "--views",
+                "views.h5",
+                "--backbone",
+                "backbone.pt",
+                "--set",
+                "finetune.feature_reuse=2",
+            ),
             "classifier.pt",
         ),
     ],

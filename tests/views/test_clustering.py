@@ -1,19 +1,24 @@
 """Clustering the frames of each pool into views."""
 
-from dataclasses import replace
-from itertools import permutations
+import tracemalloc
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
-from tactile_viewgcn import clustering
-from tactile_viewgcn.clustering import cluster_pools, kmeans, pool_ids, pool_scores, principal_components
-from tactile_viewgcn.split import TEST, TRAIN, VALIDATION
-from tactile_viewgcn.views import NO_CLUSTER
-from tests.tables import recipe, table, views_of
+from tactile_viewgcn.views import clustering
+from tactile_viewgcn.views.clustering import (
+    cluster_pools,
+    distinct_rows,
+    kmeans,
+    pool_ids,
+    pool_scores,
+    principal_components,
+)
+from tests.tables import recipe
 
 KMEANS = recipe().cluster
 
@@ -49,19 +54,19 @@ def test_pools_are_those_that_a_loop_finds(frames):
 
 def test_kmeans_recovers_known_blobs():
     points, blob = blobs(5, 12, np.random.default_rng(0))
-    found = kmeans(points, 5, restarts=10, seed=0)
-    assert set(found.tolist()) == set(range(5))
-    assert same_partition(found, blob)
+    cluster = kmeans(points, 5, restarts=10, seed=0)
+    assert set(cluster.tolist()) == set(range(5))
+    assert same_partition(cluster, blob)
 
 
 def test_each_pool_is_clustered_on_its_own():
     rng = np.random.default_rng(1)
     points, blob = blobs(6, 10, rng)
     pool = blob // 3
-    found = cluster_pools(points, pool, 3, KMEANS, rng)
+    cluster = cluster_pools(points, pool, 3, KMEANS, rng)
     for number in range(2):
-        assert set(found[pool == number].tolist()) == {0, 1, 2}
-        assert same_partition(found[pool == number], blob[pool == number])
+        assert set(cluster[pool == number].tolist()) == {0, 1, 2}
+        assert same_partition(cluster[pool == number], blob[pool == number])
 
 
 def test_a_recording_s_pool_sees_its_own_frames_alone():
@@ -78,27 +83,9 @@ def test_a_recording_s_pool_sees_its_own_frames_alone():
 
 def test_with_fewer_frames_than_views_each_is_a_cluster_of_its_own():
     points = np.random.default_rng(3).random((5, 40), dtype=np.float32)
-    found = cluster_pools(points, np.zeros(5, dtype=int), 8, KMEANS, np.random.default_rng(0))
-    assert len(set(found.tolist())) == 5
-    assert found.max() < 8
-
-
-def test_a_single_frame_is_a_cluster():
-    found = cluster_pools(np.ones((1, 40), np.float32), np.zeros(1, dtype=int), 8, KMEANS, np.random.default_rng(0))
-    assert found.tolist() == [0]
-
-
-@pytest.mark.parametrize("frame", [np.zeros(100, np.float32), np.random.default_rng(0).random(100, dtype=np.float32)])
-def test_identical_frames_are_one_cluster(frame):
-    found = cluster_pools(np.tile(frame, (20, 1)), np.zeros(20, dtype=int), 8, KMEANS, np.random.default_rng(0))
-    assert found.tolist() == [0] * 20
-
-
-def test_three_frames_over_and_over_are_three_clusters():
-    which = np.arange(20) % 3
-    points = np.random.default_rng(0).random((3, 100), dtype=np.float32)[which]
-    found = cluster_pools(points, np.zeros(20, dtype=int), 8, KMEANS, np.random.default_rng(0))
-    assert same_partition(found, which)
+    cluster = cluster_pools(points, np.zeros(5, dtype=int), 8, KMEANS, np.random.default_rng(0))
+    assert len(set(cluster.tolist())) == 5
+    assert cluster.max() < 8
 
 
 def test_the_same_seed_gives_the_same_clusters():
@@ -112,7 +99,7 @@ def test_the_same_seed_gives_the_same_clusters():
 def test_components_found_before_change_nothing():
     points, pool = np.random.default_rng(5).random((40, 30)), np.arange(40) % 2
     scores = pool_scores(points, pool, KMEANS.components)
-    assert [own.shape for own in scores] == [(20, 8), (20, 8)]
+    assert [score.shape for score in scores] == [(20, 8), (20, 8)]
     given_them = cluster_pools(points, pool, 4, KMEANS, np.random.default_rng(0), scores)
     np.testing.assert_array_equal(given_them, cluster_pools(points, pool, 4, KMEANS, np.random.default_rng(0)))
 
@@ -121,9 +108,9 @@ def test_components_found_before_change_nothing():
 def test_without_clusters_to_find_nothing_is_searched(monkeypatch, method, views):
     monkeypatch.setattr(clustering, "pool_scores", None)
     monkeypatch.setattr(clustering, "kmeans", None)
-    how = recipe(f"cluster.method={method}").cluster
-    found = cluster_pools(np.zeros((16, 3)), np.arange(16) % 2, views, how, np.random.default_rng(0))
-    assert np.bincount(found, minlength=views).tolist() == [16 // views] * views
+    params = recipe(f"cluster.method={method}").cluster
+    cluster = cluster_pools(np.zeros((16, 3)), np.arange(16) % 2, views, params, np.random.default_rng(0))
+    assert np.bincount(cluster, minlength=views).tolist() == [16 // views] * views
 
 
 @pytest.mark.parametrize("shape", [(50, 6), (6, 50), (12, 12)])
@@ -148,84 +135,6 @@ def test_there_are_never_more_components_than_frames_or_sensors(frames, sensors,
     assert principal_components(points, count).shape == (frames, expected)
 
 
-VALIDATED = "split.validation=0.25"
-
-
-def clusters_of(views, frames):
-    """For every pool that was clustered, its frames and their clusters."""
-    for number in np.unique(views.pool[frames.side != TEST]):
-        own = np.flatnonzero(views.pool == number)
-        yield own, views.cluster[own]
-
-
-@pytest.mark.parametrize("assignment", ["area", "matched"])
-def test_arranging_the_clusters_of_a_table_renumbers_them_and_nothing_else(assignment):
-    frames = table(VALIDATED)
-    plain, found = (views_of(frames, recipe(f"cluster.assignment={kind}")) for kind in ("index", assignment))
-    np.testing.assert_array_equal(found.pool, plain.pool)
-    assert (found.cluster[frames.side == TEST] == NO_CLUSTER).all()
-    assert found.cluster.dtype == plain.cluster.dtype
-    assert (found.cluster != plain.cluster).any()
-    for own, cluster in clusters_of(found, frames):
-        assert same_partition(cluster, plain.cluster[own])
-        assert set(cluster.tolist()) <= set(range(4))
-
-
-def test_clusters_arranged_by_area_touch_more_and_more_sensors():
-    frames, found = table(VALIDATED), views_of(table(VALIDATED), recipe("cluster.assignment=area"))
-    touched = ((frames.inputs(np.arange(len(frames))) > 5 / 150) & frames.live).sum(axis=(1, 2))
-    for own, cluster in clusters_of(found, frames):
-        areas = [touched[own][cluster == number].mean() for number in np.unique(cluster)]
-        assert areas == sorted(areas)
-    assert found.references.shape == (4, frames.live.sum()) and not found.references.any()
-
-
-def unit(values):
-    return values / np.linalg.norm(values, axis=-1, keepdims=True)
-
-
-def test_matched_clusters_of_every_pool_stand_as_near_the_references_as_any_order_could():
-    frames, found = table(VALIDATED), views_of(table(VALIDATED), recipe("cluster.assignment=matched"))
-    assert found.references.shape == (4, frames.live.sum())
-    np.testing.assert_allclose(np.linalg.norm(found.references, axis=1), 1)
-    points, sides, means = frames.inputs(np.arange(len(frames)))[:, frames.live].astype(float), set(), []
-    for own, cluster in clusters_of(found, frames):
-        mean = unit(np.stack([points[own][cluster == number].mean(axis=0) for number in range(4)]))
-        cosines = mean @ found.references.T
-        best = max(sum(cosines[np.arange(4), order]) for order in permutations(range(4)))
-        assert np.trace(cosines) == pytest.approx(best)
-        sides |= set(frames.side[own].tolist())
-        means += [mean] if (frames.side[own] == TRAIN).all() else []
-    assert sides == {TRAIN, VALIDATION}
-    np.testing.assert_allclose(found.references, unit(np.mean(means, axis=0)))
-
-
-def test_references_come_from_the_training_side_alone():
-    frames, how = table(VALIDATED), recipe("cluster.assignment=matched")
-    learnt = frames.side == TRAIN
-    counts, label = frames.counts.copy(), frames.label.copy()
-    counts[~learnt] = np.random.default_rng(0).permutation(counts[~learnt])
-    label[frames.side == TEST] = 0
-    found, other = (views_of(given, how) for given in (frames, replace(frames, counts=counts, label=label)))
-    assert found.references.any()
-    np.testing.assert_array_equal(other.references, found.references)
-    np.testing.assert_array_equal(other.cluster[learnt], found.cluster[learnt])
-
-
-@pytest.mark.parametrize("changes", [(), ("cluster.assignment=anchor",), ("cluster.method=none",)])
-def test_without_matching_there_are_no_references(changes):
-    found = views_of(table(), recipe(*changes))
-    assert found.references.shape == (4, table().live.sum()) and not found.references.any()
-
-
-@pytest.mark.parametrize("offset", [0.0, 1e3, 1e6, 1e9])
-def test_components_keep_all_distances_however_far_the_points_are(offset):
-    points = offset + np.random.default_rng(0).random((40, 3))
-    scores = principal_components(points, 3)
-    apart = [np.linalg.norm(x[:, None] - x, axis=-1) for x in (points, scores)]
-    np.testing.assert_allclose(apart[1], apart[0], atol=1e-12)
-
-
 @settings(max_examples=20, deadline=None)
 @given(st.integers(1, 8), st.integers(0, 10_000), st.sampled_from([1e-30, 1.0, 1e30]))
 def test_frames_that_differ_by_rounding_are_one(distinct, seed, scale):
@@ -243,11 +152,50 @@ def test_frames_that_differ_by_rounding_are_one_on_the_edge_of_a_step_too():
     assert kmeans(np.repeat(apart, 3, axis=0), 8, restarts=1, seed=0).tolist() == [0, 0, 0, 1, 1, 1]
 
 
+def joined_pairwise(scores, most):
+    """`distinct_rows` by comparing every pair of cells."""
+    step = clustering.MIN_DIFFERENCE * np.abs(scores).max(initial=0)
+    cells, inverse = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
+    near = (np.abs(cells[:, None] - cells) <= 1).all(axis=-1)
+    count, number = connected_components(near)
+    return number[inverse.ravel()] if count <= most and len(cells) <= most * 2 ** scores.shape[1] else None
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(1, 30), st.integers(1, 3), st.integers(1, 10), st.integers(1, 4), st.integers(0, 10_000))
+def test_distinct_rows_are_those_of_a_comparison_of_every_pair(rows, columns, spacing, most, seed):
+    """Rows lie on a grid of half steps, so that they fall into the same, neighbouring and distant cells."""
+    rng = np.random.default_rng(seed)
+    scores = 1 - rng.integers(0, 4, (rows, columns)) * spacing / 2 * clustering.MIN_DIFFERENCE
+    scores[0] = 1
+    number, expected = distinct_rows(scores, most), joined_pairwise(scores, most)
+    assert (number is None) == (expected is None)
+    if expected is not None:
+        np.testing.assert_array_equal(number, expected)
+
+
+@pytest.mark.parametrize("repeated", [False, True])
+def test_distinct_rows_of_a_large_pool_need_memory_for_its_rows_alone(repeated):
+    """6,000 frames and 64 components; an array of all pairs would take 2 GB of booleans and 18 GB of differences."""
+    rows = np.random.default_rng(0).random((20 if repeated else 6000, 64))
+    which = np.arange(6000) % len(rows)
+    scores = rows[which] * (1 + 1e-13 * np.random.default_rng(1).random((6000, 64)))
+    tracemalloc.start()
+    number = distinct_rows(scores, 64)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10 * scores.nbytes
+    if repeated:
+        assert same_partition(number, which)
+    else:
+        assert number is None
+
+
 @pytest.mark.parametrize("shape", [(60, 20), (20, 60)])
 def test_components_do_not_depend_on_the_number_of_threads(shape):
     points = np.random.default_rng(0).random(shape)
-    found = []
+    cluster = []
     for threads in (1, 2):
         with threadpool_limits(threads):
-            found.append(principal_components(points, 8))
-    np.testing.assert_array_equal(*found)
+            cluster.append(principal_components(points, 8))
+    np.testing.assert_array_equal(*cluster)

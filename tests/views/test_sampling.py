@@ -1,11 +1,13 @@
 """Drawing view sets: one frame from each cluster of a pool."""
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.views import NO_CLUSTER, Views, ViewSets, random_parts, read_views, write_views
+from tactile_viewgcn.views.sampling import ViewSets, random_clusters
+from tactile_viewgcn.views.table import NO_CLUSTER, Views, read_views, write_views
 
 DRAWS = 6000
 
@@ -85,8 +87,8 @@ def test_the_random_assignment_puts_the_anchor_in_every_column_equally_often():
 def test_arranged_clusters_are_drawn_by_the_numbers_they_have(assignment):
     cluster, pool = np.arange(12) % 4, np.arange(12) // 8
     drawn, anchors = ViewSets(cluster, pool, 4), np.arange(12)
-    by_index, found = (drawn.draw(anchors, np.random.default_rng(0), kind) for kind in ("index", assignment))
-    np.testing.assert_array_equal(found, by_index)
+    by_index, drawn_as = (drawn.draw(anchors, np.random.default_rng(0), kind) for kind in ("index", assignment))
+    np.testing.assert_array_equal(drawn_as, by_index)
 
 
 @given(clustered())
@@ -118,7 +120,7 @@ def test_an_empty_cluster_is_drawn_from_the_whole_pool():
 @settings(max_examples=40, deadline=None)
 def test_random_parts_of_a_pool_are_equally_large(pool, views, seed):
     pool = np.array(pool)
-    parts = random_parts(pool, views, np.random.default_rng(seed))
+    parts = random_clusters(pool, views, np.random.default_rng(seed))
     for number in np.unique(pool):
         sizes = np.bincount(parts[pool == number], minlength=views)
         assert len(sizes) == views
@@ -127,7 +129,7 @@ def test_random_parts_of_a_pool_are_equally_large(pool, views, seed):
 
 def test_a_frame_falls_into_each_part_equally_often():
     rng, pool = np.random.default_rng(0), np.repeat([0, 1], 8)
-    counts = np.bincount([random_parts(pool, 4, rng)[3] for _ in range(2000)], minlength=4)
+    counts = np.bincount([random_clusters(pool, 4, rng)[3] for _ in range(2000)], minlength=4)
     np.testing.assert_allclose(counts / 2000, 0.25, atol=0.04)
 
 
@@ -182,3 +184,10 @@ def test_views_come_back_as_they_were_written(tmp_path, cluster):
         np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
         assert getattr(back, name).dtype == getattr(views, name).dtype
     assert back.clustered == (0 in cluster)
+
+
+def test_the_file_uses_the_projects_words(tmp_path):
+    cluster = np.zeros(4, dtype=np.int16)
+    write_views(tmp_path / "views.h5", Views(cluster, cluster.astype(np.int64), np.eye(3), np.zeros((3, 2))))
+    with h5py.File(tmp_path / "views.h5") as file:
+        assert set(file) == {"cluster", "pool", "viewpoints", "references"} and not file.attrs

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.viewpoints import viewpoints
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.views.viewpoints import viewpoints
 
 COUNTS = (2, 3, 4, 5, 6, 7, 13, 50, 100, 1000)
 
@@ -104,11 +105,11 @@ def test_eight_places_on_a_circle_are_no_cube():
 
 @pytest.mark.parametrize(("count", "kind", "places"), [(12, "cube", 8), (8, "dodecahedron", 20), (1, "cube", 8)])
 def test_a_configuration_of_another_number_of_places_is_refused(count, kind, places):
-    with pytest.raises(ValueError, match=f"viewpoints {kind} has {places} places; views is {count}"):
+    with pytest.raises(UserError, match=f"viewpoints {kind} has {places} places; views is {count}"):
         viewpoints(count, kind)
 
 
 @pytest.mark.parametrize("count", [0, -3])
 def test_no_views_are_refused(count):
-    with pytest.raises(ValueError, match=f"views is {count}; expected 1 or more"):
+    with pytest.raises(UserError, match=f"views is {count}; expected 1 or more"):
         viewpoints(count)

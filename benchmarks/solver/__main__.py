@@ -1,0 +1,114 @@
+"""Error of the sensors' forces against run time, for several integrators, from soft to stiff contact."""
+
+import time
+from dataclasses import replace
+
+import click
+import numpy as np
+
+from benchmarks.command import Result, benchmark
+from benchmarks.solver.other_integrators import IntegrationFailed, explicit_euler, integrate_with_scipy
+from benchmarks.solver.picture import diagram
+from benchmarks.solver.scenes import FRAMES, SETTINGS, ball_grasp, stiffness
+from tactile_viewgcn.glove.contact import Mechanics
+from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.objects import select_objects
+from tactile_viewgcn.glove.recipe import Recipe, recipe_from_params
+from tactile_viewgcn.glove.simulation import Simulation
+from tactile_viewgcn.params import Params
+
+SEED = 3000
+TOLERANCES, RTOLS = (0.2, 0.05, 0.02, 0.005), (1e-1, 1e-2, 1e-3, 1e-4)
+STEPS = {"ours, fixed steps": (1, 4), "explicit Euler": (1, 8, 64, 256)}  # a frame
+BALL_RTOL, OBJECTS_RTOL, QUICK_RTOL = 1e-10, 1e-7, 1e-5  # of the reference, Radau
+MAX_EVALUATIONS, NO_LIMIT = 10_000, 1_000_000  # of a method on a ball; of references, and on objects
+TEXT = f"""Relative error of the sensors' forces against run time: one grasp of {FRAMES} frames, simulated.
+The default tolerance of ours is {{tolerance:g}}.
+The reference is Radau at {{ball_rtol:g}}, for the whole set at {{objects_rtol:g}}.
+All implicit methods are given the Gauss-Newton Hessian. Ours stops at every frame, where the scene's drive has its
+kinks; SciPy's methods step over them, at most a frame at a time."""
+
+
+@benchmark
+def solver(params: Params, quick: bool) -> Result:
+    """Time integrators on one grasp of a ball, from soft to stiff, and of every object.
+
+    Takes about a quarter of an hour on two cores; --quick is a soft ball and a coin, two settings of
+    each method, and a coarser reference.
+    """
+    glove = params.glove
+    recipe = replace(recipe_from_params(glove), sessions=1, frames=FRAMES, grasps=1, seed=SEED)
+    settings, ball_rtol, objects_rtol = SETTINGS, BALL_RTOL, OBJECTS_RTOL
+    ours = {"ours": sorted({*TOLERANCES, glove.tolerance}, reverse=True)}
+    on_balls = ours | STEPS | dict.fromkeys(("RK45", "BDF", "Radau"), RTOLS)
+    on_objects = ours | {"Radau": RTOLS[1:]}
+    if quick:
+        settings, ball_rtol, objects_rtol = SETTINGS[1:2], QUICK_RTOL, QUICK_RTOL
+        recipe = replace(recipe, objects=select_objects(["coin"]))
+        on_balls, on_objects = ({name: values[:2] for name, values in each.items()} for each in (on_balls, on_objects))
+    rows = []
+    for setting in settings:
+        grasp = ball_grasp(*setting, rate=glove.frame_rate, tolerance=glove.tolerance, seed=SEED)
+        rows += measure(grasp, on_balls, ball_rtol, MAX_EVALUATIONS)
+    rows += measure(Simulation(recipe), on_objects, objects_rtol, NO_LIMIT)
+    text = TEXT.format(tolerance=glove.tolerance, ball_rtol=ball_rtol, objects_rtol=objects_rtol)
+    return text, rows, diagram(rows)
+
+
+def measure(simulation: Simulation, methods: dict, reference_rtol: float, max_evaluations: int) -> list[dict]:
+    """A row for each method and setting: error, seconds, evaluations, and why it failed; prints each.
+
+    The scene is named by its stiffness lambda h, or where there are several hands by their number.
+    """
+    mechanics, frame = simulation.mechanics(0, FRAMES), 1 / simulation.recipe.rate
+    exact = solve("Radau", reference_rtol, mechanics, simulation.recipe, NO_LIMIT)[0]
+    exact_pressure = simulation.sensor_inputs(mechanics, exact)[0]
+    scene = f"{len(exact)} recordings" if len(exact) > 1 else f"{stiffness(mechanics, exact, frame):.1e}"
+    rows = []
+    for method, setting in [(method, setting) for method, settings in methods.items() for setting in settings]:
+        error, evaluations, remark, begin = np.nan, np.nan, "", time.perf_counter()
+        try:
+            states, evaluations = solve(method, setting, mechanics, simulation.recipe, max_evaluations)
+        except IntegrationFailed as reason:
+            remark = str(reason)
+        seconds = time.perf_counter() - begin
+        if not remark:
+            error = relative_error(simulation.sensor_inputs(mechanics, states)[0], exact_pressure)
+        row = {"scene": scene, "method": method, "setting": f"{setting:g}", "error": error, "seconds": seconds}
+        rows.append(row | {"evaluations": evaluations, "remark": remark})
+        outcome = remark or f"error {error:.2g} in {seconds:.3g} s"
+        click.echo(f"{scene:13}  {method:17} {setting:7g}  {outcome}")
+    return rows
+
+
+def solve(
+    method: str, setting: float, mechanics: Mechanics, recipe: Recipe, max_evaluations: int
+) -> tuple[np.ndarray, int]:
+    """States (B, FRAMES, n) and number of evaluations.
+
+    The setting is the tolerance of ours and of SciPy's methods, else the number of steps in a frame.
+
+    Raises:
+        IntegrationFailed: as in `other_integrators`; SciPy's methods solve hand by hand, each within the limit.
+    """
+    y, frame = mechanics.initial_state(), 1 / recipe.rate
+    if method == "explicit Euler":
+        return explicit_euler(mechanics, y, FRAMES, frame, setting), FRAMES * setting
+    if method.startswith("ours"):
+        tolerance, step = (setting, None) if method == "ours" else (recipe.tolerance, frame / setting)
+        integrator = ImplicitIntegrator(mechanics, frame, tolerance, step)
+        return integrator.run(y, FRAMES), integrator.statistics.evaluations
+    limits = {"rtol": setting, "max_evaluations": max_evaluations}
+    hands = [integrate_with_scipy(method, mechanics, b, y[b], FRAMES, frame, **limits) for b in range(len(y))]
+    return np.stack([states for states, _ in hands]), sum(evaluations for _, evaluations in hands)
+
+
+def relative_error(pressure: np.ndarray, exact: np.ndarray) -> float:
+    """Norm of the difference over frames and sensors, over that of `exact` (B, T, S); median of the recordings."""
+    difference = np.linalg.norm((pressure - exact).reshape(len(exact), -1), axis=1)
+    size = np.linalg.norm(exact.reshape(len(exact), -1), axis=1)
+    return float(np.median(difference[size > 0] / size[size > 0]))
+
+
+if __name__ == "__main__":
+    solver()

@@ -1,0 +1,156 @@
+"""Each part of the pipeline beside its plain counterpart, and the training step beside the machine's limits too."""
+
+from collections.abc import Callable, Iterable
+from copy import deepcopy
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from benchmarks.interleaved import interleaved, median_ratio
+from benchmarks.speed import limits, plain
+from benchmarks.speed.sample import Sample
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.evaluation.trials import evaluate_table
+from tactile_viewgcn.frames.split import TEST, TRAIN
+from tactile_viewgcn.nn.backbone import Backbone, extract_features
+from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.losses import frame_losses, set_losses
+from tactile_viewgcn.training.optim import build_optimiser
+from tactile_viewgcn.views.clustering import cluster_pools, pool_scores
+from tactile_viewgcn.views.sampling import ViewSets, random_clusters
+
+REUSES = (1, 2, 4, 8)  # `finetune.feature_reuse`
+EPOCHS = 5  # of the fine-tunings that are timed; what the first one does once is shared out
+PLAIN_SETS = 3 * plain.SETS  # view sets that the plain network is timed on
+TRIALS, DRAWN = 10, 8192  # clusterings, view sets
+
+
+def comparison(
+    what: str, size: str, unit: str, fast: np.ndarray, counterpart: np.ndarray, against: str = "plain"
+) -> dict:
+    """The row of a fast path and of what it is compared with, from the seconds (rounds,) of a unit of work."""
+    return {
+        "what": what,
+        "size": size,
+        "unit": f"{unit}/s",
+        "fast": 1 / float(np.median(fast)),
+        "against": against,
+        "counterpart": 1 / float(np.median(counterpart)),
+        "ratio": median_ratio(counterpart, fast),
+    }
+
+
+def time_step(sample: Sample, batch: int) -> list[dict]:
+    """The backbone's training step against plain ones, and against the limits for as many operations."""
+    compute, backbone = sample.compute, sample.classifier.backbone
+    frames, labels = (values[torch.arange(batch) % len(values)] for values in sample.tensors(TRAIN))
+    slow, layers = plain.plain_backbone(backbone), plain.plain_backbone(backbone, torch.channels_last)
+    fast_frames, operations = compute.frames(frames.squeeze(1)), limits.training_operations(slow, frames[:1])
+    product, product_operations = limits.matrix_product(compute)
+    variants = {
+        "fast": training_step(sample, backbone, fast_frames, labels, compute),
+        "plain": training_step(sample, slow, frames, labels, Compute(compute.device, "float32")),
+        "fast, with a plain stem": training_step(sample, layers, fast_frames, labels, compute),
+        "limit: convolutions alone": limits.convolutions(slow, frames, compute.precision),
+        "limit: large matrix products": product,
+    }
+    work = dict.fromkeys(variants, batch) | {"limit: large matrix products": product_operations / operations}  # frames
+    seconds = {name: each / work[name] for name, each in interleaved(variants, sample.rounds).items()}
+    fast, size = seconds.pop("fast"), f"batch {batch}, {operations / 1e6:.0f} MFLOP a frame"
+    return [comparison("training step", size, "frames", fast, each, name) for name, each in seconds.items()]
+
+
+def training_step(
+    sample: Sample, backbone: Backbone, frames: Tensor, labels: Tensor, compute: Compute
+) -> Callable[[], None]:
+    """A step of pretraining a copy of the backbone on a batch of frames (n, 1, H, W)."""
+    config, copy = sample.params.pretrain, deepcopy(backbone).train()
+    linear = nn.Linear(copy.features, len(sample.table.classes), device=compute.device)
+    optimiser = build_optimiser(config, [{"params": [*copy.parameters(), *linear.parameters()]}])
+    one_batch = {"batch": len(frames), "augment_frames": sample.augmentation(config), "order": torch.Generator()}
+    return lambda: descend(optimiser, frame_losses(copy, linear, frames, labels, compute=compute, **one_batch))
+
+
+def descend(optimiser: torch.optim.Optimizer, losses: Iterable[Tensor]) -> None:
+    """A step down each loss."""
+    for loss in losses:
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+
+
+def time_finetuning(sample: Sample) -> list[dict]:
+    """Fine-tuning with each `finetune.feature_reuse`; plainly, every view passes the backbone."""
+    config, (frames, labels) = sample.params.finetune, sample.tensors(TRAIN)
+    slow, sets = plain.plain_classifier(sample.classifier).train(), sample.view_sets(TRAIN)[:PLAIN_SETS]
+    optimiser = build_optimiser(config, [{"params": slow.parameters()}])
+    plan = [(part, np.indices(part.shape)[1]) for part in np.split(sets, range(plain.SETS, len(sets), plain.SETS))]
+    augment, compute = sample.augmentation(config), Compute(sample.compute.device, "float32")
+
+    def plainly() -> None:
+        losses = set_losses(slow, frames, labels, plan, bank=None, augment_frames=augment, compute=compute)
+        descend(optimiser, losses)
+
+    def fast(reuse: int) -> None:
+        finetune = replace(config, epochs=EPOCHS, feature_reuse=reuse, num_views="full")
+        params = replace(sample.params, finetune=finetune)
+        finetune_classifier(sample.table, sample.views, sample.pretrained, params, sample.compute)
+
+    variants = {f"reuse {reuse}": partial(fast, reuse) for reuse in REUSES} | {"plain": plainly}
+    seconds = interleaved(variants, sample.rounds)
+    count, slow_set = EPOCHS * len(frames), seconds.pop("plain") / len(sets)
+    return [comparison("fine-tuning", reuse, "view sets", each / count, slow_set) for reuse, each in seconds.items()]
+
+
+def time_evaluation(sample: Sample) -> list[dict]:
+    """Features of the test side, and all trials of all protocols; the plain trials are spared their clusterings."""
+    params, compute, (frames, _) = sample.params, sample.compute, sample.tensors(TEST)
+    config = replace(params.evaluate, side="test", confidence_threshold=0.0)
+    network, table, slow = sample.classifier, sample.table, plain.plain_classifier(sample.classifier)
+    inputs, sets = compute.frames(frames.squeeze(1)), sample.view_sets(TEST)[:PLAIN_SETS]
+
+    def features() -> None:
+        with compute.autocast():
+            extract_features(network.backbone, inputs)
+
+    variants = {
+        "features": features,
+        "plain features": lambda: extract_features(slow.backbone, frames),
+        "trials": lambda: evaluate_table(network, table, params.cluster, config, compute, params.seed, timed=False),
+        "plain trials": lambda: plain.logits(slow, frames, sets),
+    }
+    seconds, n = interleaved(variants, sample.rounds), len(frames)
+    count, slow_set = config.trials * len(config.protocols) * n, seconds["plain trials"] / len(sets)
+    return [
+        comparison("features", f"{n} frames", "frames", seconds["features"] / n, seconds["plain features"] / n),
+        comparison("evaluation", f"{count:,} view sets", "view sets", seconds["trials"] / count, slow_set),
+    ]
+
+
+def time_views(sample: Sample) -> list[dict]:
+    """View sets drawn around training anchors; ten clusterings, with the principal components once or in each."""
+    config, views, rng = sample.params.cluster, sample.params.views, stream(sample.params.seed, "speed.views")
+    pool, points = sample.pool(TRAIN), sample.table.inputs(sample.table.on(TRAIN))[:, sample.table.live]
+    random, anchors = random_clusters(pool, views, rng), np.arange(DRAWN) % len(pool)
+
+    def cluster(*, components_once: bool) -> None:
+        scores = pool_scores(points, pool, config.components) if components_once else None
+        for _ in range(TRIALS):
+            cluster_pools(points, pool, views, config, rng, scores)
+
+    variants = {
+        "drawing": lambda: ViewSets(random, pool, views).draw(anchors, rng),
+        "plain drawing": lambda: plain.draw(anchors, random, pool, views, rng),
+        "clustering": lambda: cluster(components_once=True),
+        "plain clustering": lambda: cluster(components_once=False),
+    }
+    seconds = interleaved(variants, sample.rounds)
+    counts = {"drawing": (DRAWN, "view sets"), "clustering": (TRIALS * len(pool), "frames")}
+    return [
+        comparison(what, f"{count:,} {unit}", unit, seconds[what] / count, seconds[f"plain {what}"] / count)
+        for what, (count, unit) in counts.items()
+    ]

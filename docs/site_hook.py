@@ -1,0 +1,33 @@
+"""Put the committed results of studies/ and benchmarks/ on the site, so that no table or picture is copied by hand."""
+
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("studies", "benchmarks")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add every studies/NAME/*.md and *.png, and those of benchmarks/, under the same path."""
+    for folder in FOLDERS:
+        for path in sorted((ROOT / folder).glob("*/*")):
+            if path.suffix in (".md", ".png"):
+                name = path.relative_to(ROOT).as_posix()
+                files.append(File.generated(config, name, abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Give a table of results its folder's name as title; shorten `../studies/` to `studies/`.
+
+    Links are written with `../`, so that they also work where the sources are read.
+    """
+    folder, _, name = page.file.src_uri.partition("/")
+    if folder in FOLDERS and not markdown.startswith("# "):
+        markdown = f"# {name.removesuffix('.md').replace('/', ': ')}\n\n{markdown}"
+    for folder in FOLDERS:
+        markdown = markdown.replace(f"](../{folder}/", f"]({folder}/")
+    return markdown

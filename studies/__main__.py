@@ -1,0 +1,72 @@
+"""`python -m studies` lists the studies; `python -m studies NAME` runs one through DVC's queue of experiments."""
+
+import click
+from tqdm import tqdm
+
+from studies.cells import code_of_stages, key_of, read_answers, seconds_per_cell, stored
+from studies.dvc_queue import DvcQueue
+from studies.grid import FOLDER, Study, names, read_study
+from studies.runner import run_cells
+from tactile_viewgcn.errors import UserError
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.option("--jobs", type=int, default=1, show_default=True, help="Cells at once.")
+@click.option("--quick", is_flag=True, help="A rehearsal: few cells on tiny data, into studies/.quick/NAME.")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+def main(name: str | None, jobs: int, quick: bool, debug: bool) -> None:
+    """Run the study NAME, or go on where it was stopped; without NAME, list all studies."""
+    try:
+        if jobs < 1:
+            raise UserError(f"--jobs is {jobs}; expected 1 or more cells at once")
+        if name is None:
+            list_studies()
+        else:
+            run(read_study(name), jobs=jobs, quick=quick)
+    except UserError as error:
+        if debug:
+            raise
+        raise click.ClickException(" ".join(str(error).split())) from None
+    except KeyboardInterrupt:
+        raise click.ClickException(
+            "no longer waiting: the queue goes on (`dvc queue stop --kill` ends it), the same command takes it up again"
+        ) from None
+
+
+def list_studies() -> None:
+    """A line for each study: cells, what they take one after the other, and the question."""
+    print(f"{'study':<15} {'cells':>5}  {'estimate':<13}  question")
+    code = code_of_stages()
+    for study in map(read_study, names()):
+        keys = [key_of(cell, code) for cell in study.cells()]
+        seconds = seconds_per_cell(keys)
+        estimate = "not yet known" if seconds is None else tqdm.format_interval(len(keys) * seconds)
+        print(f"{study.name:<15} {len(keys):>5}  {estimate:<13}  {study.question}")
+
+
+def run(study: Study, *, jobs: int, quick: bool) -> None:
+    """Run the cells that are missing, then write the report of all that are there.
+
+    Raises:
+        UserError: a cell's parameters are wrong, or cells failed.
+    """
+    from studies.report import write_report  # late: it draws
+
+    if quick:
+        print(f"{study.name}: a rehearsal on tiny data; its figures mean nothing")
+    code = code_of_stages()
+    keys = {key_of(cell, code): cell for cell in study.cells(quick=quick)}
+    print(f"{study.name}: {len(keys)} cells, {sum(map(stored, keys))} of them finished before", flush=True)
+    faults = run_cells(study.name, keys, DvcQueue(), jobs=jobs)
+    answers = [read_answers(cell, key) for key, cell in keys.items() if key not in faults]
+    if answers:
+        folder = FOLDER / ".quick" / study.name if quick else FOLDER / study.name
+        print(write_report(study, answers, folder, rehearsal=quick))
+        print(f"written: {folder}/results.csv, results.md, results.png")
+    if faults:
+        raise UserError(f"{len(faults)} of {len(keys)} cells failed, see above; the same command tries them again")
+
+
+if __name__ == "__main__":
+    main()

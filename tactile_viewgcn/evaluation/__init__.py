@@ -1,0 +1,1 @@
+"""Trials on the test side, their statistics and report."""

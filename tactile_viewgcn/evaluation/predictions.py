@@ -1,0 +1,67 @@
+"""The file of every answer of an evaluation: what a paired comparison with another classifier needs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from tactile_viewgcn.evaluation.trials import Evaluation
+from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.frames.split import SIDES
+from tactile_viewgcn.frames.table import Frames
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Answers to A view sets in T trials.
+
+    Attributes:
+        predicted: by protocol, int16 (T, A) predicted class.
+        labels, groups: (A,) true class and split group of the anchors; recordings: (A,) name of their recording.
+        classes: (C,) names.
+        mean_frames: float32 (C, H, W) mean network input of each class on the evaluated side; live: bool (H, W).
+    """
+
+    predicted: dict[str, np.ndarray]
+    labels: np.ndarray
+    groups: np.ndarray
+    recordings: np.ndarray
+    classes: np.ndarray
+    mean_frames: np.ndarray
+    live: np.ndarray
+
+
+def predictions_of(evaluation: Evaluation, table: Frames, side: str) -> Predictions:
+    """The answers of an evaluation on one side of the table."""
+    index = table.on(SIDES.index(side))
+    anchors = index[table.anchor[index]]
+    mean_frames = np.zeros((len(table.classes), *table.live.shape), dtype=np.float32)
+    for label in np.unique(table.label[index]):
+        mean_frames[label] = table.inputs(index[table.label[index] == label]).mean(axis=0)
+    return Predictions(
+        {protocol: trials.predicted.astype(np.int16) for protocol, trials in evaluation.protocols.items()},
+        evaluation.labels,
+        evaluation.groups,
+        np.array(table.recordings)[table.recording[anchors]],
+        np.array(table.classes),
+        mean_frames,
+        table.live,
+    )
+
+
+def write_predictions(path: Path, predictions: Predictions) -> None:
+    """Write as .npz: the attributes, `predicted` as one array `predicted.PROTOCOL` each."""
+    arrays = dict(vars(predictions))
+    arrays |= {f"predicted.{protocol}": answers for protocol, answers in arrays.pop("predicted").items()}
+    with atomic_write(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_predictions(path: Path | BinaryIO) -> Predictions:
+    """Read the file that `write_predictions` wrote."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    prefix = "predicted."
+    predicted = {name.removeprefix(prefix): arrays.pop(name) for name in list(arrays) if name.startswith(prefix)}
+    return Predictions(predicted, **arrays)

@@ -1,0 +1,1 @@
+"""Frames to learn from: above baseline, filtered, split, balanced."""

@@ -1,0 +1,64 @@
+"""From the table of raw counts to the frames that are learned from: baseline, selection, table of frames."""
+
+import numpy as np
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.baseline import Baseline, constant_baseline, empty_hand_baseline, quiet_baseline
+from tactile_viewgcn.frames.selection import Selection, select
+from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.params import Preprocess, Split
+from tactile_viewgcn.recordings.table import Recordings
+
+
+def prepare(
+    recordings: Recordings, preprocess: Preprocess, split: Split, rng: np.random.Generator
+) -> tuple[Frames, Selection]:
+    """The kept frames, and what became of every frame.
+
+    Raises:
+        UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
+            classes left; an empty side.
+    """
+    if not recordings.live.any():
+        raise UserError(
+            f"{recordings.path}: no sensor varies over the {len(recordings)} frames; expected some that do: "
+            "is the glove connected?"
+        )
+    baseline = measure_baseline(recordings, preprocess)
+    selection = select(recordings, baseline, preprocess, split, rng)
+    return _kept_frames(recordings, baseline, selection, preprocess), selection
+
+
+def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline:
+    """The baseline that `preprocess.baseline` names."""
+    if preprocess.baseline == "empty_hand":
+        return empty_hand_baseline(recordings)
+    if preprocess.baseline == "quiet":
+        return quiet_baseline(recordings, preprocess.quiet_share)
+    return constant_baseline(recordings, preprocess.zero)
+
+
+def _kept_frames(recordings: Recordings, baseline: Baseline, selection: Selection, preprocess: Preprocess) -> Frames:
+    """The table of the frames that a selection keeps; classes are numbered by their order in the recordings."""
+    index = np.flatnonzero(selection.keep)
+    columns = {name: values[index] for name, values in recordings.columns.items()}
+    objects, label = np.unique(columns["object"], return_inverse=True)
+    return Frames(
+        counts=recordings.frames(index),
+        label=label.astype(np.int16),
+        recording=columns["recording"],
+        session=columns["session"],
+        group=selection.group[index],
+        side=selection.side[index],
+        anchor=selection.anchor[index],
+        baseline=baseline.of_frame[index],
+        time=columns["time"],
+        baseline_mean=baseline.mean,
+        live=recordings.live,
+        classes=[recordings.objects[i] for i in objects],
+        recordings=recordings.recordings,
+        sessions=recordings.sessions,
+        baseline_names=baseline.names,
+        transform=preprocess.transform,
+        scale=preprocess.scale,
+    )

@@ -1,0 +1,92 @@
+"""The classifier of view sets: the backbone, and the system that joins the views, its head."""
+
+from dataclasses import asdict
+from importlib import import_module
+from inspect import signature
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.nn.backbone import build_backbone
+from tactile_viewgcn.nn.frame_estimator import FrameProbabilities
+from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.params import Model
+
+STAG_SHAPE = (32, 32)
+MAX_COORDINATE = 1e9  # of a viewpoint: its square, and what an edge's MLP makes of it, stay inside float32
+MAX_NODE_VALUES = 1 << 20  # numbers in the nodes of a batch of view sets; a larger batch gains no speed
+
+
+class Classifier(nn.Module):
+    """The backbone and the head for V views; `backbone` makes features of frames, `head` logits of their view sets.
+
+    Args:
+        viewpoints: (V, 3).
+        classes: number of classes.
+        model: which backbone and which system on it, with their options.
+        shape: (H, W) of a frame.
+
+    Raises:
+        UserError: the system cannot be built for so many views, or at these viewpoints; viewpoints that are not
+            finite, or beyond `MAX_COORDINATE`.
+    """
+
+    backbone: Any  # Backbone, Perceptron or FrameProbabilities
+    viewpoints: Tensor
+
+    def __init__(self, viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE):
+        super().__init__()
+        outside = viewpoints[~(viewpoints.abs() < MAX_COORDINATE)]
+        if len(outside):
+            raise UserError(
+                f"viewpoints hold {float(outside[0]):g}; expected coordinates between "
+                f"-{MAX_COORDINATE:g} and {MAX_COORDINATE:g}"
+            )
+        system = system_class(model.system)
+        maps = system.takes == "maps"
+        self.references = np.zeros((len(viewpoints), 0))  # see `assignment.reference_views`
+        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
+        if system.takes == "probabilities":
+            self.backbone = FrameProbabilities(shape, classes)
+        else:
+            self.backbone = build_backbone(shape, maps=maps, **asdict(model.backbone))
+        self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
+        arguments = asdict(model) | {
+            "classes": classes,
+            "features": self.feature_shape[0],
+            "maps": self.feature_shape,
+            "views": len(viewpoints),
+            "viewpoints": viewpoints,
+        }
+        self.head: ViewSystem = system(**{name: arguments[name] for name in signature(system).parameters})
+
+    @property
+    def views(self) -> int:
+        """V."""
+        return len(self.viewpoints)
+
+
+def system_class(name: str) -> type[ViewSystem]:
+    """The class of the system in the file of nn/ that `model.system` names; no other system's code is loaded."""
+    module = import_module(f"tactile_viewgcn.nn.{name}")
+    defined = (value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__)
+    return next(value for value in defined if isinstance(value, type) and issubclass(value, ViewSystem))
+
+
+def count_weights(module: nn.Module) -> int:
+    """Number of weights that a module learns."""
+    return sum(weight.numel() for weight in module.parameters())
+
+
+def view_set_logits(head: ViewSystem, features: Tensor, sets: Tensor) -> Tensor:
+    """Logits (A, classes) of view sets (A, k) of indices into features (n, ...), in batches that fit memory.
+
+    Frames are numbered in the order of time.
+    """
+    batch = max(1, MAX_NODE_VALUES // (sets.shape[1] * features[0].numel()))
+    if head.in_time_order:
+        sets = sets.sort(dim=1).values
+    return torch.cat([head(features[part])[0] for part in sets.split(batch)])

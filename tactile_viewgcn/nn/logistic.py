@@ -1,0 +1,14 @@
+"""Multinomial logistic regression on single frames."""
+
+from typing import Any
+
+from tactile_viewgcn.nn.frame_estimator import FrameEstimator
+
+
+class Logistic(FrameEstimator):
+    """Regularised by scikit-learn's default, 500 iterations of L-BFGS at most."""
+
+    def estimator(self, seed: int, shape: tuple[int, int]) -> Any:
+        from sklearn.linear_model import LogisticRegression
+
+        return LogisticRegression(max_iter=500)

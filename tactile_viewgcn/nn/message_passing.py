@@ -1,0 +1,57 @@
+"""Equations 3 and 4 of the paper: messages between all nodes of the view-graph."""
+
+import torch
+import torch.nn.functional as functional
+from torch import Tensor, nn
+from torch.utils.checkpoint import checkpoint
+
+SLOPE = 0.2  # of every LeakyReLU of the graph network
+MAX_MESSAGES = 1 << 22  # numbers in the largest array of messages; a larger one gains no speed
+
+
+class NonLocalMessagePassing(nn.Module):
+    """Equations 3 and 4: r_i = sum_j m_ji, m_ji = LeakyReLU(Linear([F_j, F_i])); f_i = fusion([F_i, r_i]).
+
+    The linear layer of a pair is the sum of two projections, one per node, so no pair is ever concatenated.
+    (The released code sums m_ij instead: the same network with the two projections exchanged.)
+    """
+
+    def __init__(self, features: int):
+        super().__init__()
+        self.message = nn.Linear(2 * features, features)
+        self.fusion = nn.Linear(2 * features, features)
+        self.norm = nn.BatchNorm1d(features)
+
+    def received(self, nodes: Tensor) -> Tensor:
+        """r (B, N, C): what each node of `nodes` (B, N, C) receives from all nodes, itself included."""
+        sender, receiver = self.message.weight.chunk(2, dim=1)
+        sent = functional.linear(nodes, sender)
+        return message_sum(functional.linear(nodes, receiver, self.message.bias), sent)
+
+    def forward(self, nodes: Tensor) -> Tensor:
+        """(B, N, C) -> (B, N, C)."""
+        fused = self.fusion(torch.cat([nodes, self.received(nodes)], dim=-1))
+        return functional.leaky_relu(self.norm(fused.flatten(0, 1)), SLOPE).view_as(nodes)
+
+
+def message_sum(receivers: Tensor, senders: Tensor) -> Tensor:
+    """Sum over the senders j of LeakyReLU(receiver_i + sender_j); receivers, senders (B, N, C) -> (B, N, C).
+
+    At most `MAX_MESSAGES` numbers are held at once, or the messages of one sender; where that takes several parts,
+    their gradients compute the messages again instead of keeping them.
+    """
+    first, *others = senders.split(max(1, MAX_MESSAGES // max(1, senders.numel())), dim=1)
+    if not others:
+        return _sum_over(first, receivers)
+    total = torch.zeros_like(receivers)
+    for part in (first, *others):
+        if torch.is_grad_enabled():
+            total = total + checkpoint(_sum_over, part, receivers, use_reentrant=False)
+        else:
+            total += _sum_over(part, receivers)
+    return total
+
+
+def _sum_over(senders: Tensor, receivers: Tensor) -> Tensor:
+    """The sum over senders (B, M, C) alone: (B, N, C)."""
+    return functional.leaky_relu(receivers.unsqueeze(1) + senders.unsqueeze(2), SLOPE).sum(dim=1)

@@ -1,0 +1,87 @@
+"""Equation 5 of the paper, selective view sampling: the nodes that the next level of the view-graph keeps."""
+
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as functional
+from torch import Tensor, nn
+
+from tactile_viewgcn.nn.graph import furthest_points, gather_nodes, nearest
+from tactile_viewgcn.nn.message_passing import SLOPE
+
+
+class SelectiveViewSampling(nn.Module):
+    """Equation 5: each of M furthest points gives way to the neighbour that a classifier is most confident of.
+
+    Args:
+        features, classes: C and the number of classes.
+        samples: M, the nodes of the next level.
+        neighbours: K, the nodes that a sampled view chooses from, itself included.
+        hidden: units of the classifier's hidden layer; 0 for a linear classifier.
+        joint: one linear layer sees the q-th neighbours of all sampled views at once and its softmax runs over
+            the sampled views, as in the released code, instead of a classifier per sampled view.
+    """
+
+    def __init__(
+        self, features: int, classes: int, samples: int, *, neighbours: int, hidden: int = 0, joint: bool = False
+    ):
+        super().__init__()
+        self.samples, self.classes, self.neighbours, self.joint = samples, classes, neighbours, joint
+        shared = samples if joint else 1
+        sizes = [features * shared, *([hidden * shared] if hidden else []), classes * shared]
+        self.layers = nn.ModuleList(
+            [nn.Linear(i, o) if joint else LinearPerView(samples, i, o) for i, o in pairwise(sizes)]
+        )
+
+    def logits(self, candidates: Tensor) -> Tensor:
+        """candidates (B, M, K, C) -> class logits (B, M, K, classes)."""
+        batch, samples, near, _ = candidates.shape
+        out = candidates.transpose(1, 2).reshape(batch, near, -1) if self.joint else candidates
+        for number, layer in enumerate(self.layers):
+            out = layer(functional.leaky_relu(out, SLOPE) if number else out)
+        return out.view(batch, near, samples, self.classes).transpose(1, 2) if self.joint else out
+
+    def forward(self, nodes: Tensor, positions: Tensor, samples: int) -> tuple[Tensor, Tensor, Tensor]:
+        """nodes (B, N, C), positions (B or 1, N, 3) -> nodes (B, m, C), positions (B, m, 3), logits (B, m, K, Y).
+
+        m is `samples`: M, or fewer of a graph that has not all its nodes.
+        """
+        sampled = furthest_points(positions, samples)  # (B or 1, m)
+        near = gather_nodes(nearest(positions, self.neighbours), sampled)  # (B or 1, m, K)
+        near = near.expand(len(nodes), -1, -1)
+        logits = self.logits(gather_nodes(nodes, near))
+        chosen = near.gather(-1, self.most_confident(logits).unsqueeze(-1)).squeeze(-1)
+        return gather_nodes(nodes, chosen), gather_nodes(positions.expand(len(nodes), -1, -1), chosen), logits
+
+    def most_confident(self, logits: Tensor) -> Tensor:
+        """Index (B, m) of the candidate with the highest confidence, of logits (B, m, K, Y); ties to the nearest."""
+        return self.confidence(logits).argmax(dim=-1)
+
+    def confidence(self, logits: Tensor) -> Tensor:
+        """Log odds (B, m, K) of each candidate's most probable class, without a gradient."""
+        return log_odds(logits.detach(), dim=1 if self.joint else -1).amax(dim=-1)
+
+
+def log_odds(logits: Tensor, dim: int) -> Tensor:
+    """log(p / (1 - p)) of p = softmax(logits), of the same shape; infinite where nothing else is possible.
+
+    It grows with p, and still does where p has become 1 in its precision, so that confident views can be ranked.
+    """
+    p, top = logits.softmax(dim), logits.argmax(dim, keepdim=True)
+    others = logits.scatter(dim, top, -torch.inf).logsumexp(dim, keepdim=True)
+    all_odds = logits.log_softmax(dim) - torch.log1p(-p.scatter(dim, top, 0.0))  # exact where p is at most 1 / 2
+    return all_odds.scatter(dim, top, logits.gather(dim, top) - others)
+
+
+class LinearPerView(nn.Module):
+    """A linear layer of its own for each sampled view: (B, m, K, i) -> (B, m, K, o), m up to M."""
+
+    def __init__(self, samples: int, inputs: int, outputs: int):
+        super().__init__()
+        layers = [nn.Linear(inputs, outputs) for _ in range(samples)]
+        self.weight = nn.Parameter(torch.stack([layer.weight.detach() for layer in layers]))
+        self.bias = nn.Parameter(torch.stack([layer.bias.detach() for layer in layers]))
+
+    def forward(self, x: Tensor) -> Tensor:
+        views = x.shape[1]
+        return torch.einsum("bmki,moi->bmko", x, self.weight[:views]) + self.bias[:views, None]

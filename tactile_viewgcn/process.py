@@ -1,0 +1,45 @@
+"""Processes: how long this one has run, the memory that it took, and whether another one is still there."""
+
+import os
+import resource
+import time
+from pathlib import Path
+
+LOADED = time.time()
+
+
+def seconds_since_start() -> float:
+    """Seconds since this process began, imports included; outside Linux since this module was loaded."""
+    ticks = start_ticks(os.getpid())
+    if not ticks:
+        return time.time() - LOADED
+    uptime = float(Path("/proc/uptime").read_text().split()[0])
+    return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
+
+
+def start_ticks(pid: int) -> str:
+    """When a process began, in clock ticks since the machine did; empty outside Linux, and where there is none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+    except OSError:
+        return ""
+
+
+def is_running(pid: int, ticks: str) -> bool:
+    """Whether the process with this number that began then, see `start_ticks`, is still there."""
+    try:
+        os.kill(pid, 0)  # asks, and does nothing
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # somebody else's
+        pass
+    return start_ticks(pid) in ("", ticks)
+
+
+def peak_mb() -> float:
+    """The most memory this process has held, in MB (10^6 bytes)."""
+    status = Path("/proc/self/status")
+    if status.exists():  # Linux, whose ru_maxrss would count the process that started this one
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) * 1024 / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6

@@ -1,0 +1,72 @@
+"""Where a run comes from: its git revision, and what it changes of the committed params.yaml, which names it."""
+
+import subprocess
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+def git_revision() -> dict[str, str]:
+    """The commit of the code that runs, and whether files of it were changed; empty outside git."""
+    commit, status = _git("rev-parse", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
+    if commit is None or status is None:
+        return {}
+    return {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(status.strip())).lower()}
+
+
+def committed_params(path: Path) -> dict[str, Any]:
+    """The values of a params.yaml as it is in git's HEAD, by dotted key; empty where it is not there."""
+    text = _git("show", f"HEAD:./{path.name}", folder=path.parent)
+    try:
+        tree = yaml.safe_load(text or "")
+    except yaml.YAMLError:
+        return {}
+    return _flatten(tree) if isinstance(tree, dict) else {}
+
+
+def run_name(head: str, values: dict[str, Any], committed: dict[str, Any], skip: Collection[str] = ()) -> str:
+    """A name for people: `head` and the values that differ from the committed ones, `mvcnn V=8 pretrain.lr=0.01`.
+
+    Args:
+        values: by dotted key; a key that is not committed is left out.
+        skip: keys that `head` names already.
+    """
+    changes = [
+        f"{key}={_short(value)}"
+        for key, value in values.items()
+        if key in committed and key not in skip and not _equal(value, committed[key])
+    ]
+    return " ".join([head, *changes])
+
+
+def _equal(value: Any, committed: Any) -> bool:
+    try:
+        return value == (float(committed) if isinstance(value, float) else committed)  # YAML reads 5e-4 as text
+    except (TypeError, ValueError):
+        return False
+
+
+def _short(value: Any) -> str:
+    """A value as one would type it after `dvc exp run -S KEY=`, without spaces."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value).replace(" ", "").replace("'", "")
+
+
+def _flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        flat |= _flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat
+
+
+def _git(*words: str, folder: Path = Path()) -> str | None:
+    """Output of git; None where there is no git, no repository, or git refuses."""
+    try:
+        return subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return None

@@ -1,0 +1,1 @@
+"""The trained recogniser, its file, and predictions frame by frame."""

@@ -1,0 +1,64 @@
+"""The file of a trained classifier: its weights and all that is needed to use them on raw counts.
+
+It holds tensors and plain values alone, so that it loads with `weights_only=True`. The weights of a system without a
+network are a pickled estimator, which runs code when it is loaded, see `nn/frame_estimator.py`.
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.params import Backbone, Model
+
+
+def save_classifier(
+    path: str | Path,
+    classifier: Classifier,
+    model: Model,
+    frames: Frames,
+    precision: str = "float32",
+    temperatures: list[float] | None = None,
+) -> None:
+    """Write a classifier to a file, with what a `Recogniser` needs to use it on raw counts.
+
+    Args:
+        model: the parameters that the classifier was built with.
+        frames: its training data, whose classes, transform and baselines are written too.
+        precision: of its training, in which a `Recogniser` also computes.
+        temperatures: for 1 to V frames, see `calibration.calibrate`; with them it takes any number of views up to V.
+    """
+    used = np.unique(frames.baseline)  # a session without frames has no baseline
+    content = {
+        "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
+        "viewpoints": classifier.viewpoints.cpu(),
+        "references": torch.from_numpy(classifier.references),
+        "model": asdict(model),
+        "classes": frames.classes,
+        "transform": classifier.head.transform or frames.transform,
+        "scale": frames.scale,
+        "shape": list(frames.counts.shape[1:]),
+        "baseline_mean": torch.from_numpy(frames.baseline_mean[used]),
+        "baseline_names": [frames.baseline_names[i] for i in used],
+        "precision": precision,
+        "temperatures": temperatures,
+    }
+    with atomic_write(path) as part:
+        torch.save(content, part)
+
+
+def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:
+    """The classifier in evaluation mode, and the other content of the file that `save_classifier` wrote."""
+    with readable(path):
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        weights, _ = content.pop("weights"), content["temperatures"]
+        model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
+        classifier = Classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
+        classifier.load_state_dict(weights)
+        classifier.references = content["references"].numpy()
+    return classifier.eval(), content

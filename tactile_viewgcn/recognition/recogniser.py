@@ -1,0 +1,136 @@
+"""The trained recogniser: class probabilities of raw counts."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tactile_viewgcn.device import select_device
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.transform import network_input
+from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.classifier import view_set_logits
+from tactile_viewgcn.recognition.model_file import load_classifier
+
+
+class Recogniser:
+    """A trained classifier for raw counts.
+
+    Args:
+        path: a file of `save_classifier`.
+
+    Attributes:
+        classes: names; shape: (H, W) of a frame.
+        temperatures: for 1 to V frames; None for a classifier of V views alone.
+    """
+
+    def __init__(self, path: str | Path):
+        self.classifier, content = load_classifier(path)
+        self.classes, self.shape = content["classes"], tuple(content["shape"])
+        self.temperatures = content["temperatures"]
+        self._transform, self._scale = content["transform"], content["scale"]
+        self._compute = select_device("cpu", content["precision"])
+        self._baselines = dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True))
+
+    def baseline(self, name: str = "") -> np.ndarray:
+        """Baseline (H, W) in counts of a session of the training data (with baseline `quiet`, of a recording).
+
+        Without a name it is the mean of all of them.
+
+        Raises:
+            UserError: an unknown session.
+        """
+        if not name:
+            return np.mean(list(self._baselines.values()), axis=0)
+        if name not in self._baselines:
+            raise UserError(
+                f"session is {name!r}; expected one of {', '.join(self._baselines)}, "
+                "or give the baseline of the empty hand itself"
+            )
+        return self._baselines[name]
+
+    @torch.inference_mode()
+    def probabilities(self, counts: np.ndarray, baseline: np.ndarray | None = None) -> np.ndarray:
+        """Class probabilities float32 (B, classes), a column for each of `classes`.
+
+        Args:
+            counts: raw counts (B, V, H, W) of B view sets. Frame i of a set stands at viewpoint i; the systems that
+                read frames in the order of time (cnn_lstm, conv_lstm) take the earliest first. A classifier with
+                temperatures also takes fewer frames, (B, k, H, W); its probabilities are calibrated for random
+                frames of a recording.
+            baseline: of the empty hand in the same session, (H, W) counts; the mean of the known baselines if None.
+
+        Raises:
+            UserError: counts or baseline of another shape, or values that are not finite.
+        """
+        max_views, any_number = self.classifier.views, self.temperatures is not None
+        fits = counts.ndim == 4 and counts.shape[2:] == self.shape
+        if not fits or not (1 if any_number else max_views) <= counts.shape[1] <= max_views:
+            raise UserError(
+                f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
+                f"(any, {f'1 to {max_views}' if any_number else max_views}, {', '.join(map(str, self.shape))})"
+            )
+        features = self._features(counts.reshape(-1, *self.shape), baseline)
+        return self._probabilities(features.unflatten(0, counts.shape[:2]))
+
+    def _features(self, counts: np.ndarray, baseline: np.ndarray | None) -> Tensor:
+        """Features (n, C) of raw counts (n, H, W)."""
+        baseline = self.baseline() if baseline is None else baseline
+        if baseline.shape != self.shape:
+            raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
+        if not (np.isfinite(counts).all() and np.isfinite(baseline).all()):
+            raise UserError("counts or baseline holds values that are not finite; expected a number from every sensor")
+        inputs = network_input(np.subtract(counts, baseline, dtype=np.float64), self._transform, self._scale)
+        if not len(counts):
+            return torch.empty(0, self.classifier.backbone.features)
+        with self._compute.autocast():
+            return extract_features(self.classifier.backbone, self._compute.frames(torch.from_numpy(inputs)))
+
+    def _probabilities(self, features: Tensor) -> np.ndarray:
+        """Class probabilities (B, classes) of view sets of features (B, k, ...)."""
+        count, views = features.shape[:2]
+        if not count:
+            return np.empty((0, len(self.classes)), dtype=np.float32)
+        sets = torch.arange(count * views).view(count, views)
+        logits = view_set_logits(self.classifier.head, features.flatten(0, 1), sets)
+        temperature = self.temperatures[views - 1] if self.temperatures is not None else 1.0
+        return (logits / temperature).softmax(dim=-1).numpy()
+
+    @torch.inference_mode()
+    def predict_sequential(
+        self, frames: Iterable[np.ndarray], confidence_threshold: float, baseline: np.ndarray | None = None
+    ) -> tuple[np.ndarray, int]:
+        """Class probabilities (classes,) and the number of frames used: as few as the confidence threshold needs.
+
+        The probabilities are calibrated for random frames of a recording: leave time between frames, since frames that
+        follow one another are nearly the same.
+
+        Args:
+            frames: raw counts (H, W), one after another; none is asked for once the threshold is reached, or after V.
+            confidence_threshold: of the most probable class.
+            baseline: see `probabilities`.
+
+        Raises:
+            UserError: the classifier takes V views alone; `confidence_threshold` is no probability;
+                no frames, or of another shape, or not finite.
+        """
+        if self.temperatures is None:
+            raise UserError(
+                f"the classifier takes {self.classifier.views} views and no fewer; fine-tune it with "
+                "finetune.num_views random and split.validation above 0"
+            )
+        if not 0 <= confidence_threshold <= 1:
+            raise UserError(f"confidence_threshold is {confidence_threshold}; expected a probability, 0 to 1")
+        features, probabilities = [], None
+        for frame in frames:
+            if np.shape(frame) != self.shape:
+                raise UserError(f"a frame has shape {np.shape(frame)}; expected {self.shape}")
+            features.append(self._features(np.asarray(frame)[None], baseline))
+            (probabilities,) = self._probabilities(torch.stack(features, dim=1))
+            if probabilities.max() >= confidence_threshold or len(features) == self.classifier.views:
+                break
+        if probabilities is None:
+            raise UserError("frames holds none; expected one frame or more")
+        return probabilities, len(features)

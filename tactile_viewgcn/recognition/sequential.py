@@ -1,0 +1,82 @@
+"""Sequential prediction: frames are observed one after another until the classifier is confident.
+
+After each frame, the frames so far are classified by a network that was trained on view sets of every size; its
+probabilities are calibrated, see `calibration.py`. Later frames are unknown at that time, so nothing is clustered.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
+from tactile_viewgcn.views.sampling import ViewSets, random_clusters
+
+
+@dataclass(frozen=True)
+class SequentialTrials:
+    """Predictions of T trials after each of the V frames of A sequences.
+
+    Attributes:
+        correct: bool (T, V, A).
+        confidence: float32 (T, V, A) calibrated probability of the most probable class.
+    """
+
+    correct: np.ndarray
+    confidence: np.ndarray
+
+    def stopped(self, confidence_threshold: float) -> tuple[np.ndarray, np.ndarray]:
+        """Whether each prediction is correct, and the frames it used, (T, A) each, stopping at that confidence."""
+        confident = self.confidence >= confidence_threshold
+        confident[:, -1] = True  # after the last frame the prediction stands
+        last = confident.argmax(axis=1)
+        return np.take_along_axis(self.correct, last[:, None], axis=1)[:, 0], last + 1
+
+
+def sequences(anchors: np.ndarray, recording: np.ndarray, length: int, rng: np.random.Generator) -> np.ndarray:
+    """Frame indices int64 (A, length): each anchor and then other frames of its recording at random.
+
+    Frames repeat where a recording has fewer.
+
+    Args:
+        anchors: (A,) indices into the frames; recording: (n,) of each frame, 0 to R - 1.
+    """
+    return ViewSets(random_clusters(recording, length, rng), recording, length).draw(anchors, rng, "anchor")
+
+
+@torch.inference_mode()
+def logits_by_count(classifier: Classifier, features: Tensor, drawn: np.ndarray) -> Tensor:
+    """Logits (V, A, classes) after 1 to V frames of the sequences (A, V) of indices into features (n, C)."""
+    sets = torch.from_numpy(drawn).to(features.device)
+    return torch.stack(
+        [view_set_logits(classifier.head, features, sets[:, : count + 1]) for count in range(sets.shape[1])]
+    )
+
+
+def sequential_trials(
+    classifier: Classifier,
+    temperatures: list[float],
+    features: Tensor,
+    labels: np.ndarray,
+    recording: np.ndarray,
+    anchors: np.ndarray,
+    rngs: Iterable[np.random.Generator],
+) -> SequentialTrials:
+    """Predictions for one sequence of V frames from each anchor, in each trial.
+
+    Args:
+        temperatures: for 1 to V frames.
+        features: (n, C) of the frames; labels, recording: (n,); recordings are numbered from 0.
+        anchors: (A,) indices of the frames that sequences start with.
+        rngs: a generator for each trial.
+    """
+    temperature, truth = torch.tensor(temperatures)[:, None, None], torch.from_numpy(labels[anchors].astype(np.int64))
+    correct, confidence = [], []
+    for rng in rngs:
+        drawn = sequences(anchors, recording, classifier.views, rng)
+        best = (logits_by_count(classifier, features, drawn).cpu() / temperature).softmax(dim=-1).max(dim=-1)
+        correct.append((best.indices == truth).numpy())
+        confidence.append(best.values.numpy())
+    return SequentialTrials(np.stack(correct), np.stack(confidence))

@@ -1,0 +1,1 @@
+"""Recordings of any source as one table of raw counts."""

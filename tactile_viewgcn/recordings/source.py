@@ -1,0 +1,146 @@
+"""What every reader returns, and the checks that every source passes."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactile_viewgcn.errors import UserError
+
+EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
+TRAIN, TEST = 0, 1  # codes of the published split
+MAX_SIDE = 64  # rows and columns of a frame
+BLOCK_FRAMES = 4096  # read or written at once
+MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
+MAX_LISTED = 10  # mistakes named in one message
+
+#: Type of each column, one value per frame. The first five are always there, the others if the source has them.
+COLUMNS = {
+    "object": np.int16,  # index into objects
+    "recording": np.int16,  # index into recordings
+    "session": np.int16,  # index into sessions
+    "frame": np.int32,  # frame number inside the recording
+    "time": np.float64,  # seconds since the recording's first frame
+    "split": np.int8,  # published side: TRAIN or TEST
+    "valid": np.bool_,  # the object is held (STAG: hasValidLabel)
+    "balanced": np.bool_,  # STAG's subset of equally many frames a class (isBalanced)
+    "transition": np.bool_,  # last empty frame before contact (isTransition)
+    "grip": np.bool_,  # reliable contact (isGrap)
+    "grasp": np.int16,  # number of the grasp inside the recording (graspIndex)
+    "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
+}
+Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames
+
+
+@dataclass(frozen=True)
+class Source:
+    """Recordings as a reader describes them, and their frames in blocks.
+
+    Attributes:
+        objects, recordings, sessions: names, by index.
+        shape: (H, W) of a frame.
+        dtype: of the stored pressure.
+        blocks: the frames in the file's order; can be read once.
+        weights: (objects,) grams, NaN where unknown.
+        action: (recordings, 2) seconds from and to which the object is handled, -1 for never.
+    """
+
+    path: Path
+    objects: list[str]
+    recordings: list[str]
+    sessions: list[str]
+    shape: tuple[int, int]
+    dtype: np.dtype
+    blocks: Iterator[Block]
+    weights: np.ndarray | None = None
+    action: np.ndarray | None = None
+
+
+def storage_type(dtype: np.dtype, where: str) -> np.dtype:
+    """Type in which pressure is stored: int16 or int32 for integers, float32 or float64 for real numbers.
+
+    Raises:
+        UserError: another type; `where` begins the message.
+    """
+    if dtype.kind in "iu":
+        return np.dtype(np.int16 if dtype.itemsize < 2 or dtype == np.int16 else np.int32)
+    if dtype.kind == "f":
+        return np.dtype(np.float32 if dtype.itemsize <= 4 else np.float64)
+    raise UserError(f"{where}: pressure is of type {dtype}; expected integer counts or real numbers")
+
+
+def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
+    """(H, W) of pressure of shape (T, H, W).
+
+    Raises:
+        UserError: not three axes, or frames larger than `MAX_SIDE`; `where` begins the message.
+    """
+    if len(shape) != 3:
+        raise UserError(f"{where}: pressure has shape {shape}; expected (frames, rows, columns)")
+    if not all(1 <= side <= MAX_SIDE for side in shape[1:]):
+        raise UserError(f"{where}: frames of {shape[1]} x {shape[2]}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}")
+    return shape[1], shape[2]
+
+
+def raise_mistakes(mistakes: list[str]) -> None:
+    """Raise a UserError that lists the first ten mistakes and counts the others; do nothing if there are none."""
+    if mistakes:
+        more = [f"and {len(mistakes) - MAX_LISTED} more"] if len(mistakes) > MAX_LISTED else []
+        raise UserError("; ".join(mistakes[:MAX_LISTED] + more))
+
+
+def checked_blocks(source: Source) -> Iterator[Block]:
+    """The blocks of a source that hold frames, each checked.
+
+    Raises:
+        UserError: no frames, a damaged file, an id out of range, or pressure that cannot be stored.
+    """
+    total = 0
+    try:
+        for block in source.blocks:
+            if len(block["pressure"]):
+                _check_block(block, source, total)
+                total += len(block["pressure"])
+                yield block
+    except OSError as error:
+        raise UserError(f"{source.path}: damaged or cut short ({error}); download or record it again") from None
+    if not total:
+        raise UserError(f"{source.path}: no frames; expected at least one recording with frames in it")
+
+
+def _check_block(block: Block, source: Source, start: int) -> None:
+    """Raise a UserError for an id, column or pressure out of range; `start` is the number of the first frame."""
+    counts, path = block["pressure"], source.path
+    if source.dtype.kind == "i" and not np.can_cast(counts.dtype, source.dtype):
+        limits = np.iinfo(source.dtype)
+        if counts.min() < limits.min or counts.max() > limits.max:
+            raise UserError(
+                f"{path}: pressure from {counts.min()} to {counts.max()}; "
+                f"expected counts from {limits.min} to {limits.max}"
+            )
+    for column, among in (("object", "objects"), ("recording", "recordings"), ("session", "sessions")):
+        count = len(getattr(source, among))
+        _check_range(block[column], f"{column} id", (0, count - 1), f"({count} {among})", path, start)
+    for column, kind in COLUMNS.items():
+        if column in block and kind is not np.float64:
+            low, high = (0, 1) if kind is np.bool_ else (np.iinfo(kind).min, np.iinfo(kind).max)
+            _check_range(block[column], column, (low, high), "in whole numbers", path, start)
+    if counts.dtype.kind == "f" and not (inside := np.abs(counts) <= MAX_PRESSURE).all():
+        bad = int(inside.all(axis=(1, 2)).argmin())
+        value, recording = counts[bad][~inside[bad]][0], source.recordings[int(block["recording"][bad])]
+        raise UserError(
+            f"{path}: pressure of frame {block['frame'][bad]} of recording {recording} is {value:g}; expected a number "
+            f"from every sensor, up to {MAX_PRESSURE:g}"
+        )
+
+
+def _check_range(values: np.ndarray, what: str, limits: tuple[int, int], remark: str, path: Path, start: int) -> None:
+    """Raise a UserError for the first value that is no whole number within the limits, ends included."""
+    inside = (values >= limits[0]) & (values <= limits[1]) & (values == np.floor(values))
+    if not inside.all():
+        at = int(inside.argmin())
+        raise UserError(
+            f"{path}: {what} {values[at]} of frame {start + at} is out of range; "
+            f"expected {limits[0]} to {limits[1]} {remark}"
+        )

@@ -1,0 +1,41 @@
+"""Where MLflow's store is: its address, its folder, and whether a server answers; without MLflow itself."""
+
+import urllib.error
+import urllib.request
+from http.client import HTTPException
+from pathlib import Path
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import root
+
+DISABLED = "disabled"
+SQLITE = "sqlite:///"
+REACH_SECONDS = 5
+
+
+def store_address(uri: str) -> str:
+    """A store's address with an absolute path: DVC deletes a temporary workspace, and what is relative to it."""
+    path = uri.removeprefix(SQLITE)
+    if path == uri or path.startswith((":memory:", "file:")):
+        return uri
+    return f"{SQLITE}{root() / path}"  # a path that is absolute already, after a fourth slash, stays so
+
+
+def store_folder(uri: str) -> Path | None:
+    """The folder of an SQLite store and of its artifacts; None of any other store, which has its own place."""
+    if not uri.startswith("sqlite:"):
+        return None
+    return Path(uri.removeprefix(SQLITE).partition("?")[0]).parent if uri.startswith(f"{SQLITE}/") else root()
+
+
+def check_server(uri: str) -> None:
+    """Refuse a server that does not answer within seconds; MLflow itself would try for minutes. Any answer will do."""
+    try:
+        urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=REACH_SECONDS).close()
+    except urllib.error.HTTPError:
+        return
+    except (OSError, ValueError, HTTPException) as error:
+        raise UserError(
+            f"MLflow server {uri} does not answer ({error}); start it, correct MLFLOW_TRACKING_URI, "
+            f"or set it to {DISABLED}"
+        ) from None

@@ -1,0 +1,1 @@
+"""Pretraining of the backbone and fine-tuning of the whole network."""

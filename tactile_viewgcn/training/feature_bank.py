@@ -1,0 +1,60 @@
+"""Features of frames that view sets share between optimiser steps."""
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.training.augmentation import Augmentation
+from tactile_viewgcn.training.optim import num_batches
+
+
+class FeatureBank(nn.Module):
+    """The latest features, or maps, of n training frames, for views that do not pass through the backbone again.
+
+    Features change slowly in fine-tuning. They come from training mode, with noise and dropout.
+
+    Args:
+        frames: n.
+        feature_shape: of one frame, (C,) or (C, H, W).
+    """
+
+    values: Tensor
+
+    def __init__(self, frames: int, feature_shape: tuple[int, ...], compute: Compute):
+        super().__init__()
+        self._compute = compute
+        dtype = torch.bfloat16 if len(feature_shape) > 1 and compute.precision == "bfloat16" else compute.dtype
+        self.register_buffer("values", torch.zeros(frames, *feature_shape, dtype=dtype, device=compute.device))
+
+    @torch.no_grad()
+    def fill(self, backbone: nn.Module, frames: Tensor, *, batch: int, augment_frames: Augmentation) -> None:
+        """Store the features of all frames (n, 1, H, W), in batches in random order, from torch's default generator.
+
+        The backbone is left in training mode, and the running moments of its batch normalisation are updated.
+        """
+        backbone.train()
+        order = torch.randperm(len(frames))
+        with self._compute.autocast():
+            for index in order.tensor_split(num_batches(len(order), batch)):
+                features = backbone(augment_frames(self._compute.gather(frames, index)))
+                self.values[self._compute.to_device(index)] = features
+
+    def nodes(self, sets: np.ndarray, fresh: np.ndarray, features: Tensor) -> Tensor:
+        """Features (B, k, ...) of view sets (B, k): those given for the columns `fresh`, from the bank for the others.
+
+        The given ones are stored; of a frame that occurs more than once, those of its first place.
+
+        Args:
+            sets: (B, k) indices of frames.
+            fresh: (B, f) columns of the sets.
+            features: (B, f, ...) of these columns.
+        """
+        to_device = self._compute.to_device
+        rows = np.broadcast_to(np.arange(len(sets))[:, None], fresh.shape)
+        places = (to_device(torch.from_numpy(rows.copy())), to_device(torch.from_numpy(fresh)))
+        nodes = self.values[to_device(torch.from_numpy(sets))].index_put(places, features)
+        frames, first = np.unique(sets[rows, fresh], return_index=True)
+        stored = features.detach().flatten(0, 1)[to_device(torch.from_numpy(first))]
+        self.values[to_device(torch.from_numpy(frames))] = stored
+        return nodes

@@ -1,0 +1,1 @@
+"""Viewpoints, clusters and the view sets drawn from them."""

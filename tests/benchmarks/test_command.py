@@ -1,0 +1,44 @@
+"""The command of a benchmark: it writes its table and picture where it is told, and nothing after a quick run."""
+
+import pytest
+from click.testing import CliRunner
+from matplotlib.figure import Figure
+
+from benchmarks.command import benchmark
+from tactile_viewgcn.errors import UserError
+from tests.tables import ROOT
+
+
+@benchmark
+def lengths(params, quick):
+    """Measure lengths."""
+    if params.seed != 0:
+        raise UserError(f"seed is {params.seed}; expected 0")
+    return "Lengths.", [{"what": "a foot", "m": 0.1 if quick else 0.3048}], Figure()
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    (tmp_path / "other.yaml").write_text((ROOT / "params.yaml").read_text().replace("\nseed: 0", "\nseed: 7"))
+    return lambda *words: CliRunner().invoke(lengths, words)
+
+
+@pytest.mark.parametrize(("words", "folder"), [((), "benchmarks/lengths"), (("--quick", "--out", "out"), "out")])
+def test_text_table_and_picture_are_printed_and_written(run, tmp_path, words, folder):
+    result = run(*words)
+    assert result.exit_code == 0 and result.output.startswith("Lengths.\n\n| what | m |")
+    written = tmp_path / folder
+    assert sorted(path.name for path in written.iterdir()) == ["results.csv", "results.md", "results.png"]
+    assert (written / "results.csv").read_text().split() == ["what,m", "a", f"foot,{0.1 if words else 0.3048}"]
+
+
+def test_a_quick_run_writes_nothing(run, tmp_path):
+    assert "| a foot | 0.1 |" in run("--quick").output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["other.yaml", "params.yaml"]
+
+
+def test_a_users_mistake_ends_in_one_line(run):
+    result = run("--params", "other.yaml")
+    assert result.exit_code == 1 and result.output == "Error: seed is 7; expected 0\n"

@@ -1,0 +1,205 @@
+"""The benchmark of speed: its plain counterparts compute what the pipeline does, and its arithmetic is right."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from benchmarks.speed import limits, measurements, plain
+from benchmarks.speed.agreement import TOLERANCE, agreement, differences
+from benchmarks.speed.recipe import recipe_rows
+from benchmarks.speed.sample import Sample, anchors_of
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.split import TEST, TRAIN
+from tactile_viewgcn.nn.backbone import Backbone, extract_features
+from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.tables import CPU, recipe, table, views_of
+
+
+def frames_of(side):
+    return torch.from_numpy(table().inputs(table().on(side))).unsqueeze(1)
+
+
+def random_backbone(width=8):
+    """A backbone whose normalisations are not the identity, in training mode."""
+    torch.manual_seed(0)
+    backbone = Backbone(width)
+    for _ in range(3):
+        backbone(torch.rand(16, 1, 12, 12))
+    torch.nn.init.uniform_(backbone.stem.norm.weight, -1, 1)
+    return backbone
+
+
+@pytest.fixture
+def classifier():
+    """One of four views, its normalisations moved by the table's frames, in evaluation mode."""
+    torch.manual_seed(0)
+    model, frames = recipe("model.backbone.width=16").model, frames_of(TRAIN)[:64]
+    classifier = Classifier(torch.from_numpy(viewpoints(4)), 4, model, frames.shape[2:])
+    for _ in range(20):
+        classifier.head(classifier.backbone(frames)[torch.randint(64, (16, 4))])
+    return classifier.eval()
+
+
+def test_the_plain_network_gives_the_pipeline_s_logits(classifier):
+    frames = frames_of(TEST)
+    sets = np.random.default_rng(0).integers(len(frames), size=(30, 4))
+    expected = plain.logits(plain.plain_classifier(classifier), frames, sets)
+    assert expected.std(dim=0).min() > 0
+    with torch.no_grad():
+        logits = view_set_logits(classifier.head, extract_features(classifier.backbone, frames), torch.from_numpy(sets))
+    assert (logits - expected).abs().max() <= TOLERANCE["float32"] * expected.abs().max()
+
+
+@pytest.fixture
+def sample(classifier):
+    small, params = anchors_of(table(), 20), recipe("model.backbone.width=16")
+    linear = nn.Linear(classifier.backbone.features, 4)
+    pretrained = {"backbone": classifier.backbone.state_dict(), "classifier": linear.state_dict()}
+    return Sample(params, CPU, 1, small, views_of(small, params), pretrained, classifier)
+
+
+def test_agreement_passes_the_network_and_refuses_a_wrong_one(sample, monkeypatch):
+    rows = agreement(sample)
+    assert [row["fast path"] for row in rows] == ["float32", "bfloat16"]
+    assert [row["view sets"] for row in rows] == [80, 80]
+    assert rows[0]["difference"] < rows[1]["difference"] > 1e-4
+
+    def scaled(backbone, frames):
+        return 1.01 * extract_features(backbone, frames)
+
+    monkeypatch.setattr("benchmarks.speed.agreement.extract_features", scaled)
+    with pytest.raises(UserError, match="float32 differs"):
+        agreement(sample)
+
+
+def test_the_difference_leaves_out_a_tenth_of_the_view_sets():
+    expected = torch.tensor([[2.0, 0.0], [0.0, 1.0]]).repeat(10, 1)
+    logits = expected.clone()
+    logits[1] = torch.tensor([1.0, 0.5])  # another answer
+    row = differences(logits, expected)
+    assert (row["difference"], row["largest"], row["changed answers"]) == (0, 0.5, 1)
+    logits[0, 0] += 0.5
+    assert differences(logits, expected)["difference"] == 0.25
+
+
+def test_the_plain_backbone_learns_as_the_pipeline_s_does():
+    backbone, frames = random_backbone(), torch.rand(6, 1, 12, 12) ** 3
+    backbone.dropout.p = 0.0
+    slow, factors = plain.plain_backbone(backbone), torch.randn(6, 16)
+    assert len(slow.stem) == 4  # layers
+    for network in (backbone, slow):
+        (network(frames) * factors).sum().backward()
+    for weight, other in zip(backbone.parameters(), slow.parameters(), strict=True):
+        torch.testing.assert_close(weight.grad, other.grad, rtol=1e-3, atol=1e-4)
+    for running, other in zip(backbone.buffers(), slow.buffers(), strict=True):
+        torch.testing.assert_close(running, other, rtol=1e-5, atol=1e-5)
+
+
+def test_descending_takes_a_step_down_each_loss():
+    weight = nn.Parameter(torch.tensor(1.0))
+    measurements.descend(torch.optim.SGD([weight], 0.1), (factor * weight for factor in (1.0, 2.0)))
+    assert weight.item() == pytest.approx(1 - 0.1 - 0.2)
+
+
+def test_the_plain_drawing_takes_a_frame_of_each_cluster_of_the_anchor_s_pool():
+    rng = np.random.default_rng(0)
+    pool, views = np.arange(90) % 3, 4
+    cluster = np.where(pool == 2, rng.integers(3, size=90), rng.integers(4, size=90))  # pool 2 has no cluster 3
+    anchors = rng.permutation(90)[:40]
+    sets = plain.draw(anchors, cluster, pool, views, rng)
+    assert sets.shape == (40, views)
+    assert (pool[sets] == pool[anchors][:, None]).all()
+    assert (sets[np.arange(40), cluster[anchors]] == anchors).all()
+    full = pool[anchors] < 2
+    assert (cluster[sets[full]] == np.arange(views)).all() and full.any()
+    assert (cluster[sets[~full, :3]] == np.arange(3)).all() and (~full).any()
+    assert len(np.unique(plain.draw(np.repeat(anchors[:1], 200), cluster, pool, views, rng))) > 20
+
+
+def test_the_operations_of_a_training_step_are_those_counted_by_hand():
+    network = nn.Sequential(
+        nn.Conv2d(1, 4, 3, padding=1), nn.Conv2d(4, 8, 3, stride=2, padding=1), nn.Flatten(), nn.Linear(128, 5)
+    )
+    first, second, linear = 64 * 4 * 9, 16 * 8 * 4 * 9, 128 * 5  # multiplications on a frame of 8 x 8
+    by_hand = 2 * first + 3 * second + 3 * linear  # forward, weights, and inputs but for the frame's
+    assert limits.training_operations(network, torch.zeros(2, 1, 8, 8)) == 2 * 2 * by_hand
+
+
+def test_convolutions_run_in_either_precision_on_any_frame():
+    slow = plain.plain_backbone(Backbone(8))
+    for precision in ("float32", "bfloat16"):
+        limits.convolutions(slow, torch.rand(2, 1, 9, 12), precision)()
+    assert not any(layer._forward_hooks for layer in slow.modules())
+
+
+def test_a_comparison_holds_rates_and_the_median_of_the_rounds_ratios():
+    row = measurements.comparison("steps", "batch 32", "frames", np.array([0.5, 1.0, 2.0]), np.array([2.5, 2.0, 3.0]))
+    assert (row["fast"], row["counterpart"], row["ratio"], row["unit"]) == (1.0, 0.4, 2.0, "frames/s")
+
+
+@pytest.fixture
+def one_call_a_second(monkeypatch):
+    """Each variant is called once, and takes a second; a matrix product is worth the operations of 64 frames."""
+
+    def called(variants, rounds):
+        for variant in variants.values():
+            variant()
+        return dict.fromkeys(variants, np.ones(rounds))
+
+    monkeypatch.setattr(measurements, "interleaved", called)
+    monkeypatch.setattr(measurements, "EPOCHS", 2)
+    monkeypatch.setattr(limits, "training_operations", lambda network, frames: 2 * limits.SIDE["cpu"] ** 3 // 64)
+
+
+@pytest.mark.parametrize(
+    ("measure", "rates"),
+    [
+        (
+            partial(measurements.time_step, batch=24),
+            [
+                ("training step", 24, 24),
+                ("training step", 24, 24),
+                ("training step", 24, 24),
+                ("training step", 24, 64),
+            ],
+        ),
+        (measurements.time_finetuning, [("fine-tuning", 160, 60)] * 4),  # two epochs of 80 view sets; 60 plainly
+        (measurements.time_evaluation, [("features", 80, 80), ("evaluation", 480, 60)]),  # 2 protocols of 3 trials
+        (measurements.time_views, [("drawing", 8192, 8192), ("clustering", 800, 800)]),
+    ],
+)
+def test_rates_are_units_of_work_a_second(measure, rates, sample, one_call_a_second):
+    rows = measure(sample)
+    rounded = [(row["what"], round(row["fast"], 6), round(row["counterpart"], 6)) for row in rows]
+    assert rounded == rates
+
+
+def test_the_recipe_is_multiplied_out():
+    names = [("training step", "batch 160, 1"), ("training step", "batch 32, 1"), ("evaluation", "")]
+    names += [("fine-tuning", "reuse 1"), ("fine-tuning", "reuse 8")]
+    rates = [(1.0, 1.0), (1000.0, 100.0), (10_000.0, 500.0), (100.0, 50.0), (400.0, 50.0)]
+    rows = [
+        {"what": what, "size": size, "unit": "frames/s", "against": "plain", "fast": fast, "counterpart": slow}
+        for (what, size), (fast, slow) in zip(names, rates, strict=True)
+    ]
+    limit = rows[1] | {"against": "limit: convolutions alone", "fast": 1.0}
+    hours = {row["part"]: row for row in recipe_rows([limit, *rows])}
+    assert hours["pretraining"]["fast hours"] == pytest.approx(1095.93 / 3600)
+    assert hours["pretraining"]["ratio"] == pytest.approx(10)
+    assert hours["evaluation"]["plain hours"] == pytest.approx(644.76 / 3600)
+    assert hours["fine-tuning, reuse 8"]["ratio"] == pytest.approx(8)
+    assert hours["together, reuse 1"]["fast hours"] == pytest.approx((1095.93 + 5479.65 + 32.238) / 3600)
+    assert hours["together, reuse 8"]["plain hours"] == pytest.approx((10959.3 + 10959.3 + 644.76) / 3600)
+
+
+def test_the_sample_is_some_anchors_of_each_class_on_each_side_spread_over_its_recordings():
+    small = anchors_of(table(), 20)
+    assert small.anchor.all()
+    for side in (TRAIN, TEST):
+        on = small.side == side
+        assert np.bincount(small.label[on]).tolist() == [20] * 4
+        assert set(small.recording[on]) == set(table().recording[table().anchor & (table().side == side)])

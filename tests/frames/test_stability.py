@@ -1,0 +1,174 @@
+"""Frames and recordings at their extremes: baseline, filter, network input, and what is refused.
+
+Sums are compared with `math.fsum`, which rounds once; network input with the transform in float64.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.stability.network import unusual_counts
+from benchmarks.stability.rows import max_rel_error, share_different
+from tactile_viewgcn.frames.baseline import ROUNDING_SD, empty_hand_baseline, trimmed_moments
+from tactile_viewgcn.frames.filtering import in_contact
+from tactile_viewgcn.frames.preprocessing import prepare
+from tactile_viewgcn.views.clustering import cluster_frames
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.sources import written
+from tests.tables import recipe, table
+
+ROUNDING = 2.0**-22  # of single precision, twice over
+BASELINE = 500
+PARAMS = recipe(
+    "preprocess.baseline=empty_hand", "preprocess.filter=contact", "preprocess.contact_sensors=1",
+    "preprocess.balance_minimum=1", "preprocess.transform=clip", "preprocess.scale=150",
+    "preprocess.empty_hand_class=true", "split.by=recording", "split.folds=2", "split.fold=0",
+    "cluster.scope=object", "cluster.assignment=index",
+)  # fmt: skip
+
+
+def with_counts(counts, baseline=None):
+    """The small table with other counts (n, H, W), and its first baseline or another (1, H, W)."""
+    mean = table().baseline_mean[:1] if baseline is None else baseline
+    return replace(table(), counts=counts, baseline=np.zeros(len(counts), dtype=int), baseline_mean=mean)
+
+
+def input_error(frames):
+    """Error of the network input of all frames against its definition in float64."""
+    excess = frames.counts.astype(np.float64) - frames.baseline_mean[frames.baseline].astype(np.float64)
+    exact = np.clip(excess / frames.scale, 0, 1) if frames.transform == "clip" else np.log1p(np.maximum(excess, 0))
+    return max_rel_error(frames.inputs(np.arange(len(exact))), exact)
+
+
+def exact_moments(counts):
+    """Mean and standard deviation (H, W) of counts (T, H, W), summed without rounding."""
+    columns = [[float(x) for x in column] for column in counts.reshape(len(counts), -1).T]
+    means = [math.fsum(column) / len(column) for column in columns]
+    pairs = zip(columns, means, strict=True)
+    spreads = [math.sqrt(math.fsum((x - mean) ** 2 for x in column) / len(column)) for column, mean in pairs]
+    return tuple(np.array(values).reshape(counts.shape[1:]) for values in (means, spreads))
+
+
+@pytest.mark.stability("unusual frames")
+def test_network_input_of_frames_that_no_hand_makes(row):
+    for name, counts in unusual_counts(table().baseline_mean[0]).items():
+        for transform, suffix in (("clip", ""), ("log", ", log")):
+            frames = replace(with_counts(counts[None].astype(np.int16)), transform=transform)
+            row(f"network input, {name}{suffix}", input_error(frames), ROUNDING)
+
+
+@pytest.mark.stability("a large offset")
+@pytest.mark.parametrize(
+    ("name", "offset", "kind"), [("32-bit counts", 10**9, np.int32), ("real numbers", 1e9 + 1 / 3, np.float64)]
+)
+def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, kind):
+    counts = (offset + np.random.default_rng(0).integers(-3, 4, (400, 2, 2))).astype(kind)
+    mean, noise = trimmed_moments(counts)
+    exact, spread = exact_moments(counts)
+    row(f"mean rest, in last digits of the offset, {name}", np.abs(mean - exact).max() / np.spacing(float(offset)), 1)
+    row(f"rest noise, {name}", max_rel_error(noise, spread), ROUNDING)
+    pressed = np.concatenate([counts, counts, counts + kind(120)])
+    with written(tmp_path / "t", pressed, object=np.arange(1200) // 400) as recordings:
+        baseline = empty_hand_baseline(recordings)
+        frames = with_counts(recordings.frames(np.arange(1200)), baseline.mean)
+    row(f"network input, {name}", input_error(frames), ROUNDING)
+
+
+@pytest.mark.stability("a million frames of drift")
+def test_a_baseline_that_drifts_over_a_million_frames(row):
+    drift = BASELINE + np.arange(10**6) // 10**4
+    counts = np.stack([drift, 2 * drift - 300, 30 * drift, -drift], axis=1).reshape(-1, 2, 2).astype(np.int16)
+    (mean, noise), (exact, spread) = trimmed_moments(counts), exact_moments(counts)
+    row("mean rest", max_rel_error(mean, exact), ROUNDING)
+    row("rest noise", max_rel_error(noise, spread), ROUNDING)
+
+
+@pytest.mark.stability("a sensor without rest noise")
+@pytest.mark.parametrize(
+    ("name", "kind", "unit"),
+    [("counts", np.int16, 1), ("real numbers", np.float32, 0.1), ("volts", np.float64, 5 / 1023)],
+)
+def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(row, tmp_path, name, kind, unit):
+    quiet, pressed = np.full((20, 3, 3), 500), np.repeat([0, 1, 2, 3, 40], 4)
+    quiet[::3, 2, 2] += 1  # one sensor alone has noise
+    touched = np.broadcast_to(500 + pressed[:, None, None], (20, 3, 3))
+    counts = (unit * np.concatenate([quiet, touched])).astype(kind)
+    with written(tmp_path / "t", counts, object=np.arange(40) // 20) as recordings:
+        baseline = empty_hand_baseline(recordings)
+        contact = in_contact(recordings, baseline, sensors=8, sigmas=5.0)
+    row(f"rest noise, {name}", max_rel_error(baseline.noise.ravel()[:8], np.full(8, ROUNDING_SD * unit)), 1e-4)
+    row(f"frames in contact, {name}", share_different(contact[20:], pressed > 5 * ROUNDING_SD))
+
+
+def prepared(path, counts, **columns):
+    """Frames of recordings (R, T, H, W), each with a name of its own; folds are recordings."""
+    recording = np.repeat(np.arange(len(counts)), counts.shape[1])
+    with written(path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns) as recordings:
+        return prepare(recordings, PARAMS.preprocess, PARAMS.split, np.random.default_rng(0))[0]
+
+
+def pressed_by_objects(sensor, frames=12):
+    """Counts (R, T, 4, 4) of two recordings each of the empty hand, a soft and a hard object, and the objects."""
+    counts = np.full((6, frames, 4, 4), BASELINE)
+    for number, strength in enumerate((0, 2, 3) * 2):
+        counts[number] += strength * sensor // 2
+    return counts.astype(np.int16), np.repeat([0, 1, 2] * 2, frames)
+
+
+@pytest.mark.stability("sensors that never change")
+@pytest.mark.parametrize("value", [0, 1023])
+def test_a_glove_that_is_not_connected_is_refused(row, tmp_path, value):
+    counts = np.full((3, 30, 4, 4), value, dtype=np.int16)
+    objects = np.repeat([0, 1, 1], 30)
+    row.refused(f"all counts {value}", lambda: prepared(tmp_path / "t", counts, object=objects), "no sensor varies")
+
+
+@pytest.mark.stability("too little data")
+@pytest.mark.parametrize(
+    ("name", "frames", "objects", "message"),
+    [
+        ("one frame", 1, [1], "no sensor varies"),
+        ("one recording", 12, [0, 1], "fewer than two classes left"),
+        ("no empty hand", 12, [1, 1], "no object is named 'empty_hand'"),
+    ],
+)
+def test_data_that_cannot_be_split_are_refused(row, tmp_path, name, frames, objects, message):
+    counts = np.random.default_rng(0).integers(BASELINE, 700, (len(objects), frames, 4, 4)).astype(np.int16)
+    columns = {"object": np.repeat(objects, frames), "objects": ["empty_hand" if 0 in objects else "mug", "ball"]}
+    row.refused(name, lambda: prepared(tmp_path / "t", counts, **columns), message)
+
+
+@pytest.mark.stability("one live sensor")
+def test_clusters_of_one_live_sensor_are_stretches_of_its_reading(row, tmp_path):
+    sensor = np.zeros((12, 4, 4), dtype=int)
+    sensor[:, 1, 2] = 14 * np.arange(12)
+    counts, objects = pressed_by_objects(sensor)
+    frames = prepared(tmp_path / "t", counts, object=objects)
+    row("live sensors more or less than one", abs(int(frames.live.sum()) - 1))
+    views = cluster_frames(frames, viewpoints(4), PARAMS.cluster, np.random.default_rng(0))
+    breaks, clustered = 0, views.cluster >= 0
+    for pool in np.unique(views.pool[clustered]):
+        members = np.flatnonzero((views.pool == pool) & clustered)
+        ordered = views.cluster[members[np.argsort(frames.counts[members, 1, 2], kind="stable")]]
+        breaks += int((np.diff(ordered) != 0).sum()) - (len(np.unique(ordered)) - 1)
+    row("clusters that are no stretch", breaks)
+
+
+@pytest.mark.stability("time stamps that repeat or run back")
+def test_the_order_in_the_file_is_the_order_of_time_whatever_the_stamps_say(row, tmp_path):
+    counts, objects = pressed_by_objects(np.random.default_rng(0).integers(0, 40, (12, 4, 4)))
+    straight = np.arange(12) / 10
+    stamps = {
+        "": straight, "all equal": 0 * straight, "backwards": straight[::-1],
+        "a jump back": np.where(straight > 0.5, straight - 5, straight),
+    }  # fmt: skip
+    frames = {
+        name: prepared(tmp_path / f"t{name}", counts, object=objects, time=np.tile(time, 6))
+        for name, time in stamps.items()
+    }
+    for name in list(stamps)[1:]:
+        columns = ("counts", "label", "side", "anchor")
+        different = max(share_different(getattr(frames[name], one), getattr(frames[""], one)) for one in columns)
+        row(f"frames, sides and anchors, {name}", different)

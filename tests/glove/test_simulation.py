@@ -1,0 +1,155 @@
+"""Simulation: what the counts depend on, that each effect is felt, and that blocks and other recordings are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.glove import contact, scene, simulation
+from tactile_viewgcn.glove.contact import Mechanics
+from tactile_viewgcn.glove.hand import Hands, stag_hand
+from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.recipe import EFFECTS, READING
+from tactile_viewgcn.glove.scene import OPEN, GraspVariation
+from tactile_viewgcn.glove.simulation import Simulation
+from tests.gloves import LAYER, recipe, simulated_counts
+
+HAND = stag_hand()
+
+
+def test_a_recording_is_the_same_whatever_other_objects_are_simulated():
+    more, _ = simulated_counts(recipe(["pen", "coin"]))
+    fewer, _ = simulated_counts(recipe(["coin"], sessions=1))  # and whatever other sessions
+    np.testing.assert_array_equal(more[[0, 2]], fewer)
+
+
+@pytest.mark.stability("a hand without an object")
+@pytest.mark.parametrize(
+    "without", [(), ("motion", "weight"), ("bending",), EFFECTS], ids=lambda names: "-".join(names)
+)
+def test_empty_hands_alone_read_the_same_without_a_search_for_contacts(row, monkeypatch, without):
+    one = recipe(["ball"], without=without, seed=3)
+    among_others, _ = simulated_counts(one)
+
+    def search(*args, **kwargs):
+        raise AssertionError("searched for contacts where no object is")
+
+    for module in (contact, scene):
+        monkeypatch.setattr(module, "collisions", search)
+    monkeypatch.setattr(Hands, "pose", search)
+    run = Simulation(one, [cell for cell in one.cells if cell[1] == 0])
+    alone = np.concatenate(list(run.blocks()), axis=1)[..., HAND.row, HAND.column]
+    np.testing.assert_array_equal(alone, among_others[[0, 2]])
+    if "bending" in without:
+        row(f"evaluations of the mechanics, without {', '.join(without)}", run.statistics.evaluations)
+    else:
+        assert run.statistics.evaluations > 0
+    if "noise" not in without:
+        assert len(np.unique(alone)) > 5  # not a constant
+
+
+def test_a_hand_without_an_object_moves_the_same_with_a_search_for_contacts():
+    one = recipe(["ball"], sessions=1)
+    states = []
+    for searches in (False, True):
+        run = Simulation(one, [(0, 0, 0)])
+        run.solids.has_primitives |= searches
+        mechanics = run.mechanics(0, 18)
+        states.append(ImplicitIntegrator(mechanics, 1 / one.rate).run(mechanics.initial_state(), 18))
+    assert np.ptp(states[0][..., :10], axis=1).max() > 0.1  # rad: the fingers close
+    np.testing.assert_array_equal(*states)
+
+
+def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
+    one = recipe(sessions=1)
+    whole, _ = simulated_counts(one)
+    monkeypatch.setattr(simulation, "BLOCK", 7)
+    blocks = list(Simulation(one).blocks())
+    assert [block.shape[:2] for block in blocks] == [(3, 7), (3, 7), (3, 4)]
+    joined = np.concatenate(blocks, axis=1)[..., HAND.row, HAND.column]
+    assert np.abs(joined - whole).max() <= 2 and (joined != whole).mean() < 0.01
+
+
+def test_the_frames_are_those_of_the_mechanics_solved_in_one_piece():
+    one = recipe(["ball"], sessions=1, without=READING)
+    counts, run = simulated_counts(one)
+    again = Simulation(one)
+    mechanics = Mechanics(again.hands, again.solids, again.stiffness, again.plan.drive, LAYER, motion=True)
+    states = ImplicitIntegrator(mechanics, 1 / one.rate, one.tolerance).run(mechanics.initial_state(), 18)
+    pressure, flexion = again.sensor_inputs(mechanics, states)
+    assert pressure.shape == (2, 18, 548) and not flexion.any() and pressure[1].max() > 1e3
+    assert not pressure[0].any()  # the empty hand
+    np.testing.assert_array_equal(counts, again.sensors.read(pressure, flexion)[..., HAND.row, HAND.column])
+    assert run.statistics.steps - run.statistics.rejected >= 2 * 18  # at least one for each frame
+
+
+def test_sensor_inputs_are_force_per_area_where_the_skin_faces_it_and_the_joints_flexion():
+    run = Simulation(recipe(["ball"], sessions=1))
+    mechanics = Mechanics(run.hands, run.solids, run.stiffness, run.plan.drive, LAYER, motion=True)
+    states = ImplicitIntegrator(mechanics, 1 / 7.35, 0.05).run(mechanics.initial_state(), 18)
+    pressure, flexion = run.sensor_inputs(mechanics, states)
+    frame = 1 + int(np.flatnonzero(run.plan.held)[0])
+    balance = mechanics.evaluate(np.arange(2), np.full(2, frame + 1.0), states[:, frame], palm=True)
+    naive = np.zeros((2, 548))
+    for entry in range(len(balance.force)):
+        row, sensor = balance.contacts.row[entry], balance.contacts.sensor[entry]
+        naive[row, sensor] += balance.force[entry] * balance.facing[entry] / run.hands.area[row, sensor]
+    np.testing.assert_allclose(pressure[:, frame], naive)
+    assert naive[1].max() > 0
+    bend = np.maximum(states[1, frame, :10].reshape(5, 2) - OPEN, 0)
+    joints = np.array([bend[:, 0], bend[:, 1], 2 / 3 * bend[:, 1]])  # the last one is coupled to the middle one
+    for sensor, patch in enumerate(HAND.patch):
+        expected = bend[:, 0].mean() if patch >= 15 else joints[patch % 3, patch // 3]
+        assert flexion[1, frame, sensor] == pytest.approx(expected)
+
+
+@pytest.fixture(scope="module")
+def all_effects():
+    return simulated_counts(recipe(["ball"], sessions=1))[0]
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_every_effect_changes_the_counts(all_effects, effect):
+    without, _ = simulated_counts(recipe(["ball"], sessions=1, without=[effect]))
+    assert without.shape == all_effects.shape == (2, 18, 548)
+    changed = without != all_effects
+    assert np.count_nonzero(changed) >= 5
+    if effect in ("weight", "shift"):  # of the object: they do not concern an empty hand
+        assert not changed[0].any()
+
+
+def test_without_any_effect_a_sensor_reads_its_baseline_and_what_presses_it():
+    counts, run = simulated_counts(recipe(["ball"], without=EFFECTS))
+    baseline = np.rint(run.sensors.baseline)[:, None]
+    np.testing.assert_array_equal(counts[[0, 2]], np.broadcast_to(baseline[[0, 2]], (2, 18, 548)))
+    assert (counts >= baseline).all() and (counts[[1, 3]] > baseline[[1, 3]]).any()
+    held = np.flatnonzero(run.plan.held)
+    assert np.ptp(counts[:, held[2:]], axis=1).max() <= 1  # nothing moves while the object is held
+
+
+def test_a_glove_sits_differently_in_each_session_where_its_fit_varies():
+    fits = Simulation(recipe(["ball"])).hands.local
+    np.testing.assert_array_equal(fits[0], fits[1])  # the same session
+    assert np.abs(fits[0] - fits[2]).max() > 1e-5
+    same = Simulation(recipe(["ball"], without=["fit"])).hands.local
+    np.testing.assert_array_equal(same, np.broadcast_to(HAND.local, same.shape))
+
+
+def test_grasps_of_a_recipe_without_variation_are_all_the_same():
+    constant = GraspVariation(position_grasp=0, rotation_grasp=0, finger=0)
+    drives = {}
+    for name, variation in (("varied", GraspVariation()), ("constant", constant)):
+        one = recipe(["ball"], without=["shift", "tremor"], grasp_variation=variation, frames=45, grasps=2)
+        plan = Simulation(one).plan
+        first, second = (1 + np.flatnonzero(plan.held & (plan.grasp == grasp)) for grasp in (0, 1))
+        drives[name] = {key: np.abs(v[:, first[0]] - v[:, second[0]]).max() for key, v in vars(plan.drive).items()}
+    for key in ("position", "rotation", "squeeze"):
+        assert drives["constant"][key] < 1e-12 and drives["varied"][key] > 1e-4
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5])
+def test_readings_beyond_a_soft_layers_thickness_are_counted_and_finite(stiffness):
+    counts, run = simulated_counts(recipe(["ball"], sessions=1, layer=replace(LAYER, stiffness=stiffness)))
+    assert run.beyond_thickness > 25 and counts.min() >= 0 and counts.max() <= 1023
+    _, firm = simulated_counts(recipe(["ball"], sessions=1, layer=replace(LAYER, stiffness=1e9)))
+    assert firm.beyond_thickness == 0

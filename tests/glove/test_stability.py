@@ -1,0 +1,223 @@
+"""The virtual glove's contact: stiff, sudden, deep and for long.
+
+The contact is solved with `ImplicitIntegrator`, as the pipeline does. Where forces are compared, the error is the norm
+of the difference over frames and sensors relative to the reference's. What is right follows from the integrator's own
+tolerance: it allows the sensors' forces a relative error of TOLERANCE in a step. Steps of a frame may add their errors
+up, though on the way to rest they fade; so TOLERANCE for a whole grasp asks for more.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.stability.rows import share_not_finite
+from tactile_viewgcn.glove.contact import HOLDING, JOINT, LEVER, TENDON
+from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.newton import FORCE_FLOOR
+from tactile_viewgcn.glove.scene import AWAY
+from tactile_viewgcn.glove.shapes import capsule, sphere
+from tests.glove.scenes import (
+    BALL,
+    BALL_AT,
+    DEFAULT,
+    FRAME,
+    GRASPS,
+    around_a_ball,
+    energies,
+    forces,
+    grasp,
+    held,
+    lambda_h,
+    plate,
+    radau,
+    rel_norm_error,
+    repeated_grasp,
+    skin,
+)
+
+TOLERANCE = 0.02  # of params.yaml
+HALF_CLOSED = np.full((5, 2), 0.7)  # rad
+WEDGE = (0.083, 0.027, 0.071)  # m: amid the tips of thumb and index finger, which lean towards each other
+
+
+def solved(mechanics, y, frames, **options):
+    """States (B, frames, n), and a remark on the integrator's work."""
+    integrator = ImplicitIntegrator(mechanics, FRAME, **options)
+    states, work = integrator.run(y, frames), integrator.statistics
+    return (
+        states,
+        f"{work.steps} steps, {work.rejected} rejected, {work.unsolved} stages unsolved, {work.forced} forced",
+    )
+
+
+def against_radau(mechanics, y, states):
+    """Error of the sensors' forces at states (1, T, n)."""
+    return rel_norm_error(forces(mechanics, states), forces(mechanics, radau(mechanics, y, states.shape[1])))
+
+
+@pytest.mark.slow
+@pytest.mark.stability("stiffness of a grasp")
+@pytest.mark.parametrize("setting", GRASPS, ids=lambda setting: f"{setting[0]:g}")
+def test_fingers_close_on_a_ball_squeeze_and_hold_it(row, setting):
+    mechanics = grasp(setting, seed=3000, frames=6)  # beyond lambda h = 1e6 Radau takes minutes
+    y = mechanics.initial_state()
+    states, work = solved(mechanics, y, 6)
+    row(f"forces against Radau's, {lambda_h(mechanics, states)}", against_radau(mechanics, y, states), TOLERANCE, work)
+
+
+@pytest.mark.slow
+@pytest.mark.stability("stiffness of a grasp")
+def test_a_ball_rolls_from_one_sensor_to_the_next(row):
+    """There the errors of a frame's 16 steps add up to more than that of one: a tighter tolerance is asked for."""
+    mechanics = grasp((5e9, 2.5e10, 0.01, 30.0), seed=1, frames=4)
+    y = mechanics.initial_state()
+    usual, _ = solved(mechanics, y, 4, tolerance=TOLERANCE)
+    tight, work = solved(mechanics, y, 4, tolerance=TOLERANCE / 4)
+    remark = f"{lambda_h(mechanics, tight)}; at {TOLERANCE:g}: {against_radau(mechanics, y, usual):.2g}; {work}"
+    quantity = f"forces against Radau's, rolling, solved to {TOLERANCE / 4:g}"
+    row(quantity, against_radau(mechanics, y, tight), TOLERANCE, remark)
+
+
+@pytest.mark.stability("stiffness of a plate")
+def test_a_loaded_plate_on_the_palm_has_the_forces_of_its_closed_form(row):
+    """From lambda h = 1e4 on the plate is at rest at every moment, and only that it is solved at all is asked for."""
+    for decade in range(-2, 9):
+        mechanics, y, exact = plate(10.0**decade, frames=4)
+        states, work = solved(mechanics, y, 4)
+        error = rel_norm_error(forces(mechanics, states), exact)
+        row(f"forces against the closed form, {lambda_h(mechanics, states)}", error, TOLERANCE, work)
+
+
+@pytest.mark.slow
+@pytest.mark.stability("steps of a whole frame")
+@pytest.mark.parametrize("setting", GRASPS[3:7], ids=lambda setting: f"{setting[0]:g}")
+def test_steps_far_too_long_stay_bounded_and_come_to_the_same_rest(row, setting):
+    """Bounded: the object stays nearer than the AWAY that it comes from, the fingers within half a turn."""
+    mechanics = around_a_ball(setting, HALF_CLOSED, knots=13, squeeze=0.1, load=(0.1, -0.2, -0.5))
+    y = mechanics.initial_state()
+    y[:, :10] = 0.15
+    (long, work), (short, _) = solved(mechanics, y, 12, step=FRAME), solved(mechanics, y, 12)
+    stiff = lambda_h(mechanics, short)
+    row(f"states that are not finite, {stiff}", share_not_finite(long), 0, work)
+    reach = max(np.abs(long[..., :10]).max() / np.pi, np.abs(long[..., 10:] - BALL_AT).max() / AWAY)
+    row(f"largest angle over pi, or way over AWAY, {stiff}", reach, 1, work)
+    rest = rel_norm_error(forces(mechanics, long)[:, -1], forces(mechanics, short)[:, -1])
+    row(f"forces at rest against those of short steps, {stiff}", rest, TOLERANCE, work)
+
+
+@pytest.mark.slow
+@pytest.mark.stability("contact within a step")
+@pytest.mark.parametrize("motion", [False, True], ids=["prescribed", "drawn"])
+def test_a_ball_that_flies_past_the_fingers_between_two_frames_bends_them(row, motion):
+    """Against 128 steps a frame; angles are times LEVER in thicknesses of the skin, as the integrator measures them."""
+    for end in (0.07, 0.12):  # m
+        mechanics = held([sphere(0.03)], [[0.13, -0.12, 0.03]], np.full((5, 2), 0.6), knots=4, motion=motion)
+        mechanics.drive.position[0, 2:, 1] = end
+        y = mechanics.initial_state()
+        (states, work), (exact, _) = solved(mechanics, y, 3), solved(mechanics, y, 3, step=FRAME / 128)
+        error = np.abs(states - exact)[..., :10].max() * LEVER / DEFAULT.thickness
+        bent = np.abs(exact[..., :10] - 0.6).max()
+        quantity = f"angles at the frames, {'drawn' if motion else 'prescribed'} to {end} m"
+        row(quantity, error, TOLERANCE, f"fingers bent by {bent:.2g} rad; {work}")
+
+
+@pytest.mark.slow
+@pytest.mark.stability("fingers stopped by a rod")
+@pytest.mark.parametrize("damping", [1e-3, 1e-4])  # N m s/rad
+def test_fingers_that_would_close_behind_a_rod_within_a_frame_are_stopped(row, damping):
+    rod = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0))  # across the fingers
+    layer = replace(DEFAULT, joint_damping=damping)
+    mechanics = held([rod], [[0.105, 0, 0.05]], np.full((5, 2), 0.1), layer=layer, knots=3, motion=False)
+    mechanics.drive.posture[0, 2:] = 1.5
+    y = mechanics.initial_state()
+    states, work = solved(mechanics, y, 2)
+    remark = f"stopped at {states[0, -1, :8:2].max():.2g} rad of 1.5; {work}"
+    quantity = f"forces against Radau's, {lambda_h(mechanics, states)}"
+    row(quantity, against_radau(mechanics, y, states), TOLERANCE, remark)
+
+
+@pytest.mark.slow
+@pytest.mark.stability("wedged between two fingers")
+@pytest.mark.parametrize("setting", GRASPS[3:6], ids=lambda setting: f"{setting[0]:g}")
+def test_a_ball_between_thumb_and_index_finger_is_squeezed_ever_harder(row, setting):
+    posture = np.array([[0.1, 0.1]] * 3 + [[0.8, 0.64], [0.3, 0.24]])
+    mechanics = held(
+        [sphere(0.03)], [WEDGE], posture, layer=skin(setting), stiffness=setting[1], knots=6, opposition=0.95
+    )
+    mechanics.drive.squeeze[..., 3:] = 0.05 * np.arange(6)[:, None]  # N m
+    y = mechanics.initial_state()
+    states, work = solved(mechanics, y, 5)
+    quantity = f"forces against Radau's, {lambda_h(mechanics, states)}"
+    row(quantity, against_radau(mechanics, y, states), TOLERANCE, work)
+
+
+@pytest.mark.stability("damping")
+def test_with_next_to_no_damping_the_hand_is_where_the_springs_balance(row):
+    """Right: a torque within Newton's goal, 0.2 TOLERANCE of the least force counted, and the damping's own torque."""
+    goal = 0.2 * TOLERANCE * FORCE_FLOOR
+    for smallness in (1e-3, 1e-6, 1e-9):
+        joint, motion = DEFAULT.joint_damping * smallness, DEFAULT.object_damping * smallness
+        layer = replace(DEFAULT, joint_damping=joint, object_damping=motion)
+        mechanics = held([BALL], [[0.08, 0, 0.3]], HALF_CLOSED, layer=layer, knots=5, squeeze=0.1, load=(0, 0, -3.0))
+        mechanics.drive.posture[0] += 0.2 * np.sin(np.arange(5))[:, None, None]
+        states, work = solved(mechanics, mechanics.initial_state(), 4)
+        exact = mechanics.drive.posture[0, 1:] + 0.1 * TENDON / JOINT
+        torque = np.abs(states[0, :, :10].reshape(4, 5, 2) - exact).max(axis=(0, 1)) * JOINT
+        lag = 0.2 / FRAME * joint  # N m: behind a posture that moves
+        stiff = lambda_h(mechanics, states)
+        row(f"torque that is not balanced, N m, {stiff}", torque.max(), goal * LEVER + lag, work)
+        force = HOLDING * np.abs(states[0, :, 12] - (0.3 - 3.0 / HOLDING)).max()
+        row(f"force that is not balanced, N, {stiff}", force, goal, work)
+
+
+@pytest.mark.slow
+@pytest.mark.stability("deep at first")
+@pytest.mark.parametrize("setting", GRASPS[3:6], ids=lambda setting: f"{setting[0]:g}")
+def test_fingers_that_begin_inside_a_ball_come_out_where_radau_does(row, setting):
+    mechanics = around_a_ball(setting, HALF_CLOSED, knots=7)
+    y = mechanics.initial_state()
+    y[:, :10] = 1.2
+    at = mechanics.evaluate(np.zeros(1, dtype=int), np.zeros(1), y, palm=True)
+    states, work = solved(mechanics, y, 6)
+    stiff, remark = lambda_h(mechanics, states), f"{at.contacts.depth.max() * 1e3:.3g} mm deep; {work}"
+    row(f"states that are not finite, {stiff}", share_not_finite(states), 0, remark)
+    error = rel_norm_error(forces(mechanics, states)[:, -1], forces(mechanics, radau(mechanics, y, 6))[:, -1])
+    row(f"forces at the end against Radau's, {stiff}", error, TOLERANCE, remark)
+
+
+@pytest.mark.slow
+@pytest.mark.stability("a hundred thousand frames")
+def test_the_last_of_50_grasps_by_100_hands_is_the_second_one_again(row):
+    """In steps of a whole frame; the first grasp had another start."""
+    mechanics, period = repeated_grasp(hands=100, grasps=50)
+    states, work = solved(mechanics, mechanics.initial_state(), 50 * period, step=FRAME)
+    row("states that are not finite", share_not_finite(states), 0, work)
+    change = np.abs(states[:, -period:] - states[:, period : 2 * period]).max(axis=(0, 1))
+    drift = max(change[:10].max() * LEVER, change[10:].max()) / DEFAULT.thickness
+    row("states of the last grasp against the second's", drift, TOLERANCE, f"in thicknesses; {work}")
+
+
+@pytest.mark.slow
+@pytest.mark.stability("energy never grows")
+@pytest.mark.parametrize("setting", GRASPS[2:8], ids=lambda setting: f"{setting[0]:g}")
+def test_where_the_drive_stands_still_energy_only_falls(row, setting):
+    """From six starts, some deep in the ball; what Newton leaves of a stage's forces, 0.2 TOLERANCE, may do work."""
+    rng = np.random.default_rng(0)
+    y = np.concatenate([rng.uniform(0, 1.2, (6, 10)), BALL_AT + rng.normal(0, 0.005, (6, 3)) + [0, 0, 0.01]], axis=1)
+    mechanics = around_a_ball(setting, HALF_CLOSED, hands=6, knots=7, squeeze=0.1, load=(0.1, -0.2, -0.5))
+    states, work = solved(mechanics, y, 6)
+    energy = energies(mechanics, y, states)  # U - drive . y
+    rise = np.diff(energy, axis=1).max(axis=1).clip(min=0) / (energy[:, 0] - energy[:, -1])
+    quantity = f"largest rise from frame to frame over the fall, {lambda_h(mechanics, states)}"
+    row(quantity, rise.max(), 0.2 * TOLERANCE, f"falls by up to {np.ptp(energy, axis=1).max():.2g} J; {work}")
+
+
+@pytest.mark.stability("steps and tolerances")
+def test_in_the_default_layer_no_step_is_kept_in_spite_of_its_error(row):
+    mechanics = grasp(GRASPS[3], seed=3000, frames=8)
+    integrator = ImplicitIntegrator(mechanics, FRAME, TOLERANCE)
+    integrator.run(mechanics.initial_state(), 8)
+    row(
+        "steps kept in spite of their error, default layer", integrator.statistics.forced, 0, f"{integrator.statistics}"
+    )

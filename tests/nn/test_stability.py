@@ -1,0 +1,229 @@
+"""The view-graph at extreme places and with as many nodes as are allowed; sure selectors, large losses and frames.
+
+The network is Tactile-ViewGCN's with random weights. References are the same in float64, and plain loops.
+"""
+
+from copy import deepcopy
+from itertools import product
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.stability.logits import SINGLE, odds, with_the_same_views
+from benchmarks.stability.rows import max_rel_error, share_different
+from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.nn.gcn import normalised_adjacency
+from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest, squared_distances
+from tactile_viewgcn.nn.message_passing import NonLocalMessagePassing
+from tactile_viewgcn.nn.view_gcn import shape_and_view_loss
+from tactile_viewgcn.nn.view_selection import log_odds
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.tables import recipe
+
+ROUNDING = 2.0**-21  # of single precision, after a few sums
+EVEN = torch.from_numpy(viewpoints(8, "sphere"))
+#: Places (V, 3) of which a graph is made.
+PLACES = {
+    "all at one point": torch.ones(8, 3),
+    "four pairs at a point": EVEN[[0, 0, 1, 1, 2, 2, 3, 3]],
+    "on a line": torch.arange(8.0)[:, None] * torch.tensor([1.0, 2.0, -1.0]),
+    "a hundred millionth apart": EVEN[:1] + 1e-8 * EVEN,
+    "a thousandth apart": EVEN[:1] + 1e-3 * EVEN,
+    "coordinates of 1e6": 1e6 * EVEN,
+    "coordinates of 1e-6": 1e-6 * EVEN,
+    "coordinates of 1e-30": 1e-30 * EVEN,
+    "1 view": torch.from_numpy(viewpoints(1)),
+    "2 views": torch.from_numpy(viewpoints(2)),
+    "3 views": torch.from_numpy(viewpoints(3)),
+    "1,000 views": torch.from_numpy(viewpoints(1000)),
+}
+
+
+def view_gcn(places, *changes):
+    """Tactile-ViewGCN's network at places (V, 3), in evaluation mode, its weights drawn with seed 0."""
+    torch.manual_seed(0)
+    model = recipe("model.neighbours=4", *changes).model
+    return Classifier(places, 27, model).head.eval()
+
+
+def nodes_of(views, count=4):
+    return torch.rand(count, views, 128, generator=torch.Generator().manual_seed(0))
+
+
+def logits_error(head, nodes):
+    """Of logits in float32 against float64, of the same selected views."""
+    with torch.inference_mode():
+        return max_rel_error(
+            *with_the_same_views(lambda net: net(nodes)[0], lambda net: net.double()(nodes.double())[0], head)
+        )
+
+
+def ranks(positions):
+    """Squared distances (V, V) in 65,536ths of the largest, one by one in double precision."""
+    places = positions.double().numpy()
+    squared = np.array([[sum((a - b) ** 2 for a, b in zip(p, q, strict=True)) for q in places] for p in places])
+    return np.rint(squared / max(squared.max(), np.finfo(float).tiny) * 2**16)
+
+
+def looped_nearest(positions, count):
+    return [sorted(range(len(line)), key=lambda j, line=line: (line[j], j))[:count] for line in ranks(positions)]
+
+
+def looped_furthest(positions):
+    squared, chosen = ranks(positions), [0]
+    while len(chosen) < len(squared):
+        to_chosen = squared[chosen].min(axis=0)
+        chosen.append(max(range(len(squared)), key=lambda j: (to_chosen[j], -j)))
+    return chosen
+
+
+@pytest.mark.stability("places")
+def test_the_graph_and_its_network_at_extreme_places(row):
+    for name, places in PLACES.items():
+        single = places.float()
+        if len(places) <= 8:
+            row(f"neighbours, {name}", share_different(nearest(single, 4), looped_nearest(single, 4)))
+            furthest = furthest_points(single, len(places))
+            row(f"furthest points, {name}", share_different(furthest, looped_furthest(single)))
+        row(f"logits, {name}", logits_error(view_gcn(places), nodes_of(len(places))), SINGLE)
+
+
+@pytest.mark.stability("every configuration")
+@pytest.mark.parametrize(
+    ("kind", "counts"),
+    [("auto", range(1, 41)), ("circle", (7, 100, 1000)), ("sphere", (1000,)), ("random", (40, 1000))],
+)
+def test_the_graph_of_all_viewpoints_is_the_same_in_float64_and_on_the_device_in_float32(row, kind, counts):
+    device, wrong = "cuda" if torch.cuda.is_available() else "cpu", 0.0
+    for count in counts:
+        places = torch.from_numpy(viewpoints(count, kind))
+        single = places.float().to(device)
+        wrong += share_different(nearest(single, 8).cpu(), nearest(places, 8))
+        wrong += share_different(furthest_points(single, count).cpu(), furthest_points(places, count))
+    row(f"neighbours and furthest points on {device}, {kind}, {counts[0]} to {counts[-1]:,} views", wrong)
+
+
+@pytest.mark.stability("places out of range")
+@pytest.mark.parametrize("value", [1e20, torch.inf, torch.nan])
+def test_places_whose_squares_single_precision_cannot_hold_are_refused(row, value):
+    places = EVEN.clone()
+    places[3, 1] = value
+    row.refused(f"a coordinate of {value:g}", lambda: view_gcn(places), "viewpoints hold")
+
+
+@pytest.mark.stability("distances without cancellation")
+def test_distances_keep_their_digits_a_million_away_from_the_origin(row):
+    steps = list(product(range(3), repeat=3))
+    exact = torch.tensor([[sum((a - b) ** 2 for a, b in zip(p, q, strict=True)) / 16 for q in steps] for p in steps])
+    everyone = torch.arange(len(steps)).expand(1, len(steps), -1)
+    for offset in (0.0, 1e3, 1e6):
+        grid = torch.tensor(steps) / 4 + offset
+        row(f"squared distances, {offset:g} away", max_rel_error(squared_distances(grid), exact), ROUNDING)
+        edges = edge_geometry(grid[None], everyone)[0, ..., 9]
+        row(f"squared distances of edges, {offset:g} away", max_rel_error(edges, exact), ROUNDING)
+    row("coincident points", squared_distances(torch.full((2, 3), 1e6 / 3)).max())
+
+
+@pytest.mark.stability("neighbours of few nodes")
+def test_neighbours_of_few_nodes(row):
+    order = nearest(EVEN.float(), 50)
+    row("50 neighbours of 8 nodes", share_different(order, nearest(EVEN.float(), 8)))
+    corners = torch.tensor([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    expected = [[0, 1, 2, 3], [1, 0, 2, 3], [2, 0, 1, 3], [3, 0, 1, 2]]  # equidistant: the lowest index first
+    row("neighbours in a tetrahedron", share_different(nearest(corners, 4), expected))
+    row("GCN's adjacency of isolated nodes", max_rel_error(normalised_adjacency(EVEN.float(), 1), torch.eye(8)))
+    head = view_gcn(EVEN, "model.neighbours=1", "model.selector_neighbours=1")
+    row("logits of isolated nodes", logits_error(head, nodes_of(8)), SINGLE)
+
+
+@pytest.mark.stability("views selected twice")
+def test_features_and_gradients_where_every_sampled_view_gives_way_to_the_same_one(row):
+    head = view_gcn(EVEN, "model.selector_neighbours=8")
+    with torch.no_grad():  # the first class is the surer the larger the features, and no other
+        for weight in head.samplers[0].layers[-1].parameters():
+            weight.zero_()
+            weight[:, 0] = 1
+    nodes = nodes_of(8)
+    nodes[:, 5] += 1
+    outputs = []
+    for kind in (torch.float32, torch.float64):
+        net, given = deepcopy(head).to(kind), nodes.detach().to(kind, copy=True).requires_grad_()
+        chosen, positions, _ = net.samplers[0](given, net.viewpoints[None], 4)
+        features = net.convolutions[1](chosen, positions)
+        features.square().mean().backward()
+        outputs.append((features.detach(), given.grad, len(positions[0].unique(dim=0))))
+    (single, slope, count), (exact, exact_slope, exact_count) = outputs
+    row("distinct nodes beyond one", max(count, exact_count) - 1)
+    row("features", max_rel_error(single, exact), SINGLE)
+    row("gradients", max_rel_error(slope, exact_slope), SINGLE)
+
+
+@pytest.mark.stability("sum of messages")
+def test_the_sum_of_messages_keeps_its_digits_and_grows_with_the_number_of_views(row):
+    passing, sums = NonLocalMessagePassing(128), []
+    with torch.no_grad():  # a pair's message is LeakyReLU(F_j + F_i), and nothing else rounds
+        passing.message.weight.copy_(torch.eye(128).repeat(1, 2))
+        passing.message.bias.zero_()
+        for views in (10, 100, 1000):
+            nodes = torch.randn(1, views, 128, generator=torch.Generator().manual_seed(0))
+            exact = deepcopy(passing).double().received(nodes.double())
+            sums.append(float(exact.abs().mean()))
+            error = max_rel_error(passing.received(nodes), exact)
+            row(f"received, {views:,} views", error, ROUNDING, f"mean size {sums[-1]:.3g}")
+    slope = np.log10(sums[-1] / sums[-2])  # equation 4 has no 1 / V
+    row("growth with V, exponent above 1", abs(slope - 1), 0.05, f"grows as V^{slope:.3f}")
+
+
+@pytest.mark.stability("sure selectors")
+def test_a_selector_with_logits_10_000_times_as_large_selects_the_same_in_single_precision(row):
+    head = view_gcn(EVEN)
+    with torch.no_grad():
+        for weight in head.samplers.parameters():
+            weight *= 1e4
+    row("logits", logits_error(head, nodes_of(8, 32)), SINGLE)
+
+
+@pytest.mark.stability("sure answers")
+def test_log_odds_of_large_logits(row):
+    logits = torch.randn(20, 4, 9, generator=torch.Generator().manual_seed(0))
+    for factor in (1.0, 1e2, 1e4):
+        single, exact = log_odds(factor * logits, -1), odds(factor * logits.double(), -1)
+        row(f"log odds of logits of {factor:g}", max_rel_error(single.amax(dim=-1), exact.amax(dim=-1)), SINGLE)
+
+
+@pytest.mark.stability("losses of sure logits")
+def test_equation_6_and_its_gradient_where_the_right_class_is_10_000_above_or_below_the_others(row):
+    labels = torch.tensor([0, 1, 1, 0])
+    outputs = 1 + 2 * 2  # the shape's, and those of two samplers with two candidates
+    for name, size, expected in (("right", 1e4, 0.0), ("wrong", -1e4, outputs * (1e4 + np.log(2)))):
+        logits = torch.zeros(4, 3).index_put((torch.arange(4), labels), torch.tensor(size)).requires_grad_()
+        loss = shape_and_view_loss(logits, [logits[:, None, None].expand(4, 2, 2, 3)], labels)
+        loss.backward()
+        row(f"equation 6, sure of the {name} class", max_rel_error(loss.detach(), expected), 2 * ROUNDING)
+        steep = torch.zeros(4, 3) if size > 0 else (1 - 3 * torch.eye(3)[labels]) / 2  # softmax - one-hot
+        row(f"its gradient, {name} class", max_rel_error(logits.grad, outputs * steep / 4), 2 * ROUNDING)
+
+
+@pytest.mark.stability("a thousand views in half precision")
+@pytest.mark.parametrize("kind", [torch.bfloat16, torch.float16], ids=str)
+def test_features_of_1_000_views_in_16_bits_are_joined_in_single_precision(row, kind):
+    head = view_gcn(torch.from_numpy(viewpoints(1000)))
+    rounded = nodes_of(1000, 2).to(kind)
+    row(f"logits, {str(kind).removeprefix('torch.')}", logits_error(head, rounded), SINGLE)
+
+
+@pytest.mark.stability("moments of large frames")
+def test_batch_normalisation_sees_mean_and_variance_of_frames_of_10_000_give_or_take_one(row):
+    torch.manual_seed(0)
+    backbone = Classifier(EVEN, 27, recipe().model).backbone
+    frames = 1e4 + torch.rand(16, 1, 12, 12, generator=torch.Generator().manual_seed(0))
+    norms = []
+    for kind in (torch.float32, torch.float64):
+        stem = deepcopy(backbone.stem).to(kind).train()
+        stem.norm.momentum = 1.0
+        with torch.no_grad():
+            stem(frames.to(kind))
+        norms.append(stem.norm)
+    row("mean of the maps", max_rel_error(norms[0].running_mean, norms[1].running_mean), SINGLE)
+    row("variance of the maps", max_rel_error(norms[0].running_var, norms[1].running_var), SINGLE)

@@ -1,0 +1,95 @@
+"""Rows of the stability table from tests: the fixture `row`, and where the rows are written and printed.
+
+A test with the marker `stability("name of the check")` takes the fixture `row`: `row(quantity, error, tolerance)`
+asserts error <= tolerance and records the row, `row.refused(quantity, call, pattern)` that a call is refused.
+"""
+
+import json
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.stability.rows import WRONG, Quantity, no_outcome
+
+TESTS = Path(__file__).parent
+ROWS = pytest.StashKey[list[dict]]()
+
+
+class Rows:
+    """Records the quantities of a test, in `recorded`, and asserts each."""
+
+    def __init__(self, part: str = "", check: str = "", folder: Path = TESTS):
+        self.part, self.check, self.folder = part, check, folder
+        self.recorded: list[dict] = []
+        self.begin = time.perf_counter()
+
+    def __call__(self, quantity: str, error: float, tolerance: float = 0.0, remark: str = "") -> None:
+        """Assert that the error is no more than the tolerance."""
+        self.record(Quantity(quantity, error, tolerance, remark))
+
+    def refused(self, quantity: str, call: Callable[[], object], pattern: str) -> None:
+        """Assert that the call ends in a ValueError of one line that contains the pattern."""
+        self.record(refusal(quantity, call, pattern))
+
+    def record(self, quantity: Quantity) -> None:
+        now = time.perf_counter()
+        self.recorded.append(quantity.row(self.part, self.check, now - self.begin, self.folder))
+        self.begin = now
+        assert quantity.verdict != WRONG, f"{quantity.name}: {quantity.error} > {quantity.tolerance} {quantity.remark}"
+
+
+def refusal(name: str, call: Callable[[], object], pattern: str) -> Quantity:
+    """That a call ends in a ValueError of one line that contains the pattern; WRONG where it does not."""
+    try:
+        call()
+    except ValueError as error:
+        message = str(error)
+        refused = "\n" not in message and bool(re.search(pattern, message))
+        return Quantity(name, np.nan, np.nan, message, refused)
+    return Quantity(name, np.nan, np.nan, "was not refused")
+
+
+@pytest.fixture
+def row(request: pytest.FixtureRequest, tmp_path: Path) -> Rows:
+    """Rows of the check that the test's marker names, of the part that is the test's folder."""
+    rows = Rows(part_of(request.path), request.node.get_closest_marker("stability").args[0], tmp_path)
+    request.node.stash[ROWS] = rows.recorded
+    return rows
+
+
+def part_of(path: Path) -> str:
+    """The part of the table for the rows of a test's file: its folder, or its name where that is tests/ itself."""
+    return path.stem.removeprefix("test_") if path.parent == TESTS else path.parent.name
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--stability-rows", type=Path, help="File for the rows of the stability table, one JSON a line.")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> pytest.TestReport:
+    """Collect a test's rows; one that failed otherwise, by a warning too, has a WRONG one."""
+    report = yield
+    marker = item.get_closest_marker("stability")
+    if marker and (call.when == "call" or (call.when == "setup" and report.failed)):
+        rows = item.stash.get(ROWS, [])
+        if report.failed and not any(one["verdict"] == WRONG for one in rows):
+            rows.append(no_outcome(call.excinfo.value).row(part_of(item.path), marker.args[0], 0.0, TESTS))
+        item.config.stash.setdefault(ROWS, []).extend(rows)
+    return report
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Write the rows to --stability-rows, and print them where -m asks for `stability`."""
+    rows, path = config.stash.get(ROWS, []), config.getoption("--stability-rows")
+    if path:
+        path.write_text("".join(f"{json.dumps(one)}\n" for one in rows))
+    if "stability" in config.getoption("markexpr"):
+        terminalreporter.section("stability")
+        for one in rows:
+            numbers = f"{one['error']:.2g} <= {one['tolerance']:.2g}" if one["error"] != "" else one["remark"]
+            terminalreporter.line(f"{one['part']}, {one['check']}, {one['quantity']}: {one['verdict']}, {numbers}")

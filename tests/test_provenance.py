@@ -1,0 +1,55 @@
+"""Names of runs: what differs from the params.yaml that git holds."""
+
+import subprocess
+
+import pytest
+
+from tactile_viewgcn.provenance import committed_params, git_revision, run_name
+
+COMMITTED = {"views": 8, "pretrain.lr": 5e-3, "finetune.lr": "5e-4", "glove.objects": "all", "x.flag": True}
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({}, "mvcnn V=8"),
+        ({"pretrain.lr": 0.01}, "mvcnn V=8 pretrain.lr=0.01"),
+        ({"finetune.lr": 5e-4}, "mvcnn V=8"),  # YAML reads 5e-4 as text
+        ({"finetune.lr": 1e-5, "x.flag": False}, "mvcnn V=8 finetune.lr=1e-05 x.flag=false"),
+        ({"glove.objects": ["ball", "mug"]}, "mvcnn V=8 glove.objects=[ball,mug]"),
+        ({"views": 4}, "mvcnn V=8"),  # the head says it
+        ({"new.key": 1}, "mvcnn V=8"),
+    ],
+)
+def test_a_run_is_named_by_what_differs(changes, name):
+    values = {key: 5e-4 if key == "finetune.lr" else value for key, value in COMMITTED.items()} | changes
+    assert run_name("mvcnn V=8", values, COMMITTED, skip=("views",)) == name
+
+
+def git(place, *words):
+    identity = ("-c", "user.name=t", "-c", "user.email=t@localhost")
+    subprocess.run(["git", *identity, *words], cwd=place, check=True, capture_output=True)
+
+
+def test_the_committed_values_are_those_of_head_whatever_the_file_says_now(tmp_path):
+    path = tmp_path / "params.yaml"
+    path.write_text("views: 8\nmodel:\n  backbone:\n    width: 64\n")
+    assert committed_params(path) == {}
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "add", "params.yaml")
+    git(tmp_path, "commit", "-qm", "first")
+    path.write_text("views: 4\n")
+    assert committed_params(path) == {"views": 8, "model.backbone.width": 64}
+
+
+def test_the_revision_says_whether_files_were_changed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert git_revision() == {}
+    (tmp_path / "a").write_text("1")
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "add", "a")
+    git(tmp_path, "commit", "-qm", "first")
+    clean = git_revision()
+    assert len(clean["mlflow.source.git.commit"]) == 40 and clean["git.dirty"] == "false"
+    (tmp_path / "a").write_text("2")
+    assert git_revision() == clean | {"git.dirty": "true"}

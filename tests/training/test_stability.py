@@ -1,0 +1,162 @@
+"""Losses, gradients and learning rates at their ends, on a small trained classifier and in short trainings."""
+
+import math
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.stability.logits import rms, some_sets, without_dropout
+from benchmarks.stability.rows import Quantity, max_rel_error, share_not_finite
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.split import TEST
+from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
+
+STEP = 1e-8  # of a finite difference, in sizes of what it moves: hardly a ReLU changes sides within it
+SLOPES = 1e-5  # of a slope: of the 16 digits of a loss such a step leaves 8, and a few less where slopes are small
+SUM = 2.0**-20  # of single precision, after a few sums
+LOST = 10.0  # times its first loss: a training that ends so has diverged
+CALM, NOISY = 1e-3, 0.1  # rates up to which a loss must not rise, but by what dropout and noise make of it
+SYSTEMS = ["view_gcn", "stag", "gvcnn", "cnn_lstm", "rotationnet", "vote"]
+INPUTS = table().inputs(table().on(TEST)[:24])
+SETS, LABELS = some_sets(24, 4, 6), np.arange(6) % 4
+
+
+def classifier_of(system):
+    """The small trained classifier, or another system's with random weights; in training, but without dropout."""
+    torch.manual_seed(0)
+    other = Classifier(torch.from_numpy(viewpoints(4)), 4, recipe(f"model.system={system}").model, (12, 12))
+    return without_dropout((trained() if system == "view_gcn" else other).train())
+
+
+def loss_of(classifier, frames, sets=SETS, labels=LABELS):
+    nodes = classifier.backbone(frames.unsqueeze(1))
+    return classifier.head.loss(*classifier.head(nodes[torch.from_numpy(sets)]), torch.from_numpy(labels))
+
+
+def not_finite(system, inputs, sets=SETS, labels=LABELS):
+    """Largest share of numbers that are not finite, of the loss or of a gradient."""
+    classifier = classifier_of(system)
+    loss = loss_of(classifier, torch.from_numpy(inputs.astype(np.float32)), sets, labels)
+    if loss.requires_grad:
+        loss.backward()
+    slopes = [weight.grad for weight in classifier.parameters() if weight.grad is not None]
+    return max(share_not_finite(values) for values in (loss.detach(), *slopes))
+
+
+def slope_error(loss, values):
+    """Difference of a slope and a central difference along a random direction; the median of five directions.
+
+    Relative to the root of the sum of squares of what the slope adds up, which does not cancel.
+    """
+    rng, errors = torch.Generator().manual_seed(0), []
+    for value in values:
+        value.requires_grad_()
+    slopes = torch.autograd.grad(loss(), values, allow_unused=True)
+    pairs = [(value, slope) for value, slope in zip(values, slopes, strict=True) if slope is not None]
+    for _ in range(5):
+        ways = [torch.randn(value.shape, dtype=value.dtype, generator=rng) * rms(value) for value, _ in pairs]
+        terms = torch.cat([(way * slope).flatten() for way, (_, slope) in zip(ways, pairs, strict=True)])
+        ends = []
+        for step in (STEP, -2 * STEP, STEP):  # there, to the other side, and back
+            with torch.no_grad():
+                for way, (value, _) in zip(ways, pairs, strict=True):
+                    value += step * way
+                ends.append(float(loss()))
+        errors.append(abs((ends[0] - ends[1]) / (2 * STEP) - float(terms.sum())) / float(terms.norm()))
+    return float(np.median(errors))
+
+
+def suffix(system):
+    """What distinguishes the rows of other systems than the default."""
+    return "" if system == "view_gcn" else f", {system}"
+
+
+@pytest.mark.slow
+@pytest.mark.stability("gradients")
+def test_slopes_of_the_loss_are_finite_differences_in_float64(row):
+    classifier = classifier_of("view_gcn").double()
+    frames = torch.from_numpy(INPUTS + 0.01 * np.random.default_rng(0).standard_normal(INPUTS.shape))
+    for name, values in (
+        ("the frames", [frames]),  # with noise: no two cells are equal
+        ("the weights of the backbone", list(classifier.backbone.parameters())),
+        ("the weights of the system", list(classifier.head.parameters())),
+    ):
+        row(f"by {name}", slope_error(lambda: loss_of(classifier, frames), values), SLOPES)
+
+
+@pytest.mark.stability("gradients at the extremes")
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_every_gradient_of_extreme_batches_is_a_number(row, system):
+    for name, inputs, labels in (
+        ("10,000 times", 1e4 * INPUTS, LABELS),
+        ("blank", np.zeros_like(INPUTS), LABELS),
+        ("denormal", np.full_like(INPUTS, 1e-40), LABELS),
+        ("one frame", np.repeat(INPUTS[:1], len(INPUTS), axis=0), LABELS),
+        ("one class alone", INPUTS, 0 * LABELS),
+        ("one view set of a class", INPUTS, np.minimum(LABELS, 1)),
+    ):
+        row(f"not finite, {name}{suffix(system)}", not_finite(system, inputs, labels=labels))
+
+
+@pytest.mark.stability("batches of one")
+def test_two_view_sets_of_two_frames_are_enough_for_batch_normalisation(row):
+    share = not_finite("view_gcn", INPUTS[::20], some_sets(2, 4, 2), np.arange(2))
+    row("not finite, two view sets of two frames", share)
+
+
+@pytest.mark.stability("losses of sure logits")
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_a_systems_loss_of_logits_10_000_times_as_large(row, system):
+    head = classifier_of(system).eval().head
+    nodes = torch.rand(24, *classifier_of(system).feature_shape, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        logits, aux = head(nodes[torch.from_numpy(SETS)])
+        single, exact = (
+            head.loss(1e4 * logits.to(kind), [1e4 * one.to(kind) for one in aux], torch.from_numpy(LABELS))
+            for kind in (torch.float32, torch.float64)
+        )
+    error = max_rel_error(single, exact)
+    row(f"the system's loss of logits 10,000 times as large{suffix(system)}", error, SUM)
+
+
+def outcome(stage, rate, train):
+    """Of a short training: the share of its weights that is not finite, or that it was refused or stopped.
+
+    At a calm rate it neither diverges nor does its loss rise.
+    """
+    name = f"weights that are not finite, {stage} at {rate:g}"
+    try:
+        module, progress = train()
+    except UserError as error:
+        diverged = "training diverged in epoch" in str(error) and rate > CALM
+        return Quantity(name, math.nan, math.nan, str(error), diverged)
+    share, losses = max(share_not_finite(value) for value in module.state_dict().values()), progress.curves["loss"]
+    remark = progress.diverged or f"loss from {losses[0]:.3g} to {losses[-1]:.3g}"
+    if rate <= CALM:
+        rise = math.inf if share or progress.diverged else max(losses[-1] / losses[0] - 1, 0.0)
+        return Quantity(f"rise of the loss, {stage} at {rate:g}", rise, NOISY, remark)
+    if losses[-1] > LOST * max(1.0, progress.first_loss):
+        share = math.inf  # and it did not say so
+    return Quantity(name, share, 0.0, remark, bool(progress.diverged) and not share)
+
+
+@pytest.mark.slow
+@pytest.mark.stability("learning rates")
+@pytest.mark.parametrize("rate", [float(rate) for rate in 10.0 ** np.arange(-8, 4)])
+def test_a_training_ends_with_finite_weights_or_is_refused_for_it_diverged(row, rate):
+    frames, params = fewer_anchors(table(), 4), recipe("cluster.method=none", "cluster.assignment=index")
+    short = replace(
+        params,
+        pretrain=replace(params.pretrain, epochs=2, lr=rate, schedule="step", step_size=100, step_offset=0),
+        finetune=replace(params.finetune, epochs=2, lr=rate, lr_backbone=rate, schedule="constant"),
+    )
+    row.record(outcome("pretraining", rate, lambda: pretrain_backbone(frames, short, CPU)[::2]))
+    views, weights = views_of(frames, short), deepcopy(pretrained())
+    row.record(outcome("fine-tuning", rate, lambda: finetune_classifier(frames, views, weights, short, CPU)))

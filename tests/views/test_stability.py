@@ -1,0 +1,94 @@
+"""Principal components and k-means on frames that leave them little to go by.
+
+As many components as the points have dimensions keep all distances, so scores are compared with the points themselves.
+"""
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from benchmarks.stability.rows import max_rel_error, share_different
+from tactile_viewgcn.views.clustering import cluster_frames, kmeans, principal_components
+from tactile_viewgcn.views.sampling import ViewSets
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.tables import recipe, table
+
+DIGITS = 1e-12  # of double precision
+VIEWS = 8
+
+
+def distances(points):
+    """(n, n) of points (n, d), without cancellation."""
+    return np.sqrt(((points[:, None] - points) ** 2).sum(axis=-1))
+
+
+@pytest.mark.stability("points of few dimensions")
+def test_components_keep_all_distances_in_few_dimensions_and_far_from_the_origin(row):
+    rng = np.random.default_rng(0)
+    flat = rng.random((60, 3)) @ rng.random((3, 200))  # fewer dimensions than sensors
+    for name, points in (("rank 3", flat), ("rank 3, each ten times", np.repeat(flat, 10, axis=0)[:, :100])):
+        error = max_rel_error(distances(principal_components(points, 8)), distances(points))
+        row(f"distances, {name}", error, DIGITS)
+    for offset in (1.0, 1e3, 1e6, 1e9):
+        points = offset + rng.random((300, 4))
+        error = max_rel_error(distances(principal_components(points, 4)), distances(points))
+        row(f"distances, offset {offset:g}", error, DIGITS)
+
+
+@pytest.mark.stability("constant points")
+def test_equal_frames_are_one_cluster_and_their_view_sets_have_their_anchor(row):
+    for name, points in (
+        ("the same frame twice", np.full((2, 5), 0.3)),
+        ("one frame 40 times", np.full((40, 5), 0.3)),
+        ("no sensors", np.zeros((9, 0))),
+        ("one frame", np.ones((1, 5))),
+    ):
+        scores, anchors = principal_components(points, 8), np.arange(len(points))
+        row(f"scores, {name}", max_rel_error(scores, np.zeros((len(points), 1))))
+        labels = kmeans(scores, VIEWS, restarts=2, seed=0)
+        row(f"clusters, {name}", share_different(labels, 0 * anchors))
+        sets = ViewSets(labels, 0 * anchors, VIEWS).draw(anchors, np.random.default_rng(0))
+        wrong = ((sets < 0) | (sets >= len(points))).any(axis=1) | (sets[:, 0] != anchors)
+        row(f"view sets with other frames, or without their anchor, {name}", wrong.mean())
+
+
+@pytest.mark.stability("fewer distinct frames than clusters")
+def test_three_frames_over_and_over_are_three_clusters(row):
+    rng, owner = np.random.default_rng(0), np.arange(30) % 3
+    three = rng.random((3, 6))[owner]
+    for name, noise in (("equal", 0.0), ("equal to 13 digits", 1e-13)):
+        labels = kmeans(principal_components(three + noise * rng.random(three.shape), 6), VIEWS, restarts=2, seed=0)
+        row(f"pairs in one cluster, {name}", share_different(labels[:, None] == labels, owner[:, None] == owner))
+        sets = ViewSets(labels, np.zeros(30, dtype=int), VIEWS).draw(np.arange(30), rng)
+        row(f"empty clusters drawn from the pool, {name}", ((sets < 0) | (sets >= 30)).mean())
+        row(f"clusters beyond three, {name}", labels.max() - 2)
+
+
+@pytest.mark.stability("scales far from one")
+def test_clusters_do_not_depend_on_the_unit(row):
+    points = np.random.default_rng(0).random((300, 12))
+    expected = kmeans(principal_components(points, 8), VIEWS, restarts=3, seed=1)
+    for scale in (1e-30, 1e-15, 1e15, 1e30):
+        labels = kmeans(principal_components(points * scale, 8), VIEWS, restarts=3, seed=1)
+        row(f"clusters, {scale:g} times", share_different(labels, expected))
+
+
+@pytest.mark.stability("ties")
+def test_points_with_several_nearest_centres_have_the_same_clusters_each_time(row):
+    corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 5)).reshape(5, -1).T
+    labels, again = (kmeans(corners, 4, restarts=5, seed=3) for _ in range(2))
+    row("clusters a second time", share_different(again, labels))
+    centres = np.stack([corners[labels == number].mean(axis=0) for number in np.unique(labels)])
+    squared = ((corners[:, None] - centres) ** 2).sum(axis=-1)
+    to_centre = squared[np.arange(len(corners)), np.unique(labels, return_inverse=True)[1]]
+    row("squared distance beyond the nearest centre's", (to_centre - squared.min(axis=1)).max(), DIGITS)
+
+
+@pytest.mark.stability("numbers of threads")
+def test_clusters_do_not_depend_on_the_number_of_threads(row):
+    clusters = []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            views = cluster_frames(table(), viewpoints(4), recipe().cluster, np.random.default_rng(0))
+            clusters.append(views.cluster)
+    row("clusters, two threads against one", share_different(*clusters))
