@@ -68,6 +68,7 @@ class Split:
     by: Literal["source", "recording", "grasp", "session", "frame"]
     folds: Annotated[int, Range(2)]
     fold: Annotated[int, Range(0)]
+    deal: Seed
     seed: Seed
     validation: Share
     train_share: Annotated[float, Range(0, 1, open="low")]

@@ -144,7 +144,9 @@ def _sides(
         side[keep] = frame_sides(objects[keep], folds=split.folds, fold=split.fold, rng=rng)
         notes.append("split: by single frames, whose neighbours in time are on the other side: it leaks")
     else:
-        side[keep] = fold_sides(group[keep], objects[keep], folds=split.folds, fold=split.fold, across=across)
+        side[keep] = fold_sides(
+            group[keep], objects[keep], folds=split.folds, fold=split.fold, across=across, deal=split.deal
+        )
     side[keep] = validation_sides(
         side[keep], group[keep], objects[keep], share=split.validation, across=across, rng=rng
     )

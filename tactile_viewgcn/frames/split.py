@@ -8,6 +8,7 @@ number of recordings on both of them is reported. `frame_sides` leaks on purpose
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.randomness import stream
 
 TRAIN, VALIDATION, TEST = 0, 1, 2
 SIDES = ("train", "validation", "test")
@@ -31,19 +32,24 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
-def fold_sides(groups: np.ndarray, labels: np.ndarray, *, folds: int, fold: int, across: bool) -> np.ndarray:
+def fold_sides(
+    groups: np.ndarray, labels: np.ndarray, *, folds: int, fold: int, across: bool, deal: int = 0
+) -> np.ndarray:
     """TRAIN or TEST, int8 (T,): the i-th group of a class is on the test side if i modulo `folds` is `fold`.
 
     Args:
         groups: (T,) split groups.
         labels: (T,) classes; the groups of each class are counted on their own.
         across: groups span classes, as sessions do, and are counted once for all classes.
+        deal: 0 counts the groups in their order; another number in an order drawn at random, the same for all folds.
     """
     side = np.full(len(groups), TRAIN, dtype=np.int8)
     for label in [None] if across else np.unique(labels):
         of_class = np.ones(len(groups), dtype=bool) if across else labels == label
-        test = np.unique(groups[of_class])[fold::folds]
-        side[of_class & np.isin(groups, test)] = TEST
+        order = np.unique(groups[of_class])
+        if deal:
+            order = stream(deal, "split.deal", *([] if label is None else [int(label)])).permutation(order)
+        side[of_class & np.isin(groups, order[fold::folds])] = TEST
     return side
 
 

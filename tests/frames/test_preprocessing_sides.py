@@ -21,12 +21,19 @@ def test_no_group_stands_on_two_sides_and_both_sides_have_every_class(tmp_path, 
 
 
 @pytest.mark.parametrize("by", ["recording", "grasp", "session"])
-def test_every_kept_frame_is_tested_in_exactly_one_fold(tmp_path, by):
-    times = np.zeros(len(COUNTS), dtype=int)
-    for fold in range(2):
-        _, selection, _ = prepared(tmp_path, f"split.by={by}", "split.folds=2", f"split.fold={fold}")
-        times += selection.keep & (selection.side == TEST)
-    np.testing.assert_array_equal(times, COLUMNS["valid"])
+def test_every_kept_frame_is_tested_in_exactly_one_fold_of_a_deal(tmp_path, by):
+    for deal in (0, 1):
+        times, changes = np.zeros(len(COUNTS), dtype=int), (f"split.by={by}", "split.folds=2", f"split.deal={deal}")
+        for fold in range(2):
+            _, selection, _ = prepared(tmp_path, *changes, f"split.fold={fold}")
+            times += selection.keep & (selection.side == TEST)
+        np.testing.assert_array_equal(times, COLUMNS["valid"])
+
+
+def test_another_deal_has_other_test_groups_of_the_same_numbers(tmp_path):
+    dealt = [prepared(tmp_path, "split.by=recording", f"split.deal={deal}")[1] for deal in (0, 1)]
+    np.testing.assert_array_equal(dealt[0].group, dealt[1].group)
+    assert (dealt[0].side != dealt[1].side).any()
 
 
 def test_the_published_split_is_taken_as_it_is(tmp_path):

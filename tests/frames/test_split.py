@@ -80,21 +80,49 @@ def test_sessions_are_dealt_out_once_for_all_classes():
     assert tested == [[TEST, TRAIN, TEST, TRAIN, TEST, TRAIN], [TRAIN, TEST, TRAIN, TEST, TRAIN, TEST]]
 
 
-def _sides(columns, by, folds, fold, share, seed=0):
+@pytest.mark.parametrize("across", [False, True])
+def test_a_deal_shuffles_the_groups_of_each_class_before_they_are_dealt(across):
+    groups, labels = np.repeat(np.arange(24), 2), np.repeat([0, 1], 24)
+
+    def tested(deal, of=slice(None)):
+        """(4, 24) or fewer: the groups that each fold tests, as 0 and 1."""
+        sides = [fold_sides(groups[of], labels[of], folds=4, fold=i, across=across, deal=deal) for i in range(4)]
+        return np.stack(sides)[:, ::2] == TEST
+
+    assert (tested(3).sum(axis=0) == 1).all()
+    assert tested(3).sum(axis=1).tolist() == [6] * 4
+    if not across:
+        assert tested(3)[:, :12].sum(axis=1).tolist() == [3] * 4  # of each class
+        np.testing.assert_array_equal(tested(3)[:, 12:], tested(3, labels == 1))  # the same without the other class
+        assert (tested(3)[:, :12] != tested(3)[:, 12:]).any()  # each class in an order of its own
+    np.testing.assert_array_equal(tested(3), tested(3))
+    assert len({tested(deal).tobytes() for deal in range(5)}) == 5
+
+
+def _sides(columns, by, folds, fold, share, seed=0, deal=0):
     groups, across = split_groups(columns, by), by == "session"
-    side = fold_sides(groups, columns["object"], folds=folds, fold=fold, across=across)
+    side = fold_sides(groups, columns["object"], folds=folds, fold=fold, across=across, deal=deal)
     rng = np.random.default_rng(seed)
     return groups, validation_sides(side, groups, columns["object"], share=share, across=across, rng=rng)
 
 
 @WAYS
 @settings(max_examples=25, deadline=None)
-@given(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3), st.integers(2, 5), st.sampled_from([0, 0.2, 0.7]))
-def test_every_group_stands_on_one_side_and_is_tested_in_exactly_one_fold(by, objects, sessions, number, folds, share):
+@given(
+    st.integers(1, 4),
+    st.integers(1, 4),
+    st.integers(1, 3),
+    st.integers(2, 5),
+    st.sampled_from([0, 0.2, 0.7]),
+    st.integers(0, 9),
+)
+def test_every_group_stands_on_one_side_and_is_tested_in_exactly_one_fold(
+    by, objects, sessions, number, folds, share, deal
+):
     columns = made(objects, sessions, number)
     times = np.zeros(len(columns["object"]), dtype=int)
     for fold in range(folds):
-        groups, side = _sides(columns, by, folds, fold, share)
+        groups, side = _sides(columns, by, folds, fold, share, deal=deal)
         for group in np.unique(groups):
             assert len(np.unique(side[groups == group])) == 1
         times += side == TEST
