@@ -9,13 +9,8 @@ import numpy as np
 from studies.cells import Answers
 from studies.grid import COLUMNS
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation.statistics import (
-    confusion_counts,
-    group_interval,
-    holm,
-    proportion_interval,
-    sign_flip,
-)
+from tactile_viewgcn.evaluation.statistics import confusion_counts, holm, sign_flip
+from tactile_viewgcn.intervals import group_interval, proportion_interval
 
 ENOUGH = 5.0  # points that a study is to be able to see
 

@@ -1,53 +1,11 @@
-"""Intervals and tests that resample split groups, whose frames resemble each other; confusion; calibration error."""
+"""Tests of paired differences that resample split groups; confusion; calibration error."""
 
 from itertools import product
 
 import numpy as np
 
-RESAMPLES = 2000
-OUTSIDE = 0.05  # of an interval
 BINS = 15  # of Guo et al.
 MAX_FLIPS = 10_000
-
-
-def group_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> tuple[float, float] | None:
-    """95 % interval of the mean of `correct`, by resampling groups and, inside each, its view sets.
-
-    Args:
-        correct: (A,) share of the trials in which each anchor's view set is right.
-        groups: (A,) the anchor's split group.
-
-    Returns:
-        The 2.5th and 97.5th percentile of 2,000 resampled means (Davison & Hinkley 1997, section 3.8); None
-        with fewer than two groups, which say nothing of how groups differ.
-    """
-    order = np.argsort(groups, kind="stable")
-    _, start, size = np.unique(groups[order], return_index=True, return_counts=True)
-    if len(size) < 2:
-        return None
-    ordered, means = correct[order], np.empty(RESAMPLES)
-    for number in range(RESAMPLES):
-        chosen = rng.integers(len(size), size=len(size))
-        width = np.repeat(size[chosen], size[chosen])
-        inside = (rng.random(len(width)) * width).astype(np.int64)
-        means[number] = ordered[np.repeat(start[chosen], size[chosen]) + inside].mean()
-    low, high = np.percentile(means, [100 * OUTSIDE / 2, 100 - 100 * OUTSIDE / 2])
-    return float(low), float(high)
-
-
-def proportion_interval(
-    correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator
-) -> tuple[float, float] | None:
-    """95 % interval of a share, `group_interval` but where it would be a point: all of `correct` (A,) is 0, or all 1.
-
-    Resampling cannot show what none of the groups did. If each of G groups is one trial, a share of more than
-    1 - 0.025^(1/G) would have shown itself with a probability of 97.5 % (Clopper and Pearson 1934).
-    """
-    interval = group_interval(correct, groups, rng)
-    if interval and correct.min() == correct.max() and correct.max() in (0, 1):
-        reach = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))
-        return (1 - reach, 1.0) if correct.max() else (0.0, reach)
-    return interval
 
 
 def sign_flip(difference: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> float:

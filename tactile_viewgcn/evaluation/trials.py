@@ -17,9 +17,10 @@ from tqdm import tqdm
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.latency import latency
-from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts, proportion_interval
+from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
 from tactile_viewgcn.params import Cluster, Evaluate

@@ -14,6 +14,7 @@ import tests.frames.test_stability as frames
 import tests.glove.test_stability as glove
 import tests.nn.test_stability as graph
 import tests.nn.test_view_gcn as equations
+import tests.test_intervals as intervals
 import tests.training.test_pretraining as pretraining
 import tests.views.test_stability as clusters
 from benchmarks.solver.other_integrators import explicit_euler
@@ -120,8 +121,8 @@ FAULTS = {
         clusters.test_three_frames_over_and_over_are_three_clusters, (),
     ),
     "an interval without width": (
-        "tests.evaluation.test_statistics.proportion_interval", lambda correct, groups, rng: (correct.mean(),) * 2,
-        evaluation.test_where_all_is_right_or_wrong_the_interval_is_clopper_and_pearsons_of_the_groups,
+        "tests.test_intervals.proportion_interval", lambda correct, groups, rng: (correct.mean(),) * 2,
+        intervals.test_where_all_is_right_or_wrong_the_interval_is_clopper_and_pearsons_of_the_groups,
         ("right", 1.0, 12),
     ),
     "confidence against each answer": (

@@ -1,117 +1,14 @@
-"""Intervals that know that frames of one group resemble each other."""
+"""The error of a calibration, the median and the tail."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import beta
 
 from benchmarks.stability.rows import max_rel_error
-from tactile_viewgcn.evaluation import statistics
-from tactile_viewgcn.evaluation.statistics import calibration_error, group_interval, median_and_p95, proportion_interval
+from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_p95
 
-GROUPS, EACH = 20, 6
 DIGITS = 1e-12  # of double precision
-
-
-def simulated(rng):
-    """Right or wrong of view sets whose group decides how easy they are; 0.7 of them are right on average."""
-    ease = np.repeat(rng.beta(1.4, 0.6, size=GROUPS), EACH)
-    return (rng.random(GROUPS * EACH) < ease).astype(float), np.repeat(np.arange(GROUPS), EACH)
-
-
-def naive_interval(correct, groups, rng, resamples):
-    """The same resampling, one view set at a time."""
-    members = [[c for c, g in zip(correct, groups, strict=True) if g == name] for name in sorted(set(groups.tolist()))]
-    means = []
-    for _ in range(resamples):
-        drawn = [members[i] for i in rng.integers(len(members), size=len(members))]
-        means.append(np.mean([group[int(rng.random() * len(group))] for group in drawn for _ in group]))
-    return tuple(np.percentile(means, [2.5, 97.5]))
-
-
-def frame_interval(correct, rng, resamples):
-    """What resampling view sets gives, as if each stood for itself."""
-    return np.percentile(rng.choice(correct, (resamples, len(correct))).mean(axis=1), [2.5, 97.5])
-
-
-@pytest.mark.stability("intervals")
-def test_one_group_says_nothing_of_how_groups_differ(row):
-    interval = group_interval(np.random.default_rng(1).random(9), np.full(9, 4), np.random.default_rng(0))
-    row("one group has no interval", float(interval is not None))
-
-
-def test_the_interval_is_that_of_a_loop(monkeypatch):
-    monkeypatch.setattr(statistics, "RESAMPLES", 60)
-    rng = np.random.default_rng(0)
-    groups = rng.permutation(np.repeat([3, 9, 5, 0], [1, 7, 4, 2]))
-    correct = rng.integers(0, 11, size=14) / 10
-    expected = naive_interval(correct, groups, np.random.default_rng(5), 60)
-    assert group_interval(correct, groups, np.random.default_rng(5)) == pytest.approx(expected, abs=1e-12)
-
-
-def test_the_truth_is_inside_about_as_often_as_it_says(monkeypatch):
-    monkeypatch.setattr(statistics, "RESAMPLES", 250)
-    rng, inside, naively_inside = np.random.default_rng(0), 0, 0
-    for _ in range(120):
-        correct, groups = simulated(rng)
-        low, high = group_interval(correct, groups, rng)
-        inside += low <= 0.7 <= high
-        low, high = frame_interval(correct, rng, 250)
-        naively_inside += low <= 0.7 <= high
-    assert 0.9 <= inside / 120 < 1
-    assert naively_inside / 120 < 0.85
-
-
-def test_groups_that_resemble_themselves_widen_the_interval():
-    rng = np.random.default_rng(1)
-    groups = np.repeat(np.arange(10), 30)
-    correct = (groups % 2).astype(float)
-    low, high = group_interval(correct, groups, rng)
-    naive_low, naive_high = frame_interval(correct, rng, 2000)
-    assert high - low > 4 * (naive_high - naive_low)
-
-
-@pytest.mark.stability("intervals")
-def test_view_sets_all_alike_have_an_interval_of_no_width(row):
-    for name, value in (("no difference at all", 0.0), ("one difference everywhere", 0.25)):
-        interval = group_interval(np.full(60, value), np.arange(60) // 5, np.random.default_rng(0))
-        row(name, max_rel_error(interval, (value, value)))
-
-
-@pytest.mark.stability("intervals")
-def test_the_interval_of_errors_mirrors_that_of_correct_answers(row):
-    correct, groups = np.random.default_rng(0).integers(0, 2, 60).astype(float), np.repeat(np.arange(12), 5)
-    low, high = group_interval(correct, groups, np.random.default_rng(1))
-    mirrored = group_interval(1 - correct, groups, np.random.default_rng(1))
-    row("errors are what is not right", max_rel_error(mirrored, (1 - high, 1 - low)), DIGITS)
-
-
-def test_the_same_generator_gives_the_same_interval():
-    correct, groups = simulated(np.random.default_rng(2))
-    first, again = (group_interval(correct, groups, np.random.default_rng(3)) for _ in range(2))
-    assert first == again
-    low, high = first
-    assert low < correct.mean() < high
-
-
-@pytest.mark.stability("intervals")
-@pytest.mark.parametrize("count", [2, 12, 400])
-@pytest.mark.parametrize(("name", "share"), [("right", 1.0), ("wrong", 0.0)])
-def test_where_all_is_right_or_wrong_the_interval_is_clopper_and_pearsons_of_the_groups(row, name, share, count):
-    groups = np.repeat(np.arange(count), 3)
-    low, high = proportion_interval(np.full(len(groups), share), groups, np.random.default_rng(0))
-    exact = (beta.ppf(0.025, count, 1), 1.0) if share else (0.0, beta.ppf(0.975, 1, count))
-    row(f"all {name}, {count} groups", max_rel_error((low, high), exact), DIGITS, f"{low:.3f} to {high:.3f}")
-
-
-@pytest.mark.stability("intervals")
-def test_any_other_share_has_the_resampled_interval(row):
-    correct, groups = simulated(np.random.default_rng(3))
-    interval, expected = (f(correct, groups, np.random.default_rng(4)) for f in (proportion_interval, group_interval))
-    row("some right: the resampled interval", max_rel_error(interval, expected))
-    assert proportion_interval(np.full(9, 0.5), np.arange(9), np.random.default_rng(0)) == (0.5, 0.5)
-    assert proportion_interval(np.ones(4), np.zeros(4), np.random.default_rng(0)) is None
 
 
 def test_the_calibration_error_by_hand():
