@@ -9,11 +9,12 @@ import ast
 import re
 from importlib import import_module
 from pathlib import Path
+from typing import get_args
 
 import click
 
 from stages.command import declared
-from tactile_viewgcn.params import Params, load
+from tactile_viewgcn.params import Params, System, load
 
 PIPELINES = ("dvc.yaml", "data/virtual/dvc.yaml")
 #: what changes no result: DVC watches the values of params.yaml itself, and the others only report
@@ -26,8 +27,8 @@ EXCEPTED = (
     ),
 )
 SYSTEMS = "tactile_viewgcn/nn/classifier.py"  # imports the one system that `model.system` names
-SYSTEM = "tactile_viewgcn/nn/${model.system}.py"
-SYSTEM_BASE = "tactile_viewgcn/nn/system.py"
+PLACE = "${model.system}"
+SYSTEM = f"tactile_viewgcn/nn/{PLACE}.py"
 
 
 @click.command()
@@ -85,14 +86,8 @@ def imported_code(start: str, root: Path) -> set[str]:
 
 
 def _shared_by_systems(root: Path) -> set[str]:
-    """What the systems' files import from nn/, themselves excepted."""
-    folder = root / "tactile_viewgcn" / "nn"
-    imports = {
-        path.relative_to(root).as_posix(): _imports(path.relative_to(root).as_posix(), root)
-        for path in folder.glob("*.py")
-    }
-    systems = {path for path, targets in imports.items() if SYSTEM_BASE in targets and path != SYSTEMS}
-    return {target for path in systems for target in imports[path]} - systems
+    """What the systems' files import; the ensemble's members are systems too."""
+    return {target for name in get_args(System) for target in _imports(SYSTEM.replace(PLACE, name), root)}
 
 
 def _imports(path: str, root: Path) -> set[str]:

@@ -41,7 +41,12 @@ System = Literal[  # each the file of that name in nn/
     "logistic",
     "knn",
     "lda",
+    "kernel",
+    "max_logistic",
+    "max_kernel",
+    "ensemble",
 ]
+Member = Literal["trees", "logistic", "knn", "lda", "kernel", "max_logistic", "max_kernel"]
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,7 @@ class Model:
     view_loss: Literal["sum", "mean"]
     readout: Literal["max", "mean"]
     assignments: Literal["any", "rotations"]
+    members: list[Member]
     dropout: Share
 
 

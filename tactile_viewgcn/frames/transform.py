@@ -8,13 +8,14 @@ def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarra
 
     Args:
         excess: counts above baseline.
-        transform: `clip` (released code): clip(x / scale, 0, 1); `log`: log(1 + max(x, 0)).
+        transform: `clip` (released code): clip(x / scale, 0, 1); `log`: log(1 + max(x, 0)); `counts`: x, for systems
+            without a network.
         scale: counts at full scale; of `clip` alone.
     """
     excess = np.asarray(excess, dtype=np.float32)
     if transform == "clip":
         return np.clip(excess / np.float32(scale), 0, 1)
-    return np.log1p(np.maximum(excess, 0))
+    return excess if transform == "counts" else np.log1p(np.maximum(excess, 0))
 
 
 def full_scale(transform: str, scale: float) -> float:

@@ -1,7 +1,6 @@
 """The classifier of view sets: the backbone, and the system that joins the views, its head."""
 
 from dataclasses import asdict
-from importlib import import_module
 from inspect import signature
 from typing import Any
 
@@ -11,8 +10,8 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.backbone import build_backbone
-from tactile_viewgcn.nn.frame_estimator import FrameProbabilities
-from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.nn.sensor_system import SensorFeatures, SensorSystem
+from tactile_viewgcn.nn.system import ViewSystem, system_class
 from tactile_viewgcn.params import Model
 
 STAG_SHAPE = (32, 32)
@@ -34,7 +33,7 @@ class Classifier(nn.Module):
             finite, or beyond `MAX_COORDINATE`.
     """
 
-    backbone: Any  # Backbone, Perceptron or FrameProbabilities
+    backbone: Any  # Backbone, Perceptron or SensorFeatures
     viewpoints: Tensor
 
     def __init__(self, viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE):
@@ -49,31 +48,19 @@ class Classifier(nn.Module):
         maps = system.takes == "maps"
         self.references = np.zeros((len(viewpoints), 0))  # see `assignment.reference_views`
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
-        if system.takes == "probabilities":
-            self.backbone = FrameProbabilities(shape, classes)
-        else:
+        arguments = asdict(model) | {"classes": classes, "views": len(viewpoints), "viewpoints": viewpoints}
+        if system.takes != "sensors":
             self.backbone = build_backbone(shape, maps=maps, **asdict(model.backbone))
-        self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
-        arguments = asdict(model) | {
-            "classes": classes,
-            "features": self.feature_shape[0],
-            "maps": self.feature_shape,
-            "views": len(viewpoints),
-            "viewpoints": viewpoints,
-        }
+            self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
+            arguments |= {"features": self.feature_shape[0], "maps": self.feature_shape}
         self.head: ViewSystem = system(**{name: arguments[name] for name in signature(system).parameters})
+        if isinstance(self.head, SensorSystem):
+            self.backbone = SensorFeatures(shape, self.head.of_frames)
 
     @property
     def views(self) -> int:
         """V."""
         return len(self.viewpoints)
-
-
-def system_class(name: str) -> type[ViewSystem]:
-    """The class of the system in the file of nn/ that `model.system` names; no other system's code is loaded."""
-    module = import_module(f"tactile_viewgcn.nn.{name}")
-    defined = (value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__)
-    return next(value for value in defined if isinstance(value, type) and issubclass(value, ViewSystem))
 
 
 def count_weights(module: nn.Module) -> int:

@@ -3,12 +3,13 @@
 from typing import Any
 
 from tactile_viewgcn.nn.frame_estimator import FrameEstimator
+from tactile_viewgcn.nn.sensor_system import SensorData
 
 
 class NearestNeighbours(FrameEstimator):
     """Five neighbours, or as many as there are training frames, by the angle between frames."""
 
-    def estimator(self, seed: int, shape: tuple[int, int]) -> Any:
+    def estimator(self, data: SensorData) -> Any:
         from sklearn.neighbors import KNeighborsClassifier
 
-        return KNeighborsClassifier(min(5, shape[0]), metric="cosine")
+        return KNeighborsClassifier(min(5, len(data.frames)), metric="cosine")

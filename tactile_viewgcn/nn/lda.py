@@ -3,6 +3,7 @@
 from typing import Any
 
 from tactile_viewgcn.nn.frame_estimator import FrameEstimator
+from tactile_viewgcn.nn.sensor_system import SensorData
 
 COMPONENTS = 50
 
@@ -10,11 +11,11 @@ COMPONENTS = 50
 class LDA(FrameEstimator):
     """Fifty principal components, or as many as there are, then linear discriminant analysis."""
 
-    def estimator(self, seed: int, shape: tuple[int, int]) -> Any:
+    def estimator(self, data: SensorData) -> Any:
         from sklearn.decomposition import PCA
         from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
         from sklearn.pipeline import make_pipeline
 
-        frames, sensors = shape
+        frames, sensors = data.frames.shape
         components = min(COMPONENTS, frames - 1, sensors)
-        return make_pipeline(PCA(components, random_state=seed), LinearDiscriminantAnalysis())
+        return make_pipeline(PCA(components, random_state=data.seed), LinearDiscriminantAnalysis())

@@ -5,6 +5,8 @@ constructor asks by name for what it needs and is given only that: `classes`, `f
 view's feature maps), `views` (V), `viewpoints` (V, 3) where it has a view-graph, and any key of `model` in params.yaml.
 """
 
+from importlib import import_module
+
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
@@ -13,8 +15,8 @@ class ViewSystem(nn.Module):
     """Views (B, k, ...) to logits (B, classes); k is V, or fewer where the system `takes_fewer`.
 
     Attributes:
-        takes: the backbone's `features` (B, k, C), its `maps` (B, k, C, H, W), or `probabilities` (B, k, classes) of a
-            frame estimator.
+        takes: the backbone's `features` (B, k, C), its `maps` (B, k, C, H, W), or what `sensors` read, see
+            `sensor_system.py`.
         in_time_order: views are given from the earliest frame to the latest, whatever their viewpoints.
         takes_fewer: a system for V views also takes fewer.
         trainable: it has weights to fine-tune.
@@ -46,3 +48,10 @@ def shape_classifier(inputs: int, features: int, classes: int, dropout: float) -
     return nn.Sequential(
         nn.Linear(inputs, features), nn.Dropout(dropout), nn.LeakyReLU(0.2), nn.Linear(features, classes)
     )
+
+
+def system_class(name: str) -> type[ViewSystem]:
+    """The class of the system in the file of nn/ that `model.system` names; no other system's code is loaded."""
+    module = import_module(f"tactile_viewgcn.nn.{name}")
+    defined = (value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__)
+    return next(value for value in defined if isinstance(value, type) and issubclass(value, ViewSystem))

@@ -3,12 +3,13 @@
 from typing import Any
 
 from tactile_viewgcn.nn.frame_estimator import FrameEstimator
+from tactile_viewgcn.nn.sensor_system import SensorData
 
 
 class Trees(FrameEstimator):
     """500 trees, fully grown."""
 
-    def estimator(self, seed: int, shape: tuple[int, int]) -> Any:
+    def estimator(self, data: SensorData) -> Any:
         from sklearn.ensemble import ExtraTreesClassifier
 
-        return ExtraTreesClassifier(500, random_state=seed)
+        return ExtraTreesClassifier(500, random_state=data.seed)

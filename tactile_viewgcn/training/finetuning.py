@@ -1,10 +1,8 @@
 """Fine-tuning: the whole network is trained on view sets, from a pretrained backbone."""
 
 import math
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -25,6 +23,7 @@ from tactile_viewgcn.training.feature_bank import FeatureBank
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import error_rate, set_losses
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
+from tactile_viewgcn.training.sensor_fitting import fit_sensor_system
 from tactile_viewgcn.views.table import Views
 
 
@@ -102,8 +101,8 @@ def finetune_classifier(
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
     classifier = build_classifier(table, views, pretrained, params)
     classifier.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
-    if classifier.head.takes == "probabilities":
-        return classifier, fit_frame_estimator(classifier, table, seed)
+    if classifier.head.takes == "sensors":
+        return classifier, fit_sensor_system(classifier, table, config.num_views, seed)
     if not classifier.head.trainable:
         return classifier, Progress()
     optimiser = build_optimiser(
@@ -161,20 +160,10 @@ def build_classifier(
     viewpoints = torch.from_numpy(views.viewpoints)
     classifier = Classifier(viewpoints, len(table.classes), params.model, table.counts.shape[1:])
     classifier.references = views.references
-    if classifier.head.takes == "probabilities":
+    if classifier.head.takes == "sensors":
         return classifier
     classifier.backbone.load_state_dict(pretrained["backbone"])
     classifier.head.load_frame_classifier(pretrained["classifier"])
     if not params.finetune.backbone_dropout:
         classifier.backbone.dropout.p = 0.0
     return classifier
-
-
-def fit_frame_estimator(classifier: Classifier, table: Frames, seed: int) -> Progress:
-    """Fit the estimator of a system without a network to the training anchors, one by one. No epochs."""
-    begin = time.perf_counter()
-    index = np.flatnonzero(table.anchor & (table.side == TRAIN))
-    head: Any = classifier.head  # a FrameEstimator
-    estimator = head.estimator(seed, (len(index), int(table.live.sum())))
-    classifier.backbone.fit(estimator, table.inputs(index, classifier.head.transform), table.label[index], table.live)
-    return Progress(seconds=time.perf_counter() - begin)

@@ -16,6 +16,8 @@ from tactile_viewgcn.evaluation.trials import evaluate_table
 from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import Classifier, count_weights, system_class
+from tactile_viewgcn.nn.sensor_kernel import kernel_estimator
+from tactile_viewgcn.nn.sensor_system import contact_unit
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.training.finetuning import finetune_classifier
@@ -26,6 +28,7 @@ PLAIN = {
     "logistic": lambda: LogisticRegression(max_iter=500),
     "knn": lambda: KNeighborsClassifier(5, metric="cosine"),
     "lda": lambda: make_pipeline(PCA(50, random_state=0), LinearDiscriminantAnalysis()),
+    "kernel": lambda: kernel_estimator(table().live),
 }
 
 
@@ -34,21 +37,30 @@ def fitted(name: str) -> Classifier:
     return finetune_classifier(table(), views_of(table(), params), {}, params, CPU)[0]
 
 
-def log_counts(index: np.ndarray) -> np.ndarray:
-    """log(1 + counts above the baseline) of the live sensors, written out."""
+def counts_above(index: np.ndarray) -> np.ndarray:
+    """Counts above the baseline of the live sensors, written out."""
     frames = table()
     above = frames.counts[index].astype(np.float32) - frames.baseline_mean[frames.baseline[index]]
-    return np.log1p(np.maximum(above, 0))[:, frames.live].astype(np.float32)
+    return above[:, frames.live]
+
+
+def logarithms(index: np.ndarray, name: str) -> np.ndarray:
+    """log(1 + x) of the readings in units, for the kernel of those above two units."""
+    frames = table()
+    train = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
+    units = counts_above(index) / np.float32(contact_unit(counts_above(train)))
+    return np.log1p(np.maximum(units - (2 if name == "kernel" else 0), 0))
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 @pytest.mark.parametrize("name", PLAIN)
 def test_answers_are_the_plain_estimators_averaged_by_hand(name):
     frames = table()
-    assert frames.transform == "clip"  # and yet the estimator sees logarithms
+    assert frames.transform == "clip"  # and yet the estimator sees counts
     train = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
     test = np.flatnonzero(frames.side == TEST)
-    probabilities = PLAIN[name]().fit(log_counts(train), frames.label[train]).predict_proba(log_counts(test))
+    probabilities = PLAIN[name]().fit(logarithms(train, name), frames.label[train])
+    probabilities = probabilities.predict_proba(logarithms(test, name))
     classifier = fitted(name).eval()
     inputs = CPU.frames(torch.from_numpy(frames.inputs(test, classifier.head.transform)))
     features = extract_features(classifier.backbone, inputs)
@@ -77,17 +89,17 @@ def test_the_checkpoint_keeps_estimator_and_transform(tmp_path, name):
     params, frames, classifier = recipe(f"model.system={name}"), table(), fitted(name).eval()
     save_classifier(tmp_path / "classifier.pt", classifier, params.model, frames)
     content = torch.load(tmp_path / "classifier.pt", weights_only=True)
-    assert content["transform"] == "log"
+    assert content["transform"] == "counts"
     loaded, _ = load_classifier(tmp_path / "classifier.pt")
     test = np.flatnonzero(frames.side == TEST)[:8]
-    inputs = CPU.frames(torch.from_numpy(frames.inputs(test, "log")))
+    inputs = CPU.frames(torch.from_numpy(frames.inputs(test, "counts")))
     assert (loaded.backbone(inputs) == classifier.backbone(inputs)).all()
     # of one session, so that they have one baseline
     session = np.flatnonzero((frames.side == TEST) & (frames.baseline == frames.baseline[test[0]]))[:4]
     recogniser = Recogniser(tmp_path / "classifier.pt")
     baseline = frames.baseline_mean[frames.baseline[session[0]]]
     answers = recogniser.probabilities(frames.counts[session][None].astype(float), baseline)
-    mean = classifier.backbone(CPU.frames(torch.from_numpy(frames.inputs(session, "log")))).mean(dim=0)
+    mean = classifier.backbone(CPU.frames(torch.from_numpy(frames.inputs(session, "counts")))).mean(dim=0)
     np.testing.assert_allclose(answers[0], mean, rtol=1e-4, atol=1e-6)
 
 
@@ -97,7 +109,7 @@ def test_a_class_without_training_frames_is_never_answered():
     merged = replace(frames, label=label.astype(frames.label.dtype))
     classifier, _ = finetune_classifier(merged, views_of(merged, without), {}, without, CPU)
     test = np.flatnonzero(frames.side == TEST)
-    probabilities = classifier.backbone(CPU.frames(torch.from_numpy(frames.inputs(test, "log"))))
+    probabilities = classifier.backbone(CPU.frames(torch.from_numpy(frames.inputs(test, "counts"))))
     assert probabilities.shape == (len(test), 4)
     assert (probabilities[:, 2] == 0).all()
 
@@ -112,4 +124,4 @@ def test_neighbours_are_no_more_than_there_are_training_frames():
     few = replace(frames, anchor=frames.anchor & (np.arange(len(frames)) % 48 == 0))
     classifier, _ = finetune_classifier(few, views_of(frames, params), {}, params, CPU)
     count = int((few.anchor & (few.side == TRAIN)).sum())
-    assert 1 < count < 5 and classifier.backbone.estimator.n_neighbors == count
+    assert 1 < count < 5 and classifier.head.fitted.n_neighbors == count

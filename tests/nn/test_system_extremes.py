@@ -17,7 +17,7 @@ from tests.nn.small_systems import NARROW
 from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
 
 SYSTEMS = get_args(params.System)
-ESTIMATORS = {"trees", "logistic", "knn", "lda"}  # tests/nn/test_frame_estimator.py
+ESTIMATORS = set(get_args(params.Member)) | {"ensemble"}  # tests/nn/test_frame_estimator.py, test_sensor_maximum.py
 NETWORKS = [name for name in SYSTEMS if name not in ESTIMATORS]
 
 

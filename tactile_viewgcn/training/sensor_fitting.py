@@ -1,0 +1,35 @@
+"""Fitting of the systems without a network: one pass over the training anchors, no epochs."""
+
+import time
+
+import numpy as np
+
+from tactile_viewgcn.frames.split import TRAIN
+from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.nn.sensor_system import SensorData, SensorFeatures, SensorSystem, contact_unit
+from tactile_viewgcn.training.checkpoint import Progress
+
+
+def fit_sensor_system(classifier: Classifier, table: Frames, num_views: str, seed: int) -> Progress:
+    """Fit the classifier's system to the training anchors of the table.
+
+    Args:
+        num_views: `finetune.num_views`: `full`, it will be given V frames; `random`, any number up to V.
+    """
+    begin = time.perf_counter()
+    index = np.flatnonzero(table.anchor & (table.side == TRAIN))
+    sensors, system = classifier.backbone, classifier.head
+    assert isinstance(sensors, SensorFeatures) and isinstance(system, SensorSystem)
+    counts = table.inputs(index, system.transform)[:, table.live]
+    unit = contact_unit(counts)
+    sensors.set_sensors(table.live, unit)
+    sizes = (classifier.views,) if num_views == "full" else powers_of_two(classifier.views)
+    label, recording = table.label[index].astype(np.int64), table.recording[index]
+    system.fit(SensorData(counts / np.float32(unit), label, recording, sizes, table.live, seed))
+    return Progress(seconds=time.perf_counter() - begin)
+
+
+def powers_of_two(views: int) -> tuple[int, ...]:
+    """1, 2, 4 and so on below `views`, and `views`."""
+    return (*(2**power for power in range((views - 1).bit_length())), views)
