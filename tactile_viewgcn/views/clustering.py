@@ -3,6 +3,9 @@
 The paper says "kNN"; clusters of unlabelled frames and the released code mean k-means.
 """
 
+from functools import cache
+from typing import TYPE_CHECKING
+
 import numpy as np
 from tqdm import tqdm
 
@@ -12,6 +15,9 @@ from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.views.assignment import assigned_viewpoints, contact_threshold, reference_views
 from tactile_viewgcn.views.sampling import random_clusters
 from tactile_viewgcn.views.table import NO_CLUSTER, Views
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 MIN_DIFFERENCE = 2.0**-20  # of two rows, relative to the largest score; k-means' distances have no more digits
 
@@ -83,7 +89,6 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     They are computed in one thread, so that they do not depend on the number of threads.
     """
     from sklearn.decomposition import PCA
-    from threadpoolctl import threadpool_limits
 
     points = np.asarray(points, dtype=np.float64)
     distinct, inverse = np.unique(points, axis=0, return_inverse=True)  # equal rows get equal scores
@@ -92,7 +97,7 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     mean = points.mean(axis=0)
     points, distinct = points - mean, distinct - mean  # before anything is squared: a large offset costs digits
     solver = "covariance_eigh" if len(points) > points.shape[1] else "full"
-    with threadpool_limits(1):
+    with _libraries().limit(limits=1):
         pca = PCA(min(count, *points.shape), svd_solver=solver).fit(points)
         return pca.transform(distinct)[inverse.ravel()]
 
@@ -103,13 +108,21 @@ def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.nd
     With at most V distinct rows each is a cluster, and the other clusters are empty.
     """
     from sklearn.cluster import KMeans
-    from threadpoolctl import threadpool_limits
 
     distinct = distinct_rows(scores, views)
     if distinct is not None:
         return distinct
-    with threadpool_limits(1):  # small problems: more threads cost time, and change the order of sums
+    with _libraries().limit(limits=1):  # small problems: more threads cost time, and change the order of sums
         return KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores).astype(np.int64)
+
+
+@cache
+def _libraries() -> "ThreadpoolController":
+    """The numerical libraries whose threads can be limited, found once: that takes as long as half a small k-means."""
+    import sklearn.cluster  # noqa: F401  loads them
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def distinct_rows(scores: np.ndarray, most: int) -> np.ndarray | None:
