@@ -4,6 +4,7 @@ import json
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,11 +14,12 @@ import click
 from stages.job import Job
 from tactile_viewgcn import tracking
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import atomic_write, md5
+from tactile_viewgcn.files import atomic_write, md5, readable
 from tactile_viewgcn.params import PRESETS, Params, load, preset_changes
 from tactile_viewgcn.process import peak_mb
 from tactile_viewgcn.provenance import committed_params, run_name
 from tactile_viewgcn.schema import flatten
+from tactile_viewgcn.tracking import Run
 
 
 class Input(click.Path):
@@ -25,25 +27,29 @@ class Input(click.Path):
 
 
 INPUT, OUTPUT = Input(path_type=Path), click.Path(path_type=Path)
+#: of a stage that not every system needs
+NEEDS = click.option("--needs", type=INPUT, required=True, help="Whether this stage is needed, from the stage `needs`.")
 
 
-def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]:
+def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Callable], click.Command]:
     """A click command from `body(params, job, **paths)`.
 
     Args:
         reads: the keys and sections of params.yaml that the body is given, and no others; `stages.dependencies` has
             DVC watch them.
         row: its run is the pipeline's row in MLflow, and carries every parameter.
+        tracked: it has a run in MLflow, and a record of its costs.
 
     The command ends with exit code 1 and one line where the user can mend what is wrong. It writes the run's id,
-    inputs, seconds and peak memory to `--record`, and beside them the counts that the body may return, by name.
+    inputs, seconds and peak memory to `--record`, and beside them the counts that the body may return, by name. A
+    stage with the option `NEEDS` that is not needed writes the record alone, and a line of text as its output.
     """
 
     def wrap(body: Callable[..., dict[str, float] | None]) -> click.Command:
         @click.option("--params", "params_path", type=OUTPUT, default="params.yaml", show_default=True)
         @click.option("--preset", type=click.Choice(PRESETS), help="Put on top of params.yaml.")
         @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of both.")
-        @click.option("--record", type=OUTPUT, required=True, help="Where the run's id and its costs are written.")
+        @click.option("--record", type=OUTPUT, required=tracked, help="Where the run's id and its costs are written.")
         @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
         @click.pass_context
         def command(
@@ -51,7 +57,7 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
             params_path: Path,
             preset: str | None,
             changes: tuple[str, ...],
-            record: Path,
+            record: Path | None,
             debug: bool,
             **paths: Any,
         ) -> None:
@@ -63,10 +69,14 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
                 head = f"{params.model.system} V={params.views}" if row else body.__name__
                 skip = ("model.system", "views") if row else ()
                 name = run_name(head, values, committed_params(params_path), skip)
-                with tracking.stage_run(body.__name__, name, row=row) as run:
+                needed = _is_needed(body.__name__, paths.pop("needs", None))
+                work, logged = (body, tracked) if needed else (_leave_out, False)
+                with tracking.stage_run(body.__name__, name, row=row) if logged else nullcontext(Run()) as run:
                     run.parameters(values)
                     job = Job(body.__name__, run, {name: md5(path) for name, path in inputs.items()})
-                    _write_record(record, job, inputs, body(given(params, reads), job, **paths) or {}, logged=not row)
+                    counts = work(given(params, reads), job, **paths) or {}
+                    if record:
+                        _write_record(record, job, inputs, counts, logged=not row)
             except Exception as error:
                 line = _what_to_mend(error)
                 if debug or line is None:
@@ -79,6 +89,21 @@ def stage(*reads: str, row: bool = False) -> Callable[[Callable], click.Command]
         return made
 
     return wrap
+
+
+def _is_needed(name: str, needs: Path | None) -> bool:
+    """Whether the system needs the stage, by what the stage `needs` has written; every system does without a file."""
+    if needs is None:
+        return True
+    with readable(needs):
+        return json.loads(needs.read_text())[name]
+
+
+def _leave_out(params: SimpleNamespace, job: Job, *, out: Path, **paths: Path) -> None:
+    """Write a line of text in place of the stage's output, which is not read."""
+    with atomic_write(out) as part:
+        part.write_text(f"{job.stage} was left out: model.system does not need it\n")
+    click.echo(f"{job.stage}: left out, model.system does not need it")
 
 
 def _write_record(path: Path, job: Job, inputs: dict[str, Path], counts: dict[str, float], *, logged: bool) -> None:

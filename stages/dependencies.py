@@ -14,7 +14,8 @@ from typing import get_args
 import click
 
 from stages.command import declared
-from tactile_viewgcn.params import Params, System, load
+from tactile_viewgcn.params import Params, load
+from tactile_viewgcn.systems import System
 
 PIPELINES = ("dvc.yaml", "data/virtual/dvc.yaml")
 #: what changes no result: DVC watches the values of params.yaml itself, and the others only report

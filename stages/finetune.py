@@ -26,9 +26,10 @@ def finetune(params, job, frames, views, backbone, out):
     keep_freed_memory()
     compute, table = select_device(params.device, params.precision), read_frames(frames)
     job.run.tags({"device": compute.device, "precision": compute.precision})
-    with readable(backbone):
-        pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
-    trainable = system_class(params.model.system).trainable  # its code is loaded: `training_checkpoint` asks for that
+    system, pretrained = system_class(params.model.system), {}
+    if system.takes != "sensors":
+        with readable(backbone):
+            pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
     calibrated = params.finetune.num_views == "random" and bool((table.anchor & (table.side == VALIDATION)).any())
     with training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
         on_epoch = job.on_epoch(params.finetune.epochs)
@@ -39,7 +40,7 @@ def finetune(params, job, frames, views, backbone, out):
         save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
     if temperatures and max(temperatures) > 0.9 * MAX_TEMPERATURE:
         print("  on the validation groups its answers are no better than chance: no confidence threshold is reached")
-    if not trainable:
+    if not system.trainable:
         fitted = f"is fitted to single frames in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
         print(f"finetune: {params.model.system} {fitted}")
         return {"weights.head": count_weights(classifier.head)}

@@ -1,21 +1,24 @@
 """Train the modified ResNet-18 from scratch to tell objects by single frames."""
 
 import click
-import torch
 
-from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.device import keep_freed_memory, select_device
+from stages.command import INPUT, NEEDS, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.table import read_frames
-from tactile_viewgcn.training.checkpoint import training_checkpoint
-from tactile_viewgcn.training.pretraining import pretrain_backbone
 
 
 @stage("seed", "device", "precision", "augment", "model.backbone", "pretrain")
+@NEEDS
 @click.option("--frames", type=INPUT, required=True)
 @click.option("--out", type=OUTPUT, required=True)
 def pretrain(params, job, frames, out):
     """Train the modified ResNet-18 from scratch to tell objects by single frames."""
+    import torch  # here: where this stage is left out, nothing loads it
+
+    from tactile_viewgcn.device import keep_freed_memory, select_device
+    from tactile_viewgcn.training.checkpoint import training_checkpoint
+    from tactile_viewgcn.training.pretraining import pretrain_backbone
+
     keep_freed_memory()
     compute, table = select_device(params.device, params.precision), read_frames(frames)
     job.run.tags({"device": compute.device, "precision": compute.precision})

@@ -13,6 +13,7 @@ import yaml
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.schema import Range, build, set_value
+from tactile_viewgcn.systems import Member, System
 
 PRESETS = ("released", "stag", "wang", "best")
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
@@ -26,27 +27,6 @@ Share = Annotated[float, Range(0, 1, open="high")]
 NumberOfViews = Annotated[int, Range(1, 1000)]
 Seed = Annotated[int, Range(0, 2**32 - 1)]
 Schedule = Literal["constant", "step", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
-System = Literal[  # each the file of that name in nn/
-    "view_gcn",
-    "stag",
-    "cnn_lstm",
-    "conv_lstm",
-    "mvcnn",
-    "mean",
-    "gvcnn",
-    "rotationnet",
-    "gcn",
-    "vote",
-    "trees",
-    "logistic",
-    "knn",
-    "lda",
-    "kernel",
-    "max_logistic",
-    "max_kernel",
-    "ensemble",
-]
-Member = Literal["trees", "logistic", "knn", "lda", "kernel", "max_logistic", "max_kernel"]
 
 
 @dataclass(frozen=True)

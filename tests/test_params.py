@@ -8,8 +8,9 @@ import pytest
 import yaml
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.params import PRESETS, System, load, preset_changes
+from tactile_viewgcn.params import PRESETS, load, preset_changes
 from tactile_viewgcn.schema import flatten
+from tactile_viewgcn.systems import System
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "params.yaml"

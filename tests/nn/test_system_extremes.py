@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn import params
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.trials import evaluate_table
 from tactile_viewgcn.frames.split import TEST
+from tactile_viewgcn.systems import OnBackbone, System
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tests.nn.small_systems import NARROW
 from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
 
-SYSTEMS = get_args(params.System)
-ESTIMATORS = set(get_args(params.Member)) | {"ensemble"}  # tests/nn/test_frame_estimator.py, test_sensor_maximum.py
-NETWORKS = [name for name in SYSTEMS if name not in ESTIMATORS]
+SYSTEMS = get_args(System)
+NETWORKS = list(get_args(OnBackbone))
 
 
 @cache

@@ -18,14 +18,15 @@ from tactile_viewgcn import params
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.classifier import Classifier, count_weights, system_class, view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
+from tactile_viewgcn.systems import OnBackbone, OnSensors, System
 from tactile_viewgcn.training.losses import in_time_order
 from tests.nn.small_systems import CUBE, built, fill, some_views
 from tests.tables import recipe
 
 ROOT = Path(__file__).parents[2]
-SYSTEMS = get_args(params.System)
-ESTIMATORS = set(get_args(params.Member)) | {"ensemble"}  # tests/nn/test_frame_estimator.py, test_sensor_maximum.py
-NETWORKS = [name for name in SYSTEMS if name not in ESTIMATORS]
+SYSTEMS = get_args(System)
+ESTIMATORS = set(get_args(OnSensors))  # tests/nn/test_frame_estimator.py, test_sensor_maximum.py
+NETWORKS = list(get_args(OnBackbone))
 ORDERLESS = {"mvcnn", "mean", "vote", "gvcnn", "rotationnet"}
 
 

@@ -17,7 +17,8 @@ import yaml
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]  # the warnings are MLflow's own
 ROOT = Path(__file__).parents[2]
-ALL = ["ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate"]
+TIMED = ["ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate"]
+ALL = ["ingest", "preprocess", "cluster", "needs", "pretrain", "finetune", "evaluate"]
 TINY = {
     "views": 4,
     "device": "cpu",
@@ -111,7 +112,7 @@ def test_the_results_hold_what_people_rely_on(clone):
         assert low <= score["top1"]["mean"] <= high and score["top1"]["mean"] <= score["top3"]["mean"]
         assert score["error"]["mean"] == pytest.approx(1 - score["top1"]["mean"])
     timing = json.loads((clone / "results" / "timing.json").read_text())
-    assert set(timing["seconds"]) == {*ALL, "total"} and timing["peak_mb"] > 50
+    assert set(timing["seconds"]) == {*TIMED, "total"} and timing["peak_mb"] > 50
     assert timing["seconds"]["evaluate"] > timing["trials_seconds"] > 0
     assert timing["latency_ms"]["single"]["p95"] >= timing["latency_ms"]["single"]["median"] > 0
     assert timing["latency_ms"]["batch"]["median"] > 0
@@ -133,7 +134,7 @@ def test_dvc_shows_metrics_and_plots(clone):
 def test_the_pipeline_is_a_row_and_links_to_the_other_stages(clone):
     client, (row,), runs = store_of(clone)
     stages = {run.info.run_name: run for run in runs}
-    assert set(stages) == set(ALL) - {"evaluate"} and row.info.run_name == "view_gcn V=4"
+    assert set(stages) == set(TIMED) - {"evaluate"} and row.info.run_name == "view_gcn V=4"
     assert row.data.params["pretrain.epochs"] == "2" and row.data.params["frames.test"] == "96"
     summary = json.loads((clone / "results" / "summary.json").read_text())
     assert row.data.metrics["error.object"] == summary["error"]["object"]
@@ -171,6 +172,29 @@ def test_one_seed_gives_the_same_results_and_another_others(clone):
     assert results(clone, *names) == first
     sh("dvc", "exp", "run", "-S", "seed=1", cwd=clone, MLFLOW_TRACKING_URI="disabled")
     assert results(clone, "confusion.csv") != {"confusion.csv": first["confusion.csv"]}
+    restore(clone)
+
+
+def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_others_is_restored(clone):
+    backbone, place = (clone / "models" / "backbone.pt").read_bytes(), clone.parent / "left_out"
+    place.mkdir()
+    restored, without_pretraining = "Stage 'pretrain' is cached - skipping run", ["needs", "finetune", "evaluate"]
+
+    def switch_to(system, *options, uri="disabled"):
+        return sh("dvc", "exp", "run", *options, "-S", f"model.system={system}", cwd=clone, MLFLOW_TRACKING_URI=uri)
+
+    output = switch_to("lda", uri=f"sqlite:///{place}/mlflow.db")
+    assert ran(output) == ["needs", "pretrain", "finetune", "evaluate"] and "pretrain: left out" in output
+    _, (row,), (run,) = store_of(place)
+    assert run.data.tags["stage"] == "finetune" and row.data.tags["stage.finetune"] == run.info.run_id
+    assert "stage.pretrain" not in row.data.tags and row.data.metrics["seconds.pretrain"] > 0
+    output = switch_to("knn")
+    assert ran(output) == without_pretraining and "Stage 'pretrain' didn't change" in output
+    output = switch_to("mvcnn")
+    assert ran(output) == without_pretraining and restored in output
+    assert (clone / "models" / "backbone.pt").read_bytes() == backbone
+    output = switch_to("logistic", "--temp")
+    assert ran(output) == without_pretraining and restored in output
     restore(clone)
 
 

@@ -20,13 +20,15 @@ def place(tmp_path, monkeypatch):
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    (tmp_path / "needs.json").write_text('{"pretrain": true}')
     write_frames(tmp_path / "frames.h5", fewer_anchors(table(), 4))
     return tmp_path
 
 
 def run_pretrain(*changes):
-    files = ("--frames", "frames.h5", "--out", "backbone.pt", "--record", "pretrain.json")
-    return CliRunner().invoke(pretrain, [*CHANGES, *(w for change in changes for w in ("--set", change)), *files])
+    inputs, outputs = ("--needs", "needs.json", "--frames", "frames.h5"), ("--out", "backbone.pt")
+    words = [*CHANGES, *(w for change in changes for w in ("--set", change)), *inputs, *outputs]
+    return CliRunner().invoke(pretrain, [*words, "--record", "pretrain.json"])
 
 
 def test_one_that_diverges_after_an_epoch_leaves_that_epochs_weights_and_says_so(place, monkeypatch):

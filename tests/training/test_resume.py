@@ -46,6 +46,7 @@ def place(tmp_path_factory):
     """A folder with all that the trainings read."""
     place = tmp_path_factory.mktemp("resume")
     (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    (place / "needs.json").write_text('{"pretrain": true}')
     save_matlab5(place / "metadata.mat", metadata(objects=4, recordings=3, frames=12))
     run(place, "ingest", "--source", "metadata.mat", "--out", "recordings.h5")
     run(place, "preprocess", "--recordings", "recordings.h5", "--out", "frames.h5", "--kept", "kept.csv")
@@ -56,7 +57,7 @@ def place(tmp_path_factory):
 @pytest.mark.parametrize(
     ("stage", "inputs", "out"),
     [
-        ("pretrain", ("--frames", "frames.h5"), "backbone.pt"),
+        ("pretrain", ("--needs", "needs.json", "--frames", "frames.h5"), "backbone.pt"),
         (
             "finetune",
             (
@@ -91,7 +92,7 @@ def test_a_stage_that_was_killed_goes_on_and_ends_as_one_that_was_not(place, sta
 
 
 def test_another_configuration_starts_anew(place):
-    words = ("--frames", "frames.h5", "--out", "other.pt")
+    words = ("--needs", "needs.json", "--frames", "frames.h5", "--out", "other.pt")
     kill_after_an_epoch(place, "pretrain", *words)
     assert "before an interruption" not in run(place, "pretrain", *words, "--set", "pretrain.lr=1e-3")
     assert "before an interruption" in run(place, "pretrain", *words)

@@ -1,0 +1,99 @@
+"""Which stages a system needs, and what pretrain and finetune do for one that needs no pretrained backbone."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import pytest
+import torch
+from click.testing import CliRunner
+
+from stages.cluster import cluster
+from stages.finetune import finetune
+from stages.needs import needs
+from tactile_viewgcn.frames.table import write_frames
+from tactile_viewgcn.systems import OnBackbone, OnSensors
+from tests.tables import ROOT, SMALL, fewer_anchors, table
+
+LEFT_OUT = "pretrain was left out: model.system does not need it\n"
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    return tmp_path
+
+
+def needs_of(system):
+    """What the stage prints, and the file that it writes."""
+    result = CliRunner().invoke(needs, ["--set", f"model.system={system}", "--out", "needs.json"])
+    assert result.exit_code == 0, result.output
+    return result.output, Path("needs.json").read_text()
+
+
+def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
+    assert {needs_of(name)[1] for name in get_args(OnBackbone)} == {'{"pretrain": true}\n'}
+    assert {needs_of(name)[1] for name in get_args(OnSensors)} == {'{"pretrain": false}\n'}
+    assert needs_of("view_gcn")[0] == "needs: view_gcn needs a pretrained backbone\n"
+    assert needs_of("trees")[0] == "needs: trees needs no pretrained backbone\n"
+    assert {path.name for path in place.iterdir()} == {"params.yaml", "needs.json"}
+
+
+IMPORTS = """
+import sys
+from stages.needs import needs
+from stages.pretrain import pretrain
+
+needs(["--set", "model.system=trees", "--out", "needs.json"], standalone_mode=False)
+files = ["--needs", "needs.json", "--frames", "frames.h5", "--out", "backbone.pt", "--record", "pretrain.json"]
+pretrain(files, standalone_mode=False)
+print("imported", *{"torch", "mlflow", "sklearn", "scipy"} & set(sys.modules))
+"""
+
+
+def test_a_pretraining_left_out_loads_no_torch_and_makes_no_run_but_a_record(place, monkeypatch):
+    monkeypatch.delenv("MLFLOW_TRACKING_URI")
+    (place / "frames.h5").write_text("not opened")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    run = [sys.executable, "-c", IMPORTS]
+    done = subprocess.run(run, check=False, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "pretrain: left out, model.system does not need it\n" in done.stdout
+    assert done.stdout.split("imported")[1].split() == []
+    left = {"params.yaml", "frames.h5", "needs.json", "backbone.pt", "pretrain.json"}
+    assert {path.name for path in place.iterdir()} == left
+    assert (place / "backbone.pt").read_text() == LEFT_OUT
+    record = json.loads((place / "pretrain.json").read_text())
+    assert record["stage"] == "pretrain" and record["run_id"] is None and record["counts"] == {}
+    assert record["seconds"] > 0 and set(record["inputs"]) == {"needs", "frames"}
+
+
+def run_finetune(place, system):
+    write_frames(place / "frames.h5", fewer_anchors(table(), 4))
+    (place / "backbone.pt").write_text(LEFT_OUT)
+    changes = (*SMALL, "precision=float32", "device=cpu", f"model.system={system}")
+    words = ["--frames", "frames.h5", *(word for change in changes for word in ("--set", change))]
+    result = CliRunner().invoke(cluster, [*words, "--out", "views.h5", "--record", "cluster.json"])
+    assert result.exit_code == 0, result.output
+    files = ("--views", "views.h5", "--backbone", "backbone.pt", "--out", "classifier.pt")
+    return CliRunner().invoke(finetune, [*words, *files, "--record", "finetune.json"])
+
+
+def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out(place):
+    result = run_finetune(place, "lda")
+    assert result.exit_code == 0, result.output
+    assert "finetune: lda is fitted to single frames in " in result.output
+    assert torch.load(place / "classifier.pt", weights_only=True)
+    assert json.loads((place / "finetune.json").read_text())["counts"] == {"weights.head": 0}
+
+
+def test_a_system_with_a_backbone_is_refused_there(place):
+    result = run_finetune(place, "mean")
+    assert result.exit_code == 1 and "Error: backbone.pt: damaged" in result.output
+    assert not (place / "classifier.pt").exists()
