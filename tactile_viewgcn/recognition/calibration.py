@@ -3,13 +3,16 @@
 Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599).
 """
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import VALIDATION
+from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION, fold_sides
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import Classifier
@@ -18,6 +21,7 @@ from tactile_viewgcn.recognition.sequential import logits_by_count, sequences
 from tactile_viewgcn.views.clustering import pool_ids
 
 DRAWS = 10  # sequences around each validation anchor
+FOLDS = 3
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 
 
@@ -40,11 +44,47 @@ def calibrate(classifier: Classifier, table: Frames, compute: Compute, seed: int
     Raises:
         UserError: there is no validation side.
     """
-    index = table.on(VALIDATION)
-    if not table.anchor[index].any():
+    if not (table.anchor & (table.side == VALIDATION)).any():
         raise UserError(
             "split.validation leaves no anchor frames; finetune.num_views random needs some to calibrate on"
         )
+    return _temperatures([_held_out_answers(classifier, table, compute, seed)])
+
+
+def cross_calibrate(
+    fit: Callable[[Frames], Classifier], table: Frames, compute: Compute, seed: int
+) -> list[float] | None:
+    """Temperatures for 1 to V frames of a system that is fitted in seconds, without validation groups.
+
+    The training groups are dealt into folds; each fold is answered by a classifier that is fitted to the others.
+
+    Args:
+        fit: the classifier fitted to the training side of a table.
+
+    Returns:
+        None where no class has two training groups, so that nothing can be held out.
+    """
+    train = table.on(TRAIN)
+    group, label, answers = table.group[train], table.label[train], []
+    for fold in range(FOLDS):
+        held_out = fold_sides(group, label, folds=FOLDS, fold=fold, across=_spans_classes(group, label)) == TEST
+        held_out &= np.isin(label, label[~held_out])
+        side = np.where(table.side == VALIDATION, TEST, table.side)
+        side[train[held_out]] = VALIDATION
+        if (table.anchor & (side == VALIDATION)).any():
+            part = replace(table, side=side)
+            answers.append(_held_out_answers(fit(part), part, compute, seed))
+    return _temperatures(answers) if answers else None
+
+
+def _spans_classes(groups: np.ndarray, labels: np.ndarray) -> bool:
+    """Whether a split group (n,) has frames of several classes (n,), as a session has."""
+    return len(np.unique(np.stack([groups, labels]), axis=1).T) > len(np.unique(groups))
+
+
+def _held_out_answers(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> tuple[Tensor, Tensor]:
+    """Logits (V, A, classes) after 1 to V frames of sequences on the validation side, and their classes (A,)."""
+    index = table.on(VALIDATION)
     classifier.eval()
     frames = compute.frames(torch.from_numpy(table.inputs(index, classifier.head.transform)))
     with compute.autocast(), torch.inference_mode():
@@ -53,4 +93,10 @@ def calibrate(classifier: Classifier, table: Frames, compute: Compute, seed: int
     anchors = np.tile(np.flatnonzero(table.anchor[index]), DRAWS)
     drawn = sequences(anchors, recording, classifier.views, stream(seed, "touches.calibrate"))
     labels = torch.from_numpy(table.label[index][anchors].astype(np.int64))
-    return [fit_temperature(logits.cpu(), labels) for logits in logits_by_count(classifier, features, drawn)]
+    return logits_by_count(classifier, features, drawn).cpu(), labels
+
+
+def _temperatures(answers: list[tuple[Tensor, Tensor]]) -> list[float]:
+    """A temperature for each number of frames, over all answers."""
+    logits, labels = zip(*answers, strict=True)
+    return [fit_temperature(of_count, torch.cat(labels)) for of_count in torch.cat(logits, dim=1)]
