@@ -9,7 +9,7 @@ from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.split import VALIDATION
 from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.nn.classifier import count_weights, system_class
-from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, calibrate
+from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, calibrate, cross_calibrate
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.training.checkpoint import training_checkpoint
 from tactile_viewgcn.training.finetuning import finetune_classifier
@@ -30,18 +30,22 @@ def finetune(params, job, frames, views, backbone, out):
     if system.takes != "sensors":
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
-    calibrated = params.finetune.num_views == "random" and bool((table.anchor & (table.side == VALIDATION)).any())
+    clusters, on_epoch, temperatures = read_views(views), job.on_epoch(params.finetune.epochs), None
+    any_number = params.finetune.num_views == "random"
     with training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
-        on_epoch = job.on_epoch(params.finetune.epochs)
-        classifier, progress = finetune_classifier(
-            table, read_views(views), pretrained, params, compute, checkpoint_path, on_epoch
-        )
-        temperatures = calibrate(classifier, table, compute, params.seed) if calibrated else None
+        given = pretrained, params, compute
+        classifier, progress = finetune_classifier(table, clusters, *given, checkpoint_path, on_epoch)
+        if any_number and system.takes == "sensors":
+            temperatures = cross_calibrate(
+                lambda part: finetune_classifier(part, clusters, *given)[0], table, compute, params.seed
+            )
+        elif any_number and (table.anchor & (table.side == VALIDATION)).any():
+            temperatures = calibrate(classifier, table, compute, params.seed)
         save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
     if temperatures and max(temperatures) > 0.9 * MAX_TEMPERATURE:
-        print("  on the validation groups its answers are no better than chance: no confidence threshold is reached")
+        print("  its answers on held-out groups are no better than chance: no confidence threshold is reached")
     if not system.trainable:
-        fitted = f"is fitted to single frames in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
+        fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
         print(f"finetune: {params.model.system} {fitted}")
         return {"weights.head": count_weights(classifier.head)}
     print(f"finetune: {progress} on {compute.device} in {compute.precision}")

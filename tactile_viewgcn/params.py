@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import yaml
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.schema import Range, build, set_value
-from tactile_viewgcn.systems import Member, System
+from tactile_viewgcn.systems import Member, OnSensors, System
 
 PRESETS = ("released", "stag", "wang", "best")
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
@@ -251,7 +251,8 @@ def _conflicts(params: Params) -> Iterator[str]:
             f"split.by is frame, which leaks, and split.validation is {params.split.validation:g}: expected 0, "
             "or another split.by"
         )
-    if evaluate.confidence_threshold and not (finetune.num_views == "random" and params.split.validation):
+    can_calibrate = params.split.validation or model.system in get_args(OnSensors)  # these need no groups for it
+    if evaluate.confidence_threshold and not (finetune.num_views == "random" and can_calibrate):
         yield (
             f"evaluate.confidence_threshold is {evaluate.confidence_threshold:g}, which needs a calibration: "
             "expected finetune.num_views random and split.validation above 0"
