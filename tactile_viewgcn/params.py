@@ -15,7 +15,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.schema import Range, build, set_value
 from tactile_viewgcn.systems import Member, OnSensors, System
 
-PRESETS = ("released", "stag", "wang", "best")
+PRESETS = ("released", "stag", "wang", "network", "best")
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
 
