@@ -49,7 +49,7 @@ def test_cells_are_every_variant_from_every_seed_on_every_fold(tmp_path, monkeyp
 
 
 def test_a_preset_stands_for_its_changes_and_may_be_changed(tmp_path, monkeypatch):
-    (cell,) = study(tmp_path, monkeypatch, variants={"p": {"preset": "best", "augment.shift": 2}}).cells()
+    (cell,) = study(tmp_path, monkeypatch, variants={"p": {"preset": "network", "augment.shift": 2}}).cells()
     assert "model.system=vote" in cell.changes
     assert cell.changes.index("augment.shift=1") < cell.changes.index("augment.shift=2")
 
