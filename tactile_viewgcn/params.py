@@ -15,7 +15,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.schema import Range, build, set_value
 from tactile_viewgcn.systems import Member, OnSensors, System
 
-PRESETS = ("released", "stag", "wang", "network", "best")
+PRESETS = ("released", "stag", "wang", "stable", "network", "best")
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
 
@@ -109,6 +109,7 @@ class Model:
     selector_hidden: Annotated[int, Range(0)]
     edge_distance: Literal["squared", "plain"]
     view_loss: Literal["sum", "mean"]
+    start: Literal["random", "max"]
     readout: Literal["max", "mean"]
     assignments: Literal["any", "rotations"]
     members: list[Member]
@@ -133,6 +134,7 @@ class Finetune:
     feature_reuse: Count
     num_views: Literal["full", "random"]
     backbone_dropout: bool
+    moments: Literal["running", "clean"]
 
 
 @dataclass(frozen=True)

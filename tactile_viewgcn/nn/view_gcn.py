@@ -74,6 +74,8 @@ class ViewGCN(ViewSystem):
         edge_distance: last entry of g_ij, `squared` (paper) or `plain`.
         view_loss: see `shape_and_view_loss`.
         dropout: share of the shape descriptor's units dropped in training.
+        start: `random` (paper), or `max`: the graph's logits, 0 at first, are added to those of the pretrained linear
+            classifier for the views' element-wise maximum; both are trained.
 
     Raises:
         UserError: a list of neighbours that is shorter than the levels.
@@ -96,6 +98,7 @@ class ViewGCN(ViewSystem):
         edge_distance: str = "squared",
         view_loss: str = "sum",
         dropout: float = 0.5,
+        start: str = "random",
     ):
         super().__init__()
         self.view_loss = view_loss
@@ -124,6 +127,14 @@ class ViewGCN(ViewSystem):
             for above, size in pairwise(sizes)
         )
         self.classifier = shape_classifier(max(1, len(sizes)) * features, features, classes, dropout)
+        self.frame_classifier = nn.Linear(features, classes) if start == "max" else None
+
+    def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:
+        if self.frame_classifier is None:
+            return
+        self.frame_classifier.load_state_dict(weights)
+        for weight in self.classifier[-1].parameters():
+            nn.init.zeros_(weight)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss.
@@ -145,7 +156,10 @@ class ViewGCN(ViewSystem):
                     nodes = self.messages[level](nodes)
                     nodes, positions, logits = self.samplers[level](nodes, positions, max(1, count >> (level + 1)))
                     view_logits.append(logits)
-            return self.classifier(torch.cat(descriptors, dim=-1)), view_logits
+            logits = self.classifier(torch.cat(descriptors, dim=-1))
+            if self.frame_classifier is not None:
+                logits = logits + self.frame_classifier(views.to(logits.dtype).amax(dim=1))
+            return logits, view_logits
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
         """Equation 6."""

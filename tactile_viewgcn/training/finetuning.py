@@ -22,6 +22,7 @@ from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.feature_bank import FeatureBank
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import error_rate, set_losses
+from tactile_viewgcn.training.moments import measure_moments
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
 from tactile_viewgcn.training.sensor_fitting import fit_sensor_system
 from tactile_viewgcn.views.table import Views
@@ -83,7 +84,7 @@ def finetune_classifier(
 ) -> tuple[Classifier, Progress]:
     """The classifier, from the pretrained weights, trained on one view set per anchor and epoch.
 
-    A system without weights to fine-tune is returned as it is initialised.
+    A system without weights to fine-tune is returned as it is initialised, but for `finetune.moments`.
 
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
@@ -103,8 +104,32 @@ def finetune_classifier(
     classifier.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     if classifier.head.takes == "sensors":
         return classifier, fit_sensor_system(classifier, table, config.num_views, seed)
-    if not classifier.head.trainable:
-        return classifier, Progress()
+    drawn_from = views.unclustered() if config.draw == "random" else views
+    train, held_out = (
+        SideViewSets(side, table, of, compute, seed, params.cluster.assignment)
+        for side, of in ((TRAIN, drawn_from), (VALIDATION, views))
+    )
+    progress = Progress()
+    if classifier.head.trainable:
+        noise = config.noise * full_scale(table.transform, table.scale)
+        progress = _train(classifier, train, held_out, noise, params, compute, checkpoint_path, on_epoch)
+    if config.moments == "clean":
+        measure_moments(classifier, train.frames, train.draw(), compute, torch_generator(seed, "finetune.moments"))
+    return classifier, progress
+
+
+def _train(
+    classifier: Classifier,
+    train: SideViewSets,
+    held_out: SideViewSets,
+    noise: float,
+    params: Params,
+    compute: Compute,
+    checkpoint_path: Path | None,
+    on_epoch: OnEpoch | None,
+) -> Progress:
+    """Fine-tune the classifier on the view sets of one side; `noise` in units of network input."""
+    config, seed = params.finetune, params.seed
     optimiser = build_optimiser(
         config,
         [
@@ -113,16 +138,11 @@ def finetune_classifier(
         ],
     )
     on_device = torch_generator(seed, "finetune.noise", compute.device)
-    augment_frames = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
-    drawn_from = views.unclustered() if config.draw == "random" else views
-    train, held_out = (
-        SideViewSets(side, table, of, compute, seed, params.cluster.assignment)
-        for side, of in ((TRAIN, drawn_from), (VALIDATION, views))
-    )
+    augment_frames = Augmentation(noise, params.augment, on_device)
     first, held_out_sets = train.draw(), held_out.draw() if len(held_out.anchors) else None
     state = {"classifier": classifier, "optimiser": optimiser}
     bank = None
-    if config.feature_reuse > 1 and len(views.viewpoints) > 1:
+    if config.feature_reuse > 1 and classifier.views > 1:
         bank = state["bank"] = FeatureBank(len(train.frames), classifier.feature_shape, compute)
     checkpoint = Checkpoint(checkpoint_path, state, {"noise": on_device}, {"draw": train.rng}, compute.device)
 
@@ -149,8 +169,7 @@ def finetune_classifier(
 
     steps = config.epochs * num_batches(len(train.anchors), config.batch)
     with tqdm(total=steps, desc="finetune", unit="batch", disable=None) as bar:
-        progress = fit(config.epochs, optimiser, lr_lambda(config), losses, validate, bar, checkpoint, on_epoch)
-    return classifier, progress
+        return fit(config.epochs, optimiser, lr_lambda(config), losses, validate, bar, checkpoint, on_epoch)
 
 
 def build_classifier(

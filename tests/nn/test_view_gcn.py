@@ -104,6 +104,35 @@ def test_any_number_of_views_gives_logits_and_gradients(views, joint):
     assert all(weight.grad is not None and weight.grad.isfinite().all() for weight in head.parameters())
 
 
+@pytest.mark.parametrize("views", [1, 3, 8])
+def test_a_start_at_the_maximum_is_the_pretrained_classifier_s_answer_to_it(views):
+    logits = []
+    frame = {"weight": torch.randn(5, 16), "bias": torch.randn(5)}
+    features = torch.randn(6, views, 16)
+    for seed in range(2):
+        torch.manual_seed(seed)
+        head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16, start="max").eval()
+        head.load_frame_classifier(frame)
+        logits.append(head(features)[0])
+    assert torch.equal(*logits)
+    torch.testing.assert_close(logits[0], features.amax(dim=1) @ frame["weight"].T + frame["bias"])
+
+
+def test_what_the_graph_adds_to_the_start_is_trained():
+    torch.manual_seed(0)
+    head = ViewGCN(torch.from_numpy(viewpoints(4)), 3, features=8, start="max", dropout=0.0)
+    head.load_frame_classifier({"weight": torch.zeros(3, 8), "bias": torch.zeros(3)})
+    head.frame_classifier.requires_grad_(False)
+    features, labels = torch.randn(12, 4, 8), torch.arange(12) % 3
+    optimiser = torch.optim.Adam(head.parameters(), 0.01)
+    assert head.loss(*head(features), labels).item() > math.log(3)
+    for _ in range(60):
+        optimiser.zero_grad()
+        head.loss(*head(features), labels).backward()
+        optimiser.step()
+    assert (head(features)[0].argmax(dim=-1) == labels).all()
+
+
 @pytest.mark.parametrize("views", [2, 5, 8, 12])
 def test_a_network_for_v_views_takes_any_number_of_them(views):
     torch.manual_seed(0)

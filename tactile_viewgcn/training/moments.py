@@ -1,0 +1,57 @@
+"""Moments of batch normalisation for evaluation, measured on frames as evaluation sees them.
+
+Running moments are those of training batches, whose frames carry noise, augmentation and dropout. A tactile frame is
+mostly zeros, so even weak noise changes the moments of every map, and the network is evaluated with moments that its
+frames do not have.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
+from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.training.optim import num_batches
+
+
+@torch.no_grad()
+def measure_moments(
+    classifier: Classifier, frames: Tensor, drawn: np.ndarray, compute: Compute, order: torch.Generator
+) -> None:
+    """Replace the running moments, first the backbone's, then the head's, by those without noise and dropout.
+
+    Each is the mean over batches in random order. The classifier is left in evaluation mode.
+
+    Args:
+        frames: (n, 1, H, W), of the training side.
+        drawn: view sets (A, V) of indices into them.
+        order: of the batches, on the processor.
+    """
+    with compute.autocast():
+        _average_moments(classifier.backbone, frames, compute, order)
+        features = extract_features(classifier.backbone, frames)
+    sets = torch.from_numpy(np.sort(drawn, axis=1) if classifier.head.in_time_order else drawn)
+    _average_moments(classifier.head, sets, compute, order, features)
+    classifier.eval()
+
+
+def _average_moments(
+    module: nn.Module, inputs: Tensor, compute: Compute, order: torch.Generator, features: Tensor | None = None
+) -> None:
+    """Pass `inputs` (n, ...), or the features that they index, through a module whose moments become the mean."""
+    norms = [layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)]
+    if not norms:
+        return
+    momenta = [norm.momentum for norm in norms]
+    module.train()
+    for layer in module.modules():
+        if isinstance(layer, nn.modules.dropout._DropoutNd):
+            layer.eval()
+    batches = torch.randperm(len(inputs), generator=order).tensor_split(num_batches(len(inputs), INFERENCE_BATCH))
+    for number, index in enumerate(batches, start=1):
+        for norm in norms:
+            norm.momentum = 1 / number
+        module(compute.gather(inputs, index) if features is None else compute.gather(features, inputs[index]))
+    for norm, momentum in zip(norms, momenta, strict=True):
+        norm.momentum = momentum
