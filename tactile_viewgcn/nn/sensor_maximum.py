@@ -10,7 +10,10 @@ SETS = 10  # view sets of each recording and size that the estimator is fitted t
 
 
 class SensorMaximum(SensorSystem):
-    """An estimator of the maximum of the frames' values; `estimator` and `of_frames` are a system's own."""
+    """An estimator, for each size of view set, of the maximum of the frames' values.
+
+    `estimator` and `of_frames` are a system's own. View sets of a size in between go to the next smaller one's.
+    """
 
     def estimator(self, live: np.ndarray) -> Any:
         """The estimator with nothing chosen on the data, for live sensors (H, W)."""
@@ -19,8 +22,13 @@ class SensorMaximum(SensorSystem):
     def fit(self, data: SensorData) -> None:
         sets, labels = data.view_sets(SETS)
         values = self.of_frames(data.frames)
-        points = np.concatenate([values[of_size].max(axis=1) for of_size in sets])
-        self.fitted = fitted(self.estimator(data.live), points, labels)
+        self.fitted = {
+            size: fitted(self.estimator(data.live), values[of_size].max(axis=1), labels)
+            for size, of_size in zip(data.sizes, sets, strict=True)
+        }
 
     def logits(self, values: np.ndarray) -> np.ndarray:
-        return log_probabilities(self.all_classes(self.fitted, values.max(axis=1)))
+        estimator = self.fitted[
+            max((size for size in self.fitted if size <= values.shape[1]), default=min(self.fitted))
+        ]
+        return log_probabilities(self.all_classes(estimator, values.max(axis=1)))

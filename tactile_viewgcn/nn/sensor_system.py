@@ -62,12 +62,12 @@ class SensorData:
 
         Returns:
             sets: one array (M, k) of frame indices for each size k.
-            labels: (sizes * M,) in the order of the sets.
+            labels: (M,)
         """
         rng = np.random.default_rng(self.seed)
         pools = np.unique(np.stack([self.recordings, self.labels]), axis=1, return_inverse=True)[1].ravel()
         members = [np.flatnonzero(pools == pool) for pool in range(pools.max() + 1)]
-        most = max(1, MOST_SETS // (len(members) * len(self.sizes)))
+        most = max(1, MOST_SETS // len(members))
         counts = [min(most, max(count, len(frames) // max(self.sizes))) for frames in members]
         sets = [
             np.stack(
@@ -79,7 +79,7 @@ class SensorData:
             )
             for size in self.sizes
         ]
-        return sets, np.tile(np.repeat([self.labels[frames[0]] for frames in members], counts), len(self.sizes))
+        return sets, np.repeat([self.labels[frames[0]] for frames in members], counts)
 
 
 class SensorFeatures(nn.Module):

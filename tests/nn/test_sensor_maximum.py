@@ -56,9 +56,9 @@ def test_view_sets_stay_in_a_recording_and_have_their_label():
     given = data(sizes=(1, 4))
     sets, labels = given.view_sets(5)
     assert [of_size.shape for of_size in sets] == [(30, 1), (30, 4)]
-    for number, members in enumerate([*sets[0], *sets[1]]):
+    for members, label in zip([*sets[0], *sets[1]], [*labels, *labels], strict=True):
         assert len(set(given.recordings[members])) == 1
-        assert set(given.labels[members]) == {labels[number]}
+        assert set(given.labels[members]) == {label}
         assert len(set(members)) == len(members)  # there are enough frames
     assert all((first == second).all() for first, second in zip(sets, given.view_sets(5)[0], strict=True))
 
@@ -93,6 +93,22 @@ def test_the_maximum_is_taken_before_the_estimator():
     values = system.of_frames(given.frames)[sets[0][:7]]
     np.testing.assert_allclose(np.exp(system.logits(values)), probabilities, rtol=1e-5)
     assert (system.logits(values[:, ::-1]) == system.logits(values)).all()
+
+
+def test_each_size_has_an_estimator_and_sizes_in_between_take_the_smaller():
+    given = data(sizes=(2, 4))
+    mixed = MaxLogistic(classes=3)
+    mixed.fit(given)
+    sets = given.view_sets(10)[0]
+    assert sorted(mixed.fitted) == [2, 4]
+    bits = mixed.of_frames(given.frames)
+    for size, of_size in zip((2, 4), sets, strict=True):
+        plain = LogisticRegression(C=0.1, max_iter=500).fit(bits[of_size].max(axis=1), given.view_sets(10)[1])
+        np.testing.assert_allclose(mixed.fitted[size].coef_, plain.coef_, rtol=1e-6)
+    three = bits[sets[1][:5, :3]]
+    expected = mixed.fitted[2].predict_proba(three.max(axis=1))
+    np.testing.assert_allclose(np.exp(mixed.logits(three)), expected, rtol=1e-5)
+    assert mixed.logits(three[:, :1]).shape == (5, 3)  # one frame goes to the smallest
 
 
 def test_blocks_are_means_over_live_cells_and_half_empty_ones_are_left_out():
