@@ -1,5 +1,7 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one through DVC's queue of experiments."""
 
+from pathlib import Path
+
 import click
 from tqdm import tqdm
 
@@ -13,17 +15,23 @@ from tactile_viewgcn.errors import UserError
 @click.command()
 @click.argument("name", required=False)
 @click.option("--jobs", type=int, default=1, show_default=True, help="Cells at once.")
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of every cell; needs --out.")
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results instead of its own."
+)
 @click.option("--quick", is_flag=True, help="A rehearsal: few cells on tiny data, into studies/.quick/NAME.")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-def main(name: str | None, jobs: int, quick: bool, debug: bool) -> None:
+def main(name: str | None, jobs: int, changes: tuple[str, ...], out: Path | None, quick: bool, debug: bool) -> None:
     """Run the study NAME, or go on where it was stopped; without NAME, list all studies."""
     try:
         if jobs < 1:
             raise UserError(f"--jobs is {jobs}; expected 1 or more cells at once")
+        if changes and out is None:
+            raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
             list_studies()
         else:
-            run(read_study(name), jobs=jobs, quick=quick)
+            run(read_study(name), jobs=jobs, quick=quick, changes=changes, out=out)
     except UserError as error:
         if debug:
             raise
@@ -45,24 +53,33 @@ def list_studies() -> None:
         print(f"{study.name:<15} {len(keys):>5}  {estimate:<13}  {study.question}")
 
 
-def run(study: Study, *, jobs: int, quick: bool) -> None:
+def run(study: Study, *, jobs: int, quick: bool, changes: tuple[str, ...] = (), out: Path | None = None) -> None:
     """Run the cells that are missing, then write the report of all that are there.
 
+    Args:
+        changes: `key=value` on top of every cell.
+        out: folder of the report; the study's own where it is left out.
+
     Raises:
-        UserError: a cell's parameters are wrong, or cells failed.
+        UserError: a cell's parameters are wrong, two cells are the same training, or cells failed.
     """
     from studies.report import write_report  # late: it draws
 
     if quick:
         print(f"{study.name}: a rehearsal on tiny data; its figures mean nothing")
-    code = code_of_stages()
-    keys = {key_of(cell, code): cell for cell in study.cells(quick=quick)}
+    code, keys = code_of_stages(), {}
+    for cell in study.cells(quick=quick, on_top=changes):
+        same = keys.setdefault(key_of(cell, code), cell)
+        if same is not cell:
+            raise UserError(
+                f"{study.name}: the same training twice ({same}; {cell}): --set what the study does not vary"
+            )
     print(f"{study.name}: {len(keys)} cells, {sum(map(stored, keys))} of them finished before", flush=True)
     faults = run_cells(study.name, keys, DvcQueue(), jobs=jobs)
     answers = [read_answers(cell, key) for key, cell in keys.items() if key not in faults]
     if answers:
-        folder = FOLDER / ".quick" / study.name if quick else FOLDER / study.name
-        print(write_report(study, answers, folder, rehearsal=quick))
+        folder = out or (FOLDER / ".quick" / study.name if quick else FOLDER / study.name)
+        print(write_report(study, answers, folder, rehearsal=quick, on_top=changes))
         print(f"written: {folder}/results.csv, results.md, results.png")
     if faults:
         raise UserError(f"{len(faults)} of {len(keys)} cells failed, see above; the same command tries them again")

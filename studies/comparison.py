@@ -1,122 +1,83 @@
-"""The cells of a study put together: errors with intervals, paired differences to the reference, costs, power."""
+"""The variants of a study compared: errors with intervals, paired differences to the references, costs, power."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from studies.cells import Answers
 from studies.grid import COLUMNS
+from studies.variants import Variant
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation.statistics import confusion_counts, holm, sign_flip
+from tactile_viewgcn.evaluation.statistics import holm, sign_flip
 from tactile_viewgcn.intervals import group_interval, proportion_interval
 
 ENOUGH = 5.0  # points that a study is to be able to see
+WEIGHTINGS = ("frame", "group")  # what counts once: each anchor, or each split group with the mean of its anchors
 
 
-@dataclass(frozen=True)
-class Variant:
-    """All S trainings of one variant: by seed, its cells fold by fold. Arrays have the folds side by side."""
+def rows_of(variants: list[Variant], references: Iterable[str], rng: np.random.Generator) -> list[dict[str, Any]]:
+    """A row for each protocol, weighting and variant, in per cent.
 
-    name: str
-    trainings: dict[int, list[Answers]]
-
-    @property
-    def answers(self) -> list[Answers]:
-        return [each for folds in self.trainings.values() for each in folds]
-
-    @property
-    def tested(self) -> np.ndarray:
-        """(2, A) names of the anchors' recordings and split groups.
-
-        Raises:
-            UserError: its trainings were tested on different anchors.
-        """
-        first, *others = (
-            np.hstack([(each.predictions.recordings, each.predictions.groups.astype(str)) for each in folds])
-            for folds in self.trainings.values()
-        )
-        if any(not np.array_equal(first, other) for other in others):
-            raise UserError(f"variant {self.name}: its trainings were tested on different view sets; expected the same")
-        return first
-
-    def correct(self, protocol: str) -> np.ndarray:
-        """bool (S, T, A)."""
-        return np.stack([np.hstack([each.correct(protocol) for each in folds]) for folds in self.trainings.values()])
-
-    def error(self, protocol: str) -> float:
-        return 1 - float(self.correct(protocol).mean())
-
-    def cost(self, name: str) -> float:
-        """Median over the trainings: of seconds summed over the folds, of everything else in the hungriest one."""
-        total = sum if name.endswith(" s") else max
-        return float(np.median([total(each.costs[name] for each in folds) for folds in self.trainings.values()]))
-
-    def confusion(self, protocol: str, classes: list[str]) -> np.ndarray:
-        """int64 (C, C): how often each class, a row, was answered with each, over all trainings and trials."""
-        counts = np.zeros((len(classes), len(classes)), dtype=np.int64)
-        for given in (each.predictions for each in self.answers):
-            places = [classes.index(name) for name in given.classes]  # a fold may lack classes
-            counts[np.ix_(places, places)] += confusion_counts(given.labels, given.predicted[protocol], len(places))
-        return counts
-
-    def mean_frame(self, name: str) -> np.ndarray:
-        """(H, W) mean network input of a class over the evaluated sides that have it."""
-        frames = [
-            given.mean_frames[place]
-            for given in (each.predictions for each in self.answers)
-            for place in np.flatnonzero(given.classes == name)
-            if place in given.labels
-        ]
-        return np.mean(frames, axis=0) if frames else np.zeros_like(self.answers[0].predictions.mean_frames[0])
-
-
-def pooled(answers: Iterable[Answers]) -> list[Variant]:
-    """One for each name, in the order of their appearance; trainings that lack a fold are left out.
+    Its `versus` has the paired difference to each reference: `more`, `low`, `high` and `p`, which are blank for the
+    reference itself. The p values of a protocol and weighting are corrected together, whatever the reference.
 
     Raises:
-        UserError: no training has all folds.
+        UserError: a variant was tested on other view sets than a reference.
     """
-    answers = sorted(answers, key=lambda each: each.cell.fold)
-    folds = len({each.cell.fold for each in answers})
-    trainings: dict[str, dict[int, list[Answers]]] = {}
-    for each in answers:
-        trainings.setdefault(each.cell.variant, {}).setdefault(each.cell.seed, []).append(each)
-    whole = {name: {seed: of for seed, of in each.items() if len(of) == folds} for name, each in trainings.items()}
-    variants = [Variant(name, of_seeds) for name, of_seeds in whole.items() if of_seeds]
-    if not variants:
-        raise UserError(
-            f"no training has finished on all {folds} folds, so that there is no table: run the study again"
-        )
-    return variants
-
-
-def rows_of(variants: list[Variant], reference: str | None, rng: np.random.Generator) -> list[dict[str, Any]]:
-    """A row for each protocol and variant, in per cent; differences and p are blank where there is no reference.
-
-    Raises:
-        UserError: a variant was tested on other view sets than the reference.
-    """
-    against = next((variant for variant in variants if variant.name == reference), None)
-    rows = []
+    by_name, rows = {variant.name: variant for variant in variants}, []
+    against = [by_name[name] for name in references]
     for protocol in variants[0].answers[0].predictions.predicted:
-        of_protocol = [_row(variant, against, protocol, rng) for variant in variants]
-        compared = [row for row in of_protocol if row["p"] != ""]
-        for row, p in zip(compared, holm([row["p"] for row in compared]), strict=True):
-            row["p"] = p
-        rows += of_protocol
+        for weighting in WEIGHTINGS:
+            together = [_row(variant, against, protocol, weighting, rng) for variant in variants]
+            compared = [each for row in together for each in row["versus"].values() if each["p"] != ""]
+            for each, p in zip(compared, holm([each["p"] for each in compared]), strict=True):
+                each["p"] = p
+            rows += together
     return rows
 
 
-def _row(variant: Variant, against: Variant | None, protocol: str, rng: np.random.Generator) -> dict[str, Any]:
-    correct = variant.correct(protocol)
-    row: dict[str, Any] = {"variant": variant.name, "protocol": protocol, "trainings": len(variant.trainings)}
-    wrong = _percent(1 - correct.mean(axis=(0, 1)), variant.tested[1], rng, proportion_interval)
-    row |= dict(zip(("error", "low", "high"), wrong, strict=True))
-    row["std"] = 100 * float(correct.mean(axis=(1, 2)).std(ddof=1)) if len(correct) > 1 else ""
-    row |= _compared(variant, against, protocol, rng)
+def weighted(values: np.ndarray, groups: np.ndarray, weighting: str) -> tuple[np.ndarray, np.ndarray]:
+    """Values (A,) and their groups as they are, or for the weighting `group` the mean (G,) of each group."""
+    if weighting == "frame":
+        return values, groups
+    names, place = np.unique(groups, return_inverse=True)
+    return np.bincount(place.ravel(), weights=values) / np.bincount(place.ravel()), names
+
+
+def _row(
+    variant: Variant, against: list[Variant], protocol: str, weighting: str, rng: np.random.Generator
+) -> dict[str, Any]:
+    row: dict[str, Any] = {"variant": variant.name, "protocol": protocol, "weighting": weighting}
+    wrong, groups = weighted(1 - variant.correct(protocol), variant.tested()[1], weighting)
+    row |= dict(zip(("error", "low", "high"), _percent(wrong, groups, rng, proportion_interval), strict=True))
+    errors = variant.errors(protocol)
+    row |= {"trainings": len(errors), "std": 100 * float(np.std(errors, ddof=1)) if len(errors) > 1 else ""}
+    row["versus"] = {each.name: _compared(variant, each, protocol, weighting, rng) for each in against}
     return row | {name: variant.cost(name) for name in COLUMNS}
+
+
+def _compared(
+    variant: Variant, reference: Variant, protocol: str, weighting: str, rng: np.random.Generator
+) -> dict[str, Any]:
+    """The paired difference over common seeds and deals; blank for the reference itself, or where none is common."""
+    common = variant.trainings.keys() & reference.trainings.keys()
+    if variant is reference or not common:
+        return dict.fromkeys(("more", "low", "high", "p"), "")
+    tested = variant.tested(common)
+    if not np.array_equal(tested, reference.tested(common)):
+        raise UserError(
+            f"variant {variant.name} was tested on other view sets than {reference.name}; set reference: null"
+        )
+    more = reference.correct(protocol, common) - variant.correct(protocol, common)
+    values, groups = weighted(more, tested[1], weighting)
+    ends = dict(zip(("more", "low", "high"), _percent(values, groups, rng), strict=True))
+    return ends | {"p": sign_flip(values, groups, rng)}
+
+
+def _percent(values: np.ndarray, groups: np.ndarray, rng: np.random.Generator, interval=group_interval) -> tuple:
+    """Mean of values (n,) and its interval, in per cent; an interval needs two groups."""
+    ends = interval(values, groups, rng)
+    return 100 * float(values.mean()), *((100 * end for end in ends) if ends else ("", ""))
 
 
 def sequential_rows(variants: list[Variant]) -> list[dict[str, Any]]:
@@ -140,45 +101,25 @@ def sequential_rows(variants: list[Variant]) -> list[dict[str, Any]]:
     return rows
 
 
-def _compared(variant: Variant, against: Variant | None, protocol: str, rng: np.random.Generator) -> dict[str, Any]:
-    """The paired difference over common seeds; blank for the reference itself, or where no seed is common."""
-    common = [seed for seed in variant.trainings if against and seed in against.trainings]
-    if against is None or variant is against or not common:
-        return dict.fromkeys(("more", "more low", "more high", "p"), "")
-    if not np.array_equal(variant.tested, against.tested):
-        raise UserError(
-            f"variant {variant.name} was tested on other view sets than {against.name}; set reference: null"
-        )
-    right, left = (
-        of.correct(protocol)[[list(of.trainings).index(seed) for seed in common]].mean(axis=(0, 1))
-        for of in (against, variant)
-    )
-    groups = variant.tested[1]
-    ends = dict(zip(("more", "more low", "more high"), _percent(right - left, groups, rng), strict=True))
-    return ends | {"p": sign_flip(right - left, groups, rng)}
-
-
-def _percent(values: np.ndarray, groups: np.ndarray, rng: np.random.Generator, interval=group_interval) -> tuple:
-    """Mean of values (A,) and its interval, in per cent; an interval needs two groups."""
-    ends = interval(values, groups, rng)
-    return 100 * float(values.mean()), *((100 * end for end in ends) if ends else ("", ""))
-
-
 def power(rows: list[dict[str, Any]], groups: int) -> str:
     """A sentence on the smallest difference that could have been seen: the half-width of the widest paired interval."""
-    protocol = rows[-1]["protocol"]
-    compared = [row for row in rows if row["protocol"] == protocol and row["more low"] != ""]
-    widths = [(row["more high"] - row["more low"]) / 2 for row in compared]
-    if not widths:
+    protocol, widest = rows[-1]["protocol"], {}
+    for weighting in WEIGHTINGS:
+        chosen = [row for row in rows if (row["protocol"], row["weighting"]) == (protocol, weighting)]
+        compared = [each for row in chosen for each in row["versus"].values() if each["low"] != ""]
+        widths = [(each["high"] - each["low"]) / 2 for each in compared]
+        widest |= {weighting: max(widths)} if widths else {}
+    if not widest:
         return "Nothing is compared in pairs here, so no smallest difference can be stated."
     verdict = (
         f"below {ENOUGH:g} points: where it shows no difference, there is no larger one"
-        if max(widths) < ENOUGH
+        if max(widest.values()) < ENOUGH
         else f"above {ENOUGH:g} points: where it shows no difference there may be one, and it needs more data"
     )
+    points = " and ".join(f"{width:.1f} points per {weighting}" for weighting, width in widest.items())
     return (
-        f"The smallest difference that this study could have seen is {max(widths):.1f} points ({protocol} protocol, "
-        f"half-width of the widest paired interval, {groups} split groups), {verdict}."
+        f"The smallest difference that this study could have seen is {points} ({protocol} protocol, half-width of the "
+        f"widest paired interval, {groups} split groups), {verdict}."
     )
 
 

@@ -6,11 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.comparison import Variant, pareto_front
+from studies.comparison import pareto_front
+from studies.variants import Variant
 
 
-def errors_by_variant(rows: list[dict[str, Any]], title: str) -> Figure:
+def errors_by_variant(rows: list[dict[str, Any]], sequential: list[dict[str, Any]], title: str) -> Figure:
     """A line for each variant, a mark on it for each protocol."""
+    rows = [*rows, *sequential]
     variants, protocols = (list(dict.fromkeys(row[key] for row in rows)) for key in ("variant", "protocol"))
     figure = Figure(figsize=(8, 1.8 + 0.42 * len(variants)), layout="constrained")
     axes = figure.add_subplot()
@@ -27,11 +29,10 @@ def errors_by_variant(rows: list[dict[str, Any]], title: str) -> Figure:
     return figure
 
 
-def errors_by_cost(rows: list[dict[str, Any]], title: str) -> Figure:
+def errors_by_cost(rows: list[dict[str, Any]], sequential: list[dict[str, Any]], title: str) -> Figure:
     """Error under the last protocol against seconds of training, ms of an answer and, if any, number of frames."""
-    sequential, trained = ([row for row in rows if (row["frames"] != "") == by_frame] for by_frame in (True, False))
-    protocol = trained[-1]["protocol"]
-    trained = [row for row in trained if row["protocol"] == protocol]
+    protocol = rows[-1]["protocol"]
+    trained = [row for row in rows if row["protocol"] == protocol]
     panels = [
         ("seconds of both trainings", trained, [row["pretrain s"] + row["finetune s"] for row in trained]),
         ("ms per view set, in batches", trained, [row["ms in batches"] for row in trained]),
@@ -67,7 +68,9 @@ def _front(axes: Axes, rows: list[dict[str, Any]], costs: np.ndarray) -> None:
 
 def _bars(rows: list[dict[str, Any]]) -> np.ndarray:
     """(2, n) reach of the intervals below and above the errors; NaN, which draws none, where there is none."""
-    ends = np.array([[row[key] if row[key] != "" else np.nan for row in rows] for key in ("low", "error", "high")])
+    ends = np.array(
+        [[row[key] if row.get(key, "") != "" else np.nan for row in rows] for key in ("low", "error", "high")]
+    )
     return np.diff(ends, axis=0).clip(0)
 
 

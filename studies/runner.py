@@ -4,6 +4,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from itertools import islice
 
 from tqdm import tqdm
 
@@ -79,8 +80,7 @@ def run_cells(
             else:
                 continue
             del missing[experiment]
-            cell = cells[key]
-            text = f"  {cell.variant}, seed {cell.seed}, fold {cell.fold}"
+            text = f"  {cells[key]}"
             if fault:
                 faults[key] = fault
                 text += f" failed: {fault}"
@@ -97,12 +97,14 @@ def run_cells(
 
 
 def _put(queue: DvcQueue, cells: dict[str, Cell], jobs: int) -> None:
-    """Queue the cells that the queue does not have, and see to it that workers run."""
+    """Queue the cells that the queue does not have, and see to it that workers run: from the first cell on."""
     status, finished = queue.status(), queue.finished()
-    absent = [experiment for experiment in cells if experiment not in status and experiment not in finished]
-    for number, experiment in enumerate(absent):
-        queue.put(experiment, cells[experiment])
-        if number == 0:
-            queue.start(jobs)
-    if absent or "Queued" in status.values():
+    absent = {name: cell for name, cell in cells.items() if name not in status and name not in finished}
+    first = dict(islice(absent.items(), 1))
+    if first:
+        queue.put(first)
+        queue.start(jobs)
+    if others := {name: cell for name, cell in absent.items() if name not in first}:
+        queue.put(others)
+    if others or ("Queued" in status.values() and sum(each == "Running" for each in status.values()) < jobs):
         queue.start(jobs)

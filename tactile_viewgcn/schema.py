@@ -11,7 +11,14 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
 
-TYPE_NAMES = {int: "an integer", float: "a number", bool: "true or false", str: "a text", dict: "a mapping"}
+TYPE_NAMES = {
+    int: "an integer",
+    float: "a number",
+    bool: "true or false",
+    str: "a text",
+    dict: "a mapping",
+    type(None): "null",
+}
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,17 @@ def describe_data(data: Data) -> str:
 
 def write_table(folder: Path, rows: list[dict], text: str, name: str = "results") -> None:
     """`results.csv` of rows with the same keys, and `results.md` with a text above them; numbers at three digits."""
-    with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
+    write_csv(folder / f"{name}.csv", rows)
+    with atomic_write(folder / f"{name}.md") as part:
+        part.write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
+
+
+def write_csv(path: Path, rows: list[dict]) -> None:
+    """Rows with the same keys."""
+    with atomic_write(path) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    with atomic_write(folder / f"{name}.md") as part:
-        part.write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
 
 
 def markdown(rows: list[dict]) -> str:

@@ -11,7 +11,7 @@ from studies.cells import stored
 from studies.grid import Cell
 from studies.runner import WIDTH, progress, run_cells
 
-CELLS = {f"{number:016x}": Cell(f"variant {number}", 0, 0, ()) for number in range(3)}
+CELLS = {f"{number:016x}": Cell(f"variant {number}", 0, 0, 0, ()) for number in range(3)}
 
 
 class FakeQueue:
@@ -27,9 +27,10 @@ class FakeQueue:
     def status(self):
         return dict(self.tasks)
 
-    def put(self, name, cell):
-        assert name not in self.tasks
-        self.tasks[name] = "Queued"
+    def put(self, cells):
+        for name in cells:
+            assert name not in self.tasks
+            self.tasks[name] = "Queued"
 
     def start(self, jobs):
         self.jobs = jobs
@@ -89,7 +90,7 @@ def test_every_cell_runs_once_and_none_a_second_time(capsys):
     assert queue.ran == names(0, 1, 2)
     assert all(stored(key) for key in CELLS)
     told = capsys.readouterr().out.splitlines()
-    assert [line for line in told if "variant" in line] == [f"  variant {i}, seed 0, fold 0" for i in range(3)]
+    assert [line for line in told if "variant" in line] == [f"  variant {i}, seed 0, deal 0, fold 0" for i in range(3)]
     again = FakeQueue()
     run(again)
     assert again.ran == []
@@ -99,7 +100,7 @@ def test_a_failed_cell_is_named_with_its_error_and_the_others_go_on(capsys):
     queue = FakeQueue(*names(1))
     assert run(queue) == {f"{1:016x}": "Error: the glove is on fire"}
     assert queue.ran == names(0, 1, 2)
-    assert "variant 1, seed 0, fold 0 failed: Error: the glove is on fire" in capsys.readouterr().out
+    assert "variant 1, seed 0, deal 0, fold 0 failed: Error: the glove is on fire" in capsys.readouterr().out
 
 
 def test_a_stopped_study_is_taken_up_where_it_was():
