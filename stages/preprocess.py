@@ -1,14 +1,14 @@
-"""Subtract the baseline of the empty hand, filter, split and balance the frames."""
+"""Subtract the baseline, filter, split and balance the frames."""
 
 import csv
 
 import click
-import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.preprocessing import prepare
-from tactile_viewgcn.frames.selection import selection_counts
+from tactile_viewgcn.frames.leak import check_leak, describe
+from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
+from tactile_viewgcn.frames.selection import frame_counts, selection_counts
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.frames.table import write_frames
 from tactile_viewgcn.randomness import stream
@@ -20,36 +20,31 @@ from tactile_viewgcn.recordings.table import Recordings
 @click.option("--out", type=OUTPUT, required=True)
 @click.option("--kept", type=OUTPUT, required=True, help="Account of kept and dropped frames, per object and session.")
 def preprocess(params, job, recordings, out, kept):
-    """Subtract the baseline of the empty hand, filter, split and balance the frames."""
+    """Subtract the baseline, filter, split and balance the frames."""
+    values, split = params.preprocess, params.split
     with Recordings(recordings) as table:
-        frames, selection = prepare(table, params.preprocess, params.split, stream(params.split.seed, "preprocess"))
+        baseline = measure_baseline(table, values)
+        frames, selection = prepare(table, values, split, stream(split.seed, "preprocess"), baseline)
         rows = selection_counts(table, selection)
+        leak = check_leak(table, baseline, values, split, stream(split.seed, "leak"))
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
+    notes = [*baseline.notes, *selection.notes, describe(leak, values.baseline)]
+    leaked = leak.counts() if leak else {}
     job.run.artifacts(kept)
-    job.run.text("\n".join(selection.notes) + "\n", "notes.txt")
+    job.run.text("\n".join(notes) + "\n", "notes.txt")
+    job.run.metrics(leaked)
+    counts = frame_counts(frames.side, frames.group, frames.anchor)
     print(f"preprocess: {len(frames):,} of {len(selection.keep):,} frames kept, {len(frames.classes)} classes")
-    counts = {
-        "frames.kept": len(frames),
-        "frames.dropped": len(selection.keep) - len(frames),
-        "classes": len(frames.classes),
-    }
-    for code, side in enumerate(SIDES):
-        on = frames.side == code
-        counts |= {
-            f"frames.{side}": int(on.sum()),
-            f"anchors.{side}": int((on & frames.anchor).sum()),
-            f"groups.{side}": len(np.unique(frames.group[on])),
-        }
-        print(
-            f"  {side}: {counts[f'frames.{side}']:,} frames in {counts[f'groups.{side}']} groups, "
-            f"{counts[f'anchors.{side}']:,} anchors"
-        )
-    print("".join(f"  {note}\n" for note in selection.notes), end="")
-    return counts
+    for side in SIDES:
+        number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
+        print("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
+    print("".join(f"  {note}\n" for note in notes), end="")
+    kept_and_dropped = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
+    return kept_and_dropped | {"classes": len(frames.classes)} | counts | leaked
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ class Data:
 
 @dataclass(frozen=True)
 class Preprocess:
-    baseline: Literal["empty_hand", "quiet", "none"]
+    baseline: Literal["empty_hand", "grasp", "quiet", "none"]
     quiet_share: Annotated[float, Range(0, 1, open="low")]
     zero: Annotated[float, Range(-MAX_NUMBER, MAX_NUMBER)]
     filter: Literal["flags", "contact"]
@@ -279,5 +279,5 @@ def _conflicts(params: Params) -> Iterator[str]:
     if params.preprocess.baseline == "none" and params.preprocess.filter == "contact":
         yield (
             "preprocess.filter is contact, which needs the baseline's noise: "
-            "expected preprocess.baseline empty_hand or quiet"
+            "expected preprocess.baseline empty_hand, grasp or quiet"
         )

@@ -1,6 +1,6 @@
 """The baseline of each sensor: mean and noise of what it reads without contact."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,19 +16,21 @@ MIN_FRAMES = 5  # of a mean
 
 @dataclass(frozen=True)
 class Baseline:
-    """Baselines of R sessions, of R recordings (`quiet`), or of all frames.
+    """Baselines of R sessions, of R recordings (`quiet`), of R grasps, or of all frames.
 
     Attributes:
-        names: (R,) of the sessions or recordings.
+        names: (R,) of the sessions, recordings or grasps.
         mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
         noise: (R, H, W) standard deviation in counts; None if it was not measured.
-        of_frame: int16 (T,), index of the baseline of each frame of the recordings.
+        of_frame: int16 or int32 (T,), index of the baseline of each frame of the recordings.
+        notes: sentences on what was not as expected.
     """
 
     names: list[str]
     mean: np.ndarray
     noise: np.ndarray | None
     of_frame: np.ndarray
+    notes: list[str] = field(default_factory=list)
 
 
 def trimmed_moments(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -38,7 +40,7 @@ def trimmed_moments(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     counts, and the signal's median is one count. The standard deviation is at least that of rounding, see `_step`.
     Differences from the first frame are summed, so that a large offset costs no digits.
     """
-    kind, first = _exact_float(counts.dtype), counts[0].astype(np.float64)
+    kind, first = exact_float(counts.dtype), counts[0].astype(np.float64)
     rounding = ROUNDING_SD * _step(counts)
     values = counts - first
     inside = np.ones(values.shape, dtype=bool)
@@ -66,7 +68,7 @@ def _step(counts: np.ndarray) -> float:
     return float(gaps.min()) if len(gaps) else last
 
 
-def _exact_float(dtype: np.dtype) -> np.dtype:
+def exact_float(dtype: np.dtype) -> np.dtype:
     """float32 if it holds counts of this type exactly, else float64."""
     return np.result_type(dtype, np.float32)
 
@@ -116,7 +118,7 @@ def quiet_baseline(recordings: Recordings, share: float) -> Baseline:
 
 def constant_baseline(recordings: Recordings, zero: float) -> Baseline:
     """Baseline of `zero` counts for every sensor, as the released code subtracts it; its noise is unknown."""
-    mean = np.full((1, *recordings.shape), zero, dtype=_exact_float(recordings.dtype))
+    mean = np.full((1, *recordings.shape), zero, dtype=exact_float(recordings.dtype))
     return Baseline(["zero"], mean, None, np.zeros(len(recordings), dtype=np.int16))
 
 

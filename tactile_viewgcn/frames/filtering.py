@@ -34,7 +34,7 @@ def in_contact(recordings: Recordings, baseline: Baseline, *, sensors: int, sigm
     if baseline.noise is None:
         raise UserError(
             "preprocess.filter is contact, which needs the baseline's noise: "
-            "expected preprocess.baseline empty_hand or quiet"
+            "expected preprocess.baseline empty_hand, grasp or quiet"
         )
     contact = np.zeros(len(recordings), dtype=bool)
     threshold = baseline.mean + sigmas * baseline.noise  # (R, H, W)

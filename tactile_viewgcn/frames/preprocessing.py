@@ -4,6 +4,7 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline, constant_baseline, empty_hand_baseline, quiet_baseline
+from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.selection import Selection, select
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.params import Preprocess, Split
@@ -11,30 +12,43 @@ from tactile_viewgcn.recordings.table import Recordings
 
 
 def prepare(
-    recordings: Recordings, preprocess: Preprocess, split: Split, rng: np.random.Generator
+    recordings: Recordings,
+    preprocess: Preprocess,
+    split: Split,
+    rng: np.random.Generator,
+    baseline: Baseline | None = None,
 ) -> tuple[Frames, Selection]:
     """The kept frames, and what became of every frame.
+
+    Args:
+        baseline: what `measure_baseline` returns; None measures it.
 
     Raises:
         UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
             classes left; an empty side.
+    """
+    baseline = baseline or measure_baseline(recordings, preprocess)
+    selection = select(recordings, baseline, preprocess, split, rng)
+    return _kept_frames(recordings, baseline, selection, preprocess), selection
+
+
+def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline:
+    """The baseline that `preprocess.baseline` names.
+
+    Raises:
+        UserError: no sensor that varies; no frames to estimate the baseline from.
     """
     if not recordings.live.any():
         raise UserError(
             f"{recordings.path}: no sensor varies over the {len(recordings)} frames; expected some that do: "
             "is the glove connected?"
         )
-    baseline = measure_baseline(recordings, preprocess)
-    selection = select(recordings, baseline, preprocess, split, rng)
-    return _kept_frames(recordings, baseline, selection, preprocess), selection
-
-
-def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline:
-    """The baseline that `preprocess.baseline` names."""
     if preprocess.baseline == "empty_hand":
         return empty_hand_baseline(recordings)
     if preprocess.baseline == "quiet":
         return quiet_baseline(recordings, preprocess.quiet_share)
+    if preprocess.baseline == "grasp":
+        return grasp_baseline(recordings, sensors=preprocess.contact_sensors, sigmas=preprocess.contact_sigmas)
     return constant_baseline(recordings, preprocess.zero)
 
 

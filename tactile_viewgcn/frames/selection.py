@@ -86,6 +86,19 @@ def select(
     return Selection(filtered, keep, side, group, anchor & keep, notes)
 
 
+def frame_counts(side: np.ndarray, group: np.ndarray, anchor: np.ndarray) -> dict[str, int]:
+    """Numbers of frames, groups and anchors on each side, of kept frames (n,)."""
+    counts: dict[str, int] = {}
+    for code, name in enumerate(SIDES):
+        on = side == code
+        counts |= {
+            f"frames.{name}": int(on.sum()),
+            f"anchors.{name}": int((on & anchor).sum()),
+            f"groups.{name}": len(np.unique(group[on])),
+        }
+    return counts
+
+
 def selection_counts(recordings: Recordings, selection: Selection) -> list[dict[str, object]]:
     """Rows of a table, one per object and session: frames, how many were dropped and why, kept, and anchors."""
     objects, sessions, rows = recordings.columns["object"], recordings.columns["session"], []

@@ -29,11 +29,11 @@ def save_classifier(
 
     Args:
         model: the parameters that the classifier was built with.
-        frames: its training data, whose classes, transform and baselines are written too.
+        frames: its training data, whose classes, transform and sessions' baselines are written too.
         precision: of its training, in which a `Recogniser` also computes.
         temperatures: for 1 to V frames, see `calibration.calibrate`; with them it takes any number of views up to V.
     """
-    used = np.unique(frames.baseline)  # a session without frames has no baseline
+    sessions, baselines = session_baselines(frames)
     content = {
         "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
         "viewpoints": classifier.viewpoints.cpu(),
@@ -43,13 +43,24 @@ def save_classifier(
         "transform": classifier.head.transform or frames.transform,
         "scale": frames.scale,
         "shape": list(frames.counts.shape[1:]),
-        "baseline_mean": torch.from_numpy(frames.baseline_mean[used]),
-        "baseline_names": [frames.baseline_names[i] for i in used],
+        "baseline_mean": torch.from_numpy(baselines),
+        "baseline_names": sessions,
         "precision": precision,
         "temperatures": temperatures,
     }
     with atomic_write(path) as part:
         torch.save(content, part)
+
+
+def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
+    """Names (R,) of the sessions that have frames, and their baselines (R, H, W).
+
+    It is the mean where a session has several, one a recording or a grasp: those are of the past, and a user has none.
+    """
+    pairs = np.unique(np.stack([frames.session, frames.baseline], axis=1), axis=0)
+    used = np.unique(pairs[:, 0])
+    means = [frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(axis=0) for session in used]
+    return [frames.sessions[session] for session in used], np.stack(means)
 
 
 def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:

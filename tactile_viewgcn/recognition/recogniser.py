@@ -35,9 +35,10 @@ class Recogniser:
         self._baselines = dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True))
 
     def baseline(self, name: str = "") -> np.ndarray:
-        """Baseline (H, W) in counts of a session of the training data (with baseline `quiet`, of a recording).
+        """Baseline (H, W) in counts of a session of the training data; without a name, the mean of all sessions.
 
-        Without a name it is the mean of all of them.
+        Of a baseline that drifts (`preprocess.baseline` is `grasp` or `quiet`) it is the mean over the session: rather
+        give the mean of your own open-hand frames, right before the grasp.
 
         Raises:
             UserError: an unknown session.

@@ -148,9 +148,9 @@ def test_only_the_excess_over_rest_counts(saved):
 
 
 def with_rests(path, means, names):
-    """A recogniser whose frames all belong to the first of these rests (R,) in counts."""
+    """A recogniser whose frames all belong to the first of these sessions with rests (R,) in counts."""
     rests = np.broadcast_to(np.array(means, np.float32)[:, None, None], (len(means), 12, 12)).copy()
-    save_classifier(path, trained(), recipe().model, replace(table(), baseline_mean=rests, baseline_names=names))
+    save_classifier(path, trained(), recipe().model, replace(table(), baseline_mean=rests, sessions=names))
     return Recogniser(path)
 
 
@@ -158,14 +158,25 @@ def test_a_session_s_rest_is_found_by_its_name(tmp_path):
     frames = table()
     both = replace(
         frames,
+        session=np.arange(len(frames)) % 2,
         baseline=np.arange(len(frames)) % 2,
         baseline_mean=np.stack([frames.baseline_mean[0], np.ones((12, 12))]),
     )
-    save_classifier(tmp_path / "c.pt", trained(), recipe().model, replace(both, baseline_names=["one", "two"]))
+    save_classifier(tmp_path / "c.pt", trained(), recipe().model, replace(both, sessions=["one", "two"]))
     recogniser = Recogniser(tmp_path / "c.pt")
     np.testing.assert_array_equal(recogniser.baseline("one"), frames.baseline_mean[0])
     np.testing.assert_array_equal(recogniser.baseline("two"), np.ones((12, 12)))
     np.testing.assert_allclose(recogniser.baseline(), (frames.baseline_mean[0] + 1) / 2, rtol=1e-6)
+
+
+def test_a_session_with_many_rests_has_their_mean(tmp_path):
+    rests = np.broadcast_to(np.array([514, 510, 520, 700], np.float32)[:, None, None], (4, 12, 12)).copy()
+    number = np.arange(len(table())) % 3  # two grasps in session one, one in session two; the fourth has no frames
+    many = replace(table(), session=(number == 2).astype(int), sessions=["one", "two"], baseline=number)
+    save_classifier(tmp_path / "c.pt", trained(), recipe().model, replace(many, baseline_mean=rests))
+    recogniser = Recogniser(tmp_path / "c.pt")
+    assert (recogniser.baseline("one") == 512).all() and (recogniser.baseline("two") == 520).all()
+    assert recogniser.baseline("one").dtype == np.float32
 
 
 def test_a_session_without_frames_does_not_enter_the_mean_rest(tmp_path):

@@ -1,0 +1,102 @@
+"""The baseline of each grasp: the open hand before it, for baselines that drift within and between recordings."""
+
+import numpy as np
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, exact_float, trimmed_moments
+from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording, of_empty_hand
+from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.table import Recordings
+
+
+def grasp_baseline(recordings: Recordings, *, sensors: int, sigmas: float) -> Baseline:
+    """Baseline of each grasp over the open-hand frames since the grasp before it, five at least.
+
+    A grasp without them has those of the nearest earlier grasp of its recording, or else of the nearest later one. A
+    recording without any has its session's empty hand. The noise is the session's.
+
+    Args:
+        sensors, sigmas: what contact is, see `find_open_hand`.
+
+    Raises:
+        UserError: a recording without five open-hand frames, in a session without the empty hand.
+    """
+    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas)
+    session, empty = recordings.columns["session"], of_empty_hand(recordings)
+    grasp, source = np.zeros((2, len(session)), dtype=np.int64)
+    for index in frames_by_recording(recordings):
+        grasp[index] = grasp.max() + grasps(hand.open[index], hand.contact[index])
+        source[index] = _sources(grasp[index], hand.open[index])
+    numbers = np.where(source > 0, source, -session)  # of a grasp, or a session's, which count from 0 down
+    used, first, of_frame = np.unique(numbers, return_index=True, return_inverse=True)
+    mean = np.empty((len(used), *recordings.shape), dtype=exact_float(recordings.dtype))
+    mean[:] = recordings.frames(np.zeros(1, dtype=int))  # cells without a sensor never change
+    noise = np.ones_like(mean)
+    for row, (number, frame) in enumerate(zip(used, first, strict=True)):
+        index = hand.open & (grasp == number) if number > 0 else empty & (session == -number)
+        if index.sum() < MIN_FRAMES:
+            raise UserError(_what_is_missing(recordings, frame))
+        mean[row, recordings.live] = trimmed_moments(hand.counts[index])[0]
+        noise[row, recordings.live] = hand.noise[session[frame]]
+    names = [_name(recordings, grasp, number, frame) for number, frame in zip(used, first, strict=True)]
+    notes = _notes(recordings, np.unique(grasp[hand.contact & (source > 0)]), grasp, source)
+    return Baseline(names, mean, noise, of_frame.astype(np.int32), notes)
+
+
+def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
+    """Number (n,) of the grasp of each frame of a recording, from 1: the next begins as the hand opens after contact.
+
+    Args:
+        opened, contact: bool (n,) of the frames; some are neither.
+    """
+    known = np.flatnonzero(opened | contact)
+    begins = np.zeros(len(opened), dtype=np.int64)
+    begins[known[1:]] = opened[known[1:]] & contact[known[:-1]]
+    return 1 + np.cumsum(begins)
+
+
+def _sources(grasp: np.ndarray, opened: np.ndarray) -> np.ndarray:
+    """For each frame of a recording the grasp (n,) whose open hand is its baseline; 0 if none has five frames of it."""
+    numbers, count = np.unique(grasp[opened], return_counts=True)
+    numbers = numbers[count >= MIN_FRAMES]
+    if not len(numbers):
+        return np.zeros_like(grasp)
+    return numbers[np.maximum(np.searchsorted(numbers, grasp, side="right") - 1, 0)]
+
+
+def _name(recordings: Recordings, grasp: np.ndarray, number: int, frame: int) -> str:
+    """Name of the baseline that a frame has: its session, or its recording and the number of a grasp in it."""
+    if number <= 0:
+        return recordings.sessions[-number]
+    recording = recordings.columns["recording"]
+    first = grasp[recording == recording[frame]].min()
+    return f"{recordings.recordings[recording[frame]]}, grasp {1 + number - first}"
+
+
+def _what_is_missing(recordings: Recordings, frame: int) -> str:
+    """The sentence on a frame whose recording and session have no baseline."""
+    recording = recordings.recordings[recordings.columns["recording"][frame]]
+    session = recordings.sessions[recordings.columns["session"][frame]]
+    return (
+        f"recording {recording!r} has fewer than {MIN_FRAMES} open-hand frames, and its session {session!r} fewer of "
+        f"{EMPTY_HAND!r}; preprocess.baseline grasp needs {MIN_FRAMES} of either: record the empty hand, or set it to "
+        "quiet"
+    )
+
+
+def _notes(recordings: Recordings, touching: np.ndarray, grasp: np.ndarray, source: np.ndarray) -> list[str]:
+    """How many of the grasps with contact have another's open hand, and which recordings the session's empty hand."""
+    notes, borrowed = [], np.intersect1d(touching, grasp[(source > 0) & (source != grasp)])
+    if len(borrowed):
+        notes.append(
+            f"baseline: {len(borrowed)} of {len(touching)} grasps have fewer than {MIN_FRAMES} open-hand frames before "
+            "them and use those of the nearest grasp of their recording"
+        )
+    without = np.unique(recordings.columns["recording"][source == 0])
+    if len(without):
+        notes.append(
+            f"baseline: {len(without)} of {len(np.unique(recordings.columns['recording']))} recordings have fewer "
+            f"than {MIN_FRAMES} open-hand frames and use their session's empty hand: "
+            + ", ".join(recordings.recordings[i] for i in without)
+        )
+    return notes

@@ -1,0 +1,137 @@
+"""The open hand: frames in which nothing is touched, found even where the baseline drifts.
+
+A baseline that a whole session shares shows contact everywhere once it has drifted by more than the signal. So each
+recording begins with its quietest frames, and the baseline follows the open hand from there. It stands still during a
+grasp, as in a capacitive touch sensor.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import minimum_filter1d
+
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, trimmed_moments
+from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.table import Recordings
+
+MARGIN = 2  # frames so near to others are no open hand: it is closing and feels a little, or has just let go
+OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
+FOLLOWED = 0.1  # share of the difference between an open-hand frame and the baseline that the baseline follows
+MAX_DIFFERENCES = 2000  # of successive frames, of which noise is estimated
+COMMON_SENSORS = 100  # about so many say what all sensors share, for a fifth of the time that 548 take
+
+
+@dataclass(frozen=True)
+class OpenHand:
+    """Which of T frames are without contact, and what that was found from.
+
+    Attributes:
+        counts: (T, S) of the live sensors.
+        noise: (sessions, S) standard deviation in counts.
+        contact: bool (T,) enough sensors are in contact, or a flag of the source says that an object is held.
+        open: bool (T,) at most one sensor is in contact and no object is held, nor in the two frames before and
+            after. Frames that are neither lie between the two, or in a grasp that is hardly felt.
+    """
+
+    counts: np.ndarray
+    noise: np.ndarray
+    contact: np.ndarray
+    open: np.ndarray
+
+
+def find_open_hand(recordings: Recordings, *, sensors: int, sigmas: float) -> OpenHand:
+    """Find the frames of the open hand.
+
+    Args:
+        sensors: fewest that are in contact in a frame of contact.
+        sigmas: standard deviations above the baseline of a sensor in contact.
+    """
+    counts = np.concatenate([block[:, recordings.live] for _, block in recordings.blocks()])
+    session, empty = recordings.columns["session"], of_empty_hand(recordings)
+    of_session = [_empty_hand(counts[session == i], empty[session == i]) for i in range(len(recordings.sessions))]
+    held = _flagged(recordings) & ~empty
+    pressed = np.zeros(len(counts), dtype=np.int64)
+    opened = np.zeros(len(counts), dtype=bool)
+    for index in frames_by_recording(recordings):
+        mean, noise = of_session[session[index[0]]]
+        pressed[index] = _pressed(counts[index].astype(np.float64), sigmas * noise, mean)
+        free = (pressed[index] <= min(OPEN_SENSORS, sensors - 1)) & ~held[index]
+        opened[index] = minimum_filter1d(free, 2 * MARGIN + 1, mode="nearest")
+    return OpenHand(counts, np.stack([noise for _, noise in of_session]), (pressed >= sensors) | held, opened)
+
+
+def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
+    """Indices of the frames of each recording that has some."""
+    recording = recordings.columns["recording"]
+    return [np.flatnonzero(recording == number) for number in np.unique(recording)]
+
+
+def of_empty_hand(recordings: Recordings) -> np.ndarray:
+    """bool (T,): frames of recordings of the empty hand."""
+    number = recordings.objects.index(EMPTY_HAND) if EMPTY_HAND in recordings.objects else -1
+    return recordings.columns["object"] == number
+
+
+def _empty_hand(counts: np.ndarray, empty: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+    """Mean (S,) of the empty hand in a session's counts (n, S), None without enough frames of it, and noise (S,).
+
+    Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
+    few of them.
+    """
+    if empty.sum() >= MIN_FRAMES:
+        return trimmed_moments(counts[empty])
+    if len(counts) < 2:
+        return None, np.ones(counts.shape[1])
+    at = np.unique(np.linspace(0, len(counts) - 2, MAX_DIFFERENCES).astype(int))
+    return None, trimmed_moments(counts[at + 1].astype(np.float64) - counts[at])[1] / np.sqrt(2)
+
+
+def _flagged(recordings: Recordings) -> np.ndarray:
+    """bool (T,): a flag of the source says that the object is held."""
+    flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
+    return np.any([np.zeros(len(recordings), dtype=bool), *flags], axis=0)
+
+
+def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None) -> np.ndarray:
+    """Number of sensors (n,) that read contact in each frame of a recording.
+
+    Args:
+        counts: (n, S).
+        threshold: (S,) counts above baseline of a sensor in contact.
+        empty: (S,) the session's empty hand, if there is one.
+    """
+    start = _quietest(counts)
+    baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
+    if empty is not None and _is_contact(baseline - empty, threshold):
+        start, baseline = 0, empty
+    back = _followed(counts[:start][::-1], threshold, baseline)[::-1]
+    return np.concatenate([back, _followed(counts[start:], threshold, baseline)])
+
+
+def _quietest(counts: np.ndarray) -> int:
+    """First of the five successive frames that read least in counts (n, S); what all sensors share is left out."""
+    excess = counts - counts.mean(axis=0)
+    common = np.median(excess[:, :: max(1, excess.shape[1] // COMMON_SENSORS)], axis=1)
+    activity = excess.sum(axis=1) - excess.shape[1] * common
+    return int(np.convolve(activity, np.ones(min(MIN_FRAMES, len(counts))), "valid").argmin())
+
+
+def _is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
+    """Whether an excess (S,) over the empty hand is contact and no drift.
+
+    Drift moves all sensors together, or some up and some down. Contact moves a few, all of them up.
+    """
+    excess = excess - np.median(excess)
+    up, down = (excess > threshold).sum(), (excess < -threshold).sum()
+    return bool(up > OPEN_SENSORS + 2 * down)
+
+
+def _followed(counts: np.ndarray, threshold: np.ndarray, baseline: np.ndarray) -> np.ndarray:
+    """Number of sensors (n,) above a baseline (S,) by more than the threshold (S,); it follows the open hand."""
+    baseline, pressed = baseline.copy(), np.zeros(len(counts), dtype=np.int64)
+    for number, frame in enumerate(counts):
+        excess = frame - baseline
+        pressed[number] = np.count_nonzero(excess > threshold)
+        if pressed[number] <= OPEN_SENSORS:
+            baseline += FOLLOWED * excess
+    return pressed

@@ -1,0 +1,118 @@
+"""The baseline of each grasp, from the open hand before it."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.filtering import in_contact
+from tactile_viewgcn.frames.grasp_baseline import grasp_baseline, grasps
+from tactile_viewgcn.frames.open_hand import MARGIN
+from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
+from tactile_viewgcn.params import load
+from tests.drifting import HELD, NOISE, OPEN, SIGNAL, drifting
+from tests.grips import FILE
+from tests.sources import written
+
+CONTACT = {"sensors": 5, "sigmas": 5.0}
+SD = np.hypot(NOISE, 12**-0.5)  # of counts, which are rounded
+
+
+def measured(path, glove, kept=slice(None), **names):
+    """The baseline of some of a glove's frames, by grasp."""
+    columns = {name: values[kept] for name, values in glove.columns.items()}
+    with written(path, glove.counts[kept], **columns, **names) as recordings:
+        return grasp_baseline(recordings, **CONTACT)
+
+
+def test_a_grasp_begins_as_the_hand_opens_after_contact_and_frames_between_belong_to_the_one_before():
+    states = "oo--##-#--oo-oo##o##--"
+    opened, contact = (np.array([state == letter for state in states]) for letter in "o#")
+    assert "".join(map(str, grasps(opened, contact))) == "1" * 10 + "2" * 7 + "3" * 5
+
+
+@pytest.mark.parametrize("drift", [{}, {"between": 2 * SIGNAL, "common": 2 * SIGNAL}, {"between": 5, "within": 10}])
+def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift):
+    glove = drifting(**drift)
+    found = measured(tmp_path / "t", glove)
+    assert found.notes == []
+    assert len(found.names) == 1 + 4 * 6  # the empty hand never closes
+    assert found.names[:3] == ["recording0, grasp 1", "recording1, grasp 1", "recording1, grasp 2"]
+    for recording in range(1, 5):
+        for grasp in range(6):
+            at = (glove.columns["recording"] == recording) & (glove.columns["grasp"] == grasp)
+            numbers = found.of_frame[at][MARGIN:]  # as the hand opens it is still the grasp before
+            assert np.unique(numbers).tolist() == [1 + 6 * (recording - 1) + grasp]
+            truth = glove.baseline[at & glove.open].mean(axis=0)
+            np.testing.assert_allclose(found.mean[numbers[0]], truth, atol=5 * SD / np.sqrt(OPEN - 2 * MARGIN))
+    if not drift.get("within"):  # the empty hand drifts too
+        np.testing.assert_allclose(found.noise, SD, rtol=0.25)
+    assert (found.mean.dtype, found.noise.dtype) == (np.float32, np.float32)
+
+
+def test_with_it_contact_is_found_that_the_session_s_empty_hand_hides(tmp_path):
+    glove = drifting(between=2 * SIGNAL, within=10)
+    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
+        contact = in_contact(recordings, grasp_baseline(recordings, **CONTACT), **CONTACT)
+    np.testing.assert_array_equal(contact, ~glove.open | (glove.columns["object"] == 0))
+
+
+def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording_and_a_note(tmp_path):
+    glove = drifting(between=SIGNAL)
+    recording, grasp = glove.columns["recording"], glove.columns["grasp"]
+    brief = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & (np.arange(len(grasp)) % (OPEN + HELD) >= 6)
+    found = measured(tmp_path / "t", glove, ~brief)  # 4 and 3 open-hand frames are left
+    of = dict(zip(zip(recording[~brief], grasp[~brief], strict=True), found.of_frame, strict=True))  # of the last frame
+    assert found.notes == [
+        "baseline: 2 of 24 grasps have fewer than 5 open-hand frames before them and use those of the nearest grasp of "
+        "their recording"
+    ]
+    assert of[1, 0] == of[1, 1] and of[1, 3] == of[1, 2] != of[1, 1]
+    assert len(found.names) == 1 + 24 - 2
+
+
+def test_a_recording_without_open_hand_has_its_session_s_empty_hand_and_is_named(tmp_path):
+    glove = drifting()
+    recording = glove.columns["recording"]
+    kept = ~((recording == 2) & glove.open)
+    found = measured(tmp_path / "t", glove, kept, recordings=["a", "b", "c", "d", "e"], sessions=["monday"])
+    assert found.notes == [
+        "baseline: 1 of 5 recordings have fewer than 5 open-hand frames and use their session's empty hand: c",
+    ]
+    (number,) = np.unique(found.of_frame[recording[kept] == 2])
+    assert found.names[number] == "monday"
+    np.testing.assert_allclose(found.mean[number], 514.3, atol=0.4)
+
+
+def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has_neither_is_named(tmp_path):
+    glove = drifting(between=SIGNAL)
+    held = glove.columns["object"] > 0
+    glove.columns["object"] = np.maximum(glove.columns["object"] - 1, 0)
+    names = {"objects": [f"object{i}" for i in range(4)], "sessions": ["monday"]}
+    assert len(measured(tmp_path / "t", glove, held, **names).names) == 4 * 6
+    short = held & ((glove.columns["recording"] != 3) | (np.arange(len(held)) % (OPEN + HELD) >= OPEN - 3))
+    sentence = (
+        r"^recording 'recording3' has fewer than 5 open-hand frames, and its session 'monday' fewer of 'empty_hand'; "
+        r"preprocess\.baseline grasp needs 5 of either: record the empty hand, or set it to quiet$"
+    )
+    with pytest.raises(UserError, match=sentence):
+        measured(tmp_path / "u", glove, short, **names)
+
+
+def test_a_cell_without_a_sensor_has_what_it_reads(tmp_path):
+    glove = drifting()
+    glove.counts[:, 0, 3] = 510
+    found = measured(tmp_path / "t", glove)
+    assert (found.mean[:, 0, 3] == 510).all()
+    assert (np.delete(found.mean.reshape(len(found.mean), -1), 3, axis=1) > 512).all()
+
+
+def test_frames_are_prepared_with_it(tmp_path):
+    glove = drifting(between=2 * SIGNAL)
+    changes = "baseline=grasp", "filter=contact", "contact_sensors=5", "empty_hand_class=false"
+    params = load(FILE, (*(f"preprocess.{change}" for change in changes), "split.by=grasp"))
+    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
+        baseline = measure_baseline(recordings, params.preprocess)
+        frames, _ = prepare(recordings, params.preprocess, params.split, np.random.default_rng(0), baseline)
+    assert len(frames) == 4 * 6 * HELD and frames.baseline_names == baseline.names
+    counts = np.sort(frames.inputs(np.arange(len(frames))).reshape(len(frames), -1) * 150, axis=1)
+    assert (counts[:, :-10] < 6).all() and (counts[:, -10:] > SIGNAL - 6).all()

@@ -1,0 +1,96 @@
+"""Which frames are without contact, on gloves whose baseline drifts."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.frames.baseline import empty_hand_baseline
+from tactile_viewgcn.frames.filtering import in_contact
+from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
+from tests.drifting import HELD, NOISE, OPEN, SIGNAL, drifting
+from tests.sources import written
+
+CONTACT = {"sensors": 5, "sigmas": 5.0}
+
+
+def away(opened):
+    """Frames of the open hand with no other so near in their recording, frame by frame."""
+    each = 6 * (OPEN + HELD)
+    recordings = opened.reshape(-1, each)
+    return np.array([one[max(t - MARGIN, 0) : t + MARGIN + 1].all() for one in recordings for t in range(each)])
+
+
+DRIFTS = {
+    "none": {},
+    "each sensor by twice the signal between recordings": {"between": 2 * SIGNAL},
+    "all sensors by twice the signal between recordings": {"common": 2 * SIGNAL},
+    "each sensor by half the signal within a recording": {"within": SIGNAL / 2},
+    "everything": {"between": 2 * SIGNAL, "within": SIGNAL / 2, "common": 2 * SIGNAL},
+}
+
+
+@pytest.mark.parametrize("drift", DRIFTS)
+def test_the_open_hand_and_contact_are_found_whatever_drifts(tmp_path, drift):
+    glove = drifting(**DRIFTS[drift])
+    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
+        hand = find_open_hand(recordings, **CONTACT)
+    assert (hand.contact != ~glove.open).mean() == 0
+    assert (hand.open != away(glove.open)).mean() < 0.01  # drift during a grasp lifts sensors at its end
+
+
+def test_against_the_session_s_empty_hand_that_drift_is_contact_everywhere(tmp_path):
+    glove = drifting(between=2 * SIGNAL)
+    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
+        assert in_contact(recordings, empty_hand_baseline(recordings), **CONTACT).all()
+
+
+def test_a_recording_that_is_held_throughout_has_no_open_hand(tmp_path):
+    glove = drifting()
+    kept = glove.open & (glove.columns["object"] == 0) | ~glove.open
+    columns = {name: values[kept] for name, values in glove.columns.items()}
+    with written(tmp_path / "t", glove.counts[kept], **columns) as recordings:
+        hand = find_open_hand(recordings, **CONTACT)
+    np.testing.assert_array_equal(hand.open, columns["object"] == 0)
+    np.testing.assert_array_equal(hand.contact, columns["object"] > 0)
+
+
+def test_without_an_empty_hand_a_recording_s_quietest_frames_are_the_open_hand(tmp_path):
+    glove = drifting(between=2 * SIGNAL)
+    held = glove.columns["object"] > 0
+    columns = {name: values[held] - (name == "object") for name, values in glove.columns.items()}
+    names = [f"object{i}" for i in range(4)]
+    with written(tmp_path / "t", glove.counts[held], **columns, objects=names) as recordings:
+        hand = find_open_hand(recordings, **CONTACT)
+    np.testing.assert_array_equal(hand.open, away(glove.open)[held])
+    np.testing.assert_allclose(hand.noise, np.hypot(NOISE, 12**-0.5), atol=0.15)
+
+
+@pytest.mark.parametrize("flag", ["valid", "grasp_valid"])
+def test_a_flag_says_held_where_little_is_felt_but_not_of_the_empty_hand(tmp_path, flag):
+    glove = drifting()
+    light = np.where(glove.open[:, None, None], glove.counts, np.rint(glove.baseline))  # nothing is felt
+    columns = glove.columns | {flag: ~glove.open | (glove.columns["object"] == 0)}
+    with written(tmp_path / "t", light.astype(np.int16), **columns) as recordings:
+        hand = find_open_hand(recordings, **CONTACT)
+    np.testing.assert_array_equal(hand.open, away(glove.open))
+    np.testing.assert_array_equal(hand.contact, ~glove.open)
+
+
+@pytest.mark.parametrize(("sensors", "opened"), [(1, False), (2, True)])
+def test_one_sensor_may_be_faulty_unless_one_is_contact(tmp_path, sensors, opened):
+    glove = drifting()
+    faulty = (glove.columns["object"] == 1) & (glove.columns["grasp"] == 5) & glove.open
+    glove.counts[faulty, 2, 2] += 40
+    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
+        hand = find_open_hand(recordings, sensors=sensors, sigmas=5.0)
+    np.testing.assert_array_equal(hand.open[faulty], away(glove.open)[faulty] & opened)
+    assert (hand.contact[faulty] != opened).all()
+
+
+def test_a_recording_of_one_frame_is_compared_with_the_empty_hand(tmp_path):
+    glove = drifting(objects=1)
+    one = np.flatnonzero(~glove.open)[:1]
+    kept = np.r_[np.flatnonzero(glove.columns["object"] == 0), one]
+    columns = {name: values[kept] for name, values in glove.columns.items()}
+    with written(tmp_path / "t", glove.counts[kept], **columns) as recordings:
+        hand = find_open_hand(recordings, **CONTACT)
+    assert hand.contact[-1] and not hand.open[-1] and hand.open[:-1].all()
