@@ -119,11 +119,11 @@ def _quietest(counts: np.ndarray) -> int:
 def _is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
     """Whether an excess (S,) over the empty hand is contact and no drift.
 
-    Drift moves all sensors together, or some up and some down. Contact moves a few, all of them up.
+    Drift moves all sensors together, or some up and some down. Contact moves less than half, all of them up.
     """
-    excess = excess - np.median(excess)
-    up, down = (excess > threshold).sum(), (excess < -threshold).sum()
-    return bool(up > OPEN_SENSORS + 2 * down)
+    both = np.stack([excess, excess - np.median(excess)])
+    up, down = (both > threshold).sum(axis=1), (both < -threshold).sum(axis=1)
+    return bool((up > OPEN_SENSORS + 2 * down).all())
 
 
 def _followed(counts: np.ndarray, threshold: np.ndarray, baseline: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tactile_viewgcn.frames import open_hand as module
 from tactile_viewgcn.frames.baseline import empty_hand_baseline
 from tactile_viewgcn.frames.filtering import in_contact
 from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
@@ -35,6 +36,26 @@ def test_the_open_hand_and_contact_are_found_whatever_drifts(tmp_path, drift):
         hand = find_open_hand(recordings, **CONTACT)
     assert (hand.contact != ~glove.open).mean() == 0
     assert (hand.open != away(glove.open)).mean() < 0.01  # drift during a grasp lifts sensors at its end
+
+
+NONE, UP, DOWN = 0.0, 12.0, -12.0
+EXCESS = {
+    "nothing": ([NONE] * 40, False),
+    "ten of forty up": ([UP] * 10 + [NONE] * 30, True),
+    "sixteen of forty up, and two down": ([UP] * 16 + [NONE] * 22 + [DOWN] * 2, True),
+    "one up, which may be faulty": ([UP] + [NONE] * 39, False),
+    "all up": ([UP] * 40, False),
+    "half up, half down": ([UP] * 20 + [DOWN] * 20, False),
+    "most up, the others down": ([UP] * 30 + [DOWN] * 10, False),
+    "all up, ten more so": ([UP] * 30 + [2 * UP] * 10, True),
+    "below the threshold": ([4.0] * 25 + [-4.0] * 15, False),
+}
+
+
+@pytest.mark.parametrize("case", EXCESS)
+def test_contact_is_told_from_drift(case):
+    excess, expected = EXCESS[case]
+    assert module._is_contact(np.array(excess), np.full(40, 5.0)) == expected
 
 
 def test_against_the_session_s_empty_hand_that_drift_is_contact_everywhere(tmp_path):

@@ -216,6 +216,20 @@ def test_a_session_without_an_empty_hand_is_refused(place):
     assert preprocess(place, "preprocess.baseline=quiet").returncode == 0
 
 
+def test_objects_that_frames_without_contact_give_away_are_warned_of(place):
+    tree = metadata(objects=4, frames=30, blank=14)
+    sensors = tree["pressure"].min(axis=0) < tree["pressure"].max(axis=0)
+    offsets = np.random.default_rng(0).choice([-3, 3], (4, 32, 32)) * sensors
+    offsets[0] = 0
+    ingest(place, tree | {"pressure": tree["pressure"] + offsets[tree["objectId"].ravel()].astype(np.int16)})
+    for baseline, warned in (("empty_hand", True), ("grasp", False)):
+        result = preprocess(place, "split.by=recording", f"preprocess.baseline={baseline}")
+        counts = json.loads((place / "preprocess.json").read_text())["counts"]
+        assert ("warning: better than by chance" in result.stdout) == warned, result.stderr
+        assert (counts["leak.high"] < counts["leak.chance"]) == warned and counts["leak.groups"] == 9
+        assert f"error of {100 * counts['leak.error']:.1f} %" in result.stdout
+
+
 def test_fewer_than_two_classes_is_refused(place):
     ingest(place, metadata(objects=2, frames=10))
     line = refused(preprocess(place, "preprocess.empty_hand_class=false"))
