@@ -14,8 +14,10 @@ from tactile_viewgcn.frames.baseline import MIN_FRAMES, trimmed_moments
 from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.recordings.table import Recordings
 
-MARGIN = 2  # frames so near to others are no open hand: it is closing and feels a little, or has just let go
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
+WEAK = 0.6  # of the threshold: a hand that closes, or holds little, is felt a little by several sensors
+WEAK_SENSORS, WEAK_SHARE = 2, 0.01  # most sensors of an open hand above that: two and a hundredth of all
+MARGIN = 2  # frames so near to others are no open hand: it is closing, or has just let go
 FOLLOWED = 0.1  # share of the difference between an open-hand frame and the baseline that the baseline follows
 MAX_DIFFERENCES = 2000  # of successive frames, of which noise is estimated
 COMMON_SENSORS = 100  # about so many say what all sensors share, for a fifth of the time that 548 take
@@ -29,8 +31,9 @@ class OpenHand:
         counts: (T, S) of the live sensors.
         noise: (sessions, S) standard deviation in counts.
         contact: bool (T,) enough sensors are in contact, or a flag of the source says that an object is held.
-        open: bool (T,) at most one sensor is in contact and no object is held, nor in the two frames before and
-            after. Frames that are neither lie between the two, or in a grasp that is hardly felt.
+        open: bool (T,) the hand is open, and so it is in the two frames before and after: at most one sensor is in
+            contact, few are at three fifths of it, and no flag says that an object is held. Frames that are neither
+            open nor in contact lie between the two, or in a grasp that is hardly felt.
     """
 
     counts: np.ndarray
@@ -50,14 +53,13 @@ def find_open_hand(recordings: Recordings, *, sensors: int, sigmas: float) -> Op
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
     of_session = [_empty_hand(counts[session == i], empty[session == i]) for i in range(len(recordings.sessions))]
     held = _flagged(recordings) & ~empty
-    pressed = np.zeros(len(counts), dtype=np.int64)
-    opened = np.zeros(len(counts), dtype=bool)
+    contact, opened = np.zeros((2, len(counts)), dtype=bool)
     for index in frames_by_recording(recordings):
         mean, noise = of_session[session[index[0]]]
-        pressed[index] = _pressed(counts[index].astype(np.float64), sigmas * noise, mean)
-        free = (pressed[index] <= min(OPEN_SENSORS, sensors - 1)) & ~held[index]
-        opened[index] = minimum_filter1d(free, 2 * MARGIN + 1, mode="nearest")
-    return OpenHand(counts, np.stack([noise for _, noise in of_session]), (pressed >= sensors) | held, opened)
+        pressed, still = _pressed(counts[index].astype(np.float64), sigmas * noise, mean)
+        contact[index] = (pressed >= sensors) | held[index]
+        opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
+    return OpenHand(counts, np.stack([noise for _, noise in of_session]), contact, opened)
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
@@ -92,8 +94,8 @@ def _flagged(recordings: Recordings) -> np.ndarray:
     return np.any([np.zeros(len(recordings), dtype=bool), *flags], axis=0)
 
 
-def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None) -> np.ndarray:
-    """Number of sensors (n,) that read contact in each frame of a recording.
+def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Number of sensors (n,) that read contact in each frame of a recording, and whether the hand seems open (n,).
 
     Args:
         counts: (n, S).
@@ -104,8 +106,9 @@ def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None
     baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
     if empty is not None and _is_contact(baseline - empty, threshold):
         start, baseline = 0, empty
-    back = _followed(counts[:start][::-1], threshold, baseline)[::-1]
-    return np.concatenate([back, _followed(counts[start:], threshold, baseline)])
+    before, after = (_followed(part, threshold, baseline) for part in (counts[:start][::-1], counts[start:]))
+    pressed, still = (np.concatenate([back[::-1], ahead]) for back, ahead in zip(before, after, strict=True))
+    return pressed, still
 
 
 def _quietest(counts: np.ndarray) -> int:
@@ -126,12 +129,14 @@ def _is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
     return bool((up > OPEN_SENSORS + 2 * down).all())
 
 
-def _followed(counts: np.ndarray, threshold: np.ndarray, baseline: np.ndarray) -> np.ndarray:
-    """Number of sensors (n,) above a baseline (S,) by more than the threshold (S,); it follows the open hand."""
-    baseline, pressed = baseline.copy(), np.zeros(len(counts), dtype=np.int64)
+def _followed(counts: np.ndarray, threshold: np.ndarray, baseline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same as `_pressed` against a baseline (S,) that follows the open hand from the first frame on."""
+    baseline, weak, most_weak = baseline.copy(), WEAK * threshold, WEAK_SENSORS + WEAK_SHARE * counts.shape[1]
+    pressed, still = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool)
     for number, frame in enumerate(counts):
         excess = frame - baseline
         pressed[number] = np.count_nonzero(excess > threshold)
-        if pressed[number] <= OPEN_SENSORS:
+        if pressed[number] <= OPEN_SENSORS and np.count_nonzero(excess > weak) <= most_weak:
+            still[number] = True
             baseline += FOLLOWED * excess
-    return pressed
+    return pressed, still
