@@ -6,7 +6,7 @@ import numpy as np
 
 from tactile_viewgcn.nn.sensor_system import SensorData, SensorSystem, fitted, log_probabilities
 
-SETS = 10  # view sets of each recording and size that the estimator is fitted to
+SETS = 10  # view sets of each pool of frames and size that the estimator is fitted to
 
 
 class SensorMaximum(SensorSystem):

@@ -41,7 +41,7 @@ class SensorData:
     Attributes:
         frames: float32 (n, S) of live sensors, in units.
         labels: int64 (n,) class.
-        recordings: (n,) recording.
+        pools: (n,) what view sets are drawn from: frames of one object in one split group of one recording.
         sizes: numbers of frames in the view sets that the system will be given.
         live: bool (H, W) with S sensors.
         seed: of every random choice.
@@ -49,24 +49,23 @@ class SensorData:
 
     frames: np.ndarray
     labels: np.ndarray
-    recordings: np.ndarray
+    pools: np.ndarray
     sizes: tuple[int, ...]
     live: np.ndarray
     seed: int
 
     def view_sets(self, count: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Random view sets of frames of one object in one recording.
+        """Random view sets, each of frames of one pool.
 
         Args:
-            count: of each recording and size; more where a recording has more than `count` times V frames.
+            count: of each pool and size; more where a pool has more than `count` times V frames.
 
         Returns:
             sets: one array (M, k) of frame indices for each size k.
             labels: (M,)
         """
         rng = np.random.default_rng(self.seed)
-        pools = np.unique(np.stack([self.recordings, self.labels]), axis=1, return_inverse=True)[1].ravel()
-        members = [np.flatnonzero(pools == pool) for pool in range(pools.max() + 1)]
+        members = [np.flatnonzero(self.pools == pool) for pool in np.unique(self.pools)]
         most = max(1, MOST_SETS // len(members))
         counts = [min(most, max(count, len(frames) // max(self.sizes))) for frames in members]
         sets = [

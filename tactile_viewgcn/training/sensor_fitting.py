@@ -25,8 +25,10 @@ def fit_sensor_system(classifier: Classifier, table: Frames, num_views: str, see
     unit = contact_unit(counts)
     sensors.set_sensors(table.live, unit)
     sizes = (classifier.views,) if num_views == "full" else powers_of_two(classifier.views)
-    label, recording = table.label[index].astype(np.int64), table.recording[index]
-    system.fit(SensorData(counts / np.float32(unit), label, recording, sizes, table.live, seed))
+    label = table.label[index].astype(np.int64)
+    places = np.stack([table.group[index], table.recording[index], label])
+    pools = np.unique(places, axis=1, return_inverse=True)[1].ravel()
+    system.fit(SensorData(counts / np.float32(unit), label, pools, sizes, table.live, seed))
     return Progress(seconds=time.perf_counter() - begin)
 
 

@@ -27,15 +27,15 @@ from tests.tables import CPU, recipe, table, views_of
 MAXIMUM = ("max_logistic", "max_kernel", "ensemble")
 
 
-def data(recordings: int = 6, frames: int = 12, sizes: tuple[int, ...] = (4,)) -> SensorData:
+def data(pools: int = 6, frames: int = 12, sizes: tuple[int, ...] = (4,)) -> SensorData:
     """Three objects on a 4 x 4 glove: each presses a row of its own, one sensor of it a frame."""
     rng = np.random.default_rng(0)
-    recording = np.repeat(np.arange(recordings), frames)
-    label = recording % 3
+    pool = np.repeat(np.arange(pools), frames)
+    label = pool % 3
     sensors = rng.normal(size=(len(label), 4, 4))
     sensors[np.arange(len(label)), label, rng.integers(4, size=len(label))] += 20
     live = np.ones((4, 4), dtype=bool)
-    return SensorData(sensors.reshape(-1, 16).astype(np.float32), label, recording, sizes, live, seed=0)
+    return SensorData(sensors.reshape(-1, 16).astype(np.float32), label, pool, sizes, live, seed=0)
 
 
 def test_one_reading_in_ten_is_above_four_units():
@@ -52,29 +52,36 @@ def test_a_glove_that_is_hardly_touched_has_a_unit_too():
     assert contact_unit(np.zeros((2, 3), dtype=np.float32)) == 1.0
 
 
-def test_view_sets_stay_in_a_recording_and_have_their_label():
+def test_view_sets_stay_in_a_pool_and_have_its_label():
     given = data(sizes=(1, 4))
     sets, labels = given.view_sets(5)
     assert [of_size.shape for of_size in sets] == [(30, 1), (30, 4)]
     for members, label in zip([*sets[0], *sets[1]], [*labels, *labels], strict=True):
-        assert len(set(given.recordings[members])) == 1
+        assert len(set(given.pools[members])) == 1
         assert set(given.labels[members]) == {label}
         assert len(set(members)) == len(members)  # there are enough frames
     assert all((first == second).all() for first, second in zip(sets, given.view_sets(5)[0], strict=True))
 
 
-def test_frames_repeat_where_a_recording_has_fewer_and_long_recordings_give_more_sets():
+def test_frames_repeat_where_a_pool_has_fewer_and_large_pools_give_more_sets():
     assert data(frames=2).view_sets(5)[0][0].shape == (30, 4)
-    assert data(frames=400).view_sets(5)[0][0].shape == (600, 4)  # a hundred of each recording
-    assert len(data(recordings=60, frames=400).view_sets(5)[0][0]) == 60 * (MOST_SETS // 60)
+    assert data(frames=400).view_sets(5)[0][0].shape == (600, 4)  # a hundred of each pool
+    assert len(data(pools=60, frames=400).view_sets(5)[0][0]) == 60 * (MOST_SETS // 60)
 
 
-def test_a_recording_of_two_objects_is_two_pools():
-    given = data()
-    mixed = replace(given, recordings=np.zeros_like(given.recordings))
-    sets, labels = mixed.view_sets(5)
-    assert all(set(mixed.labels[members]) == {label} for members, label in zip(sets[0], labels, strict=True))
-    assert sorted(set(labels)) == [0, 1, 2]
+def test_view_sets_mix_neither_objects_nor_split_groups_nor_recordings(monkeypatch):
+    """A recording of several grasps is a pool a grasp, where these are the split groups."""
+    given = []
+    monkeypatch.setattr(MaxKernel, "fit", lambda self, data: given.append(data))
+    frames, params = table(), recipe("model.system=max_kernel")
+    grasp = np.arange(len(frames)) % 3
+    split = replace(frames, group=frames.group * 3 + grasp)
+    finetune_classifier(split, views_of(frames, params), {}, params, CPU)
+    index = np.flatnonzero(split.anchor & (split.side == 0))
+    whole = np.stack([split.label, split.recording, split.group])[:, index]
+    assert len(np.unique(given[0].pools)) == len(np.unique(whole, axis=1).T)
+    for pool in np.unique(given[0].pools):
+        assert len(np.unique(whole[:, given[0].pools == pool], axis=1).T) == 1
 
 
 def test_sizes_are_powers_of_two_and_all_views():
