@@ -24,7 +24,7 @@ def errors_by_variant(rows: list[dict[str, Any]], sequential: list[dict[str, Any
     axes.set_yticks(range(len(variants)), variants)
     axes.set(xlabel="error, %", ylim=(len(variants) - 0.5, -0.5))
     axes.grid(alpha=0.3, axis="x")
-    axes.legend(fontsize=8)
+    figure.legend(fontsize=8, loc="outside lower center", ncols=len(protocols))
     figure.suptitle(title, fontsize=10)
     return figure
 
