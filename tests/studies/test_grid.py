@@ -58,6 +58,8 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_and_the_first_deal_o
     made = study(tmp_path, monkeypatch, variants=variants, folds="all", deals=[0, 3], set={"split.folds": 2})
     assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(product([0, 3], "ab", [0, 1]))
     assert "split.deal=3" in made.cells()[-1].changes
+    once = study(tmp_path, monkeypatch, variants=variants, deals=[0, 3], one_deal=["a"])
+    assert [(cell.deal, cell.variant) for cell in once.cells()] == [(0, "a"), (0, "b"), (3, "b")]
     grasps = made.cells(on_top=("split.folds=6", "split.by=grasp"))
     assert len(grasps) == 2 * 2 * 6
     assert grasps[-1].changes[-5:] == ("split.folds=6", "split.by=grasp", "seed=0", "split.deal=3", "split.fold=5")
@@ -82,6 +84,7 @@ def test_a_preset_stands_for_its_changes_and_may_be_changed(tmp_path, monkeypatc
         ({"reference": "b"}, "'b'"),
         ({"picture": "pie"}, "pie"),
         ({"one_seed": ["c"]}, "'c'"),
+        ({"one_deal": ["c"]}, "'c'"),
         ({"quick": ["d"]}, "'d'"),
         ({"columns": ["peak GB"]}, "'peak GB'"),
         ({"variants": {"a": {"preset": "worst"}}}, "'worst'"),
