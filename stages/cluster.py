@@ -28,7 +28,7 @@ def cluster(params, job, frames, out):
     else:
         print(f"cluster: none; view sets are drawn at random from each of {pools} pools")
     if empty:
-        print(f"  {empty} of {pools * count} views have no frame of their own and repeat one of their pool's")
+        job.note(f"{empty} of {pools * count} views have no frame of their own and repeat one of their pool's")
     write_views(out, views)
     return {"pools": pools, "empty_clusters": empty}
 

@@ -17,7 +17,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, md5, readable
 from tactile_viewgcn.params import PRESETS, Params, load, preset_changes
 from tactile_viewgcn.process import peak_mb
-from tactile_viewgcn.provenance import committed_params, run_name
+from tactile_viewgcn.provenance import changes_of, committed_params, origin, run_name
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run
 
@@ -40,9 +40,9 @@ def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Cal
         row: its run is the pipeline's row in MLflow, and carries every parameter.
         tracked: it has a run in MLflow, and a record of its costs.
 
-    The command ends with exit code 1 and one line where the user can mend what is wrong. It writes the run's id,
-    inputs, seconds and peak memory to `--record`, and beside them the counts that the body may return, by name. A
-    stage with the option `NEEDS` that is not needed writes the record alone, and a line of text as its output.
+    The command ends with exit code 1 and one line where the user can mend what is wrong. It writes the record of the
+    run to `--record`, see `_write_record`, with the counts that the body may return, by name. A stage with the option
+    `NEEDS` that is not needed writes the record alone, and a line of text as its output.
     """
 
     def wrap(body: Callable[..., dict[str, float] | None]) -> click.Command:
@@ -68,7 +68,8 @@ def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Cal
                 values = flatten(params) if row else declared(params, reads)
                 head = f"{params.model.system} V={params.views}" if row else body.__name__
                 skip = ("model.system", "views") if row else ()
-                name = run_name(head, values, committed_params(params_path), skip)
+                committed = committed_params(params_path)
+                name = run_name(head, values, committed, skip)
                 needed = _is_needed(body.__name__, paths.pop("needs", None))
                 work, logged = (body, tracked) if needed else (_leave_out, False)
                 with tracking.stage_run(body.__name__, name, row=row) if logged else nullcontext(Run()) as run:
@@ -76,7 +77,8 @@ def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Cal
                     job = Job(body.__name__, run, {name: md5(path) for name, path in inputs.items()})
                     counts = work(given(params, reads), job, **paths) or {}
                     if record:
-                        _write_record(record, job, inputs, counts, logged=not row)
+                        given_params = {"values": values, "changed": changes_of(values, committed)}
+                        _write_record(record, job, inputs, counts, given_params, logged=not row)
             except Exception as error:
                 line = _what_to_mend(error)
                 if debug or line is None:
@@ -106,8 +108,20 @@ def _leave_out(params: SimpleNamespace, job: Job, *, out: Path, **paths: Path) -
     click.echo(f"{job.stage}: left out, model.system does not need it")
 
 
-def _write_record(path: Path, job: Job, inputs: dict[str, Path], counts: dict[str, float], *, logged: bool) -> None:
-    """Write what a stage made, from what and at what cost; to its run too where it is `logged`."""
+def _write_record(
+    path: Path,
+    job: Job,
+    inputs: dict[str, Path],
+    counts: dict[str, float],
+    params: dict[str, dict[str, Any]],
+    *,
+    logged: bool,
+) -> None:
+    """Write what a stage made, from what, where and at what cost; to its run too where it is `logged`.
+
+    Args:
+        params: the `values` by dotted key, and those `changed` from the committed params.yaml.
+    """
     before = counts.pop("seconds_before_interruption", 0.0)
     costs = {"seconds": before + job.seconds, "peak_mb": peak_mb()}
     if logged:
@@ -115,9 +129,13 @@ def _write_record(path: Path, job: Job, inputs: dict[str, Path], counts: dict[st
         job.run.parameters(counts)
         job.run.metrics(costs)
     files = {name: {"path": str(path), "md5": job.md5s[name]} for name, path in inputs.items()}
-    content = {"stage": job.stage, "run_id": job.run.id, **costs, "inputs": files, "counts": counts}
+    content: dict[str, Any] = {"stage": job.stage, "run_id": job.run.id, **costs, "inputs": files, "counts": counts}
+    content |= {"notes": job.notes, "curves": job.curves, "params": params, "origin": origin() | job.computed}
     with atomic_write(path) as part:
         part.write_text(json.dumps(content, indent=2) + "\n")
+    job.run.artifacts(path)
+    if job.notes:
+        job.run.text("\n".join(job.notes) + "\n", "notes.txt")
 
 
 def _what_to_mend(error: Exception) -> str | None:

@@ -32,14 +32,16 @@ def evaluate(params, job, frames, classifier, after, out):
     report.write_results(out, metrics, evaluation, table.classes)
     write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
     job.run.dataset(*row.dataset(records, str(frames), job.md5s["frames"]))
-    job.run.tags({"device": compute.device, "precision": compute.precision} | row.row_tags(metrics, records))
+    job.computed_on(compute.device, compute.precision)
+    job.run.tags(row.row_tags(metrics, records))
     job.run.parameters(row.counts(metrics, records))
     job.run.figure("confusion.png", lambda: _picture(evaluation, table.classes))
     signature = model.views, table.live.shape, table.counts.dtype, table.classes
     address = job.run.model(classifier, *signature, model.head.packages)
     timing = report.costs(evaluation, records, job.seconds, peak_mb())
     report.write_costs(out, timing, row.summary(metrics, timing))
-    job.run.artifacts(out)
+    for path in (out, *after):
+        job.run.artifacts(path)
     job.run.metrics(row.row_metrics(metrics, timing))
     job.run.series(row.trial_errors(evaluation))
     print("\n".join(report.summary_lines(metrics, timing)))

@@ -25,7 +25,7 @@ def finetune(params, job, frames, views, backbone, out):
     """Train Tactile-ViewGCN, or another system, on view sets, from the pretrained backbone."""
     keep_freed_memory()
     compute, table = select_device(params.device, params.precision), read_frames(frames)
-    job.run.tags({"device": compute.device, "precision": compute.precision})
+    job.computed_on(compute.device, compute.precision)
     system, pretrained = system_class(params.model.system), {}
     if system.takes != "sensors":
         with readable(backbone):
@@ -43,7 +43,9 @@ def finetune(params, job, frames, views, backbone, out):
             temperatures = calibrate(classifier, table, compute, params.seed)
         save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
     if temperatures and max(temperatures) > 0.9 * MAX_TEMPERATURE:
-        print("  its answers on held-out groups are no better than chance: no confidence threshold is reached")
+        job.note(
+            "warning: its answers on held-out groups are no better than chance: no confidence threshold is reached"
+        )
     if not system.trainable:
         fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
         print(f"finetune: {params.model.system} {fitted}")

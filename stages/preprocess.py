@@ -32,17 +32,16 @@ def preprocess(params, job, recordings, out, kept):
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    notes = [*baseline.notes, *selection.notes, describe(leak, values.baseline)]
     leaked = leak.counts() if leak else {}
     job.run.artifacts(kept)
-    job.run.text("\n".join(notes) + "\n", "notes.txt")
     job.run.metrics(leaked)
-    counts = frame_counts(frames.side, frames.group, frames.anchor)
+    counts = frame_counts(frames.side, frames.anchor, group=frames.group, recording=frames.recording)
     print(f"preprocess: {len(frames):,} of {len(selection.keep):,} frames kept, {len(frames.classes)} classes")
     for side in SIDES:
         number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
         print("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
-    print("".join(f"  {note}\n" for note in notes), end="")
+    for note in (*baseline.notes, *selection.notes, describe(leak, values.baseline)):
+        job.note(note)
     kept_and_dropped = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
     return kept_and_dropped | {"classes": len(frames.classes)} | counts | leaked
 

@@ -21,7 +21,7 @@ def pretrain(params, job, frames, out):
 
     keep_freed_memory()
     compute, table = select_device(params.device, params.precision), read_frames(frames)
-    job.run.tags({"device": compute.device, "precision": compute.precision})
+    job.computed_on(compute.device, compute.precision)
     with training_checkpoint("pretrain", params, job.md5s, compute) as checkpoint_path:
         on_epoch = job.on_epoch(params.pretrain.epochs)
         backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, on_epoch)

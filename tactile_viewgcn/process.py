@@ -1,6 +1,8 @@
-"""Processes: how long this one has run, the memory that it took, and whether another one is still there."""
+"""Processes: how long this one has run, on what and with how much memory, and whether another one is still there."""
 
 import os
+import platform
+import re
 import resource
 import time
 from pathlib import Path
@@ -34,6 +36,18 @@ def is_running(pid: int, ticks: str) -> bool:
     except PermissionError:  # somebody else's
         pass
     return start_ticks(pid) in ("", ticks)
+
+
+def processor() -> str:
+    """The processor's name, as the system tells it."""
+    info = Path("/proc/cpuinfo")
+    names = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def usable_cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def peak_mb() -> float:

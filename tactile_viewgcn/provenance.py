@@ -1,11 +1,20 @@
-"""Where a run comes from: its git revision, and what it changes of the committed params.yaml, which names it."""
+"""Where a run comes from: code, machine, versions, and what it changes of the committed params.yaml, which names it."""
 
+import platform
+import socket
 import subprocess
 from collections.abc import Collection
+from contextlib import suppress
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import yaml
+
+from tactile_viewgcn.process import processor, usable_cores
+
+PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # whose versions a run keeps
 
 
 def git_revision() -> dict[str, str]:
@@ -33,12 +42,30 @@ def run_name(head: str, values: dict[str, Any], committed: dict[str, Any], skip:
         values: by dotted key; a key that is not committed is left out.
         skip: keys that `head` names already.
     """
-    changes = [
-        f"{key}={_short(value)}"
-        for key, value in values.items()
-        if key in committed and key not in skip and not _equal(value, committed[key])
-    ]
-    return " ".join([head, *changes])
+    changed = changes_of(values, committed).items()
+    return " ".join([head, *(f"{key}={_short(value)}" for key, value in changed if key not in skip)])
+
+
+def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:
+    """The values, by dotted key, that differ from the committed ones; a key that is not committed is left out."""
+    return {key: value for key, value in values.items() if key in committed and not _equal(value, committed[key])}
+
+
+def origin() -> dict[str, str]:
+    """When, where and by what code this process computes: time, host, processor, git revision, versions."""
+    versions = {}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "host": socket.gethostname(),
+        "processor": processor(),
+        "cores": str(usable_cores()),
+        **git_revision(),
+        "python": platform.python_version(),
+        **versions,
+    }
 
 
 def _equal(value: Any, committed: Any) -> bool:

@@ -1,6 +1,5 @@
 """What the fast paths of the pipeline gain over plain ones, beside the machine's limits."""
 
-import re
 from contextlib import redirect_stderr
 from functools import partial
 from io import StringIO
@@ -18,6 +17,7 @@ from tactile_viewgcn.device import Compute, keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.params import Params
+from tactile_viewgcn.process import processor
 from tactile_viewgcn.tables import markdown
 
 MEASUREMENTS = (
@@ -72,9 +72,7 @@ def speed(params: Params, quick: bool, frames: Path) -> Result:
 
 def machine(compute: Compute) -> str:
     """The processor and the graphics card in use, torch and its threads, and the precision of the fast path."""
-    info = Path("/proc/cpuinfo")
-    processors = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
-    devices = [*processors[:1], *([torch.cuda.get_device_name()] if compute.device.type == "cuda" else [])]
+    devices = [processor(), *([torch.cuda.get_device_name()] if compute.device.type == "cuda" else [])]
     threads, precision = torch.get_num_threads(), compute.precision
     return f"{', '.join(devices)}, torch {torch.__version__} with {threads} threads; fast path in {precision}"
 

@@ -86,8 +86,8 @@ def select(
     return Selection(filtered, keep, side, group, anchor & keep, notes)
 
 
-def frame_counts(side: np.ndarray, group: np.ndarray, anchor: np.ndarray) -> dict[str, int]:
-    """Numbers of frames, groups and anchors on each side, of kept frames (n,)."""
+def frame_counts(side: np.ndarray, anchor: np.ndarray, *, group: np.ndarray, recording: np.ndarray) -> dict[str, int]:
+    """Numbers of frames, anchors, groups and recordings on each side, of kept frames (n,)."""
     counts: dict[str, int] = {}
     for code, name in enumerate(SIDES):
         on = side == code
@@ -95,6 +95,7 @@ def frame_counts(side: np.ndarray, group: np.ndarray, anchor: np.ndarray) -> dic
             f"frames.{name}": int(on.sum()),
             f"anchors.{name}": int((on & anchor).sum()),
             f"groups.{name}": len(np.unique(group[on])),
+            f"recordings.{name}": len(np.unique(recording[on])),
         }
     return counts
 

@@ -156,7 +156,8 @@ def test_a_run_leaves_its_record(place):
     record = json.loads((place / "ingest.json").read_text())
     assert record["stage"] == "ingest" and record["seconds"] > 0 and record["peak_mb"] > 10
     assert record["inputs"] == {"source": {"path": "metadata.mat", "md5": md5(place / "metadata.mat")}}
-    assert record["counts"]["frames"] == 90
+    assert record["counts"]["frames"] == 90 and record["params"]["values"] == {"data.source": "data/virtual/recordings"}
+    assert record["origin"]["python"].startswith("3.") and int(record["origin"]["cores"]) >= 1
     assert "90 frames of 32 x 32, 548 sensors, 3 objects, 9 recordings, 1 sessions" in result.stdout
 
 
@@ -224,7 +225,9 @@ def test_objects_that_frames_without_contact_give_away_are_warned_of(place):
     ingest(place, tree | {"pressure": tree["pressure"] + offsets[tree["objectId"].ravel()].astype(np.int16)})
     for baseline, warned in (("empty_hand", True), ("grasp", False)):
         result = preprocess(place, "split.by=recording", f"preprocess.baseline={baseline}")
-        counts = json.loads((place / "preprocess.json").read_text())["counts"]
+        record = json.loads((place / "preprocess.json").read_text())
+        counts, notes = record["counts"], "".join(f"  {note}\n" for note in record["notes"])
+        assert result.stdout.endswith(notes) and counts["recordings.train"] + counts["recordings.test"] == 12
         assert ("warning: better than by chance" in result.stdout) == warned, result.stderr
         assert (counts["leak.high"] < counts["leak.chance"]) == warned and counts["leak.groups"] == 9
         assert f"error of {100 * counts['leak.error']:.1f} %" in result.stdout
@@ -325,8 +328,9 @@ def test_a_torch_that_was_never_loaded_is_not_asked(place):
 
 
 def test_where_no_bar_is_shown_each_epoch_prints_a_line(capsys):
-    report = Job("pretrain", Run(), {}).on_epoch(30)
-    report(3, {"loss": 1.2344, "validation_error": 0.5})
+    job = Job("pretrain", Run(), {})
+    job.on_epoch(30)(3, {"loss": 1.2344, "validation_error": 0.5})
+    assert job.curves == {"loss": [1.2344], "validation_error": [0.5]}
     assert capsys.readouterr().err.startswith("pretrain: epoch 3/30, loss 1.234, validation error 0.500, ")
 
 
