@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -257,6 +258,7 @@ def test_the_logged_model_gives_the_recogniser_s_probabilities(store, client):
     table = Frames(
         counts[0], two, two, two, two, two, two == 0, two, two, baseline, np.ones((6, 4), bool),
         ["a", "b", "c"], ["x", "y"], ["000", "001"], ["000", "001"], "clip", 150.0,
+        np.ones((6, 4)), asdict(load(ROOT / "params.yaml").preprocess), 1.0,
     )  # fmt: skip
     save_classifier(store / "classifier.pt", classifier, model, table)
     with tracking.stage_run("evaluate") as run:

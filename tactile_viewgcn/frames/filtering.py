@@ -24,9 +24,19 @@ def flagged(recordings: Recordings) -> np.ndarray:
 
 
 def in_contact(recordings: Recordings, baseline: Baseline, *, sensors: int, sigmas: float) -> np.ndarray:
-    """bool (T,): at least `sensors` live sensors read more than `sigmas` standard deviations above their baseline.
+    """bool (T,): frames that `pressed_frames` finds; frames of the empty hand are without contact, and all True.
 
-    Frames of the empty hand are without contact, and all True.
+    Raises:
+        UserError: a baseline without noise.
+    """
+    contact = pressed_frames(recordings, baseline, sensors=sensors, sigmas=sigmas)
+    if EMPTY_HAND in recordings.objects:
+        contact |= recordings.columns["object"] == recordings.objects.index(EMPTY_HAND)
+    return contact
+
+
+def pressed_frames(recordings: Recordings, baseline: Baseline, *, sensors: int, sigmas: float) -> np.ndarray:
+    """bool (T,): at least `sensors` live sensors read more than `sigmas` standard deviations above their baseline.
 
     Raises:
         UserError: a baseline without noise.
@@ -42,6 +52,4 @@ def in_contact(recordings: Recordings, baseline: Baseline, *, sensors: int, sigm
         at = slice(start, start + len(counts))
         above = (counts > threshold[baseline.of_frame[at]]) & recordings.live
         contact[at] = above.sum(axis=(1, 2)) >= sensors
-    if EMPTY_HAND in recordings.objects:
-        contact |= recordings.columns["object"] == recordings.objects.index(EMPTY_HAND)
     return contact

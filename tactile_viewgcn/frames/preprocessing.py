@@ -1,5 +1,7 @@
 """From the table of raw counts to the frames that are learned from: baseline, selection, table of frames."""
 
+from dataclasses import asdict
+
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
@@ -75,4 +77,7 @@ def _kept_frames(recordings: Recordings, baseline: Baseline, selection: Selectio
         baseline_names=baseline.names,
         transform=preprocess.transform,
         scale=preprocess.scale,
+        noise=np.full(recordings.shape, np.nan) if baseline.noise is None else baseline.noise.mean(axis=0),
+        preprocess=asdict(preprocess),
+        passed=float(selection.filtered.mean()),
     )

@@ -1,5 +1,6 @@
 """The table of kept frames, data/frames.h5: counts, baseline, class, side and group of each."""
 
+import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,9 @@ class Frames:
         live: bool (H, W) sensors whose counts vary.
         classes, recordings, sessions, baseline_names: names, by index.
         transform, scale: of counts above baseline to network input, see `network_input`.
+        noise: (H, W) mean standard deviation of the baselines in counts, NaN where it was not measured.
+        preprocess: the section of params.yaml that it was made by; new recordings are treated by the same.
+        passed: share of the recordings' frames that passed the filter.
     """
 
     counts: np.ndarray
@@ -47,6 +51,9 @@ class Frames:
     baseline_names: list[str]
     transform: str
     scale: float
+    noise: np.ndarray
+    preprocess: dict[str, Any]
+    passed: float
 
     def __len__(self) -> int:
         return len(self.label)
@@ -75,7 +82,7 @@ def write_frames(path: str | Path, frames: Frames) -> None:
             elif isinstance(value, list):
                 file[field.name] = np.array(value, dtype=h5py.string_dtype())
             else:
-                file.attrs[field.name] = value
+                file.attrs[field.name] = json.dumps(value) if isinstance(value, dict) else value
 
 
 def read_frames(path: str | Path) -> Frames:
@@ -86,6 +93,8 @@ def read_frames(path: str | Path) -> Frames:
             if field.name in file.attrs:
                 value = file.attrs[field.name]
                 values[field.name] = value if isinstance(value, str) else float(value)
+                if field.name == "preprocess":
+                    values[field.name] = json.loads(value)
             elif h5py.check_string_dtype(file[field.name].dtype):
                 values[field.name] = [text.decode() for text in file[field.name][()]]
             else:

@@ -12,9 +12,12 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.params import Backbone, Model
+
+REACH_FRAMES, REACH_SHARE = 2000, 0.01
 
 
 def save_classifier(
@@ -29,7 +32,7 @@ def save_classifier(
 
     Args:
         model: the parameters that the classifier was built with.
-        frames: its training data, whose classes, transform and sessions' baselines are written too.
+        frames: its training data, whose classes, sessions' baselines and treatment are written too.
         precision: of its training, in which a `Recogniser` also computes.
         temperatures: for 1 to V frames, see `calibration.calibrate`; with them it takes any number of views up to V.
     """
@@ -47,6 +50,12 @@ def save_classifier(
         "baseline_names": sessions,
         "precision": precision,
         "temperatures": temperatures,
+        "preprocess": frames.preprocess,
+        "passed": frames.passed,
+        "dtype": str(frames.counts.dtype),
+        "live": torch.from_numpy(frames.live),
+        "noise": torch.from_numpy(frames.noise),
+        "reach": reach(frames),
     }
     with atomic_write(path) as part:
         torch.save(content, part)
@@ -61,6 +70,13 @@ def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
     used = np.unique(pairs[:, 0])
     means = [frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(axis=0) for session in used]
     return [frames.sessions[session] for session in used], np.stack(means)
+
+
+def reach(frames: Frames) -> float:
+    """Counts above baseline that one in a hundred readings of the live sensors exceeds, of at most 2,000 anchors."""
+    anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
+    some = anchors[np.linspace(0, len(anchors) - 1, min(len(anchors), REACH_FRAMES)).astype(int)]
+    return float(np.quantile(frames.inputs(some, "counts")[:, frames.live], 1 - REACH_SHARE))
 
 
 def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:

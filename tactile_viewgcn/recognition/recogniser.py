@@ -12,6 +12,8 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.transform import network_input
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import view_set_logits
+from tactile_viewgcn.params import Preprocess
+from tactile_viewgcn.recognition.contact import Treatment
 from tactile_viewgcn.recognition.model_file import load_classifier
 
 
@@ -24,6 +26,7 @@ class Recogniser:
     Attributes:
         classes: names; shape: (H, W) of a frame.
         temperatures: for 1 to V frames; None for a classifier of V views alone.
+        treatment: how the training's recordings were treated.
     """
 
     def __init__(self, path: str | Path):
@@ -33,6 +36,15 @@ class Recogniser:
         self._transform, self._scale = content["transform"], content["scale"]
         self._compute = select_device("cpu", content["precision"])
         self._baselines = dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True))
+        self.treatment = Treatment(
+            preprocess=Preprocess(**content["preprocess"]),
+            passed=content["passed"],
+            dtype=np.dtype(content["dtype"]),
+            reach=content["reach"],
+            live=content["live"].numpy(),
+            noise=content["noise"].numpy(),
+            baselines=self._baselines,
+        )
 
     def baseline(self, name: str = "") -> np.ndarray:
         """Baseline (H, W) in counts of a session of the training data; without a name, the mean of all sessions.

@@ -9,6 +9,7 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
+UNLABELLED = ""  # in the place of an object's name, of recordings whose object is to be told
 TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64  # rows and columns of a frame
 BLOCK_FRAMES = 4096  # read or written at once

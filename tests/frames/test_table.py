@@ -36,6 +36,9 @@ def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
         baseline_names=["000", "001"],
         transform=transform,
         scale=scale,
+        noise=np.ones((3, 4)),
+        preprocess={"baseline": "quiet", "quiet_share": 0.1},
+        passed=0.5,
     )
 
 
@@ -147,7 +150,7 @@ def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
 def test_the_file_uses_the_projects_words(tmp_path):
     write_frames(tmp_path / "frames.h5", made())
     with h5py.File(tmp_path / "frames.h5") as file:
-        arrays = {"counts", "label", "recording", "session", "group", "side", "anchor", "time", "live"}
+        arrays = {"counts", "label", "recording", "session", "group", "side", "anchor", "time", "live", "noise"}
         names = {"classes", "recordings", "sessions", "baseline_names"}
         assert set(file) == arrays | names | {"baseline", "baseline_mean"}
-        assert set(file.attrs) == {"transform", "scale"}
+        assert set(file.attrs) == {"transform", "scale", "preprocess", "passed"}
