@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPERIMENT = "tactile-viewgcn"
+MODEL_NEEDS = "torch", "numpy", "h5py", "pyyaml", "filelock"  # packages that every logged model needs
 PARAMETERS_AT_ONCE = 100  # MLflow's limit for one call
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
 STORE = "store"  # tag of an experiment: the folder of the database that it was created in
@@ -114,10 +115,13 @@ class Run:
         classes: list[str],
         packages: tuple[str, ...] = (),
     ) -> str | None:
-        """Log the classifier as an MLflow model: raw view sets of counts (n, V, H, W) in, probabilities out.
+        """Log the classifier as an MLflow model: view sets of raw counts (n, V, H, W) in, a column for each class out.
+
+        Its requirements name the versions that are installed. The signature says no type of the counts: of `int16`
+        MLflow's server would cut fractions off before the model sees them. Shape and type are in the metadata.
 
         Args:
-            packages: what its system needs, each in the version installed, as pickled estimators are read by no other.
+            packages: what its system needs besides.
 
         Returns:
             Its address, for `mlflow.pyfunc.load_model`; None without tracking.
@@ -126,14 +130,14 @@ class Run:
             return None
         import mlflow
         from mlflow.models import ModelSignature
-        from mlflow.types import ParamSchema, ParamSpec, Schema, TensorSpec
+        from mlflow.types import ColSpec, ParamSchema, ParamSpec, Schema, TensorSpec
 
         signature = ModelSignature(
-            Schema([TensorSpec(dtype, (-1, views, *shape))]),
-            Schema([TensorSpec(np.dtype(np.float32), (-1, len(classes)))]),
+            Schema([TensorSpec(np.dtype(object), (-1,), "counts")]),
+            Schema([ColSpec("float", name) for name in classes]),
             ParamSchema([ParamSpec("session", "string", ""), ParamSpec("baseline", "double", [], shape=(-1,))]),
         )
-        needs = ["torch", "numpy", "h5py", "pyyaml", *(f"{name}=={version(name)}" for name in packages)]
+        needs = [f"{name}=={version(name).partition('+')[0]}" for name in (*MODEL_NEEDS, *packages)]
         mlflow.set_tracking_uri(self._uri)
         with warnings.catch_warnings(), mlflow.start_run(run_id=self.id):
             warnings.filterwarnings("ignore", message=".*input example")  # it would copy frames of the data set
@@ -144,10 +148,19 @@ class Run:
                 code_paths=[str(Path(__file__).parent)],
                 signature=signature,
                 pip_requirements=needs,
-                metadata={"classes": classes},
+                metadata={"classes": classes, "views": views, "shape": list(shape), "dtype": str(dtype)},
             )
         self._client.update_run(self.id, status="RUNNING")  # the block has ended MLflow's run, the stage goes on
         return logged.model_uri
+
+
+def bad_request(message: str) -> Exception:
+    """MLflow's exception for a mistake of the user: its server answers 400 and the message, without a traceback."""
+    from mlflow.exceptions import MlflowException
+
+    refusal = MlflowException.invalid_parameter_value(message)
+    refusal.json_kwargs = {"message": message}  # its server would put all of the input in front of it
+    return refusal
 
 
 @contextmanager

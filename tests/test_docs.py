@@ -34,6 +34,10 @@ ELSEWHERE = {
     "dvc queue start -j 2": "starts processes that outlive a test; tests/stages/test_pipeline.py runs the queue",
     "git checkout params.yaml": "changes the checkout",
     "mlflow ui": "a server that does not end",
+    "export MLFLOW_TRACKING_URI=sqlite:///mlflow.db": "sets a variable",
+    "mlflow models serve -m models:/glove@best --env-manager local -p 5001": "a server; tests/recognition/"
+    "test_mlflow_model.py starts one",
+    "curl -H 'Content-Type: application/json' -d @request.json http://127.0.0.1:5001/invocations": "needs that server",
     "ruff check . && ruff format --check .": "needs the whole checkout to be clean; .ci/run does it",
     "mypy tactile_viewgcn stages": "a minute; .ci/run does it",
     "pytest": "these tests",

@@ -1,16 +1,20 @@
 """The recogniser as an MLflow model: MLflow calls `_load_pyfunc` on its file and then `predict`."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.tracking import bad_request
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 class RecogniserModel:
-    """Raw counts (B, V, H, W) to class probabilities (B, classes).
+    """Raw counts (n, V, H, W) to class probabilities: a table with a row for each view set, a column for each class.
 
     Parameters of `predict`: `session`, a session of the training data whose baseline is subtracted, or `baseline`,
     the mean of the caller's own empty hand, H * W counts row by row. Without either, the mean of the known baselines.
@@ -19,15 +23,44 @@ class RecogniserModel:
     def __init__(self, recogniser: Recogniser):
         self.recogniser = recogniser
 
-    def predict(self, model_input: np.ndarray, params: dict[str, Any] | None = None) -> np.ndarray:
-        params = params or {}
-        given = np.asarray(params.get("baseline", ()), dtype=np.float64)
-        if given.size not in (0, np.prod(self.recogniser.shape)):
-            raise UserError(f"baseline has {given.size} values; expected one per sensor cell, {self.recogniser.shape}")
-        baseline = (
-            given.reshape(self.recogniser.shape) if given.size else self.recogniser.baseline(params.get("session", ""))
-        )
-        return self.recogniser.probabilities(np.asarray(model_input), baseline)
+    def predict(self, model_input: dict[str, np.ndarray], params: dict[str, Any] | None = None) -> "DataFrame":
+        """Class probabilities of `model_input["counts"]`.
+
+        Raises:
+            MlflowException: with the line of the recogniser's UserError; MLflow's server answers it with status 400.
+        """
+        from pandas import DataFrame  # comes with MLflow
+
+        try:
+            counts, baseline = _numbers(model_input["counts"]), self._baseline(params or {})
+            return DataFrame(self.recogniser.probabilities(counts, baseline), columns=self.recogniser.classes)
+        except UserError as error:
+            raise bad_request(str(error)) from None
+
+    def _baseline(self, params: dict[str, Any]) -> np.ndarray:
+        session, given = params.get("session", ""), np.asarray(params.get("baseline", ()), dtype=np.float64)
+        height, width = self.recogniser.shape
+        if not given.size:
+            return self.recogniser.baseline(session)
+        if session:
+            raise UserError(f"session {session!r} and a baseline are given; expected one of the two")
+        if given.size != height * width:
+            raise UserError(
+                f"baseline has {given.size} values; expected {height * width}, row by row of {height} x {width} sensors"
+            )
+        return given.reshape(height, width)
+
+
+def _numbers(counts: np.ndarray) -> np.ndarray:
+    """Counts as MLflow hands them over, nested lists of JSON as an array of objects, as an array of numbers."""
+    try:
+        numbers = np.array(counts.tolist()) if counts.dtype == object else counts
+    except ValueError:  # lists of different lengths
+        raise UserError("counts is not rectangular; expected nested lists of equal lengths") from None
+    if numbers.dtype.kind not in "iuf":
+        types = ", ".join(sorted({type(value).__name__ for value in counts.ravel().tolist()}))
+        raise UserError(f"counts holds values of type {types}; expected numbers alone")
+    return numbers
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:

@@ -34,6 +34,7 @@ class Recogniser:
         self.classes, self.shape = content["classes"], tuple(content["shape"])
         self.temperatures = content["temperatures"]
         self._transform, self._scale = content["transform"], content["scale"]
+        self._dtype = np.dtype(content["dtype"])
         self._compute = select_device("cpu", content["precision"])
         self._baselines = dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True))
         self.treatment = Treatment(
@@ -76,7 +77,8 @@ class Recogniser:
             baseline: of the empty hand in the same session, (H, W) counts; the mean of the known baselines if None.
 
         Raises:
-            UserError: counts or baseline of another shape, or values that are not finite.
+            UserError: counts or baseline of another shape, values that are not finite, or fractions where the
+                training's counts are integers.
         """
         max_views, any_number = self.classifier.views, self.temperatures is not None
         fits = counts.ndim == 4 and counts.shape[2:] == self.shape
@@ -93,8 +95,13 @@ class Recogniser:
         baseline = self.baseline() if baseline is None else baseline
         if baseline.shape != self.shape:
             raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
-        if not (np.isfinite(counts).all() and np.isfinite(baseline).all()):
-            raise UserError("counts or baseline holds values that are not finite; expected a number from every sensor")
+        for name, values in ("counts", counts), ("baseline", baseline):
+            if not np.isfinite(values).all():
+                raise UserError(f"{name} holds values that are not finite; expected a number from every sensor")
+        if (self._dtype.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
+            raise UserError(
+                f"counts holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({self._dtype})"
+            )
         inputs = network_input(np.subtract(counts, baseline, dtype=np.float64), self._transform, self._scale)
         if not len(counts):
             return torch.empty(0, self.classifier.backbone.features)

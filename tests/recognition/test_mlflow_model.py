@@ -1,0 +1,193 @@
+"""The recogniser as an MLflow model, called as MLflow calls it, and behind the server that MLflow starts."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn import tracking
+from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
+from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tests.tables import recipe, table, trained
+
+pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
+CLASSES = ["empty_hand", "object1", "object2", "object3"]
+EXPECTED = r"expected (sets, views, rows, columns) = (any, 4, 12, 12)"
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "classifier.pt"
+    save_classifier(path, trained(), recipe().model, table())
+    return path
+
+
+def as_json(counts) -> np.ndarray:
+    """Nested lists as MLflow hands them over."""
+    return np.array(counts, dtype=object)
+
+
+def some_counts() -> list:
+    """Two view sets (2, 4, 12, 12) as nested lists."""
+    return (514 + np.random.default_rng(0).poisson(3, (2, 4, 12, 12))).tolist()
+
+
+def changed(value) -> list:
+    """The same with another value in one place."""
+    counts = some_counts()
+    counts[1][2][3][4] = value
+    return counts
+
+
+def one_row_short() -> list:
+    counts = some_counts()
+    counts[0][0].pop()
+    return counts
+
+
+NUMBERS = "a number from every sensor"
+SHORT_BASELINE = "baseline has 3 values; expected 144, row by row of 12 x 12 sensors"
+
+#: What is wrong -> (inputs, params, the whole line of the answer).
+MISTAKES = {
+    "unknown session": (
+        some_counts(),
+        {"session": "monday"},
+        "session is 'monday'; expected one of 000, or give the baseline of the empty hand itself",
+    ),
+    "length of the baseline": (some_counts(), {"baseline": [514.0] * 3}, SHORT_BASELINE),
+    "session and baseline": (
+        some_counts(),
+        {"session": "000", "baseline": [514.0] * 144},
+        "session '000' and a baseline are given; expected one of the two",
+    ),
+    "shape of a frame": (np.zeros((1, 4, 12, 11), int).tolist(), {}, f"counts has shape (1, 4, 12, 11); {EXPECTED}"),
+    "too many views": (np.zeros((1, 9, 12, 12), int).tolist(), {}, f"counts has shape (1, 9, 12, 12); {EXPECTED}"),
+    "NaN": (changed(float("nan")), {}, f"counts holds values that are not finite; expected {NUMBERS}"),
+    "a fraction": (changed(1.25), {}, "counts holds 1.25; expected whole numbers, raw counts as in training (int16)"),
+    "a number as text": (changed("515"), {}, "counts holds values of type int, str; expected numbers alone"),
+    "text": ("mug", {}, "counts holds values of type str; expected numbers alone"),
+    "nothing": ([], {}, f"counts has shape (0,); {EXPECTED}"),
+    "a row missing": (one_row_short(), {}, "counts is not rectangular; expected nested lists of equal lengths"),
+}
+
+
+def test_probabilities_are_a_table_with_a_column_for_each_class(checkpoint):
+    recogniser, counts = Recogniser(checkpoint), np.array(some_counts())
+    answer = RecogniserModel(recogniser).predict({"counts": as_json(some_counts())})
+    assert list(answer.columns) == CLASSES
+    np.testing.assert_array_equal(answer.to_numpy(), recogniser.probabilities(counts))
+    own = np.arange(144.0) + 400
+    answer = RecogniserModel(recogniser).predict({"counts": counts}, {"session": "", "baseline": own.tolist()})
+    np.testing.assert_array_equal(answer, recogniser.probabilities(counts, own.reshape(12, 12)))
+
+
+def test_whole_numbers_may_be_written_as_floats(checkpoint):
+    model, counts = RecogniserModel(Recogniser(checkpoint)), np.array(some_counts())
+    whole = model.predict({"counts": as_json(counts.astype(float).tolist())})
+    np.testing.assert_array_equal(whole, model.predict({"counts": counts}))
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(checkpoint, mistake):
+    inputs, params, line = MISTAKES[mistake]
+    with pytest.raises(Exception, match="expected") as error:
+        RecogniserModel(Recogniser(checkpoint)).predict({"counts": as_json(inputs)}, params)
+    error.value.message = f"Failed to predict data '{inputs}'"  # as the server does
+    assert json.loads(error.value.serialize_as_json())["message"] == line
+    assert error.value.get_http_status_code() == 400
+
+
+@pytest.fixture(scope="module")
+def server(checkpoint, tmp_path_factory):
+    """The address of `mlflow models serve` on a logged model, registered under a name with an alias."""
+    store = tmp_path_factory.mktemp("store")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        patch.setenv("DVC_ROOT", str(store))
+        with tracking.stage_run("evaluate") as run:
+            address = run.model(checkpoint, 4, (12, 12), np.dtype(np.int16), CLASSES)
+    import mlflow
+
+    uri = f"sqlite:///{store / 'mlflow.db'}"
+    client = mlflow.MlflowClient(uri, uri)
+    client.create_registered_model("glove")
+    entry = client.create_model_version("glove", address, run.id)
+    client.set_registered_model_alias("glove", "best", entry.version)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    words = ["-m", "mlflow", "models", "serve", "-m", "models:/glove@best", "--env-manager", "local", "-p", port]
+    python = str(Path(sys.executable).parent)  # of uvicorn, which MLflow calls by its name
+    environment = os.environ | {"MLFLOW_TRACKING_URI": uri, "PATH": f"{python}{os.pathsep}{os.environ['PATH']}"}
+    environment.pop("PYTHONPATH", None)  # the model brings its code
+    with (store / "log").open("w") as log:
+        process = subprocess.Popen(
+            [sys.executable, *words], cwd=store, env=environment, stdout=log, stderr=log, start_new_session=True
+        )
+    try:
+        wait_for(f"http://127.0.0.1:{port}/ping", process, store / "log")
+        yield f"http://127.0.0.1:{port}/invocations"
+    finally:
+        os.killpg(process.pid, signal.SIGTERM)
+        process.wait(30)
+
+
+def wait_for(address: str, process: subprocess.Popen, log: Path) -> None:
+    """Return once the server answers; it takes about 20 seconds."""
+    for _ in range(600):
+        assert process.poll() is None, log.read_text()
+        try:
+            urllib.request.urlopen(address, timeout=5).close()
+        except OSError:
+            time.sleep(0.2)
+        else:
+            return
+    pytest.fail(f"no answer: {log.read_text()}")
+
+
+def ask(address: str, body: bytes) -> tuple[int, dict]:
+    """Status and content of the answer to a body of JSON."""
+    request = urllib.request.Request(address, body, {"Content-Type": "application/json"})
+    try:
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            return answer.status, json.load(answer)
+    except urllib.error.HTTPError as error:
+        return error.code, json.load(error)
+
+
+@pytest.mark.slow
+def test_the_server_answers_with_a_probability_for_each_class(server, checkpoint):
+    for body in {"inputs": some_counts()}, {"inputs": {"counts": some_counts()}}, {"instances": some_counts()}:
+        status, answer = ask(server, json.dumps(body | {"params": {"session": "000"}}).encode())
+        assert status == 200
+        assert [list(row) for row in answer["predictions"]] == [CLASSES, CLASSES]
+        found = [list(row.values()) for row in answer["predictions"]]
+        recogniser = Recogniser(checkpoint)
+        expected = recogniser.probabilities(np.array(some_counts()), recogniser.baseline("000"))
+        np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_the_server_refuses_a_mistake_in_one_line(server, mistake):
+    inputs, params, line = MISTAKES[mistake]
+    status, answer = ask(server, json.dumps({"inputs": inputs, "params": params}).encode())
+    assert (status, answer["message"]) == (400, line)
+    assert "stack_trace" not in answer
+
+
+@pytest.mark.slow
+def test_the_server_refuses_what_is_no_json(server):
+    status, answer = ask(server, b'{"inputs": [[1, 2')
+    assert status == 400 and answer["message"].startswith("Invalid input. Ensure that input is a valid JSON")
