@@ -6,10 +6,9 @@ import torch
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.files import readable
-from tactile_viewgcn.frames.split import VALIDATION
 from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.nn.classifier import count_weights, system_class
-from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, calibrate, cross_calibrate
+from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.training.checkpoint import training_checkpoint
 from tactile_viewgcn.training.finetuning import finetune_classifier
@@ -30,19 +29,15 @@ def finetune(params, job, frames, views, backbone, out):
     if system.takes != "sensors":
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
-    clusters, on_epoch, temperatures = read_views(views), job.on_epoch(params.finetune.epochs), None
-    any_number = params.finetune.num_views == "random"
+    clusters, on_epoch = read_views(views), job.on_epoch(params.finetune.epochs)
     with training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
         given = pretrained, params, compute
         classifier, progress = finetune_classifier(table, clusters, *given, checkpoint_path, on_epoch)
-        if any_number and system.takes == "sensors":
-            temperatures = cross_calibrate(
-                lambda part: finetune_classifier(part, clusters, *given)[0], table, compute, params.seed
-            )
-        elif any_number and (table.anchor & (table.side == VALIDATION)).any():
-            temperatures = calibrate(classifier, table, compute, params.seed)
-        save_classifier(out, classifier, params.model, table, compute.precision, temperatures)
-    if temperatures and max(temperatures) > 0.9 * MAX_TEMPERATURE:
+        calibration = fit_temperatures(
+            classifier, lambda part: finetune_classifier(part, clusters, *given)[0], table, params, compute
+        )
+        save_classifier(out, classifier, params.model, table, compute.precision, calibration)
+    if calibration and max(calibration) > 0.9 * MAX_TEMPERATURE:
         job.note(
             "warning: its answers on held-out groups are no better than chance: no confidence threshold is reached"
         )

@@ -61,7 +61,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def readable(path: str | Path) -> Iterator[None]:
+def readable(path: object) -> Iterator[None]:
     """Context for reading what an earlier stage wrote.
 
     Raises:

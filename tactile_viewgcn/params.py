@@ -12,11 +12,12 @@ from typing import Annotated, Any, Literal, get_args
 import yaml
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.schema import Range, build, set_value
+from tactile_viewgcn.schema import Range, as_change, build, set_value
 from tactile_viewgcn.systems import Member, OnSensors, System
 
 PRESETS = ("released", "stag", "wang", "stable", "network", "best")
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
+DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
 
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C where there is one: ten times as fast
@@ -197,8 +198,11 @@ class Params:
     glove: Glove
 
 
-def load(path: str | Path, changes: tuple[str, ...] = ()) -> Params:
+def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Params:
     """Parameters of the file at `path` with `key=value` changes on top, all checked.
+
+    Args:
+        name: what an error begins with; else the path.
 
     Raises:
         UserError: lists every mistake, each with its key, the value, what is allowed and the nearest known name.
@@ -210,7 +214,7 @@ def load(path: str | Path, changes: tuple[str, ...] = ()) -> Params:
     if not mistakes:
         mistakes = list(_conflicts(params))
     if mistakes:
-        raise UserError(f"{path}: " + "; ".join(mistakes))
+        raise UserError(f"{name or path}: " + "; ".join(mistakes))
     return params
 
 
@@ -233,12 +237,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 def preset_changes(name: str) -> list[str]:
     """A preset as `key=value` changes to params.yaml, none with a space in it, so that each is one word of a shell."""
     text = (files("tactile_viewgcn") / "presets" / f"{name}.yaml").read_text()
-    return [f"{key}={_one_word(value)}" for key, value in yaml.safe_load(text).items()]
-
-
-def _one_word(value: Any) -> str:
-    """A value as YAML in flow style: [3,3,2], true, 0.001."""
-    return yaml.safe_dump([value], default_flow_style=True).strip()[1:-1].replace(", ", ",")
+    return [as_change(key, value) for key, value in yaml.safe_load(text).items()]
 
 
 def _conflicts(params: Params) -> Iterator[str]:

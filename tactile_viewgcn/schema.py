@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
 
+from tactile_viewgcn.errors import UserError
+
 TYPE_NAMES = {
     int: "an integer",
     float: "a number",
@@ -64,6 +66,19 @@ def set_value(tree: dict[str, Any], change: str) -> str | None:
     except yaml.YAMLError:
         return f"--set {key}: {text!r} is not YAML"
     return None
+
+
+def as_change(key: str, value: Any) -> str:
+    """`key=value` with the value as YAML in flow style: [3,3,2], true, 0.001.
+
+    Raises:
+        UserError: YAML has no such value.
+    """
+    try:
+        text = yaml.safe_dump([value], default_flow_style=True, width=math.inf)
+    except yaml.YAMLError:
+        raise UserError(f"{key} is {value!r}; expected a text, a number, true, false, or a list of these") from None
+    return f"{key}={text.strip()[1:-1].replace(', ', ',')}"
 
 
 def build(kind: Any, tree: dict[str, Any], mistakes: list[str], prefix: str = "") -> Any:

@@ -19,18 +19,20 @@ def prepare(
     split: Split,
     rng: np.random.Generator,
     baseline: Baseline | None = None,
+    groups: np.ndarray | None = None,
 ) -> tuple[Frames, Selection]:
     """The kept frames, and what became of every frame.
 
     Args:
         baseline: what `measure_baseline` returns; None measures it.
+        groups: see `select`.
 
     Raises:
         UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
             classes left; an empty side.
     """
     baseline = baseline or measure_baseline(recordings, preprocess)
-    selection = select(recordings, baseline, preprocess, split, rng)
+    selection = select(recordings, baseline, preprocess, split, rng, groups)
     return _kept_frames(recordings, baseline, selection, preprocess), selection
 
 

@@ -16,6 +16,7 @@ from tactile_viewgcn.frames.split import (
     fold_sides,
     frame_sides,
     late_frames,
+    spans_classes,
     split_groups,
     validation_sides,
 )
@@ -47,9 +48,18 @@ class Selection:
 
 
 def select(
-    recordings: Recordings, baseline: Baseline, preprocess: Preprocess, split: Split, rng: np.random.Generator
+    recordings: Recordings,
+    baseline: Baseline,
+    preprocess: Preprocess,
+    split: Split,
+    rng: np.random.Generator,
+    groups: np.ndarray | None = None,
 ) -> Selection:
     """Filter, split and balance the frames.
+
+    Args:
+        groups: (T,) split group of each frame, where none is for the test: all are on the training side, but for
+            `split.validation` of the groups. None: `split.by` names the groups and the test side.
 
     Raises:
         UserError: flags or groups that the recordings do not have, fewer than two classes left, or an empty side.
@@ -65,14 +75,22 @@ def select(
     keep = filtered.copy()
     if not preprocess.empty_hand_class and EMPTY_HAND in recordings.objects:
         keep &= objects != recordings.objects.index(EMPTY_HAND)
-    group = split_groups(recordings.columns, split.by)
-    side = _sides(recordings, keep, group, split, rng, notes)
-    _require_classes(recordings, keep)
-    _require_sides(keep, side, split)
-    _drop_classes(recordings, keep, side, notes)
-    _require_classes(recordings, keep)
-    _require_sides(keep, side, split)
-    if not contact and split.by == "source" and "balanced" in recordings.columns:
+    if groups is not None:
+        group, across = groups, spans_classes(groups, objects)
+        side = np.full(len(keep), TRAIN, dtype=np.int8)
+        side[keep] = validation_sides(
+            side[keep], group[keep], objects[keep], share=split.validation, across=across, rng=rng
+        )
+        _require_classes(recordings, keep)
+    else:
+        group = split_groups(recordings.columns, split.by)
+        side = _sides(recordings, keep, group, split, rng, notes)
+        _require_classes(recordings, keep)
+        _require_sides(keep, side, split)
+        _drop_classes(recordings, keep, side, notes)
+        _require_classes(recordings, keep)
+        _require_sides(keep, side, split)
+    if groups is None and not contact and split.by == "source" and "balanced" in recordings.columns:
         anchor = keep & recordings.columns["balanced"]
         notes.append("anchors: the source's balanced frames")
         _require_anchors(keep, side, anchor)

@@ -32,6 +32,11 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
+def spans_classes(groups: np.ndarray, labels: np.ndarray) -> bool:
+    """Whether a split group (n,) has frames of several classes (n,), as a session has."""
+    return len(np.unique(np.stack([groups, labels]), axis=1).T) > len(np.unique(groups))
+
+
 def fold_sides(
     groups: np.ndarray, labels: np.ndarray, *, folds: int, fold: int, across: bool, deal: int = 0
 ) -> np.ndarray:

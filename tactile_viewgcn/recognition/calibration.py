@@ -12,10 +12,11 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION, fold_sides
+from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION, fold_sides, spans_classes
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import logits_by_count, sequences
 from tactile_viewgcn.views.clustering import pool_ids
@@ -36,6 +37,31 @@ def fit_temperature(logits: Tensor, labels: Tensor) -> float:
 
     bounds = np.log(MIN_TEMPERATURE), np.log(MAX_TEMPERATURE)
     return float(np.exp(minimize_scalar(negative_log_likelihood, bounds=bounds, method="bounded").x))
+
+
+def fit_temperatures(
+    classifier: Classifier,
+    fit: Callable[[Frames], Classifier],
+    table: Frames,
+    params: Params,
+    compute: Compute,
+) -> list[float] | None:
+    """Temperatures of a trained classifier for 1 to V frames.
+
+    Args:
+        fit: a classifier like it, fitted to the training side of a table; called for systems without a network.
+        params: `seed` and `finetune.num_views` are read.
+
+    Returns:
+        None where it takes V frames alone, or nothing can be held out to calibrate on.
+    """
+    if params.finetune.num_views != "random":
+        return None
+    if classifier.head.takes == "sensors":
+        return cross_calibrate(fit, table, compute, params.seed)
+    if (table.anchor & (table.side == VALIDATION)).any():
+        return calibrate(classifier, table, compute, params.seed)
+    return None
 
 
 def calibrate(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> list[float]:
@@ -67,7 +93,7 @@ def cross_calibrate(
     train = table.on(TRAIN)
     group, label, answers = table.group[train], table.label[train], []
     for fold in range(FOLDS):
-        held_out = fold_sides(group, label, folds=FOLDS, fold=fold, across=_spans_classes(group, label)) == TEST
+        held_out = fold_sides(group, label, folds=FOLDS, fold=fold, across=spans_classes(group, label)) == TEST
         held_out &= np.isin(label, label[~held_out])
         side = np.where(table.side == VALIDATION, TEST, table.side)
         side[train[held_out]] = VALIDATION
@@ -75,11 +101,6 @@ def cross_calibrate(
             part = replace(table, side=side)
             answers.append(_held_out_answers(fit(part), part, compute, seed))
     return _temperatures(answers) if answers else None
-
-
-def _spans_classes(groups: np.ndarray, labels: np.ndarray) -> bool:
-    """Whether a split group (n,) has frames of several classes (n,), as a session has."""
-    return len(np.unique(np.stack([groups, labels]), axis=1).T) > len(np.unique(groups))
 
 
 def _held_out_answers(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> tuple[Tensor, Tensor]:

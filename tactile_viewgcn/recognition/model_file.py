@@ -6,7 +6,7 @@ network are a pickled estimator, which runs code when it is loaded, see `nn/fram
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import torch
@@ -80,7 +80,7 @@ def reach(frames: Frames) -> float:
     return float(np.quantile(frames.inputs(some, "counts")[:, frames.live], 1 - REACH_SHARE))
 
 
-def load_classifier(path: str | Path) -> tuple[Classifier, dict[str, Any]]:
+def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, Any]]:
     """The classifier in evaluation mode, and the other content of the file that `save_classifier` wrote."""
     with readable(path):
         content = torch.load(path, map_location="cpu", weights_only=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import torch
@@ -21,7 +22,7 @@ class Recogniser:
     """A trained classifier for raw counts.
 
     Args:
-        path: a file of `save_classifier`.
+        path: a file of `save_classifier`, or one that is open for reading.
 
     Attributes:
         classes: names; shape: (H, W) of a frame.
@@ -29,7 +30,7 @@ class Recogniser:
         treatment: how the training's recordings were treated.
     """
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Path | BinaryIO):
         self.classifier, content = load_classifier(path)
         self.classes, self.shape = content["classes"], tuple(content["shape"])
         self.temperatures = content["temperatures"]

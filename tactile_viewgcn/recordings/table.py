@@ -122,6 +122,7 @@ class Recordings:
             self.weights, self.action = (
                 self._file[name][()] if name in self._file else None for name in ("weights", "action")
             )
+            self._pressure = self._file["pressure"]
 
     def __enter__(self) -> "Recordings":
         return self
@@ -130,12 +131,12 @@ class Recordings:
         self._file.close()
 
     def __len__(self) -> int:
-        return len(self._file["pressure"])
+        return len(self._pressure)
 
     @property
     def dtype(self) -> np.dtype:
         """Type of the counts."""
-        return self._file["pressure"].dtype
+        return self._pressure.dtype
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -145,16 +146,15 @@ class Recordings:
 
     def frames(self, index: np.ndarray) -> np.ndarray:
         """Counts (n, H, W) of the frames in a rising index (n,), read block by block."""
-        out, pressure, done = np.empty((len(index), *self.shape), self.dtype), self._file["pressure"], 0
+        out, done = np.empty((len(index), *self.shape), self.dtype), 0
         for start in range(0, len(self), BLOCK_FRAMES):
             stop = int(np.searchsorted(index, start + BLOCK_FRAMES))
             if stop > done:
-                out[done:stop] = pressure[start : start + BLOCK_FRAMES][index[done:stop] - start]
+                out[done:stop] = self._pressure[start : start + BLOCK_FRAMES][index[done:stop] - start]
                 done = stop
         return out
 
     def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""
-        pressure = self._file["pressure"]
-        for start in range(0, len(pressure), BLOCK_FRAMES):
-            yield start, pressure[start : start + BLOCK_FRAMES]
+        for start in range(0, len(self), BLOCK_FRAMES):
+            yield start, self._pressure[start : start + BLOCK_FRAMES]

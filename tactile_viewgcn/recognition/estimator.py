@@ -1,0 +1,223 @@
+"""scikit-learn's interface: a classifier of recordings, of view sets, or of rows of sensors, given as arrays."""
+
+import io
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils import check_random_state
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d, validate_data
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
+from tactile_viewgcn.recordings.array_table import RECORDINGS, ROWS, ArrayRecordings, checked_arrays, form_of
+from tactile_viewgcn.recordings.source import UNLABELLED
+from tactile_viewgcn.schema import as_change
+
+NO_LABELS = "no_validation"  # scikit-learn's word for y where there is none
+#: view sets and rows are chosen frames above baseline
+CHOSEN = {
+    "preprocess.baseline": "none",
+    "preprocess.zero": 0,
+    "preprocess.filter": "flags",
+    "cluster.scope": "recording",
+}
+
+
+class TactileClassifier(ClassifierMixin, BaseEstimator):
+    """Tells objects by tactile recordings; any system or preset of the pipeline, trained in memory.
+
+    X is one of
+
+    - a list of recordings, each raw counts (T_i, H, W): the baseline is subtracted and the frames in contact are found
+      as the pipeline does it;
+    - an array of view sets (n, V, H, W), counts above baseline, frames in contact;
+    - an array (n, S), or what scikit-learn makes one of: each row is one frame of 1 x S sensors, counts above baseline.
+
+    Args:
+        preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
+        system: a value of `model.system`, on top of the preset, or of params.yaml if there is none.
+        views: V, frames that a recording is classified by; an array of view sets has its own.
+        params: changes of params.yaml by dotted key, on top of all others, such as `{"preprocess.transform": "log"}`.
+        random_state: of every random choice: an integer, a generator of NumPy (RandomState), or None.
+
+    Attributes:
+        classes_: (Y,) labels, sorted.
+        params_: all parameters that it was trained with.
+        notes_: sentences on what was left out of the training data and why.
+        recogniser_: the trained `Recogniser`, which answers one set or recording at a time.
+        n_features_in_: S, of rows alone.
+    """
+
+    def __init__(
+        self,
+        preset: str | None = None,
+        system: str | None = None,
+        *,
+        views: int = 8,
+        params: Mapping[str, Any] | None = None,
+        random_state: Any = 0,
+    ):
+        self.preset = preset
+        self.system = system
+        self.views = views
+        self.params = params
+        self.random_state = random_state
+
+    def fit(self, X: Any, y: Any, groups: Any = None) -> "TactileClassifier":
+        """Train on rows of X and their labels y (n,).
+
+        Args:
+            groups: (n,) rows of one group are held out together where probabilities are calibrated, and where
+                `split.validation` is above 0; None: each row is a group.
+
+        Raises:
+            UserError, ValueError: an argument that is wrong, in one line.
+        """
+        from tactile_viewgcn.recognition.training import train
+
+        form, arrays, y = self._checked(X, y)
+        check_classification_targets(y)
+        self.classes_, labels = np.unique(y, return_inverse=True)
+        if len(self.classes_) < 2:
+            raise UserError(f"y has one class, {self.classes_[0]!r}; expected two or more")
+        group = _groups(groups, len(arrays))
+        params = self._resolved(form, len(arrays[0]))
+        session = np.zeros(len(arrays), dtype=int)
+        names = [str(label) for label in self.classes_]
+        recordings = ArrayRecordings(arrays, names, labels, session, chosen=params.preprocess.filter == "flags")
+        trained = train(recordings, params, group[recordings.columns["recording"]])
+        self.params_, self.notes_, self._form = params, trained.notes, form
+        self._columns = [names.index(name) for name in trained.frames.classes]
+        if len(self._columns) < len(self.classes_):
+            lost = ", ".join(str(name) for name in np.delete(self.classes_, self._columns))
+            warnings.warn(f"no frame of {lost} is in contact; its probability is 0 always", stacklevel=2)
+        with TemporaryDirectory() as folder:
+            trained.save(Path(folder) / "classifier.pt")
+            self._file = (Path(folder) / "classifier.pt").read_bytes()
+        self._load()
+        return self
+
+    def predict_proba(self, X: Any) -> np.ndarray:
+        """Class probabilities float32 (n, Y) of rows of X, a column for each of `classes_`.
+
+        Raises:
+            NotFittedError: before `fit`.
+            UserError, ValueError: X of another form or layout than in training.
+        """
+        check_is_fitted(self, "recogniser_")
+        _, arrays, _ = self._checked(X)
+        probabilities = np.zeros((len(arrays), len(self.classes_)), dtype=np.float32)
+        if self._form == RECORDINGS:
+            probabilities[:, self._columns] = self._of_recordings(arrays)
+        else:
+            probabilities[:, self._columns] = self.recogniser_.probabilities(np.stack(arrays))
+        return probabilities
+
+    def predict(self, X: Any) -> np.ndarray:
+        """The most probable of `classes_` (n,) for rows of X; see `predict_proba`."""
+        best = self.predict_proba(X).argmax(axis=1)
+        return self.classes_[best]
+
+    def save(self, path: str | Path) -> None:
+        """Write the classifier's file, as the pipeline's models/classifier.pt: `Recogniser` and `predict` read it.
+
+        Its classes are the texts of `classes_`.
+
+        Raises:
+            NotFittedError: before `fit`.
+        """
+        check_is_fitted(self, "recogniser_")
+        with atomic_write(path) as part:
+            part.write_bytes(self._file)
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "recogniser_")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the recogniser, which is loaded anew from the classifier's file."""
+        return {name: value for name, value in super().__getstate__().items() if name != "recogniser_"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        if hasattr(self, "_file"):
+            self._load()
+
+    def _load(self) -> None:
+        from tactile_viewgcn.recognition.recogniser import Recogniser
+
+        self.recogniser_ = Recogniser(io.BytesIO(self._file))
+
+    def _checked(self, X: Any, y: Any = NO_LABELS) -> tuple[str, list[np.ndarray], Any]:
+        """Form of X, its n rows as arrays (T_i, H, W), and y (n,) in training."""
+        form, training = form_of(X), y is not NO_LABELS
+        if not training and form != self._form:
+            raise UserError(f"X holds {form}; expected {self._form}, as in training")
+        if form == ROWS:
+            checked = validate_data(self, X, y, reset=training, dtype=(np.float64, np.float32))
+            X, y = checked if training else (checked, y)
+            return form, list(X[:, None, None, :]), y
+        arrays = checked_arrays(X, None if training else self.recogniser_.shape)
+        if training:
+            y = column_or_1d(y, warn=True)
+            check_consistent_length(arrays, y)
+        return form, arrays, y
+
+    def _resolved(self, form: str, frames: int) -> Params:
+        """All parameters, for rows of this form, of so many frames each."""
+        preset = "best" if self.preset is None and self.system is None else self.preset
+        if preset is not None and preset not in PRESETS:
+            raise UserError(f"preset is {preset!r}; expected {' | '.join(PRESETS)}, or None")
+        seed = self.random_state
+        if seed is None or isinstance(seed, np.random.RandomState):
+            seed = check_random_state(seed).randint(2**31 - 1)
+        changes = {"seed": seed, "views": self.views if form == RECORDINGS else frames}
+        changes |= {"model.system": self.system} if self.system is not None else {}
+        changes |= CHOSEN if form != RECORDINGS else {}
+        changes |= self.params or {}
+        plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in changes.items()}
+        texts = preset_changes(preset) if preset is not None else []
+        params = load(DEFAULTS, (*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
+        for key in ("baseline", "filter") if form != RECORDINGS else ():
+            value, expected = getattr(params.preprocess, key), CHOSEN[f"preprocess.{key}"]
+            if value != expected:
+                raise UserError(
+                    f"preprocess.{key} is {value}, and X holds {form}, which are chosen frames above baseline: "
+                    f"expected {expected}, or a list of recordings"
+                )
+        return params
+
+    def _of_recordings(self, arrays: list[np.ndarray]) -> np.ndarray:
+        """Probabilities (n, classes) of recordings of raw counts, each told from its frames in contact."""
+        from tactile_viewgcn.recognition.answer import answer_contact
+        from tactile_viewgcn.recognition.contact import find_contact
+
+        probabilities, one = [], np.zeros(1, dtype=int)
+        for number, counts in enumerate(arrays):
+            recordings = ArrayRecordings(
+                [counts], [UNLABELLED], one, one, chosen=self.params_.preprocess.filter == "flags"
+            )
+            recordings.live = self.recogniser_.treatment.live
+            baseline, contact = find_contact(recordings, self.recogniser_.treatment)
+            if not contact.any():
+                warnings.warn(f"X[{number}] has no frame in contact: it is classified by all its frames", stacklevel=3)
+                contact[:] = True
+            excess = counts[contact] - baseline.mean[baseline.of_frame[contact]]
+            probabilities.append(answer_contact(self.recogniser_, excess, len(counts)).probabilities)
+        return np.stack(probabilities)
+
+
+def _groups(groups: Any, rows: int) -> np.ndarray:
+    """Group (n,) of each row, from 0."""
+    if groups is None:
+        return np.arange(rows)
+    groups = np.asarray(groups)
+    if groups.shape != (rows,):
+        raise UserError(f"groups has shape {groups.shape}; expected ({rows},), a group for each row of X")
+    return np.unique(groups, return_inverse=True)[1]

@@ -1,0 +1,76 @@
+"""From recordings in memory to a trained classifier: what the stages preprocess to finetune do, without files."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from tactile_viewgcn.device import select_device
+from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
+from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.nn.classifier import Classifier, system_class
+from tactile_viewgcn.params import Params
+from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.recognition.calibration import fit_temperatures
+from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tactile_viewgcn.views.clustering import cluster_frames
+from tactile_viewgcn.views.viewpoints import viewpoints
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained classifier, and what it was trained on.
+
+    Attributes:
+        frames: the table of frames, without a test side.
+        temperatures: for 1 to V frames, see `calibration.fit_temperatures`.
+        notes: sentences on what was left out of the recordings and why.
+    """
+
+    classifier: Classifier
+    params: Params
+    frames: Frames
+    precision: str
+    temperatures: list[float] | None
+    notes: list[str]
+
+    def save(self, path: Path) -> None:
+        """Write the classifier's file, as the stage finetune does."""
+        save_classifier(path, self.classifier, self.params.model, self.frames, self.precision, self.temperatures)
+
+
+def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained:
+    """The classifier that is trained on all recordings; torch's own generator is left as it was.
+
+    Args:
+        groups: (T,) split group of each frame: groups are held out as a whole for the calibration, and as the
+            validation side if `split.validation` says so.
+
+    Raises:
+        UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer than two classes
+            left; a training that diverges in its first epoch.
+    """
+    split, seed, compute = params.split, params.seed, select_device(params.device, params.precision)
+    baseline = measure_baseline(recordings, params.preprocess)
+    rng = stream(split.seed, "preprocess")
+    frames, selection = prepare(recordings, params.preprocess, split, rng, baseline, groups)
+    on_sensors = system_class(params.model.system).takes == "sensors"
+    clustering = replace(params.cluster, method="none") if on_sensors else params.cluster  # they know no clusters
+    places = viewpoints(params.views, params.viewpoints, seed)
+    views = cluster_frames(frames, places, clustering, stream(seed + clustering.seed, "cluster"))
+    with torch.random.fork_rng():
+        pretrained = {}
+        if not on_sensors:
+            backbone, linear, _ = pretrain_backbone(frames, params, compute)
+            pretrained = {"backbone": backbone.cpu().state_dict(), "classifier": linear.cpu().state_dict()}
+
+        def fit(part: Frames) -> Classifier:
+            return finetune_classifier(part, views, pretrained, params, compute)[0]
+
+        classifier = fit(frames)
+        temperatures = fit_temperatures(classifier, fit, frames, params, compute)
+    return Trained(classifier, params, frames, compute.precision, temperatures, [*baseline.notes, *selection.notes])
