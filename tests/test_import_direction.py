@@ -25,7 +25,8 @@ ALLOWED = {
     "recognition": {"training", "nn", "views", "frames", "recordings", "root"},
     "evaluation": {"recognition", "nn", "views", "frames", "recordings", "root"},
 }
-ENTRANCES = {"tactile_viewgcn/cli.py", "tactile_viewgcn/__main__.py"}  # commands, which may use all of the package
+# what may use all of the package: its commands, and what `from tactile_viewgcn import` gives
+ENTRANCES = {"tactile_viewgcn/__init__.py", "tactile_viewgcn/cli.py", "tactile_viewgcn/__main__.py"}
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tactile_viewgcn").rglob("*.py"))
 BENCHMARKS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks").rglob("*.py"))
 
