@@ -46,7 +46,6 @@ def save_classifier(
         "transform": classifier.head.transform or frames.transform,
         "scale": frames.scale,
         "shape": list(frames.counts.shape[1:]),
-        "dtype": str(frames.counts.dtype),
         "baseline_mean": torch.from_numpy(baselines),
         "baseline_names": sessions,
         "precision": precision,

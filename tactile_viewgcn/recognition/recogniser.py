@@ -35,7 +35,6 @@ class Recogniser:
         self.classes, self.shape = content["classes"], tuple(content["shape"])
         self.temperatures = content["temperatures"]
         self._transform, self._scale = content["transform"], content["scale"]
-        self._dtype = np.dtype(content["dtype"])
         self._compute = select_device("cpu", content["precision"])
         self._baselines = dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True))
         self.treatment = Treatment(
@@ -99,9 +98,9 @@ class Recogniser:
         for name, values in ("counts", counts), ("baseline", baseline):
             if not np.isfinite(values).all():
                 raise UserError(f"{name} holds values that are not finite; expected a number from every sensor")
-        if (self._dtype.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
+        if (self.treatment.dtype.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
             raise UserError(
-                f"counts holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({self._dtype})"
+                f"counts holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({self.treatment.dtype})"
             )
         inputs = network_input(np.subtract(counts, baseline, dtype=np.float64), self._transform, self._scale)
         if not len(counts):
