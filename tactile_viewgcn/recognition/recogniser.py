@@ -98,9 +98,10 @@ class Recogniser:
         for name, values in ("counts", counts), ("baseline", baseline):
             if not np.isfinite(values).all():
                 raise UserError(f"{name} holds values that are not finite; expected a number from every sensor")
-        if (self.treatment.dtype.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
+        trained = self.treatment.dtype
+        if (trained.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
             raise UserError(
-                f"counts holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({self.treatment.dtype})"
+                f"counts holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({trained})"
             )
         inputs = network_input(np.subtract(counts, baseline, dtype=np.float64), self._transform, self._scale)
         if not len(counts):
