@@ -6,8 +6,10 @@ import click
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.frames.checks import preprocessing_warnings
 from tactile_viewgcn.frames.leak import check_leak, describe
 from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
+from tactile_viewgcn.frames.recommendation import inspect_contact, resolve
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.frames.table import write_frames
@@ -21,12 +23,14 @@ from tactile_viewgcn.recordings.table import Recordings
 @click.option("--kept", type=OUTPUT, required=True, help="Account of kept and dropped frames, per object and session.")
 def preprocess(params, job, recordings, out, kept):
     """Subtract the baseline, filter, split and balance the frames."""
-    values, split = params.preprocess, params.split
+    split = params.split
     with Recordings(recordings) as table:
+        hand, inspection = inspect_contact(table, params.preprocess)
+        values, choices = resolve(params.preprocess, inspection)
         baseline = measure_baseline(table, values)
         frames, selection = prepare(table, values, split, stream(split.seed, "preprocess"), baseline)
         rows = selection_counts(table, selection)
-        leak = check_leak(table, baseline, values, split, stream(split.seed, "leak"))
+        leak = check_leak(table, baseline, hand, split.by, stream(split.seed, "leak"))
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
@@ -40,10 +44,12 @@ def preprocess(params, job, recordings, out, kept):
     for side in SIDES:
         number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
         print("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
-    for note in (*baseline.notes, *selection.notes, describe(leak, values.baseline)):
+    notes = [*baseline.notes, *selection.notes, *preprocessing_warnings(inspection, frames, values)]
+    for note in (*map(str, choices), *notes, describe(leak, values.baseline)):
         job.note(note)
+    resolved = {f"resolved.{one.key}": one.value for one in choices}
     kept_and_dropped = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
-    return kept_and_dropped | {"classes": len(frames.classes)} | counts | leaked
+    return kept_and_dropped | {"classes": len(frames.classes)} | counts | leaked | resolved
 
 
 if __name__ == "__main__":

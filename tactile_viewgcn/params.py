@@ -36,17 +36,33 @@ class Data:
 
 
 @dataclass(frozen=True)
-class Preprocess:
-    baseline: Literal["empty_hand", "grasp", "quiet", "none"]
+class PreprocessSection:
+    baseline: Literal["auto", "empty_hand", "grasp", "quiet", "none"]  # auto: see frames/recommendation.py
     quiet_share: Annotated[float, Range(0, 1, open="low")]
     zero: Annotated[float, Range(-MAX_NUMBER, MAX_NUMBER)]
-    filter: Literal["flags", "contact"]
-    contact_sensors: Count
+    filter: Literal["auto", "flags", "contact", "none"]
+    contact_sensors: Literal["auto"] | Count
     contact_sigmas: Positive
     transform: Literal["clip", "log"]
-    scale: Positive
+    scale: Literal["auto"] | Positive
     empty_hand_class: bool
     balance_minimum: Count
+
+
+@dataclass(frozen=True)
+class Preprocess:
+    """The same, every `auto` decided."""
+
+    baseline: str
+    quiet_share: float
+    zero: float
+    filter: str
+    contact_sensors: int
+    contact_sigmas: float
+    transform: str
+    scale: float
+    empty_hand_class: bool
+    balance_minimum: int
 
 
 @dataclass(frozen=True)
@@ -187,7 +203,7 @@ class Params:
     device: Literal["auto", "cpu", "cuda"]
     precision: Literal["auto", "float32", "bfloat16"]
     data: Data
-    preprocess: Preprocess
+    preprocess: PreprocessSection
     split: Split
     cluster: Cluster
     augment: AugmentParams

@@ -12,6 +12,7 @@ from tests.sources import written
 FILE = Path(__file__).parents[1] / "params.yaml"
 OBJECTS, RECORDINGS, SESSIONS, FRAMES, BLANK = 3, 3, 2, 20, 6
 HELD = FRAMES - BLANK
+FIXED = ("baseline=empty_hand", "filter=flags", "contact_sensors=4", "scale=150", "balance_minimum=1")
 
 
 def grips(seed=0):
@@ -41,7 +42,7 @@ COUNTS, COLUMNS = grips()
 
 def prepared(tmp_path, *changes, seed=0, counts=COUNTS, columns=COLUMNS, **how):
     """Frames, selection and account of the grips under changed parameters."""
-    params = load(FILE, ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1", *changes))
+    params = load(FILE, (*(f"preprocess.{key}" for key in FIXED), *changes))
     with written(tmp_path / "glove.h5", counts, **columns, **how) as recordings:
         rng = np.random.default_rng(seed)
         frames, selection = prepare(recordings, params.preprocess, params.split, rng)

@@ -31,8 +31,8 @@ def test_the_shipped_file_is_the_recipe_of_the_paper():
     values = flatten(params())
     recipe = {
         "views": 8,
-        "preprocess.baseline": "empty_hand",
-        "preprocess.filter": "flags",
+        "preprocess.baseline": "auto",
+        "preprocess.filter": "auto",
         "split.by": "source",
         "cluster.method": "kmeans",
         "cluster.scope": "object",

@@ -73,6 +73,15 @@ def exact_float(dtype: np.dtype) -> np.dtype:
     return np.result_type(dtype, np.float32)
 
 
+def require_live(recordings: Recordings) -> None:
+    """Raise a UserError if no sensor varies."""
+    if not recordings.live.any():
+        raise UserError(
+            f"{recordings.path}: no sensor varies over the {len(recordings)} frames; expected some that do: "
+            "is the glove connected?"
+        )
+
+
 def empty_hand_baseline(recordings: Recordings) -> Baseline:
     """Baseline of each session over its frames of the empty hand, as the paper subtracts it.
 
@@ -110,10 +119,15 @@ def quiet_baseline(recordings: Recordings, share: float) -> Baseline:
             continue
         counts = recordings.frames(index)
         activity = counts.sum(axis=(1, 2), dtype=np.float64)
-        quiet = min(len(counts), max(MIN_FRAMES, round(share * len(counts))))
-        entries.append(trimmed_moments(counts[np.argsort(activity, kind="stable")[:quiet]]))
+        quiet = np.argsort(activity, kind="stable")[: quiet_frames(len(counts), share)]
+        entries.append(trimmed_moments(counts[quiet]))
     mean, noise = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.recordings, mean, noise, recording)
+
+
+def quiet_frames(count: int, share: float) -> int:
+    """How many of a recording's `count` frames `quiet` takes."""
+    return min(count, max(MIN_FRAMES, round(share * count)))
 
 
 def constant_baseline(recordings: Recordings, zero: float) -> Baseline:

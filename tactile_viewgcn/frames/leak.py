@@ -7,10 +7,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording, of_empty_hand
+from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording, of_empty_hand
 from tactile_viewgcn.frames.split import TEST, fold_sides, split_groups
 from tactile_viewgcn.intervals import proportion_interval
-from tactile_viewgcn.params import Preprocess, Split
 from tactile_viewgcn.recordings.table import Recordings
 
 MAX_FRAMES = 2000
@@ -51,32 +50,56 @@ class Leak:
 
 
 def check_leak(
-    recordings: Recordings, baseline: Baseline, preprocess: Preprocess, split: Split, rng: np.random.Generator
+    recordings: Recordings, baseline: Baseline, hand: OpenHand, by: str, rng: np.random.Generator
 ) -> Leak | None:
     """Tell the objects apart by at most 2,000 open-hand frames; None without open-hand frames that can be held out.
 
-    A third of the groups of `split.by` is held out at a time. From a frame the baseline is subtracted that the last
-    frame of contact before it has, as from a grasp: a baseline of the open hand itself would hide its own drift. The
-    empty hand is no object here, and an object needs two groups.
+    A third of the groups of `by`, as in `split.by`, is held out at a time. From a frame the baseline is subtracted
+    that the last frame of contact before it has, as from a grasp: a baseline of the open hand itself would hide its own
+    drift. The empty hand is no object here, and an object needs two groups.
 
     Raises:
         UserError: groups that the recordings do not have.
     """
     start, label = time.perf_counter(), recordings.columns["object"]
-    group = np.arange(len(label)) if split.by == "frame" else split_groups(recordings.columns, split.by)
-    sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
-    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas)
+    group = np.arange(len(label)) if by == "frame" else split_groups(recordings.columns, by)
     index = _frames_to_use(hand.open & ~of_empty_hand(recordings), label, group, rng)
     if len(np.unique(label[index])) < 2:
         return None
     of_frame = baseline.of_frame[_last_contact(recordings, hand.contact)[index]]
     excess = hand.counts[index] - baseline.mean[of_frame][:, recordings.live]
-    truth, of_group, answer = _answers(_standardised(excess), label[index], group[index], split.by == "session")
+    return _told(excess, label[index], group[index], by == "session", rng, start)
+
+
+def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Generator) -> Leak | None:
+    """Tell the objects apart by the first frame of each recording alone; None where none can be held out.
+
+    From a frame the mean of the first frames of its session is subtracted. The empty hand is no object here, and an
+    object needs two recordings.
+    """
+    start, label, session = time.perf_counter(), recordings.columns["object"], recordings.columns["session"]
+    first = np.zeros(len(label), dtype=bool)
+    first[[index[0] for index in frames_by_recording(recordings)]] = True
+    group = recordings.columns["recording"].astype(np.int64)
+    index = _frames_to_use(first & ~of_empty_hand(recordings), label, group, rng)
+    if len(np.unique(label[index])) < 2:
+        return None
+    counts = hand.counts[index].astype(np.float64)
+    for number in np.unique(session[index]):
+        counts[session[index] == number] -= counts[session[index] == number].mean(axis=0)
+    return _told(counts, label[index], group[index], False, rng, start)
+
+
+def _told(
+    excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool, rng: np.random.Generator, start: float
+) -> Leak:
+    """How often frames (n, S) tell their object; `start` is when the check began."""
+    truth, of_group, answer = _answers(_standardised(excess), label, group, across)
     wrong = (answer != truth).astype(float)
     low, high = proportion_interval(wrong, of_group, rng) or (0.0, 1.0)
     chance = 1 - np.bincount(truth).max() / len(truth)
     seconds = time.perf_counter() - start
-    return Leak(float(wrong.mean()), low, high, float(chance), len(np.unique(of_group)), len(index), seconds)
+    return Leak(float(wrong.mean()), low, high, float(chance), len(np.unique(of_group)), len(excess), seconds)
 
 
 def describe(leak: Leak | None, baseline: str) -> str:

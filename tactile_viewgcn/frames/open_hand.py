@@ -102,7 +102,7 @@ def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None
         threshold: (S,) counts above baseline of a sensor in contact.
         empty: (S,) the session's empty hand, if there is one.
     """
-    start = _quietest(counts)
+    start = quietest(counts)
     baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
     if empty is not None and _is_contact(baseline - empty, threshold):
         start, baseline = 0, empty
@@ -111,7 +111,7 @@ def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None
     return pressed, still
 
 
-def _quietest(counts: np.ndarray) -> int:
+def quietest(counts: np.ndarray) -> int:
     """First of the five successive frames that read least in counts (n, S); what all sensors share is left out."""
     excess = counts - counts.mean(axis=0)
     common = np.median(excess[:, :: max(1, excess.shape[1] // COMMON_SENSORS)], axis=1)

@@ -4,18 +4,24 @@ from dataclasses import asdict
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import Baseline, constant_baseline, empty_hand_baseline, quiet_baseline
+from tactile_viewgcn.frames.baseline import (
+    Baseline,
+    constant_baseline,
+    empty_hand_baseline,
+    quiet_baseline,
+    require_live,
+)
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
+from tactile_viewgcn.frames.recommendation import resolved
 from tactile_viewgcn.frames.selection import Selection, select
 from tactile_viewgcn.frames.table import Frames
-from tactile_viewgcn.params import Preprocess, Split
+from tactile_viewgcn.params import Preprocess, PreprocessSection, Split
 from tactile_viewgcn.recordings.table import Recordings
 
 
 def prepare(
     recordings: Recordings,
-    preprocess: Preprocess,
+    preprocess: PreprocessSection | Preprocess,
     split: Split,
     rng: np.random.Generator,
     baseline: Baseline | None = None,
@@ -24,6 +30,7 @@ def prepare(
     """The kept frames, and what became of every frame.
 
     Args:
+        preprocess: where it says `auto`, the recordings decide.
         baseline: what `measure_baseline` returns; None measures it.
         groups: see `select`.
 
@@ -31,22 +38,20 @@ def prepare(
         UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
             classes left; an empty side.
     """
+    preprocess = resolved(recordings, preprocess)
     baseline = baseline or measure_baseline(recordings, preprocess)
     selection = select(recordings, baseline, preprocess, split, rng, groups)
     return _kept_frames(recordings, baseline, selection, preprocess), selection
 
 
-def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline:
-    """The baseline that `preprocess.baseline` names.
+def measure_baseline(recordings: Recordings, preprocess: PreprocessSection | Preprocess) -> Baseline:
+    """The baseline that `preprocess.baseline` names, which the recordings decide where it is `auto`.
 
     Raises:
         UserError: no sensor that varies; no frames to estimate the baseline from.
     """
-    if not recordings.live.any():
-        raise UserError(
-            f"{recordings.path}: no sensor varies over the {len(recordings)} frames; expected some that do: "
-            "is the glove connected?"
-        )
+    require_live(recordings)
+    preprocess = resolved(recordings, preprocess)
     if preprocess.baseline == "empty_hand":
         return empty_hand_baseline(recordings)
     if preprocess.baseline == "quiet":

@@ -21,9 +21,11 @@ from tactile_viewgcn.frames.split import (
     validation_sides,
 )
 from tactile_viewgcn.params import Preprocess, Split
-from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.source import EMPTY_HAND, MAX_LISTED
 from tactile_viewgcn.recordings.source import TEST as PUBLISHED_TEST
 from tactile_viewgcn.recordings.table import Recordings
+
+LOOSEN = "lower preprocess.contact_sensors or contact_sigmas, or choose another preprocess.filter"
 
 
 @dataclass
@@ -68,10 +70,12 @@ def select(
     if contact:
         sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
         filtered = in_contact(recordings, baseline, sensors=sensors, sigmas=sigmas)
-        notes = _emptied_by_filter(recordings, filtered, f"{sensors} sensors above {sigmas:g} sd")
+        notes = _dropped_by_filter(recordings, filtered, "contact", f"{sensors} sensors above {sigmas:g} sd")
+    elif preprocess.filter == "none":
+        filtered, notes = np.ones(len(objects), dtype=bool), []
     else:
         filtered = flagged(recordings)
-        notes = _emptied_by_filter(recordings, filtered, "a flag")
+        notes = _dropped_by_filter(recordings, filtered, "flags", "a flag")
     keep = filtered.copy()
     if not preprocess.empty_hand_class and EMPTY_HAND in recordings.objects:
         keep &= objects != recordings.objects.index(EMPTY_HAND)
@@ -90,7 +94,7 @@ def select(
         _drop_classes(recordings, keep, side, notes)
         _require_classes(recordings, keep)
         _require_sides(keep, side, split)
-    if groups is None and not contact and split.by == "source" and "balanced" in recordings.columns:
+    if groups is None and preprocess.filter == "flags" and split.by == "source" and "balanced" in recordings.columns:
         anchor = keep & recordings.columns["balanced"]
         notes.append("anchors: the source's balanced frames")
         _require_anchors(keep, side, anchor)
@@ -141,18 +145,20 @@ def selection_counts(recordings: Recordings, selection: Selection) -> list[dict[
     return rows
 
 
-def _emptied_by_filter(recordings: Recordings, filtered: np.ndarray, condition: str) -> list[str]:
-    """Notes on recordings and objects of which no frame meets the filter's condition."""
-    notes = []
+def _dropped_by_filter(recordings: Recordings, filtered: np.ndarray, name: str, condition: str) -> list[str]:
+    """Notes on frames without the filter's condition, and on recordings and objects without a frame with it."""
+    dropped = len(filtered) - int(filtered.sum())
+    notes = [f"filter {name}: {dropped:,} of {len(filtered):,} frames dropped, without {condition}"]
     for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
         before = np.bincount(recordings.columns[column], minlength=len(names)) > 0
         after = np.bincount(recordings.columns[column][filtered], minlength=len(names)) > 0
         emptied = [names[i] for i in np.flatnonzero(before & ~after)]
-        if emptied:
-            notes.append(
-                f"filter: {len(emptied)} of {before.sum()} {column}s dropped, no frame has {condition}: "
-                f"{', '.join(emptied)}"
-            )
+        if not emptied:
+            continue
+        more = f" and {len(emptied) - MAX_LISTED} more" if len(emptied) > MAX_LISTED else ""
+        told = f"filter: {len(emptied)} of {before.sum()} {column}s dropped, no frame has {condition}: "
+        told += ", ".join(emptied[:MAX_LISTED]) + more
+        notes.append(told if column == "recording" else f"warning: {told}; {LOOSEN}")
     return notes
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from tactile_viewgcn.frames import leak as module
 from tactile_viewgcn.frames.leak import check_leak, describe
+from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.frames.preprocessing import measure_baseline
 from tactile_viewgcn.params import load
 from tests.drifting import drifting
@@ -16,10 +17,12 @@ from tests.sources import written
 
 def checked(path, glove, *changes, columns=None, seed=0, **names):
     """The leak check of a glove's recordings, by grasp if nothing else is said."""
-    params = load(FILE, ("preprocess.contact_sensors=5", "split.by=grasp", *changes))
+    changed = ("preprocess.baseline=empty_hand", "preprocess.contact_sensors=5", "split.by=grasp", *changes)
+    params = load(FILE, changed)
     with written(path, glove.counts, **(columns or glove.columns), **names) as recordings:
         baseline = measure_baseline(recordings, params.preprocess)
-        return check_leak(recordings, baseline, params.preprocess, params.split, np.random.default_rng(seed))
+        hand = find_open_hand(recordings, sensors=5, sigmas=params.preprocess.contact_sigmas)
+        return check_leak(recordings, baseline, hand, params.split.by, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"])

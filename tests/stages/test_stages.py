@@ -212,7 +212,7 @@ def test_a_session_without_an_empty_hand_is_refused(place):
     tree = metadata(objects=3, frames=10, sessions=2)
     keep = ~((tree["objectId"] == 0) & (tree["batchId"] == 1)).ravel()
     ingest(place, {name: value[keep] if len(value) == len(keep) else value for name, value in tree.items()})
-    line = refused(preprocess(place))
+    line = refused(preprocess(place, "preprocess.baseline=empty_hand"))
     assert "session '001' has 0 frames of 'empty_hand'" in line and "quiet" in line
     assert preprocess(place, "preprocess.baseline=quiet").returncode == 0
 
