@@ -14,6 +14,8 @@ OnBackbone = Literal[  # features or feature maps of the pretrained backbone
     "gcn",
     "vote",
 ]
-Member = Literal["trees", "logistic", "knn", "lda", "kernel", "max_logistic", "max_kernel"]  # of an ensemble
+Member = Literal[
+    "trees", "logistic", "knn", "lda", "kernel", "max_logistic", "max_kernel", "max_network"
+]  # of an ensemble
 OnSensors = Literal[Member, "ensemble"]  # the sensors themselves: nothing is pretrained for them
 System = Literal[OnBackbone, OnSensors]

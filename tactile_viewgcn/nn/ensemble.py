@@ -1,4 +1,4 @@
-"""An ensemble of systems without a network, `model.members`."""
+"""An ensemble of systems that read the sensors, `model.members`."""
 
 import numpy as np
 from scipy.special import softmax
@@ -10,6 +10,7 @@ from tactile_viewgcn.nn.lda import LDA
 from tactile_viewgcn.nn.logistic import Logistic
 from tactile_viewgcn.nn.max_kernel import MaxKernel
 from tactile_viewgcn.nn.max_logistic import MaxLogistic
+from tactile_viewgcn.nn.max_network import MaxNetwork
 from tactile_viewgcn.nn.sensor_system import SensorData, SensorSystem
 from tactile_viewgcn.nn.trees import Trees
 
@@ -21,6 +22,7 @@ MEMBERS: dict[str, type[SensorSystem]] = {
     "kernel": Kernel,
     "max_logistic": MaxLogistic,
     "max_kernel": MaxKernel,
+    "max_network": MaxNetwork,
 }
 FLOOR = 0.01  # added to probabilities, so that no member's zero is a veto
 

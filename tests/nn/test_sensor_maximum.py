@@ -11,10 +11,12 @@ from sklearn.linear_model import LogisticRegression
 
 from tactile_viewgcn.evaluation.trials import evaluate_table
 from tactile_viewgcn.frames.split import TEST
+from tactile_viewgcn.nn import max_network
 from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.nn.ensemble import FLOOR, Ensemble
 from tactile_viewgcn.nn.max_kernel import MaxKernel
 from tactile_viewgcn.nn.max_logistic import MaxLogistic
+from tactile_viewgcn.nn.max_network import MaxNetwork
 from tactile_viewgcn.nn.sensor_kernel import KernelClassifier, block_weights, ridge_regression
 from tactile_viewgcn.nn.sensor_system import MOST_SETS, SensorData, contact_unit
 from tactile_viewgcn.nn.trees import Trees
@@ -24,7 +26,12 @@ from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.sensor_fitting import powers_of_two
 from tests.tables import CPU, recipe, table, views_of
 
-MAXIMUM = ("max_logistic", "max_kernel", "ensemble")
+MAXIMUM = ("max_logistic", "max_kernel", "max_network", "ensemble")
+
+
+@pytest.fixture(autouse=True)
+def _few_steps(monkeypatch):
+    monkeypatch.setattr(max_network, "STEPS", 60)
 
 
 def data(pools: int = 6, frames: int = 12, sizes: tuple[int, ...] = (4,)) -> SensorData:
@@ -151,6 +158,25 @@ def test_many_points_are_answered_from_landmarks_nearly_alike():
     asked = rng.normal(size=(50, 2))
     first, second = (each.fit(points, indicators).predict(asked) for each in (exact, landmarks))
     np.testing.assert_allclose(first, second, atol=0.01)
+
+
+def test_the_network_learns_view_sets_of_every_size_and_sees_their_maximum_alone(monkeypatch):
+    monkeypatch.setattr(max_network, "SHIFT", 0)  # the objects here are a row apart
+    given, system, before = data(sizes=(1, 2, 4)), MaxNetwork(classes=3), torch.get_rng_state()
+    system.fit(given)
+    assert (torch.get_rng_state() == before).all()
+    values, (of_one, _, of_four) = system.of_frames(given.frames), given.view_sets(10)[0]
+    for sets in (of_one, of_four):
+        assert np.mean(system.logits(values[sets]).argmax(axis=1) == given.labels[sets[:, 0]]) > 0.9
+    maximum = values[of_four].max(axis=1, keepdims=True)
+    np.testing.assert_allclose(system.logits(maximum), system.logits(values[of_four]), rtol=1e-6)
+
+
+def test_maps_are_shifted_by_a_row_or_a_column_at_most():
+    maps = torch.arange(1.0, 10).view(1, 1, 3, 3)
+    assert (max_network.shifted(maps, 1, 1) == maps).all()
+    moved = max_network.shifted(maps, 2, 0)[0, 0]  # up and to the right
+    assert moved.tolist() == [[0, 4, 5], [0, 7, 8], [0, 0, 0]]
 
 
 def test_the_ensemble_adds_its_members_logarithms():

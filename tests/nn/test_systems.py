@@ -68,7 +68,7 @@ def test_a_perceptron_is_refused_where_and_only_where_maps_are_taken(name):
 def test_a_system_s_file_imports_no_other_s(name):
     modules = imported_modules(ROOT / "tactile_viewgcn" / "nn" / f"{name}.py")
     assert not modules & {f"tactile_viewgcn.nn.{other}" for other in SYSTEMS}
-    bases = {"system"} if name in NETWORKS else {"frame_estimator", "sensor_maximum"}
+    bases = {"system"} if name in NETWORKS else {"frame_estimator", "sensor_maximum", "sensor_system"}
     assert modules & {f"tactile_viewgcn.nn.{base}" for base in bases}
 
 
