@@ -129,7 +129,7 @@ class SensorSystem(ViewSystem):
     takes_fewer = True
     trainable = False
     transform = "counts"
-    packages = ("scikit-learn",)
+    packages: tuple[str, ...] = ("scikit-learn",)
 
     def __init__(self, *, classes: int):
         super().__init__()
