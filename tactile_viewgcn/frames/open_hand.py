@@ -42,16 +42,22 @@ class OpenHand:
     open: np.ndarray
 
 
-def find_open_hand(recordings: Recordings, *, sensors: int, sigmas: float) -> OpenHand:
+def find_open_hand(
+    recordings: Recordings, *, sensors: int, sigmas: float, known: list[tuple[np.ndarray, np.ndarray]] | None = None
+) -> OpenHand:
     """Find the frames of the open hand.
 
     Args:
         sensors: fewest that are in contact in a frame of contact.
         sigmas: standard deviations above the baseline of a sensor in contact.
+        known: mean and noise (H, W) of the empty hand, for each session that has no frames of it.
     """
     counts = np.concatenate([block[:, recordings.live] for _, block in recordings.blocks()])
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
     of_session = [_empty_hand(counts[session == i], empty[session == i]) for i in range(len(recordings.sessions))]
+    for number, (mean, noise) in enumerate(known or []):
+        if of_session[number][0] is None:
+            of_session[number] = mean[recordings.live], noise[recordings.live]
     held = _flagged(recordings) & ~empty
     contact, opened = np.zeros((2, len(counts)), dtype=bool)
     for index in frames_by_recording(recordings):
@@ -104,7 +110,7 @@ def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None
     """
     start = quietest(counts)
     baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
-    if empty is not None and _is_contact(baseline - empty, threshold):
+    if empty is not None and is_contact(baseline - empty, threshold):
         start, baseline = 0, empty
     before, after = (_followed(part, threshold, baseline) for part in (counts[:start][::-1], counts[start:]))
     pressed, still = (np.concatenate([back[::-1], ahead]) for back, ahead in zip(before, after, strict=True))
@@ -119,7 +125,7 @@ def quietest(counts: np.ndarray) -> int:
     return int(np.convolve(activity, np.ones(min(MIN_FRAMES, len(counts))), "valid").argmin())
 
 
-def _is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
+def is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
     """Whether an excess (S,) over the empty hand is contact and no drift.
 
     Drift moves all sensors together, or some up and some down. Contact moves less than half, all of them up.
@@ -131,12 +137,30 @@ def _is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
 
 def _followed(counts: np.ndarray, threshold: np.ndarray, baseline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same as `_pressed` against a baseline (S,) that follows the open hand from the first frame on."""
-    baseline, weak, most_weak = baseline.copy(), WEAK * threshold, WEAK_SENSORS + WEAK_SHARE * counts.shape[1]
+    follower = Follower(baseline, threshold)
     pressed, still = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool)
     for number, frame in enumerate(counts):
-        excess = frame - baseline
-        pressed[number] = np.count_nonzero(excess > threshold)
-        if pressed[number] <= OPEN_SENSORS and np.count_nonzero(excess > weak) <= most_weak:
-            still[number] = True
-            baseline += FOLLOWED * excess
+        pressed[number], still[number] = follower.observe(frame)
     return pressed, still
+
+
+class Follower:
+    """A baseline (S,) that follows the open hand.
+
+    Args:
+        baseline: to begin with.
+        threshold: (S,) counts above baseline of a sensor in contact.
+    """
+
+    def __init__(self, baseline: np.ndarray, threshold: np.ndarray):
+        self.baseline, self._threshold, self._weak = baseline.copy(), threshold, WEAK * threshold
+        self._most_weak = WEAK_SENSORS + WEAK_SHARE * len(threshold)
+
+    def observe(self, frame: np.ndarray) -> tuple[int, bool]:
+        """Number of sensors of the next frame (S,) that read contact, and whether the hand seems open."""
+        excess = frame - self.baseline
+        pressed = int(np.count_nonzero(excess > self._threshold))
+        still = pressed <= OPEN_SENSORS and bool(np.count_nonzero(excess > self._weak) <= self._most_weak)
+        if still:
+            self.baseline += FOLLOWED * excess
+        return pressed, still

@@ -1,14 +1,15 @@
-"""The answer to one recording: what is held, told from its frames in contact, which view sets are spread over."""
+"""The answer to one recording: what is held, told from frames in contact that are spread evenly over it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.recognition.contact import as_table, find_contact
+from tactile_viewgcn.recognition.contact import check_form, find_contact
+from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.recordings.arrays import source_of_arrays
+from tactile_viewgcn.recordings.array_table import ArrayRecordings, checked_arrays
+from tactile_viewgcn.recordings.source import UNLABELLED
 
-SETS = 5  # view sets between each other, whose probabilities are averaged
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 
 
@@ -17,19 +18,18 @@ class Answer:
     """What is held in one recording, or in a window of it.
 
     Attributes:
-        status: OBJECT; UNKNOWN, `probabilities` then say which class it is nearest to; or NO_CONTACT.
+        status: OBJECT; UNKNOWN, `probabilities` then say what it is nearest to; or NO_CONTACT.
         probabilities: (classes,), NaN with NO_CONTACT.
         used: frames that were classified.
         contact: frames in contact.
-        frames: all frames.
-        novelty: distance to the nearest training frames, 1 at the model's threshold; NaN without one.
+        novelty: distance to the nearest training frames, 1 at the model's threshold; NaN without a threshold, or with
+            fewer than V frames in contact.
     """
 
     status: str
     probabilities: np.ndarray
     used: int
     contact: int
-    frames: int
     novelty: float = float("nan")
 
 
@@ -39,53 +39,45 @@ def answer_recording(recogniser: Recogniser, counts: np.ndarray, *, stop_at: flo
     Its baseline and its frames in contact are found as those of the training were, from these frames alone.
 
     Args:
-        stop_at: classify frame after frame until a class has this calibrated probability; None: use all view sets.
+        stop_at: classify frame after frame until a class has this calibrated probability; None: V frames at once.
 
     Raises:
         UserError: counts of another shape or type, or not finite; `stop_at` is no probability, or the model takes V
             frames alone.
     """
-    with as_table(source_of_arrays([counts]), recogniser.treatment.live) as recordings:
-        baseline, contact = find_contact(recordings, recogniser.treatment)
-        index = np.flatnonzero(contact)
-        excess = recordings.frames(index) - baseline.mean[baseline.of_frame[index]]
-    return answer_contact(recogniser, excess, len(counts), stop_at=stop_at)
+    treatment, one = recogniser.treatment, np.zeros(1, dtype=int)
+    (counts,) = checked_arrays([counts])
+    check_form(counts.shape[1:], counts.dtype, treatment, "counts")
+    recordings = ArrayRecordings([counts], [UNLABELLED], one, one, chosen=False)
+    recordings.live = treatment.live
+    baseline, contact = find_contact(recordings, treatment)
+    return answer_contact(recogniser, counts[contact] - baseline.mean[baseline.of_frame[contact]], stop_at=stop_at)
 
 
-def answer_contact(recogniser: Recogniser, excess: np.ndarray, frames: int, *, stop_at: float | None = None) -> Answer:
+def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float | None = None) -> Answer:
     """The answer from the n frames of a recording that are in contact.
 
     Args:
         excess: (n, H, W) counts above baseline, in the order of time.
-        frames: all frames of the recording.
         stop_at: see `answer_recording`.
     """
     count, views = len(excess), recogniser.classifier.views
     if not count:
-        return Answer(NO_CONTACT, np.full(len(recogniser.classes), np.nan, np.float32), 0, 0, frames)
-    baseline = np.zeros(recogniser.shape)
+        return Answer(NO_CONTACT, np.full(len(recogniser.classes), np.nan), 0, 0)
+    (spread,) = spread_sets(count, views)
     if stop_at is not None:
-        order = bisecting(spread_sets(count, min(views, count), 1)[0])
-        probabilities, used = recogniser.predict_sequential(excess[order], stop_at, baseline)
-        seen = order[:used]
+        index = bisecting(np.unique(spread))
+        probabilities, used = recogniser.sequential_above(excess[index], stop_at)
     else:
-        fewer = recogniser.temperatures is not None and count < views
-        sets = spread_sets(count, count, 1) if fewer else spread_sets(count, views, SETS)
-        probabilities = recogniser.probabilities(excess[sets], baseline).mean(axis=0)
-        seen = np.unique(sets)
-    return Answer(OBJECT, probabilities, len(seen), count, frames)
-
-
-def spread_sets(count: int, views: int, sets: int) -> np.ndarray:
-    """Indices int64 (sets, views) into `count` frames: each row is evenly spread, and the rows lie between each other.
-
-    Frames repeat where there are fewer than `views`.
-    """
-    places = np.arange(views) + (np.arange(sets)[:, None] + 0.5) / sets
-    return (places * count / views).astype(np.int64)
+        index = np.unique(spread) if recogniser.temperatures is not None else spread
+        (probabilities,) = recogniser.probabilities_above(excess[index][None])
+        used = len(np.unique(index))
+    known = recogniser.novelty if count >= views else None
+    novelty = known.score(excess[spread]) if known else float("nan")
+    return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty)
 
 
 def bisecting(index: np.ndarray) -> np.ndarray:
-    """The indices (n,) in an order whose first k are spread over all of them, for every k: the bits are reversed."""
+    """The indices (n,) in an order whose first k are spread over all of them, whatever k: bit reversal."""
     bits = max(1, (len(index) - 1).bit_length())
     return index[np.argsort([int(f"{place:0{bits}b}"[::-1], 2) for place in range(len(index))], kind="stable")]

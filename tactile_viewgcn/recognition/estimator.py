@@ -209,7 +209,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
                 warnings.warn(f"X[{number}] has no frame in contact: it is classified by all its frames", stacklevel=3)
                 contact[:] = True
             excess = counts[contact] - baseline.mean[baseline.of_frame[contact]]
-            probabilities.append(answer_contact(self.recogniser_, excess, len(counts)).probabilities)
+            probabilities.append(answer_contact(self.recogniser_, excess).probabilities)
         return np.stack(probabilities)
 
 

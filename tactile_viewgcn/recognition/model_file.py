@@ -16,8 +16,10 @@ from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.params import Backbone, Model
+from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
+from tactile_viewgcn.recognition.treatment import REACH_SHARE, read_treatment
 
-REACH_FRAMES, REACH_SHARE = 2000, 0.01
+REACH_FRAMES = 2000
 
 
 def save_classifier(
@@ -37,6 +39,7 @@ def save_classifier(
         temperatures: for 1 to V frames, see `calibration.calibrate`; with them it takes any number of views up to V.
     """
     sessions, baselines = session_baselines(frames)
+    novelty = fit_novelty(frames, classifier.views)
     content = {
         "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
         "viewpoints": classifier.viewpoints.cpu(),
@@ -56,6 +59,7 @@ def save_classifier(
         "live": torch.from_numpy(frames.live),
         "noise": torch.from_numpy(frames.noise),
         "reach": reach(frames),
+        "novelty": novelty and {name: torch.as_tensor(value) for name, value in vars(novelty).items()},
     }
     with atomic_write(path) as part:
         torch.save(content, part)
@@ -88,4 +92,7 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
         classifier = Classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
         classifier.load_state_dict(weights)
         classifier.references = content["references"].numpy()
+        content["treatment"] = read_treatment(content)
+        novelty = content["novelty"]
+        content["novelty"] = novelty and Novelty(**{name: value.numpy() for name, value in novelty.items()})
     return classifier.eval(), content

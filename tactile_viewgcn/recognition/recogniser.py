@@ -1,6 +1,6 @@
 """The trained recogniser: class probabilities of raw counts."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,9 +13,9 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.transform import network_input
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import view_set_logits
-from tactile_viewgcn.params import Preprocess
-from tactile_viewgcn.recognition.contact import Treatment
 from tactile_viewgcn.recognition.model_file import load_classifier
+from tactile_viewgcn.recognition.novelty import Novelty
+from tactile_viewgcn.recognition.treatment import Treatment
 
 
 class Recogniser:
@@ -27,25 +27,18 @@ class Recogniser:
     Attributes:
         classes: names; shape: (H, W) of a frame.
         temperatures: for 1 to V frames; None for a classifier of V views alone.
-        treatment: how the training's recordings were treated.
+        system: name of the system; treatment: how the training's recordings were treated.
+        novelty: tells frames that are unlike the training's; None where it could not be fitted.
     """
 
     def __init__(self, path: str | Path | BinaryIO):
         self.classifier, content = load_classifier(path)
         self.classes, self.shape = content["classes"], tuple(content["shape"])
-        self.temperatures = content["temperatures"]
+        self.temperatures, self.system = content["temperatures"], content["model"]["system"]
         self._transform, self._scale = content["transform"], content["scale"]
         self._compute = select_device("cpu", content["precision"])
-        self._baselines = dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True))
-        self.treatment = Treatment(
-            preprocess=Preprocess(**content["preprocess"]),
-            passed=content["passed"],
-            dtype=np.dtype(content["dtype"]),
-            reach=content["reach"],
-            live=content["live"].numpy(),
-            noise=content["noise"].numpy(),
-            baselines=self._baselines,
-        )
+        self.treatment: Treatment = content["treatment"]
+        self.novelty: Novelty | None = content["novelty"]
 
     def baseline(self, name: str = "") -> np.ndarray:
         """Baseline (H, W) in counts of a session of the training data; without a name, the mean of all sessions.
@@ -57,15 +50,14 @@ class Recogniser:
             UserError: an unknown session.
         """
         if not name:
-            return np.mean(list(self._baselines.values()), axis=0)
-        if name not in self._baselines:
+            return np.mean(list(self.treatment.baselines.values()), axis=0)
+        if name not in self.treatment.baselines:
             raise UserError(
-                f"session is {name!r}; expected one of {', '.join(self._baselines)}, "
+                f"session is {name!r}; expected one of {', '.join(self.treatment.baselines)}, "
                 "or give the baseline of the empty hand itself"
             )
-        return self._baselines[name]
+        return self.treatment.baselines[name]
 
-    @torch.inference_mode()
     def probabilities(self, counts: np.ndarray, baseline: np.ndarray | None = None) -> np.ndarray:
         """Class probabilities float32 (B, classes), a column for each of `classes`.
 
@@ -87,11 +79,16 @@ class Recogniser:
                 f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
                 f"(any, {f'1 to {max_views}' if any_number else max_views}, {', '.join(map(str, self.shape))})"
             )
-        features = self._features(counts.reshape(-1, *self.shape), baseline)
-        return self._probabilities(features.unflatten(0, counts.shape[:2]))
+        return self.probabilities_above(self._excess(counts, baseline))
 
-    def _features(self, counts: np.ndarray, baseline: np.ndarray | None) -> Tensor:
-        """Features (n, C) of raw counts (n, H, W)."""
+    @torch.inference_mode()
+    def probabilities_above(self, excess: np.ndarray) -> np.ndarray:
+        """The same as `probabilities` of counts above baseline (B, V, H, W), or (B, k, H, W)."""
+        features = self._features(excess.reshape(-1, *self.shape))
+        return self._probabilities(features.unflatten(0, excess.shape[:2]))
+
+    def _excess(self, counts: np.ndarray, baseline: np.ndarray | None) -> np.ndarray:
+        """Counts above baseline float64 (..., H, W) of raw counts; UserError where they are not fit for it."""
         baseline = self.baseline() if baseline is None else baseline
         if baseline.shape != self.shape:
             raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
@@ -103,8 +100,12 @@ class Recogniser:
             raise UserError(
                 f"counts holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({trained})"
             )
-        inputs = network_input(np.subtract(counts, baseline, dtype=np.float64), self._transform, self._scale)
-        if not len(counts):
+        return np.subtract(counts, baseline, dtype=np.float64)
+
+    def _features(self, excess: np.ndarray) -> Tensor:
+        """Features (n, C) of counts above baseline (n, H, W)."""
+        inputs = network_input(excess, self._transform, self._scale)
+        if not len(inputs):
             return torch.empty(0, self.classifier.backbone.features)
         with self._compute.autocast():
             return extract_features(self.classifier.backbone, self._compute.frames(torch.from_numpy(inputs)))
@@ -119,7 +120,16 @@ class Recogniser:
         temperature = self.temperatures[views - 1] if self.temperatures is not None else 1.0
         return (logits / temperature).softmax(dim=-1).numpy()
 
-    @torch.inference_mode()
+    def check_sequential(self, confidence_threshold: float) -> None:
+        """Raise a UserError if the classifier takes V views alone, or the confidence threshold is no probability."""
+        if self.temperatures is None:
+            raise UserError(
+                f"the classifier takes {self.classifier.views} views and no fewer; fine-tune it with "
+                "finetune.num_views random and split.validation above 0"
+            )
+        if not 0 <= confidence_threshold <= 1:
+            raise UserError(f"confidence_threshold is {confidence_threshold}; expected a probability, 0 to 1")
+
     def predict_sequential(
         self, frames: Iterable[np.ndarray], confidence_threshold: float, baseline: np.ndarray | None = None
     ) -> tuple[np.ndarray, int]:
@@ -134,21 +144,24 @@ class Recogniser:
             baseline: see `probabilities`.
 
         Raises:
-            UserError: the classifier takes V views alone; `confidence_threshold` is no probability;
-                no frames, or of another shape, or not finite.
+            UserError: see `check_sequential`; no frames, or of another shape, or not finite.
         """
-        if self.temperatures is None:
-            raise UserError(
-                f"the classifier takes {self.classifier.views} views and no fewer; fine-tune it with "
-                "finetune.num_views random and split.validation above 0"
-            )
-        if not 0 <= confidence_threshold <= 1:
-            raise UserError(f"confidence_threshold is {confidence_threshold}; expected a probability, 0 to 1")
+
+        def above() -> Iterator[np.ndarray]:
+            for frame in frames:
+                if np.shape(frame) != self.shape:
+                    raise UserError(f"a frame has shape {np.shape(frame)}; expected {self.shape}")
+                yield self._excess(np.asarray(frame), baseline)
+
+        return self.sequential_above(above(), confidence_threshold)
+
+    @torch.inference_mode()
+    def sequential_above(self, frames: Iterable[np.ndarray], confidence_threshold: float) -> tuple[np.ndarray, int]:
+        """The same as `predict_sequential` of counts above baseline (H, W)."""
+        self.check_sequential(confidence_threshold)
         features, probabilities = [], None
         for frame in frames:
-            if np.shape(frame) != self.shape:
-                raise UserError(f"a frame has shape {np.shape(frame)}; expected {self.shape}")
-            features.append(self._features(np.asarray(frame)[None], baseline))
+            features.append(self._features(frame[None]))
             (probabilities,) = self._probabilities(torch.stack(features, dim=1))
             if probabilities.max() >= confidence_threshold or len(features) == self.classifier.views:
                 break

@@ -14,8 +14,11 @@ from tactile_viewgcn.recordings.table import is_table
 REMEDY = "set data.source to a STAG metadata.mat, a STAG folder, or HDF5 recordings (see the manual's page on data)"
 
 
-def open_source(path: str | Path) -> Source:
+def open_source(path: str | Path, *, labelled: bool = True) -> Source:
     """The source at a path: a STAG metadata.mat, a folder of STAG recordings, or the project's HDF5 recordings.
+
+    Args:
+        labelled: False: HDF5 recordings may lack `object` and `session`, see `read_hdf5`.
 
     Raises:
         FileNotFoundError: nothing at that path.
@@ -28,14 +31,14 @@ def open_source(path: str | Path) -> Source:
         if next(path.glob("*/*/pressuredata.mat"), None):
             return read_folder(path)
         if any(file.suffix in SUFFIXES for file in path.rglob("*")):
-            return read_hdf5(path)
+            return read_hdf5(path, labelled=labelled)
         raise UserError(f"{path}: neither [batch]/[recording]/pressuredata.mat nor .h5 recordings in it; {REMEDY}")
     if not path.stat().st_size:
         raise UserError(f"{path}: an empty file; {REMEDY}")
     if is_table(path):
         raise UserError(f"{path}: the table that ingest writes, not what it reads; {REMEDY}")
     if path.suffix in SUFFIXES or _names_object(path):
-        return read_hdf5(path)
+        return read_hdf5(path, labelled=labelled)
     if path.suffix == ".mat" or h5py.is_hdf5(path):
         return read_metadata(path)
     raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {REMEDY}")

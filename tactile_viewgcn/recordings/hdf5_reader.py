@@ -23,6 +23,7 @@ from tactile_viewgcn.recordings.source import (
     EMPTY_HAND,
     TEST,
     TRAIN,
+    UNLABELLED,
     Block,
     Source,
     check_shape,
@@ -33,6 +34,7 @@ from tactile_viewgcn.recordings.table import SOURCE_MD5
 
 SUFFIXES = (".h5", ".hdf5")
 SPLITS = {"train": TRAIN, "test": TEST}
+NOT_LABELLED = {"object": UNLABELLED, "session": "session"}  # attributes that an unlabelled recording may lack
 OPTIONAL_COLUMNS = ("time", "valid", "grasp", "grasp_valid")
 
 
@@ -52,10 +54,13 @@ class Header:
     columns: list[str]
 
 
-def read_hdf5(path: Path) -> Source:
+def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
     """One recording, or all .h5 and .hdf5 files below a folder in the order of their paths.
 
     Objects are numbered in the order of their names, the empty hand (`object` = "empty_hand") first.
+
+    Args:
+        labelled: False: files may lack `object`, which is `UNLABELLED` then, and `session`; those without are of one.
 
     Raises:
         UserError: no recordings, an attribute missing, or files that do not agree in shape, columns or name; the
@@ -69,7 +74,7 @@ def read_hdf5(path: Path) -> Source:
     mistakes: list[str] = []
     for file in files:
         try:
-            headers.append(_read_header(file, root))
+            headers.append(_read_header(file, root, labelled))
         except UserError as error:
             mistakes.append(str(error))
     raise_mistakes(mistakes + _disagreements(headers, path))
@@ -132,7 +137,7 @@ def _disagreements(headers: list[Header], path: Path) -> list[str]:
     ]
 
 
-def _read_header(path: Path, root: Path) -> Header:
+def _read_header(path: Path, root: Path, labelled: bool) -> Header:
     """Header of one file below `root`.
 
     Raises:
@@ -152,8 +157,9 @@ def _read_header(path: Path, root: Path) -> Header:
             raise UserError(f"{path}: no dataset /pressure; found {', '.join(file) or 'nothing'}")
         shape, dtype = check_shape(pressure.shape, str(path)), storage_type(pressure.dtype, str(path))
         columns = [name for name in OPTIONAL_COLUMNS if name in file]
-        attributes = {name: _text(value) for name, value in file.attrs.items()}
-        mistakes = _column_mistakes(file, columns, len(pressure)) + _attribute_mistakes(attributes)
+        attributes = {} if labelled else dict(NOT_LABELLED)
+        attributes |= {name: _text(value) for name, value in file.attrs.items()}
+        mistakes = _column_mistakes(file, columns, len(pressure)) + _attribute_mistakes(attributes, labelled)
         if mistakes:
             raise UserError("; ".join(f"{path}: {mistake}" for mistake in mistakes))
         split = attributes.get("split")
@@ -182,12 +188,12 @@ def _column_mistakes(file: h5py.File, columns: list[str], frames: int) -> list[s
     return mistakes
 
 
-def _attribute_mistakes(attributes: dict[str, str]) -> list[str]:
+def _attribute_mistakes(attributes: dict[str, str], labelled: bool) -> list[str]:
     """Attributes that are missing or not among the allowed values."""
     mistakes = [
         f"no attribute {name!r}; expected a text on the file's root"
         for name in ("object", "session")
-        if not attributes.get(name)
+        if labelled and not attributes.get(name)
     ]
     weight, split = attributes.get("weight", "0"), attributes.get("split", "train")
     try:

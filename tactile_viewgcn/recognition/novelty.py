@@ -1,0 +1,81 @@
+"""Novelty: how far the frames of a recording are from everything that the classifier was trained on.
+
+A set of frames is described by the mean reading of each sensor. Its score is the distance to the nearest training set.
+The threshold is a quantile of the scores that training recordings have when each is compared with the others alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_viewgcn.frames.split import TRAIN
+from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.nn.sensor_system import contact_unit
+
+QUANTILE = 0.99  # of the training recordings' scores
+DEAD_ZONE = 1.0  # units of a mean reading; below it is noise
+SETS = 5  # of a training recording
+MOST_SETS = 2000
+
+
+@dataclass(frozen=True)
+class Novelty:
+    """What the score of new frames is computed from.
+
+    Attributes:
+        maps: float32 (M, S) of training sets, see `sensor_map`.
+        unit: of a reading, in counts, see `contact_unit`.
+        threshold: distance beyond which frames are unlike anything seen.
+        live: bool (H, W) with S sensors.
+    """
+
+    maps: np.ndarray
+    unit: float
+    threshold: float
+    live: np.ndarray
+
+    def score(self, excess: np.ndarray) -> float:
+        """Distance of frames (n, H, W) of counts above baseline to the nearest training set, 1 at the threshold."""
+        new = sensor_map(excess[:, self.live], self.unit)
+        return float(np.sqrt(((self.maps - new) ** 2).mean(axis=1).min())) / self.threshold
+
+
+def sensor_map(readings: np.ndarray, unit: float) -> np.ndarray:
+    """log(1 + max(m - 1, 0)) float32 (S,) of the mean m over frames, in units, of readings (n, S) in counts."""
+    return np.log1p(np.maximum(readings.mean(axis=0) / unit - DEAD_ZONE, 0)).astype(np.float32)
+
+
+def fit_novelty(frames: Frames, views: int) -> Novelty | None:
+    """The novelty of frames that are unlike the training side's, in sets of `views` frames.
+
+    Returns:
+        None where no class has two training recordings with that many frames, so that nothing can be held out.
+    """
+    train = frames.on(TRAIN)
+    places = np.stack([frames.group[train], frames.recording[train], frames.label[train]])
+    pools = np.unique(places, axis=1, return_inverse=True)[1].ravel()
+    members = [train[pools == pool] for pool in range(pools.max(initial=-1) + 1)]
+    members = [index for index in members if len(index) >= views]
+    classes = np.array([frames.label[index[0]] for index in members])
+    if not len(members) or np.bincount(classes).max() < 2:
+        return None
+    count = max(1, min(SETS, MOST_SETS // len(members)))
+    readings = [frames.inputs(index, "counts")[:, frames.live] for index in members]
+    unit = contact_unit(np.concatenate(readings))
+    maps = np.stack([sensor_map(of[row], unit) for of in readings for row in spread_sets(len(of), views, count)])
+    pool, label = np.repeat(np.arange(len(members)), count), np.repeat(classes, count)
+    nearest = np.full(len(maps), np.inf)
+    for number in range(len(maps)):
+        others = pool != pool[number]
+        if (label[others] == label[number]).any():
+            nearest[number] = np.sqrt(((maps[others] - maps[number]) ** 2).mean(axis=1).min())
+    return Novelty(maps, unit, float(np.quantile(nearest[np.isfinite(nearest)], QUANTILE)), frames.live)
+
+
+def spread_sets(count: int, views: int, sets: int = 1) -> np.ndarray:
+    """Indices int64 (sets, views) into `count` frames: each row is evenly spread, and the rows lie between each other.
+
+    Frames repeat where there are fewer than `views`.
+    """
+    places = np.arange(views) + (np.arange(sets)[:, None] + 0.5) / sets
+    return (places * count / views).astype(np.int64)
