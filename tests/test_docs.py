@@ -10,6 +10,7 @@ import sys
 from itertools import pairwise, product
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import yaml
@@ -34,6 +35,8 @@ ELSEWHERE = {
     "dvc queue start -j 2": "starts processes that outlive a test; tests/stages/test_pipeline.py runs the queue",
     "git checkout params.yaml": "changes the checkout",
     "mlflow ui": "a server that does not end",
+    "git clone https://github.com/clear-nus/icub_grasp_dataset": "needs the network",
+    "python convert_icub.py": "the program of docs/readers.md, which runs here on readings made up",
     "export MLFLOW_TRACKING_URI=sqlite:///mlflow.db": "sets a variable",
     "mlflow models serve -m models:/glove@best --env-manager local -p 5001": "a server; tests/recognition/"
     "test_mlflow_model.py starts one",
@@ -131,16 +134,30 @@ def place(tmp_path_factory) -> Path:
     rng = np.random.default_rng(0)
     np.save(folder / "counts.npy", (514 + rng.poisson(3, (2, 4, 12, 12))).astype(np.int16))
     np.save(folder / "empty_hand.npy", (514 + rng.poisson(1, (20, 12, 12))).astype(np.int16))
-    write_own_recording(folder)
+    run_program("mug_1.h5", folder)
+    write_icub_trials(folder / "icub_grasp_dataset")
+    run_program("iCubGraspDataset", folder)
     (folder / "data" / "my_glove").mkdir(parents=True)
     shutil.copy(folder / "mug_1.h5", folder / "data" / "my_glove")
     return folder
 
 
-def write_own_recording(folder: Path) -> None:
-    """Run the program of docs/data.md that writes a recording, in this folder."""
-    (program,) = (block for _, block in fences("python") if "mug_1.h5" in block)
+def run_program(word: str, folder: Path) -> None:
+    """Run the one program of the pages that has this word, in this folder."""
+    (program,) = (block for _, block in fences("python") if word in block)
     subprocess.run([sys.executable, "-c", program], cwd=folder, check=True)
+
+
+def write_icub_trials(folder: Path) -> None:
+    """Two trials of 12 frames for three names, in the form of the iCub's grasps, of readings made up here."""
+    (folder / "iCubGraspDataset").mkdir(parents=True)
+    (folder / "README.txt").write_text("Copyright\n")
+    for number, name in enumerate(("none", "book", "full_coke")):
+        for trial in (1, 2):
+            readings = np.full((12, 5, 12), 244) - number * np.arange(12)
+            frames = [[np.zeros(9), np.zeros(5), *frame] for frame in readings]
+            lines = ["-10000", *(" ".join(f"{value:.1f}" for value in line) for frame in frames for line in frame)]
+            (folder / "iCubGraspDataset" / f"{name}_{trial}.txt").write_text("\n".join(lines) + "\n")
 
 
 @pytest.mark.parametrize("command", those("run"))
@@ -157,6 +174,17 @@ def test_a_program_runs(page, program, place, monkeypatch, capsys):
     exec(compile(program, page, "exec"), names)
     if "probabilities" in names:
         np.testing.assert_allclose(np.sum(names["probabilities"], axis=-1), 1, rtol=1e-5)
+
+
+def test_the_converted_trials_have_one_row_a_finger_and_rise_with_pressure(place):
+    written = {path.stem: path for path in (place / "data" / "icub").glob("*.h5")}
+    assert sorted(written) == ["book_1", "book_2", "none_1", "none_2"]
+    with h5py.File(written["book_2"]) as book, h5py.File(written["none_1"]) as none:
+        assert (book.attrs["object"], none.attrs["object"]) == ("book", "empty_hand")
+        assert book["pressure"].shape == (12, 5, 12) and book["pressure"].dtype == np.int16 and book["valid"][:].all()
+        np.testing.assert_array_equal(book["pressure"][7, 4], 11 + np.arange(12))
+        np.testing.assert_array_equal(none["pressure"][0, 0], np.full(12, 11))
+    assert (place / "data" / "icub" / "README.txt").read_text() == "Copyright\n"
 
 
 @pytest.mark.parametrize("page, text", fences("yaml"))
