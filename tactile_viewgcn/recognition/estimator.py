@@ -83,25 +83,19 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         from tactile_viewgcn.recognition.training import train
 
         form, arrays, y = self._checked(X, y)
-        check_classification_targets(y)
-        self.classes_, labels = np.unique(y, return_inverse=True)
-        if len(self.classes_) < 2:
-            raise UserError(f"y has one class, {self.classes_[0]!r}; expected two or more")
-        group = _groups(groups, len(arrays))
-        params = self._resolved(form, len(arrays[0]))
-        session = np.zeros(len(arrays), dtype=int)
-        names = [str(label) for label in self.classes_]
+        classes, labels = _classes(y)
+        group, params = _groups(groups, len(arrays)), self._resolved(form, len(arrays[0]))
+        names, session = [str(label) for label in classes], np.zeros(len(arrays), dtype=int)
         recordings = ArrayRecordings(arrays, names, labels, session, chosen=params.preprocess.filter == "flags")
         trained = train(recordings, params, group[recordings.columns["recording"]])
-        self.params_, self.notes_, self._form = params, trained.notes, form
-        self._columns = [names.index(name) for name in trained.frames.classes]
-        if len(self._columns) < len(self.classes_):
-            lost = ", ".join(str(name) for name in np.delete(self.classes_, self._columns))
-            warnings.warn(f"no frame of {lost} is in contact; its probability is 0 always", stacklevel=2)
         with TemporaryDirectory() as folder:
             trained.save(Path(folder) / "classifier.pt")
             self._file = (Path(folder) / "classifier.pt").read_bytes()
+        self.classes_, self.params_, self.notes_, self._form = classes, params, trained.notes, form
+        self._columns = [names.index(name) for name in trained.frames.classes]
         self._load()
+        if lost := [name for number, name in enumerate(names) if number not in self._columns]:
+            warnings.warn(f"no frame of {', '.join(lost)} is in contact; its probability is 0 always", stacklevel=2)
         return self
 
     def predict_proba(self, X: Any) -> np.ndarray:
@@ -171,6 +165,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     def _resolved(self, form: str, frames: int) -> Params:
         """All parameters, for rows of this form, of so many frames each."""
+        if not isinstance(self.params, Mapping | None):
+            raise UserError(f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, or None")
         preset = "best" if self.preset is None and self.system is None else self.preset
         if preset is not None and preset not in PRESETS:
             raise UserError(f"preset is {preset!r}; expected {' | '.join(PRESETS)}, or None")
@@ -211,6 +207,18 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             excess = counts[contact] - baseline.mean[baseline.of_frame[contact]]
             probabilities.append(answer_contact(self.recogniser_, excess).probabilities)
         return np.stack(probabilities)
+
+
+def _classes(y: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct labels (Y,), sorted, and the index of each row's (n,)."""
+    try:
+        check_classification_targets(y)
+        classes, labels = np.unique(y, return_inverse=True)
+    except TypeError:  # they have no order
+        raise UserError("y holds labels of different kinds; expected texts, or whole numbers") from None
+    if len(classes) < 2:
+        raise UserError(f"y has one class, {classes[0]}; expected two or more")
+    return classes, labels
 
 
 def _groups(groups: Any, rows: int) -> np.ndarray:

@@ -1,14 +1,46 @@
 """scikit-learn's interface: the pipeline's own training, answers of the right form, and files that others read."""
 
+import pickle
+from functools import cache
+
+import joblib
 import numpy as np
-from sklearn.model_selection import GroupKFold, cross_val_score
+import pytest
+import torch
+import yaml
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_score
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from tactile_viewgcn import TactileClassifier
+from tactile_viewgcn.frames.split import TRAIN
+from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.recognition.answer import answer_recording
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tactile_viewgcn.views.clustering import cluster_frames
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.tables import CPU, SMALL, recipe, table
 
-NETWORK = {"pretrain.epochs": 2, "finetune.epochs": 1, "model.backbone.width": 4, "model.backbone.blocks": 1}
-SMALL = {"cluster.restarts": 1, "preprocess.balance_minimum": 4}
-CENTRED = "its data are centred on 0, and readings below the baseline are no contact; passes with preprocess.zero -3"
+CENTRED = "its data are centred on 0, and a reading below the baseline is no contact; passes with preprocess.zero -3"
+RAW = {
+    "preprocess.baseline": "quiet",
+    "preprocess.quiet_share": 0.3,
+    "preprocess.filter": "contact",
+    "preprocess.contact_sensors": 6,
+    "preprocess.balance_minimum": 4,
+    "cluster.restarts": 1,
+}
+NETWORK = {
+    "preprocess.scale": 60,
+    "model.backbone.kind": "perceptron",
+    "pretrain.epochs": 15,
+    "pretrain.batch": 8,
+    "finetune.epochs": 3,
+    "finetune.lr": 0.005,
+}
 
 
 @parametrize_with_checks(
@@ -19,41 +51,159 @@ def test_scikit_learn_s_own_checks(estimator, check):
     check(estimator)
 
 
-def grasps(per_object: int = 6, *, frames: int = 24, objects: int = 3, seed: int = 0):
-    """Recordings (T, 8, 6) of raw counts, of slightly different lengths, labels, and numbers within an object.
+def grasps(per_object: int = 5, *, frames: int = 24, seed: int = 0):
+    """Recordings (T, 8, 6) of raw counts, each longer than the one before; their objects; their numbers.
 
-    The first third of a recording is an open hand at 500 counts. Each object then presses its own two rows.
+    A third of each is an open hand at 500 counts. Then each of three objects presses its own two rows.
     """
     rng = np.random.default_rng(seed)
     recordings, labels = [], []
     for number in range(per_object):
-        for label in range(objects):
-            counts = 500 + rng.normal(0, 1, (frames + number, 8, 6))
-            counts[frames // 3 :, 2 * label : 2 * label + 2] += rng.uniform(
-                20, 60, (frames + number - frames // 3, 2, 6)
-            )
+        for label, name in enumerate(("ball", "mug", "pen")):
+            length, begin = frames + number, frames // 3
+            counts = 500 + rng.normal(0, 1, (length, 8, 6))
+            counts[begin:, 2 * label : 2 * label + 2] += rng.uniform(20, 60, (length - begin, 2, 6))
             recordings.append(counts.round().astype(np.int16))
-            labels.append(("ball", "mug", "pen")[label])
-    return recordings, np.array(labels), np.repeat(np.arange(per_object), objects)
+            labels.append(name)
+    return recordings, np.array(labels), np.repeat(np.arange(per_object), 3)
 
 
-RAW = {"preprocess.baseline": "quiet", "preprocess.filter": "contact", "preprocess.contact_sensors": 6}
+def held(recordings) -> np.ndarray:
+    """The last four frames of each recording, above its baseline: view sets (n, 4, 8, 6)."""
+    return np.stack([recording[-4:] - 500 for recording in recordings])
 
 
-def made(**changes) -> TactileClassifier:
-    return TactileClassifier(views=4, params=SMALL | RAW | changes.pop("params", {}), **changes)
+def made(params=None, **arguments) -> TactileClassifier:
+    return TactileClassifier(views=4, params=RAW | (params or {}), **arguments)
 
 
-def test_recordings_of_different_lengths_are_told_apart():
+@cache
+def fitted() -> TactileClassifier:
+    return made().fit(*grasps()[:2])
+
+
+@pytest.mark.parametrize("system", [None, "trees", "view_gcn", "vote"])
+def test_recordings_of_different_lengths_are_told_apart(system):
     X, y, _ = grasps()
     new, truth, _ = grasps(2, seed=1)
-    classifier = made().fit(X, y)
+    classifier = made(NETWORK if system in ("view_gcn", "vote") else {}, system=system).fit(X, y)
     assert classifier.classes_.tolist() == ["ball", "mug", "pen"]
-    assert (classifier.predict(new) == truth).all() and classifier.score(new, truth) == 1
-    np.testing.assert_allclose(classifier.predict_proba(new).sum(axis=1), 1, rtol=1e-5)
+    assert classifier.score(new, truth) == 1
+    probabilities = classifier.predict_proba(new)
+    assert probabilities.shape == (6, 3)
+    np.testing.assert_allclose(probabilities.sum(axis=1), 1, rtol=1e-5)
 
 
-def test_groups_are_held_out_together_in_cross_validation():
+@pytest.mark.parametrize("system", [None, "view_gcn"])
+def test_an_array_of_view_sets_has_its_own_number_of_views(system):
+    X, y, _ = grasps()
+    new, truth, _ = grasps(2, seed=1)
+    classifier = TactileClassifier(system=system, params=NETWORK if system else None).fit(held(X), y)
+    assert classifier.params_.views == 4
+    assert classifier.recogniser_.classifier.views == 4
+    assert classifier.score(held(new), truth) == 1
+
+
+def test_best_takes_any_number_of_frames_and_its_probabilities_are_calibrated():
+    X, y, _ = grasps()
+    classifier = TactileClassifier().fit(held(X), y)
+    assert len(classifier.recogniser_.temperatures) == 4
+    assert (classifier.predict(held(X)[:, :2]) == y).all()
+
+
+@pytest.mark.parametrize("system", ["ensemble", "view_gcn"])
+def test_its_weights_are_those_of_the_stages(system):
+    """The training recordings of a table, given as arrays, make the file that the table makes."""
+    changes = [
+        *SMALL,
+        "model.backbone.width=4",
+        "model.backbone.blocks=1",
+        f"model.system={system}",
+        "preprocess.baseline=none",
+        "preprocess.zero=514",
+    ]
+    params, frames = recipe(*changes), table(*changes)
+    places = viewpoints(params.views, params.viewpoints, params.seed)
+    views = cluster_frames(frames, places, params.cluster, stream(params.seed, "cluster"))
+    weights = {}
+    if system == "view_gcn":
+        backbone, linear, _ = pretrain_backbone(frames, params, CPU)
+        weights = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
+    expected = finetune_classifier(frames, views, weights, params, CPU)[0].state_dict()
+
+    train = frames.on(TRAIN)
+    rows = [train[frames.recording[train] == number] for number in np.unique(frames.recording[train])]
+    values = dict(change.split("=") for change in changes)
+    classifier = TactileClassifier(
+        system=system,
+        views=4,
+        params={key: yaml.safe_load(text) for key, text in values.items()} | {"precision": "float32"},
+    )
+    classifier.fit([frames.counts[index] for index in rows], [frames.label[index[0]] for index in rows])
+    weights = classifier.recogniser_.classifier.state_dict()
+    assert weights.keys() == expected.keys()
+    for name, value in expected.items():
+        assert (weights[name] == value).all(), name
+
+
+def test_a_classifier_is_cloned_pickled_and_dumped(tmp_path):
+    X, _, _ = grasps(2, seed=1)
+    expected = fitted().predict_proba(X)
+    again = pickle.loads(pickle.dumps(fitted()))
+    joblib.dump(fitted(), tmp_path / "classifier.joblib")
+    for copy in (again, joblib.load(tmp_path / "classifier.joblib")):
+        assert (copy.predict_proba(X) == expected).all()
+    new = clone(fitted())
+    assert new.get_params() == fitted().get_params()
+    with pytest.raises(NotFittedError):
+        new.predict(X)
+
+
+def test_the_saved_file_is_what_the_recogniser_reads(tmp_path):
+    X, _, _ = grasps(2, seed=1)
+    fitted().save(tmp_path / "classifier.pt")
+    recogniser = Recogniser(tmp_path / "classifier.pt")
+    assert recogniser.classes == ["ball", "mug", "pen"]
+    answers = [answer_recording(recogniser, counts).probabilities for counts in X]
+    assert (np.stack(answers) == fitted().predict_proba(X)).all()
+
+
+def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_path):
+    X, y, _ = grasps(3)
+    before = torch.get_rng_state()
+    for name, seed in (("first", 0), ("again", 0), ("other", 1)):
+        made(NETWORK, system="view_gcn", random_state=seed).fit(X, y).save(tmp_path / name)
+    first, again, other = ((tmp_path / name).read_bytes() for name in ("first", "again", "other"))
+    assert first == again != other
+    assert (torch.get_rng_state() == before).all()
+
+
+def test_groups_are_held_out_together():
     X, y, number = grasps(4)
-    scores = cross_val_score(made(preset="best"), X, y, groups=number, cv=GroupKFold(4))
-    assert scores.tolist() == [1, 1, 1, 1]
+    assert cross_val_score(made(), X, y, groups=number, cv=GroupKFold(4)).tolist() == [1, 1, 1, 1]
+    search = GridSearchCV(made(), {"system": ["logistic", "lda"]}, cv=GroupKFold(2)).fit(X, y, groups=number)
+    assert search.best_score_ == 1
+
+
+def test_labels_of_any_kind_come_back():
+    X, y, _ = grasps(3)
+    numbers = np.array([{"ball": 20, "mug": 3, "pen": 100}[name] for name in y])
+    classifier = made().fit(X, numbers)
+    assert classifier.classes_.tolist() == [3, 20, 100]
+    assert (classifier.predict(X) == numbers).all()
+    assert classifier.recogniser_.classes == ["3", "20", "100"]
+
+
+def test_a_class_without_contact_is_told_and_has_probability_0():
+    X, y, _ = grasps(3)
+    X = [counts[:7] if name == "mug" else counts for counts, name in zip(X, y, strict=True)]
+    with pytest.warns(UserWarning, match="no frame of mug is in contact"):
+        classifier = made().fit(X, y)
+    assert classifier.predict_proba(X[:1])[0, 1] == 0
+    assert any("mug" in note for note in classifier.notes_)
+
+
+def test_a_recording_without_contact_is_classified_by_all_its_frames():
+    with pytest.warns(UserWarning, match=r"X\[1\] has no frame in contact"):
+        probabilities = fitted().predict_proba([grasps(1)[0][0], grasps(1)[0][0][:7]])
+    np.testing.assert_allclose(probabilities.sum(axis=1), 1, rtol=1e-5)
