@@ -48,7 +48,7 @@ def answer_recording(recogniser: Recogniser, counts: np.ndarray, *, stop_at: flo
     treatment, one = recogniser.treatment, np.zeros(1, dtype=int)
     (counts,) = checked_arrays([counts])
     check_form(counts.shape[1:], counts.dtype, treatment, "counts")
-    recordings = ArrayRecordings([counts], [UNLABELLED], one, one, chosen=False)
+    recordings = ArrayRecordings([counts], [UNLABELLED], one, one)
     recordings.live = treatment.live
     baseline, contact = find_contact(recordings, treatment)
     return answer_contact(recogniser, counts[contact] - baseline.mean[baseline.of_frame[contact]], stop_at=stop_at)

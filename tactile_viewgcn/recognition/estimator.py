@@ -17,7 +17,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
 from tactile_viewgcn.recordings.array_table import RECORDINGS, ROWS, ArrayRecordings, checked_arrays, form_of
-from tactile_viewgcn.recordings.source import UNLABELLED
+from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.schema import as_change
 
 NO_LABELS = "no_validation"  # scikit-learn's word for y where there is none
@@ -25,7 +25,8 @@ NO_LABELS = "no_validation"  # scikit-learn's word for y where there is none
 CHOSEN = {
     "preprocess.baseline": "none",
     "preprocess.zero": 0,
-    "preprocess.filter": "flags",
+    "preprocess.filter": "none",
+    "preprocess.contact_sensors": 1,
     "cluster.scope": "recording",
 }
 
@@ -50,7 +51,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     Attributes:
         classes_: (Y,) labels, sorted.
         params_: all parameters that it was trained with.
-        notes_: sentences on what was left out of the training data and why.
+        notes_: sentences on what was chosen for the training data and left out of them, and why.
         recogniser_: the trained `Recogniser`, which answers one set or recording at a time.
         n_features_in_: S, of rows alone.
     """
@@ -84,9 +85,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
         form, arrays, y = self._checked(X, y)
         classes, labels = _classes(y)
-        group, params = _groups(groups, len(arrays)), self._resolved(form, len(arrays[0]))
+        group, params = _groups(groups, len(arrays)), self._parameters(form, arrays)
         names, session = [str(label) for label in classes], np.zeros(len(arrays), dtype=int)
-        recordings = ArrayRecordings(arrays, names, labels, session, chosen=params.preprocess.filter == "flags")
+        recordings = ArrayRecordings(arrays, names, labels, session)
         trained = train(recordings, params, group[recordings.columns["recording"]])
         with TemporaryDirectory() as folder:
             trained.save(Path(folder) / "classifier.pt")
@@ -94,8 +95,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         self.classes_, self.params_, self.notes_, self._form = classes, params, trained.notes, form
         self._columns = [names.index(name) for name in trained.frames.classes]
         self._load()
-        if lost := [name for number, name in enumerate(names) if number not in self._columns]:
-            warnings.warn(f"no frame of {', '.join(lost)} is in contact; its probability is 0 always", stacklevel=2)
+        for note in trained.notes:
+            if note.startswith("warning: "):
+                warnings.warn(note.removeprefix("warning: "), stacklevel=2)
         return self
 
     def predict_proba(self, X: Any) -> np.ndarray:
@@ -144,9 +146,12 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             self._load()
 
     def _load(self) -> None:
+        import torch
+
         from tactile_viewgcn.recognition.recogniser import Recogniser
 
-        self.recogniser_ = Recogniser(io.BytesIO(self._file))
+        with torch.random.fork_rng():  # building a network draws weights
+            self.recogniser_ = Recogniser(io.BytesIO(self._file))
 
     def _checked(self, X: Any, y: Any = NO_LABELS) -> tuple[str, list[np.ndarray], Any]:
         """Form of X, its n rows as arrays (T_i, H, W), and y (n,) in training."""
@@ -163,8 +168,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             check_consistent_length(arrays, y)
         return form, arrays, y
 
-    def _resolved(self, form: str, frames: int) -> Params:
-        """All parameters, for rows of this form, of so many frames each."""
+    def _parameters(self, form: str, arrays: list[np.ndarray]) -> Params:
+        """All parameters, for rows of this form."""
         if not isinstance(self.params, Mapping | None):
             raise UserError(f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, or None")
         preset = "best" if self.preset is None and self.system is None else self.preset
@@ -173,9 +178,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         seed = self.random_state
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
-        changes = {"seed": seed, "views": self.views if form == RECORDINGS else frames}
+        changes = {"seed": seed, "views": self.views if form == RECORDINGS else len(arrays[0])}
         changes |= {"model.system": self.system} if self.system is not None else {}
-        changes |= CHOSEN if form != RECORDINGS else {}
+        changes |= CHOSEN | {"preprocess.scale": _strongest(arrays)} if form != RECORDINGS else {}
         changes |= self.params or {}
         plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in changes.items()}
         texts = preset_changes(preset) if preset is not None else []
@@ -190,22 +195,22 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         return params
 
     def _of_recordings(self, arrays: list[np.ndarray]) -> np.ndarray:
-        """Probabilities (n, classes) of recordings of raw counts, each told from its frames in contact."""
-        from tactile_viewgcn.recognition.answer import answer_contact
-        from tactile_viewgcn.recognition.contact import find_contact
+        """Probabilities (n, classes) of recordings of raw counts, each told from its frames in contact.
 
-        probabilities, one = [], np.zeros(1, dtype=int)
+        Without any it is the empty hand, or where that is no class, each class is as probable as any other.
+        """
+        from tactile_viewgcn.recognition.answer import NO_CONTACT, answer_recording
+
+        names = self.recogniser_.classes
+        nothing = np.array(
+            [name == EMPTY_HAND for name in names] if EMPTY_HAND in names else [1 / len(names)] * len(names)
+        )
+        probabilities = []
         for number, counts in enumerate(arrays):
-            recordings = ArrayRecordings(
-                [counts], [UNLABELLED], one, one, chosen=self.params_.preprocess.filter == "flags"
-            )
-            recordings.live = self.recogniser_.treatment.live
-            baseline, contact = find_contact(recordings, self.recogniser_.treatment)
-            if not contact.any():
-                warnings.warn(f"X[{number}] has no frame in contact: it is classified by all its frames", stacklevel=3)
-                contact[:] = True
-            excess = counts[contact] - baseline.mean[baseline.of_frame[contact]]
-            probabilities.append(answer_contact(self.recogniser_, excess).probabilities)
+            answer = answer_recording(self.recogniser_, counts)
+            probabilities.append(nothing if answer.status == NO_CONTACT else answer.probabilities)
+            if answer.status == NO_CONTACT and EMPTY_HAND not in names:
+                warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=3)
         return np.stack(probabilities)
 
 
@@ -219,6 +224,12 @@ def _classes(y: Any) -> tuple[np.ndarray, np.ndarray]:
     if len(classes) < 2:
         raise UserError(f"y has one class, {classes[0]}; expected two or more")
     return classes, labels
+
+
+def _strongest(arrays: list[np.ndarray]) -> float:
+    """The reading above 0 that one in a hundred exceeds, of two digits: full scale of frames that have been chosen."""
+    readings = np.concatenate([array[array > 0] for array in arrays])
+    return float(f"{np.percentile(readings, 99):.2g}") if len(readings) else 1.0
 
 
 def _groups(groups: Any, rows: int) -> np.ndarray:

@@ -102,7 +102,6 @@ class ArrayRecordings(Recordings):
         arrays: (T_i, H, W) each, of one type.
         objects: names; labels: (n,) index of each recording's object.
         sessions: (n,) number of each recording's session, from 0.
-        chosen: every frame is one to learn from, and carries the flag `valid`.
     """
 
     def __init__(
@@ -111,8 +110,6 @@ class ArrayRecordings(Recordings):
         objects: list[str],
         labels: np.ndarray,
         sessions: np.ndarray,
-        *,
-        chosen: bool,
     ):
         self.path = Path("X")
         self._pressure = np.concatenate(arrays)
@@ -128,8 +125,6 @@ class ArrayRecordings(Recordings):
             "frame": np.concatenate([np.arange(length) for length in lengths]),
             "time": np.full(len(row), np.nan),
         }
-        if chosen:
-            self.columns["valid"] = np.ones(len(row), dtype=bool)
         self.live = self._pressure.min(axis=0) < self._pressure.max(axis=0)
         self.weights = self.action = None
 

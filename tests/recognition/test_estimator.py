@@ -114,14 +114,9 @@ def test_best_takes_any_number_of_frames_and_its_probabilities_are_calibrated():
 @pytest.mark.parametrize("system", ["ensemble", "view_gcn"])
 def test_its_weights_are_those_of_the_stages(system):
     """The training recordings of a table, given as arrays, make the file that the table makes."""
-    changes = [
-        *SMALL,
-        "model.backbone.width=4",
-        "model.backbone.blocks=1",
-        f"model.system={system}",
-        "preprocess.baseline=none",
-        "preprocess.zero=514",
-    ]
+    network = "model.backbone.width=4", "model.backbone.blocks=1", f"model.system={system}"
+    given = "baseline=none", "zero=514", "filter=none", "contact_sensors=14", "scale=150"
+    changes = [*SMALL, *network, *(f"preprocess.{change}" for change in given)]
     params, frames = recipe(*changes), table(*changes)
     places = viewpoints(params.views, params.viewpoints, params.seed)
     views = cluster_frames(frames, places, params.cluster, stream(params.seed, "cluster"))
@@ -197,13 +192,41 @@ def test_labels_of_any_kind_come_back():
 def test_a_class_without_contact_is_told_and_has_probability_0():
     X, y, _ = grasps(3)
     X = [counts[:7] if name == "mug" else counts for counts, name in zip(X, y, strict=True)]
-    with pytest.warns(UserWarning, match="no frame of mug is in contact"):
+    with pytest.warns(UserWarning, match="no frame has 6 sensors above 5 sd: mug"):
         classifier = made().fit(X, y)
     assert classifier.predict_proba(X[:1])[0, 1] == 0
     assert any("mug" in note for note in classifier.notes_)
 
 
-def test_a_recording_without_contact_is_classified_by_all_its_frames():
+def test_a_recording_without_contact_is_any_object():
+    X, _, _ = grasps(1)
     with pytest.warns(UserWarning, match=r"X\[1\] has no frame in contact"):
-        probabilities = fitted().predict_proba([grasps(1)[0][0], grasps(1)[0][0][:7]])
-    np.testing.assert_allclose(probabilities.sum(axis=1), 1, rtol=1e-5)
+        probabilities = fitted().predict_proba([X[0], X[0][:7]])
+    assert probabilities[0, 0] > 0.5
+    np.testing.assert_allclose(probabilities[1], 1 / 3)
+
+
+def test_a_recording_without_contact_is_the_empty_hand_where_that_is_a_class():
+    X, y, _ = grasps(4)
+    empty = [counts[:8] for counts in X[::3]]
+    classifier = made({"preprocess.baseline": "empty_hand"}).fit([*X, *empty], [*y, *["empty_hand"] * len(empty)])
+    assert classifier.classes_.tolist() == ["ball", "empty_hand", "mug", "pen"]
+    new, truth, _ = grasps(2, seed=1)
+    assert (classifier.predict([*new, new[0][:7]]) == [*truth, "empty_hand"]).all()
+
+
+def test_what_is_auto_is_decided_by_the_recordings():
+    X, y, _ = grasps()
+    classifier = TactileClassifier(views=4).fit(X, y)
+    assert classifier.score(*grasps(2, seed=1)[:2]) == 1
+    assert any(note.startswith("preprocess.filter contact: ") for note in classifier.notes_)
+    chosen = classifier.recogniser_.treatment.preprocess
+    assert chosen.filter == "contact" and chosen.baseline in ("grasp", "quiet")
+
+
+def test_recordings_that_are_all_contact_are_taken_as_they_are():
+    X, y, _ = grasps()
+    new, truth, _ = grasps(2, seed=1)
+    classifier = TactileClassifier(views=4).fit([counts[12:] for counts in X], y)
+    assert classifier.recogniser_.treatment.preprocess.filter == "none"
+    assert classifier.score([counts[12:] for counts in new], truth) == 1

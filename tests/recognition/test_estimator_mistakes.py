@@ -10,7 +10,7 @@ from sklearn.exceptions import NotFittedError
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.errors import UserError
 
-CHOSEN = {"preprocess.baseline": "none", "preprocess.zero": 0, "preprocess.filter": "flags"}
+CHOSEN = {"preprocess.baseline": "none", "preprocess.zero": 0, "preprocess.filter": "none"}
 
 
 def recordings(count: int = 4) -> list[np.ndarray]:
