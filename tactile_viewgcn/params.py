@@ -74,6 +74,7 @@ class Split:
     seed: Seed
     validation: Share
     train_share: Annotated[float, Range(0, 1, open="low")]
+    train_groups: Literal["all"] | Count
 
 
 @dataclass(frozen=True)

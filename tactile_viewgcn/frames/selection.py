@@ -18,6 +18,7 @@ from tactile_viewgcn.frames.split import (
     late_frames,
     spans_classes,
     split_groups,
+    surplus_groups,
     validation_sides,
 )
 from tactile_viewgcn.params import Preprocess, Split
@@ -103,8 +104,10 @@ def select(
         minimum = preprocess.balance_minimum
         anchor[keep], unequal = balanced_anchors(objects[keep], side[keep], minimum=minimum, rng=rng)
         notes += unequal
-    late = late_frames(side[keep], group[keep], objects[keep], share=split.train_share)
-    keep[np.flatnonzero(keep)[late]] = False  # after the anchors are drawn: those of the other sides stay the same
+    unused = late_frames(side[keep], group[keep], objects[keep], share=split.train_share)
+    if split.train_groups != "all":
+        unused |= surplus_groups(side[keep], group[keep], objects[keep], most=split.train_groups)
+    keep[np.flatnonzero(keep)[unused]] = False  # after the anchors are drawn: those of the other sides stay the same
     return Selection(filtered, keep, side, group, anchor & keep, notes)
 
 

@@ -79,6 +79,15 @@ def late_frames(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, sha
     return late
 
 
+def surplus_groups(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int) -> np.ndarray:
+    """bool (T,): training frames of a class outside its first `most` training groups."""
+    surplus = np.zeros(len(side), dtype=bool)
+    for label in np.unique(labels):
+        of_class = (side == TRAIN) & (labels == label)
+        surplus |= of_class & ~np.isin(groups, np.unique(groups[of_class])[:most])
+    return surplus
+
+
 def validation_sides(
     side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, share: float, across: bool, rng: np.random.Generator
 ) -> np.ndarray:

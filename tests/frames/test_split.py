@@ -15,6 +15,7 @@ from tactile_viewgcn.frames.split import (
     frame_sides,
     late_frames,
     split_groups,
+    surplus_groups,
     validation_sides,
 )
 
@@ -236,3 +237,12 @@ def test_late_frames_leave_the_beginning_of_each_training_group():
     late = late_frames(side, groups, labels, share=0.4)
     assert late.tolist() == [False, False, True, True, True, False, True, False] + [False] * 4
     assert not late_frames(side, groups, labels, share=1.0).any()
+
+
+def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_side():
+    side = np.array([TRAIN] * 8 + [VALIDATION] * 2 + [TEST] * 2)
+    groups = np.array([4, 4, 2, 9, 9, 5, 7, 8, 1, 3, 0, 6])
+    labels = np.array([0, 0, 0, 0, 0, 1, 1, 1, 0, 1, 0, 1])
+    surplus = surplus_groups(side, groups, labels, most=2)
+    assert groups[surplus].tolist() == [9, 9, 8]
+    assert not surplus_groups(side, groups, labels, most=3).any()
