@@ -36,12 +36,7 @@ def cluster(params, job, frames, out):
 def _picture(table, views):
     from tactile_viewgcn.plots import cluster_means
 
-    means = np.zeros((len(table.classes), len(views.viewpoints), *table.live.shape))
-    for label, column in np.ndindex(means.shape[:2]):
-        index = np.flatnonzero((table.label == label) & (table.side == TRAIN) & (views.cluster == column))
-        if len(index):
-            means[label, column] = table.inputs(index).mean(axis=0)
-    return cluster_means(means, table.live, table.classes)
+    return cluster_means(views.means(table), table.live, table.classes)
 
 
 if __name__ == "__main__":

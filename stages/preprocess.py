@@ -3,6 +3,7 @@
 import csv
 
 import click
+import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
@@ -48,8 +49,9 @@ def preprocess(params, job, recordings, out, kept):
     for note in (*map(str, choices), *notes, describe(leak, values.baseline)):
         job.note(note)
     resolved = {f"resolved.{one.key}": one.value for one in choices}
-    kept_and_dropped = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
-    return kept_and_dropped | {"classes": len(frames.classes)} | counts | leaked | resolved
+    sizes = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
+    sizes |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
+    return sizes | counts | leaked | resolved
 
 
 if __name__ == "__main__":

@@ -94,6 +94,21 @@ def preset(name: str) -> None:
     click.echo(" ".join(f"-S {change}" for change in preset_changes(name)))
 
 
+@cli.command()
+@click.argument("run", default="")
+@click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
+def report(run: str, out: Path) -> None:
+    """Write one HTML page of the workspace's last run, or of RUN: a DVC experiment's name, or an MLflow run's id."""
+    from tactile_viewgcn.evaluation.finished_run import read_run
+    from tactile_viewgcn.evaluation.run_page import run_page
+    from tactile_viewgcn.files import atomic_write
+
+    page = run_page(read_run(run))
+    with atomic_write(out) as part:
+        part.write_text(page, encoding="utf-8")
+    click.echo(f"{out}: {len(page) / 1e6:.1f} MB; open it in a browser")
+
+
 def main() -> None:
     """Run the command; a mistake of the user ends in one line and exit code 1, without a traceback."""
     try:

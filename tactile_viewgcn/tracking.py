@@ -12,6 +12,7 @@ MLFLOW_TRACKING_URI=disabled leaves MLflow out altogether.
 import os
 import socket
 import sys
+import tempfile
 import time
 import traceback
 import warnings
@@ -176,13 +177,10 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
     Raises:
         UserError: the store does not answer, or refuses; before the block runs.
     """
-    uri = store_address(os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db")
+    uri = _address()
     if uri == DISABLED:
         yield Run()
         return
-    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # MLflow looks when it is imported
-    os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")  # it tells of the tables that it creates
-    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
     from mlflow.exceptions import MlflowException
 
     try:
@@ -208,6 +206,36 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
     finally:
         with suppress(MlflowException):
             client.set_terminated(run.id, status)
+
+
+def artifact(run_id: str, name: str) -> bytes:
+    """The content of a file that a run keeps.
+
+    Raises:
+        FileNotFoundError: the store has no such run, or the run no such file.
+    """
+    uri = _address()
+    if uri == DISABLED:
+        raise UserError(f"MLflow run {run_id}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return Path(MlflowClient(uri).download_artifacts(run_id, name, folder)).read_bytes()
+    except MlflowException as error:
+        if error.error_code == "RESOURCE_DOES_NOT_EXIST":
+            raise FileNotFoundError(name) from None
+        raise _refusal(uri, error) from None
+
+
+def _address() -> str:
+    """The address of the store; MLflow, which looks when it is imported, is told to be quiet."""
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")  # it tells of the tables that it creates
+    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
+    return store_address(os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db")
 
 
 def _origin(stage: str) -> dict[str, str]:

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -85,7 +85,7 @@ def write_frames(path: str | Path, frames: Frames) -> None:
                 file.attrs[field.name] = json.dumps(value) if isinstance(value, dict) else value
 
 
-def read_frames(path: str | Path) -> Frames:
+def read_frames(path: str | Path | BinaryIO) -> Frames:
     """Read the table that `write_frames` wrote, all of it into memory."""
     with readable(path), h5py.File(path, "r") as file:
         values: dict[str, Any] = {}

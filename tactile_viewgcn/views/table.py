@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import BinaryIO
 
 import h5py
 import numpy as np
 
 from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.frames.split import TRAIN
+from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 
 NO_CLUSTER = -1
@@ -37,6 +40,15 @@ class Views:
         """Copy without clusters."""
         return replace(self, cluster=np.full_like(self.cluster, NO_CLUSTER))
 
+    def means(self, table: Frames) -> np.ndarray:
+        """Mean network input (C, V, H, W) of each class's clusters on the training side, 0 where a cluster is empty."""
+        means = np.zeros((len(table.classes), len(self.viewpoints), *table.live.shape), dtype=np.float32)
+        for label, column in np.ndindex(means.shape[:2]):
+            index = np.flatnonzero((table.label == label) & (table.side == TRAIN) & (self.cluster == column))
+            if len(index):
+                means[label, column] = table.inputs(index).mean(axis=0)
+        return means
+
     def on(self, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
         """Clusters of the frames in `index` (k,), at random if nothing is clustered; view sets count them from 0."""
         pool, views = np.unique(self.pool[index], return_inverse=True)[1].ravel(), len(self.viewpoints)
@@ -51,7 +63,7 @@ def write_views(path: str | Path, views: Views) -> None:
             file[field.name] = getattr(views, field.name)
 
 
-def read_views(path: str | Path) -> Views:
+def read_views(path: str | Path | BinaryIO) -> Views:
     """Read the table that `write_views` wrote."""
     with readable(path), h5py.File(path, "r") as file:
         return Views(**{field.name: file[field.name][()] for field in fields(Views)})
