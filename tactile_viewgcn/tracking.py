@@ -12,7 +12,6 @@ MLFLOW_TRACKING_URI=disabled leaves MLflow out altogether.
 import os
 import socket
 import sys
-import tempfile
 import time
 import traceback
 import warnings
@@ -177,7 +176,7 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
     Raises:
         UserError: the store does not answer, or refuses; before the block runs.
     """
-    uri = _address()
+    uri = address()
     if uri == DISABLED:
         yield Run()
         return
@@ -189,7 +188,7 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
         experiment = rows if row else stages
         run = Run(client, client.create_run(experiment, run_name=name or stage, tags=_origin(stage)).info.run_id, uri)
     except (MlflowException, OSError, ImportError) as error:
-        raise _refusal(uri, error) from None
+        raise refusal(uri, error) from None
     status = "FAILED"
     try:
         yield run
@@ -198,7 +197,7 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
         status = "KILLED"
         raise
     except MlflowException as error:  # the server went away, or refuses what it is given
-        raise _refusal(uri, error) from error
+        raise refusal(uri, error) from error
     except Exception:
         with suppress(MlflowException):  # the stage's own error is the one to tell
             run.text(traceback.format_exc(), "traceback.txt")
@@ -208,28 +207,7 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
             client.set_terminated(run.id, status)
 
 
-def artifact(run_id: str, name: str) -> bytes:
-    """The content of a file that a run keeps.
-
-    Raises:
-        FileNotFoundError: the store has no such run, or the run no such file.
-    """
-    uri = _address()
-    if uri == DISABLED:
-        raise UserError(f"MLflow run {run_id}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
-    from mlflow import MlflowClient
-    from mlflow.exceptions import MlflowException
-
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            return Path(MlflowClient(uri).download_artifacts(run_id, name, folder)).read_bytes()
-    except MlflowException as error:
-        if error.error_code == "RESOURCE_DOES_NOT_EXIST":
-            raise FileNotFoundError(name) from None
-        raise _refusal(uri, error) from None
-
-
-def _address() -> str:
+def address() -> str:
     """The address of the store; MLflow, which looks when it is imported, is told to be quiet."""
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")  # it tells of the tables that it creates
@@ -264,7 +242,7 @@ def _close_killed(client: Any, experiments: list[str]) -> None:
             client.set_terminated(run.info.run_id, "KILLED")
 
 
-def _refusal(uri: str, error: Exception) -> UserError:
+def refusal(uri: str, error: Exception) -> UserError:
     return UserError(
         f"MLflow store {uri}: {' '.join(str(error).split())}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}"
     )

@@ -119,10 +119,9 @@ def _warnings_section(run: FinishedRun) -> tuple[str, Html]:
 
 def _road_section(run: FinishedRun) -> tuple[str, Html]:
     """How many frames and recordings there are at each stage."""
-    read, kept, params = run.records["ingest"]["counts"], run.records["preprocess"]["counts"], run.params
+    read, kept = run.records["ingest"]["counts"], run.records["preprocess"]["counts"]
     (side,) = run.metrics["groups"]
     sets, trials, views = run.metrics["frames"][side], run.metrics["trials"], run.metrics["views"]
-    chosen = FILTERS.get(params["preprocess.filter"], params["preprocess.filter"])
     rows = [
         (
             "Recorded",
@@ -135,7 +134,7 @@ def _road_section(run: FinishedRun) -> tuple[str, Html]:
             "Kept",
             kept["frames.kept"],
             kept["recordings.kept"],
-            f"{chosen}; {BASELINES.get(params['preprocess.baseline'], params['preprocess.baseline'])}",
+            f"{FILTERS[_used(run, 'preprocess.filter')]}; {BASELINES[_used(run, 'preprocess.baseline')]}",
         ),
         *(
             (
@@ -161,9 +160,14 @@ def _road_section(run: FinishedRun) -> tuple[str, Html]:
     return section(
         "From raw counts to the answer",
         table(("", "frames", "", "recordings"), body, numbers="tntn"),
-        paragraph(f"Sides are divided by {SPLITS[params['split.by']]}. {answers}"),
+        paragraph(f"Sides are divided by {SPLITS[run.params['split.by']]}. {answers}"),
         *([html.element("h3", "What the stages noted"), bullets(notes)] if notes else []),
     )
+
+
+def _used(run: FinishedRun, key: str) -> str:
+    """The value of a parameter, or what it was decided to be where it is `auto`."""
+    return run.records["preprocess"]["counts"].get(f"resolved.{key}", run.params[key])
 
 
 def _next_section(run: FinishedRun) -> tuple[str, Html]:

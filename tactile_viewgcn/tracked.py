@@ -1,0 +1,30 @@
+"""Reading what a run keeps in MLflow, which is imported late, as in `tracking`."""
+
+import tempfile
+from pathlib import Path
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.store import DISABLED
+from tactile_viewgcn.tracking import address, refusal
+
+
+def artifact(run_id: str, name: str) -> bytes:
+    """The content of a file that a run keeps.
+
+    Raises:
+        FileNotFoundError: the store has no such run, or the run no such file.
+        UserError: tracking is disabled, or the store does not answer.
+    """
+    uri = address()
+    if uri == DISABLED:
+        raise UserError(f"MLflow run {run_id}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return Path(MlflowClient(uri).download_artifacts(run_id, name, folder)).read_bytes()
+    except MlflowException as error:
+        if error.error_code == "RESOURCE_DOES_NOT_EXIST":
+            raise FileNotFoundError(name) from None
+        raise refusal(uri, error) from None
