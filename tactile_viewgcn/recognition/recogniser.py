@@ -16,6 +16,7 @@ from tactile_viewgcn.nn.classifier import view_set_logits
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty
 from tactile_viewgcn.recognition.treatment import Treatment
+from tactile_viewgcn.recordings.source import MAX_PRESSURE
 
 
 class Recogniser:
@@ -69,8 +70,8 @@ class Recogniser:
             baseline: of the empty hand in the same session, (H, W) counts; the mean of the known baselines if None.
 
         Raises:
-            UserError: counts or baseline of another shape, values that are not finite, or fractions where the
-                training's counts are integers.
+            UserError: counts or baseline of another shape, values that are not finite or too large, or fractions
+                where the training's counts are integers.
         """
         max_views, any_number = self.classifier.views, self.temperatures is not None
         fits = counts.ndim == 4 and counts.shape[2:] == self.shape
@@ -93,8 +94,9 @@ class Recogniser:
         if baseline.shape != self.shape:
             raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
         for name, values in ("counts", counts), ("baseline", baseline):
-            if not np.isfinite(values).all():
-                raise UserError(f"{name} holds values that are not finite; expected a number from every sensor")
+            if (unfit := values[~(np.abs(values) <= MAX_PRESSURE)]).size:
+                limit = f"{MAX_PRESSURE:g}"
+                raise UserError(f"{name} holds {unfit[0]:g}; expected a number up to {limit} from every sensor")
         trained = self.treatment.dtype
         if (trained.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
             raise UserError(

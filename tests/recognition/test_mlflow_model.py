@@ -55,7 +55,7 @@ def one_row_short() -> list:
     return counts
 
 
-NUMBERS = "a number from every sensor"
+NUMBERS = "a number up to 1e+30 from every sensor"
 SHORT_BASELINE = "baseline has 3 values; expected 144, row by row of 12 x 12 sensors"
 
 #: What is wrong -> (inputs, params, the whole line of the answer).
@@ -73,7 +73,8 @@ MISTAKES = {
     ),
     "shape of a frame": (np.zeros((1, 4, 12, 11), int).tolist(), {}, f"counts has shape (1, 4, 12, 11); {EXPECTED}"),
     "too many views": (np.zeros((1, 9, 12, 12), int).tolist(), {}, f"counts has shape (1, 9, 12, 12); {EXPECTED}"),
-    "NaN": (changed(float("nan")), {}, f"counts holds values that are not finite; expected {NUMBERS}"),
+    "NaN": (changed(float("nan")), {}, f"counts holds nan; expected {NUMBERS}"),
+    "a number too large": (changed(1e300), {}, f"counts holds 1e+300; expected {NUMBERS}"),
     "a fraction": (changed(1.25), {}, "counts holds 1.25; expected whole numbers, raw counts as in training (int16)"),
     "a number as text": (changed("515"), {}, "counts holds values of type int, str; expected numbers alone"),
     "text": ("mug", {}, "counts holds values of type str; expected numbers alone"),
