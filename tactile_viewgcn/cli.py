@@ -1,8 +1,9 @@
-"""The command `tactile-viewgcn`: check parameters, inspect and convert recordings, print presets."""
+"""The command `tactile-viewgcn`: check parameters, inspect and convert recordings, print presets, predict."""
 
 import sys
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -79,12 +80,12 @@ def convert(source: Path, out: Path) -> None:
     click.echo(f"{out}: {len(fields['pressure']):,} frames; fields: {', '.join(sorted(fields))}")
 
 
-def _open_source_or_table(path: Path) -> "Source":
-    """The source at `path`, or the source of the table at `path`."""
+def _open_source_or_table(path: Path, *, labelled: bool = True) -> "Source":
+    """The source at `path`, whose recordings may be unlabelled, or the source of the table at `path`."""
     from tactile_viewgcn.recordings.formats import open_source
     from tactile_viewgcn.recordings.table import is_table, read_table
 
-    return read_table(path) if is_table(path) else open_source(path)
+    return read_table(path) if is_table(path) else open_source(path, labelled=labelled)
 
 
 @cli.command()
@@ -92,6 +93,26 @@ def _open_source_or_table(path: Path) -> "Source":
 def preset(name: str) -> None:
     """Print a preset as options of DVC: dvc exp run $(tactile-viewgcn preset released)."""
     click.echo(" ".join(f"-S {change}" for change in preset_changes(name)))
+
+
+@cli.command()
+@click.argument("model")
+@click.argument("source")
+@click.option("--window", type=float, metavar="SECONDS", help="Answer every so many seconds, not whole recordings.")
+@click.option("--stop-at", type=float, metavar="P", help="Take frames one by one until a class has this probability.")
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers here too.")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")
+@click.option("--follow", "frames_come", is_flag=True, help="SOURCE is lines of frames as they come: a file, or -.")
+def predict(source: str, **options: Any) -> None:
+    """Tell what is held in the recordings SOURCE, labelled or not, by MODEL.
+
+    MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID or models:/NAME/VERSION. SOURCE is anything that
+    `inspect` reads; HDF5 recordings need no object here.
+    """
+    from tactile_viewgcn.recognition import prediction
+
+    open_source = partial(_open_source_or_table, labelled=False)
+    prediction.predict(source=source, open_source=open_source, echo=click.echo, **options)
 
 
 @cli.command()

@@ -1,4 +1,4 @@
-"""Reading what a run keeps in MLflow, which is imported late, as in `tracking`."""
+"""Reading what runs keep in MLflow, which is imported late, as in `tracking`."""
 
 import tempfile
 from pathlib import Path
@@ -28,3 +28,27 @@ def artifact(run_id: str, name: str) -> bytes:
         if error.error_code == "RESOURCE_DOES_NOT_EXIST":
             raise FileNotFoundError(name) from None
         raise refusal(uri, error) from None
+
+
+def model_file(name: str, folder: Path) -> Path:
+    """The classifier's file of `runs:/ID` or `models:/NAME/VERSION`, downloaded into a folder.
+
+    Raises:
+        UserError: tracking is disabled, or the store does not have it, or does not answer.
+    """
+    uri = address()
+    if uri == DISABLED:
+        raise UserError(f"{name}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
+    import mlflow
+    from mlflow.exceptions import MlflowException
+
+    mlflow.set_tracking_uri(uri)
+    place = f"{name}/classifier" if name.startswith("runs:") and name.count("/") == 1 else name
+    try:
+        return next(Path(mlflow.artifacts.download_artifacts(place, dst_path=str(folder))).rglob("*.pt"))
+    except StopIteration:
+        raise UserError(f"{name}: a model of another kind; expected one that this project has logged") from None
+    except (MlflowException, OSError) as error:
+        raise UserError(
+            f"{name}: MLflow store {uri}: {' '.join(str(error).split())}; is MLFLOW_TRACKING_URI right?"
+        ) from None

@@ -72,15 +72,19 @@ def find_contact(recordings: Recordings, treatment: Treatment) -> tuple[Baseline
     how = treatment.preprocess
     sensors, sigmas = how.contact_sensors, how.contact_sigmas
     baseline = _baseline(recordings, treatment)
-    if how.filter == "none":
-        return baseline, np.ones(len(recordings), dtype=bool)
     if how.filter == "flags" and {"valid", "grasp_valid"} & recordings.columns.keys():
         return baseline, flagged(recordings)
+    if takes_all(treatment):
+        return baseline, np.ones(len(recordings), dtype=bool)
     if baseline.noise is not None:
         return baseline, pressed_frames(recordings, baseline, sensors=sensors, sigmas=sigmas)
-    if treatment.passed >= ALL_PASSED:
-        return baseline, np.ones(len(recordings), dtype=bool)
     return baseline, find_open_hand(recordings, sensors=sensors, sigmas=sigmas).contact
+
+
+def takes_all(treatment: Treatment) -> bool:
+    """Whether every frame counts as contact, as in the training, where contact cannot be told."""
+    how = treatment.preprocess
+    return how.filter == "none" or (how.baseline == "none" and treatment.passed >= ALL_PASSED)
 
 
 def _baseline(recordings: Recordings, treatment: Treatment) -> Baseline:
