@@ -41,27 +41,17 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
 def inspect(source: Path) -> None:
-    """Describe SOURCE: a STAG metadata.mat, a STAG folder, HDF5 recordings, or the recordings.h5 of `ingest`."""
-    import numpy as np
+    """Say what SOURCE holds and what to set for it, with reasons.
 
-    from tactile_viewgcn.recordings.source import checked_blocks
-    from tactile_viewgcn.recordings.table import is_table
+    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, or the recordings.h5 of `ingest`. Every mistake in
+    it is listed.
+    """
+    from tactile_viewgcn.frames.inspection_text import inspection_lines
+    from tactile_viewgcn.frames.recommendation import recommend
+    from tactile_viewgcn.frames.source_inspection import inspect_source
 
-    opened, columns = _open_source_or_table(source), {"pressure"}
-    counts = np.zeros(len(opened.objects), dtype=np.int64)
-    low, high = np.full(opened.shape, np.inf), np.full(opened.shape, -np.inf)
-    for block in checked_blocks(opened):
-        counts += np.bincount(block["object"], minlength=len(counts))
-        columns |= block.keys()
-        low, high = np.minimum(low, block["pressure"].min(axis=0)), np.maximum(high, block["pressure"].max(axis=0))
-    (height, width), varying = opened.shape, int((low < high).sum())
-    per_object = ", ".join(f"{name} {count:,}" for name, count in zip(opened.objects, counts, strict=True))
-    click.echo(
-        f"{source}{', written by ingest' if is_table(source) else ''}: {counts.sum():,} frames of {height} x {width}, "
-        f"{len(opened.recordings)} recordings, {len(opened.sessions)} sessions, {varying} sensors that vary\n"
-        f"  columns: {', '.join(sorted(columns))}\n"
-        f"  frames per object: {per_object}"
-    )
+    inspection = inspect_source(source)
+    click.echo("\n".join(inspection_lines(inspection, recommend(inspection))))
 
 
 @cli.command()
