@@ -27,6 +27,7 @@ from tactile_viewgcn.recordings.source import (
     Block,
     Source,
     check_shape,
+    mistakes_in_frames,
     raise_mistakes,
     storage_type,
 )
@@ -77,7 +78,16 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
             headers.append(_read_header(file, root, labelled))
         except UserError as error:
             mistakes.append(str(error))
-    raise_mistakes(mistakes + _disagreements(headers, path))
+    if mistakes := mistakes + _disagreements(headers, path):
+        alike = [
+            header for header in headers if (header.shape, header.columns) == (headers[0].shape, headers[0].columns)
+        ]
+        raise_mistakes(mistakes + (mistakes_in_frames(_source(alike, path)) if alike else []))
+    return _source(headers, path)
+
+
+def _source(headers: list[Header], path: Path) -> Source:
+    """The source of recordings that go together."""
     objects = sorted({header.object for header in headers}, key=lambda name: (name != EMPTY_HAND, name))
     sessions = sorted({header.session for header in headers})
     weights = np.full(len(objects), np.nan)

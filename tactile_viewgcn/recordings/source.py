@@ -92,56 +92,77 @@ def raise_mistakes(mistakes: list[str]) -> None:
 
 
 def checked_blocks(source: Source) -> Iterator[Block]:
-    """The blocks of a source that hold frames, each checked.
+    """The blocks of a source that hold frames, each checked; none after the first mistake.
 
     Raises:
-        UserError: no frames, a damaged file, an id out of range, or pressure that cannot be stored.
+        UserError: at the end, with the mistakes of all blocks: no frames, a damaged file, an id out of range, or
+            pressure that cannot be stored.
     """
-    total = 0
+    total, mistakes = 0, []
     try:
         for block in source.blocks:
             if len(block["pressure"]):
-                _check_block(block, source, total)
+                mistakes += _mistakes_of_block(block, source, total)
                 total += len(block["pressure"])
-                yield block
+                if not mistakes:
+                    yield block
     except OSError as error:
-        raise UserError(f"{source.path}: damaged or cut short ({error}); download or record it again") from None
-    if not total:
-        raise UserError(f"{source.path}: no frames; expected at least one recording with frames in it")
+        mistakes.append(f"{source.path}: damaged or cut short ({error}); download or record it again")
+    except UserError as error:  # of the reader
+        mistakes.append(str(error))
+    if not total and not mistakes:
+        mistakes.append(f"{source.path}: no frames; expected at least one recording with frames in it")
+    raise_mistakes(mistakes)
 
 
-def _check_block(block: Block, source: Source, start: int) -> None:
-    """Raise a UserError for an id, column or pressure out of range; `start` is the number of the first frame."""
-    counts, path = block["pressure"], source.path
+def mistakes_in_frames(source: Source) -> list[str]:
+    """What `checked_blocks` would raise, in one text; none where it would not."""
+    try:
+        for _ in checked_blocks(source):
+            pass
+    except UserError as error:
+        return [str(error)]
+    return []
+
+
+def _mistakes_of_block(block: Block, source: Source, start: int) -> list[str]:
+    """Ids, columns and pressure out of range; `start` is the number of the first frame."""
+    counts, path, mistakes = block["pressure"], source.path, []
     if source.dtype.kind == "i" and not np.can_cast(counts.dtype, source.dtype):
         limits = np.iinfo(source.dtype)
         if counts.min() < limits.min or counts.max() > limits.max:
-            raise UserError(
+            mistakes.append(
                 f"{path}: pressure from {counts.min()} to {counts.max()}; "
                 f"expected counts from {limits.min} to {limits.max}"
             )
     for column, among in (("object", "objects"), ("recording", "recordings"), ("session", "sessions")):
         count = len(getattr(source, among))
-        _check_range(block[column], f"{column} id", (0, count - 1), f"({count} {among})", path, start)
+        mistakes += _out_of_range(block[column], f"{column} id", (0, count - 1), f"({count} {among})", path, start)
+    if mistakes:
+        return mistakes
     for column, kind in COLUMNS.items():
         if column in block and kind is not np.float64:
             low, high = (0, 1) if kind is np.bool_ else (np.iinfo(kind).min, np.iinfo(kind).max)
-            _check_range(block[column], column, (low, high), "in whole numbers", path, start)
+            mistakes += _out_of_range(block[column], column, (low, high), "in whole numbers", path, start)
     if counts.dtype.kind == "f" and not (inside := np.abs(counts) <= MAX_PRESSURE).all():
         bad = int(inside.all(axis=(1, 2)).argmin())
         value, recording = counts[bad][~inside[bad]][0], source.recordings[int(block["recording"][bad])]
-        raise UserError(
+        mistakes.append(
             f"{path}: pressure of frame {block['frame'][bad]} of recording {recording} is {value:g}; expected a number "
             f"from every sensor, up to {MAX_PRESSURE:g}"
         )
+    return mistakes
 
 
-def _check_range(values: np.ndarray, what: str, limits: tuple[int, int], remark: str, path: Path, start: int) -> None:
-    """Raise a UserError for the first value that is no whole number within the limits, ends included."""
+def _out_of_range(
+    values: np.ndarray, what: str, limits: tuple[int, int], remark: str, path: Path, start: int
+) -> list[str]:
+    """The first value that is no whole number within the limits, ends included."""
     inside = (values >= limits[0]) & (values <= limits[1]) & (values == np.floor(values))
-    if not inside.all():
-        at = int(inside.argmin())
-        raise UserError(
-            f"{path}: {what} {values[at]} of frame {start + at} is out of range; "
-            f"expected {limits[0]} to {limits[1]} {remark}"
-        )
+    if inside.all():
+        return []
+    at = int(inside.argmin())
+    return [
+        f"{path}: {what} {values[at]} of frame {start + at} is out of range; "
+        f"expected {limits[0]} to {limits[1]} {remark}"
+    ]

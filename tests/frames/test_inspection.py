@@ -1,0 +1,154 @@
+"""What inspect finds in recordings of gloves that it does not know, and what it recommends for them."""
+
+import shlex
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.inspection import inspect_recordings, sensors_in_contact
+from tactile_viewgcn.frames.inspection_text import WIDTH, inspection_lines
+from tactile_viewgcn.frames.recommendation import recommend
+from tactile_viewgcn.frames.source_inspection import inspect_source
+from tactile_viewgcn.params import load
+from tactile_viewgcn.recordings.formats import open_source
+from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tests.drifting import drifting
+from tests.grips import COLUMNS, COUNTS, FILE
+from tests.sources import written
+from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, all_contact, drifting_array, floats
+
+
+def chosen(inspection):
+    """What is recommended, by key."""
+    return {one.key.removeprefix("preprocess."): one.value for one in recommend(inspection)}
+
+
+def test_recordings_that_are_all_contact_are_taken_as_they_are(tmp_path):
+    seen = inspect_source(all_contact(tmp_path / "glove"))
+    assert seen.taken_whole and (seen.contact == 10).all() and seen.contact.sum() == 10 * OBJECTS * RECORDINGS
+    settings = chosen(seen)
+    assert (settings["baseline"], settings["zero"], settings["filter"]) == ("none", 0, "none")
+    assert (settings["split.by"], settings["split.folds"], settings["preset"]) == ("recording", RECORDINGS, "best")
+    assert seen.first_frame.error < 0.1 and seen.leaks == {}  # it is touch, and no leak
+
+
+def test_what_sensors_read_at_least_is_the_zero_of_recordings_that_are_all_contact(tmp_path):
+    source = open_source(all_contact(tmp_path / "glove"))
+    raised = replace(source, blocks=({**one, "pressure": one["pressure"] + np.int16(500)} for one in source.blocks))
+    write_recordings(tmp_path / "t", raised, "")
+    with Recordings(tmp_path / "t") as recordings:
+        seen = inspect_recordings(recordings)
+    assert seen.taken_whole and chosen(seen)["zero"] == seen.zero == 500
+
+
+def test_one_recording_an_object_cannot_be_split_and_it_says_so(tmp_path):
+    seen = inspect_source(all_contact(tmp_path / "glove", recordings=1, frames=40))
+    assert seen.taken_whole and seen.first_frame is None
+    (split,) = [one for one in recommend(seen) if one.key == "split.by"]
+    assert split.value == "frame" and "record each twice" in split.reason
+
+
+def test_the_scale_of_floats_is_that_of_their_readings(tmp_path):
+    seen = inspect_source(floats(tmp_path / "glove"))
+    settings = chosen(seen)
+    assert (settings["baseline"], settings["filter"]) == ("grasp", "contact") and "zero" not in settings
+    assert 2 <= settings["scale"] <= 2.6
+    assert sorted(seen.objects) == sorted(NAMES) and seen.sessions == ["Übung 1", "Übung 2"]
+    held = seen.contact / seen.frames
+    assert (np.abs(held - 40 / 60) < 0.02).all() and (seen.open >= 15).all()
+    assert seen.interval == pytest.approx(0.05) and seen.gaps == 0
+    np.testing.assert_allclose(seen.noise, 0.015, rtol=0.2)
+    np.testing.assert_allclose(seen.baseline, 0.05, atol=0.02)
+
+
+def test_the_open_hand_of_a_small_array_is_found_below_a_drift_of_twice_the_signal(tmp_path):
+    seen = inspect_source(drifting_array(tmp_path / "glove"))
+    assert not seen.taken_whole and seen.contact_sensors == 2
+    assert (np.abs(seen.contact - 400) < 30).all() and (seen.open > 150).all()
+    assert np.median(seen.drift) > 30  # standard deviations of noise
+    settings = chosen(seen)
+    assert (settings["baseline"], settings["filter"], settings["contact_sensors"]) == ("grasp", "contact", 2)
+    assert settings["scale"] == 150 or 50 <= settings["scale"] <= 70
+
+
+def test_recordings_as_stag_publishes_them_get_what_the_paper_sets(tmp_path):
+    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
+        seen = inspect_recordings(recordings, sensors=4)
+    settings = chosen(seen)
+    assert [settings[key] for key in ("baseline", "filter", "scale", "split.by")] == [
+        "empty_hand",
+        "flags",
+        150,
+        "source",
+    ]
+    assert seen.flagged.tolist() == [14] * 18 and seen.empty.tolist() == [60, 60]
+
+
+@pytest.mark.parametrize(("between", "baseline"), [(0.0, "empty_hand"), (1.5, "grasp"), (60.0, "grasp")])
+def test_a_baseline_that_tells_the_object_or_drifts_as_far_as_contact_is_taken_of_each_grasp(
+    tmp_path, between, baseline
+):
+    glove = drifting(objects=6, between=between, same=True)
+    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
+        seen = inspect_recordings(recordings, sensors=5)
+    assert seen.drifts == (between == 60) and chosen(seen)["baseline"] == baseline
+    assert ("empty_hand" in seen.leaks and seen.leaks["empty_hand"].found) == (between > 0)
+
+
+def test_a_drift_is_not_taken_for_contact(tmp_path):
+    """The open hand differs between recordings by twice the signal, and no empty hand was recorded."""
+    glove = drifting(objects=5, recordings=3, grasps=3, between=60.0)
+    held = glove.columns["object"] > 0
+    columns = {name: values[held] - (name == "object") for name, values in glove.columns.items()}
+    with written(tmp_path / "t", glove.counts[held], **columns, objects=list("abcde")) as recordings:
+        seen = inspect_recordings(recordings, sensors=5)
+    assert not seen.taken_whole and chosen(seen)["baseline"] == "grasp"
+    assert seen.contact.sum() == (~glove.open[held]).sum()
+
+
+def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array():
+    assert [sensors_in_contact(count) for count in (1, 16, 96, 384, 548, 1400)] == [2, 2, 3, 10, 14, 14]
+
+
+def test_stuck_and_saturated_sensors_are_found(tmp_path):
+    rng = np.random.default_rng(0)
+    counts = rng.normal(500, 20, (200, 4, 5)).round().astype(np.int16)
+    counts[:, 0, 0] = 500 + (np.arange(200) == 7)
+    counts[::2, 1, 1], counts[:, 2, 2] = 1024, 510
+    with written(tmp_path / "t", counts, object=np.arange(200) % 2) as recordings:
+        seen = inspect_recordings(recordings)
+    assert np.argwhere(seen.readings.stuck).tolist() == [[0, 0]]
+    assert np.argwhere(seen.readings.saturated > 0.01).tolist() == [[1, 1]] and seen.readings.saturated[1, 1] == 0.5
+    assert not seen.live[2, 2] and seen.live.sum() == 19
+
+
+def test_gaps_in_time_are_counted(tmp_path):
+    time = np.concatenate([np.arange(30) / 10, 10 + np.arange(30) / 10])
+    counts = np.random.default_rng(0).normal(500, 2, (60, 3, 3)).round().astype(np.int16)
+    with written(tmp_path / "t", counts, time=time, object=np.arange(60) % 2) as recordings:
+        seen = inspect_recordings(recordings)
+    assert (seen.interval, seen.gaps) == (pytest.approx(0.1), 1)
+
+
+@pytest.mark.parametrize("write", [all_contact, floats, drifting_array])
+def test_the_text_is_80_columns_and_ends_with_a_command_that_params_yaml_takes(tmp_path, write):
+    seen = inspect_source(write(tmp_path / "my glöve"))
+    lines = inspection_lines(seen, recommend(seen))
+    assert max(map(len, lines)) <= WIDTH or str(tmp_path) in max(lines, key=len)
+    words = shlex.split(" ".join(lines[lines.index("") + 1 :]).replace("\\ ", ""))
+    assert words[:3] == ["dvc", "exp", "run"] and "best)" in words
+    changes = [words[i + 1] for i, word in enumerate(words) if word == "-S"]
+    assert changes[0] == f'data.source="{tmp_path}/my glöve"'
+    params = load(FILE, changes)
+    assert params.data.source == f"{tmp_path}/my glöve"
+    assert params.preprocess.baseline == chosen(seen)["baseline"]
+
+
+def test_a_glove_that_is_not_connected_is_refused(tmp_path):
+    with (
+        written(tmp_path / "t", np.full((20, 3, 3), 512, np.int16)) as recordings,
+        pytest.raises(UserError, match="is the glove connected"),
+    ):
+        inspect_recordings(recordings)
