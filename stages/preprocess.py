@@ -31,7 +31,9 @@ def preprocess(params, job, recordings, out, kept):
         baseline = measure_baseline(table, values)
         frames, selection = prepare(table, values, split, stream(split.seed, "preprocess"), baseline)
         rows = selection_counts(table, selection)
-        leak = check_leak(table, baseline, hand, split.by, stream(split.seed, "leak"))
+        leak = None
+        if not inspection.taken_whole:
+            leak = check_leak(table, baseline, hand, split.by, stream(split.seed, "leak"))
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])

@@ -1,6 +1,7 @@
 """The command line `tactile-viewgcn`."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -42,21 +43,43 @@ def test_check_lists_every_mistake_in_one_line():
 def test_inspect_says_what_a_source_holds(tmp_path):
     source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=3, recordings=2, frames=5))
     result = call("inspect", source)
-    assert "30 frames of 32 x 32, 6 recordings, 1 sessions" in result.stdout
-    assert "empty_hand 10, object1 10, object2 10" in result.stdout and "split" in result.stdout
+    assert "30 frames of 32 x 32, kept as int16; 6 recordings, 3 objects, 1 sessions" in result.stdout
+    assert "optional columns: split, valid, balanced, grip" in result.stdout
+    assert "548 of 1024 sensors vary" in result.stdout
+    assert re.search(r"^  object2 +2 +10 +\d+ +\d+ +\d+$", result.stdout, re.MULTILINE)
+
+
+def inspected(path):
+    """The lines of `inspect` before the command, which names the path."""
+    return call("inspect", path).stdout.split("\n\n")[0].splitlines()
 
 
 def test_inspect_of_the_pipelines_table_says_the_same_as_of_its_source(tmp_path):
     tree = metadata(objects=3, recordings=2, frames=5)
     source = save_matlab5(tmp_path / "metadata.mat", tree)
     write_recordings(tmp_path / "recordings.h5", open_source(source), "0" * 32)
-    first, *rest = call("inspect", source).stdout.replace(str(source), "IT").splitlines()
-    result = call("inspect", tmp_path / "recordings.h5")
-    assert first == "IT: 30 frames of 32 x 32, 6 recordings, 1 sessions, 548 sensors that vary"
-    assert result.stdout.replace(str(tmp_path / "recordings.h5"), "IT").splitlines() == [
-        first.replace("IT:", "IT, written by ingest:"),
-        *rest,
-    ]
+    first, *rest = inspected(source)
+    table, *same = inspected(tmp_path / "recordings.h5")
+    assert (first, table) == (str(source), f"{tmp_path / 'recordings.h5'}, written by ingest")
+    assert rest == same and "To use" in rest
+
+
+def test_inspect_ends_with_a_command_that_names_the_source_and_not_the_table(tmp_path):
+    source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=3, recordings=2, frames=5))
+    write_recordings(tmp_path / "recordings.h5", open_source(source), "0" * 32)
+    assert f"-S data.source={source}" in call("inspect", source).stdout
+    assert "data.source" not in call("inspect", tmp_path / "recordings.h5").stdout
+
+
+def test_inspect_lists_the_mistakes_of_all_files_at_once(tmp_path):
+    for name, value in (("a", 1.0), ("b", np.nan), ("c", np.inf), ("d", 1.0)):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            file["pressure"] = np.full((3, 2, 2), value)
+            file.attrs.update({"object": "mug", "session": "monday"} if name != "d" else {"object": "mug"})
+    result = call("inspect", tmp_path)
+    assert result.returncode == 1 and len(result.stderr.splitlines()) == 1 and not result.stdout
+    for mistake in ("d.h5: no attribute 'session'", "recording b is nan", "recording c is inf"):
+        assert mistake in result.stderr
 
 
 def test_inspect_of_nothing_is_one_line():
@@ -73,9 +96,7 @@ def test_convert_writes_what_stag_readers_read(tmp_path, form):
     out = tmp_path / "new" / "metadata.mat"
     result = call("convert", source, out)
     assert result.stdout.startswith(f"{out}: 30 frames; fields: batchId, batches, frame, hasValidLabel, objectId,")
-    assert call("inspect", out).stdout.replace(str(out), "IT") == call("inspect", source).stdout.replace(
-        str(source), "IT"
-    ).replace(", written by ingest", "")
+    assert inspected(out)[1:] == inspected(source)[1:]
 
 
 def test_convert_of_real_numbers_is_one_line_and_writes_nothing(tmp_path):

@@ -10,6 +10,7 @@ from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.readings import SATURATED
 from tactile_viewgcn.frames.recommendation import Recommendation
+from tactile_viewgcn.recordings.table import is_table
 
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name
@@ -19,7 +20,7 @@ MAX_LISTED = 10  # recordings named
 def inspection_lines(seen: Inspection, chosen: list[Recommendation]) -> list[str]:
     """The inspection, and what to set: `chosen` is what `recommend` returns."""
     parts = [
-        ("", _what(seen)),
+        (f"{seen.path}{', written by ingest' if is_table(seen.path) else ''}", _what(seen)),
         ("Sampling", [_sampling(seen)]),
         ("Readings", _readings(seen)),
         ("Sessions", _sessions(seen)),
@@ -29,7 +30,7 @@ def inspection_lines(seen: Inspection, chosen: list[Recommendation]) -> list[str
     ]
     lines = []
     for title, texts in parts:
-        lines += [title] if title else []
+        lines.append(title)
         for text in texts:
             lines += (
                 textwrap.wrap(text, WIDTH, initial_indent="  ", subsequent_indent="    ")
@@ -43,7 +44,7 @@ def command_lines(seen: Inspection, chosen: list[Recommendation]) -> list[str]:
     """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash."""
     words = ["dvc exp run"]
     words += [f"$(tactile-viewgcn preset {one.value})" for one in chosen if one.key == "preset"]
-    changes = [f"data.source={_quoted(str(seen.path))}"]
+    changes = [] if is_table(seen.path) else [f"data.source={_quoted(str(seen.path))}"]
     changes += [f"{one.key}={_value(one)}" for one in chosen if one.key != "preset"]
     lines = [" ".join(words)]
     for change in changes:
@@ -72,7 +73,7 @@ def _what(seen: Inspection) -> list[str]:
     frames = f"{seen.frames.sum():,} frames of {height} x {width}, kept as {seen.dtype}"
     objects, sessions = len(np.unique(seen.label)), len(np.unique(seen.session))
     return [
-        f"{seen.path}: {frames}; {len(seen.frames)} recordings, {objects} objects, {sessions} sessions",
+        f"{frames}; {len(seen.frames)} recordings, {objects} objects, {sessions} sessions",
         f"optional columns: {columns}",
     ]
 

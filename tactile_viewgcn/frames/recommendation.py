@@ -15,7 +15,7 @@ from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.recordings.table import Recordings
 
 RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
-HEADROOM = 5.0  # the released scale is kept where it is at most so many times the strongest hundredth
+HEADROOM = 10.0  # the released scale is kept where it is at most so many times the strongest hundredth
 ENOUGH_FLAGS = 8  # frames of a recording
 MOST_FOLDS = 5
 FEW_FRAMES = 50_000  # of contact

@@ -217,6 +217,18 @@ def test_a_session_without_an_empty_hand_is_refused(place):
     assert preprocess(place, "preprocess.baseline=quiet").returncode == 0
 
 
+def test_what_was_decided_stands_in_the_record_beside_what_was_asked(place):
+    ingest(place, metadata(objects=3, frames=30, blank=8))
+    result = preprocess(place, "preprocess.contact_sensors=14")
+    record = json.loads((place / "preprocess.json").read_text())
+    asked, counts = record["params"]["values"], record["counts"]
+    assert (asked["preprocess.baseline"], counts["resolved.preprocess.baseline"]) == ("auto", "empty_hand")
+    assert (asked["preprocess.filter"], counts["resolved.preprocess.filter"]) == ("auto", "flags")
+    assert "resolved.preprocess.contact_sensors" not in counts
+    assert "  preprocess.baseline empty_hand: recorded in every session" in result.stdout
+    assert any(note.startswith("preprocess.scale ") for note in record["notes"])
+
+
 def test_objects_that_frames_without_contact_give_away_are_warned_of(place):
     tree = metadata(objects=4, frames=30, blank=14)
     sensors = tree["pressure"].min(axis=0) < tree["pressure"].max(axis=0)

@@ -1,0 +1,95 @@
+"""What `auto` becomes, and the warnings where preprocessing takes information from the recordings."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.frames.checks import preprocessing_warnings
+from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
+from tactile_viewgcn.frames.recommendation import inspect_contact, resolve, resolved
+from tactile_viewgcn.params import Preprocess, load
+from tactile_viewgcn.recordings.formats import open_source
+from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tests.grips import COLUMNS, COUNTS, FILE
+from tests.sources import written
+from tests.unknown_gloves import OBJECTS, RECORDINGS, all_contact, drifting_array, floats
+
+SPLIT = ("split.by=recording", "preprocess.balance_minimum=1")
+
+
+def treated(tmp_path, write, *changes, **form):
+    """Frames, warnings and decided parameters of a glove's recordings under changed parameters."""
+    write_recordings(tmp_path / "t", open_source(write(tmp_path / "glove", **form)), "")
+    params = load(FILE, (*SPLIT, *(f"preprocess.{change}" for change in changes)))
+    with Recordings(tmp_path / "t") as recordings:
+        inspection = inspect_contact(recordings, params.preprocess)[1]
+        values, choices = resolve(params.preprocess, inspection)
+        frames, _ = prepare(recordings, values, params.split, np.random.default_rng(0))
+    return frames, preprocessing_warnings(inspection, frames, values), choices
+
+
+@pytest.mark.parametrize("write", [all_contact, floats, drifting_array])
+def test_what_auto_decides_is_not_warned_of(tmp_path, write):
+    _, warnings, choices = treated(tmp_path, write)
+    assert warnings == []
+    keys = ["baseline", "filter", "contact_sensors", "scale"] + (["zero"] if write is all_contact else [])
+    assert sorted(one.key for one in choices) == sorted(f"preprocess.{key}" for key in keys)
+
+
+def test_recordings_that_are_all_contact_keep_every_frame_as_it_is(tmp_path):
+    frames, _, _ = treated(tmp_path, all_contact)
+    assert len(frames) == 10 * OBJECTS * RECORDINGS
+    np.testing.assert_array_equal(frames.inputs(np.arange(160), "counts"), frames.counts)
+
+
+def test_a_baseline_of_frames_in_contact_is_warned_of(tmp_path):
+    _, (warning,), _ = treated(tmp_path, all_contact, "baseline=quiet")
+    assert warning.startswith("warning: baseline quiet is made of frames in contact")
+    assert "set preprocess.baseline to auto" in warning
+
+
+def test_quiet_frames_are_counted_against_those_without_contact(tmp_path):
+    _, warnings, _ = treated(tmp_path, floats, "baseline=quiet", "filter=none", "quiet_share=0.5")
+    assert len(warnings) == 1 and "in contact in 16 of 16 recordings" in warnings[0]
+    assert treated(tmp_path / "again", floats, "baseline=quiet", "filter=none", "quiet_share=0.2")[1] == []
+
+
+def test_a_scale_that_drowns_the_readings_in_noise_or_clips_them_is_warned_of(tmp_path):
+    _, (high,), _ = treated(tmp_path, floats, "scale=150")
+    assert (
+        "below the noise that training adds, 2.25 counts" in high and "preprocess.scale to auto, or to about 2" in high
+    )
+    _, (low,), _ = treated(tmp_path / "low", floats, "scale=0.5")
+    assert low.startswith("warning: scale 0.5 clips 100 %") and "preprocess.scale to auto" in low
+    assert treated(tmp_path / "log", floats, "scale=150", "transform=log")[1] == []
+
+
+def test_a_value_that_is_given_is_kept(tmp_path):
+    frames, _, choices = treated(tmp_path, floats, "baseline=quiet", "filter=none", "contact_sensors=5", "scale=3")
+    assert choices == [] and len(frames) == 60 * OBJECTS * RECORDINGS
+    given = {"baseline": "quiet", "filter": "none", "contact_sensors": 5, "scale": 3.0}
+    assert {key: frames.preprocess[key] for key in given} == given
+
+
+def test_without_a_baseline_no_contact_is_told_so_that_auto_filters_nothing(tmp_path):
+    frames, _, choices = treated(tmp_path, floats, "baseline=none", "zero=0")
+    (chosen,) = [one for one in choices if one.key == "preprocess.filter"]
+    assert chosen.value == "none" and len(frames) == 60 * OBJECTS * RECORDINGS
+    assert frames.preprocess["zero"] == 0
+
+
+def test_prepare_decides_by_itself_and_as_the_paper_for_recordings_like_stags(tmp_path):
+    params = load(FILE, ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1"))
+    paper = load(FILE, ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1", *PAPER))
+    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
+        values = resolved(recordings, params.preprocess)
+        assert values == Preprocess(**vars(paper.preprocess))
+        frames, same = (
+            prepare(recordings, one.preprocess, one.split, np.random.default_rng(0))[0] for one in (params, paper)
+        )
+        assert measure_baseline(recordings, params.preprocess).names == ["session0", "session1"]
+    assert (frames.transform, frames.scale, frames.preprocess) == (same.transform, same.scale, same.preprocess)
+    for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):
+        np.testing.assert_array_equal(getattr(frames, name), getattr(same, name))
+
+
+PAPER = ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150")
