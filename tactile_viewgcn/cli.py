@@ -40,7 +40,8 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
-def inspect(source: Path) -> None:
+@click.option("--html", "page", type=click.Path(path_type=Path), help="Write a page with pictures to this file.")
+def inspect(source: Path, page: Path | None) -> None:
     """Say what SOURCE holds and what to set for it, with reasons.
 
     SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, or the recordings.h5 of `ingest`. Every mistake in
@@ -52,6 +53,11 @@ def inspect(source: Path) -> None:
 
     inspection = inspect_source(source)
     click.echo("\n".join(inspection_lines(inspection, recommend(inspection))))
+    if page:
+        from tactile_viewgcn.frames.inspection_page import inspection_page
+        from tactile_viewgcn.html import write
+
+        click.echo(write(page, inspection_page(inspection)))
 
 
 @cli.command()
@@ -112,12 +118,9 @@ def report(run: str, out: Path) -> None:
     """Write one HTML page of the workspace's last run, or of RUN: a DVC experiment's name, or an MLflow run's id."""
     from tactile_viewgcn.evaluation.finished_run import read_run
     from tactile_viewgcn.evaluation.run_page import run_page
-    from tactile_viewgcn.files import atomic_write
+    from tactile_viewgcn.html import write
 
-    page = run_page(read_run(run))
-    with atomic_write(out) as part:
-        part.write_text(page, encoding="utf-8")
-    click.echo(f"{out}: {len(page) / 1e6:.1f} MB; open it in a browser")
+    click.echo(write(out, run_page(read_run(run))))
 
 
 def main() -> None:

@@ -9,12 +9,16 @@ import re
 import warnings
 from collections.abc import Iterable, Sequence
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tactile_viewgcn.files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NARROWEST = 0.7  # of its width that a picture keeps on a phone; it scrolls sideways then
+PIXELS = 96 / 72  # of a point
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 STYLE = """
@@ -105,6 +109,16 @@ def code(text: object) -> Html:
     return element("code", text)
 
 
+def badge(text: object) -> Html:
+    """A word that one must not overlook."""
+    return element("span", text, kind="badge")
+
+
+def several(count: int, thing: str) -> str:
+    """1 frame, 1,701 frames."""
+    return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
 def named(name: object, text: object) -> Html:
     """A name in a table, with what it is under it."""
     return Html(f"{bold(name)}{element('span', text, kind='soft')}")
@@ -144,7 +158,7 @@ def table(header: Sequence[object], rows: Iterable[Sequence[object]], caption: s
     """
 
     def line(tag: str, cells: Sequence[object]) -> Html:
-        kinds = numbers.ljust(len(cells), "t")
+        kinds = numbers.ljust(len(cells), "t")[: len(cells)]
         return element(
             "tr",
             *(element(tag, cell, kind="number" if k == "n" else "") for k, cell in zip(kinds, cells, strict=True)),
@@ -163,11 +177,12 @@ def picture(figure: "Figure", alt: str, caption: object = "") -> Html:
     """
     from matplotlib import rc_context
 
-    buffer, width = BytesIO(), round(figure.get_figwidth() * 96)
+    buffer = BytesIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "page"}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # the browser has the letters that matplotlib's font lacks
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None})
     data = base64.b64encode(buffer.getvalue()).decode()
+    width = round(float(re.findall(rb'width="([\d.]+)pt"', buffer.getvalue())[0]) * PIXELS)
     image = Html(
         f'<img alt="{escape(alt)}" style="width:{width}px;min-width:{round(NARROWEST * width)}px" '
         f'src="data:image/svg+xml;base64,{data}">'
@@ -200,6 +215,13 @@ def page(title: str, head: Iterable[object], sections: Iterable[tuple[str, Html]
         f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<header>\n{join(head)}\n"
         f"{element('nav', join(links))}\n</header>\n<main>\n{join(body)}\n</main>\n</body>\n</html>\n"
     )
+
+
+def write(path: Path, text: str) -> str:
+    """Write a page, and say so in a line."""
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8")
+    return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
 
 
 def _anchor(name: str) -> str:

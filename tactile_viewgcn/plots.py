@@ -2,7 +2,9 @@
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 GAP = 1  # blank cells between the frames of a mosaic
 WIDEST = 40  # inches
@@ -55,7 +57,8 @@ def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: 
     columns = min(columns, len(frames))
     rows, (height, width) = -(-len(frames) // columns), live.shape
     tall = min(max(height / width, 0.3), 1.6)
-    figure = Figure(figsize=(1.9 * columns + 0.9, (1.9 * tall + 0.35) * rows), layout="compressed")
+    side = 1.9 if len(frames) > 1 else 3.2  # inches
+    figure = Figure(figsize=(side * columns + 0.9, (side * tall + 0.35) * rows), layout="compressed")
     panels = figure.subplots(rows, columns, squeeze=False)
     shown = np.where(live, frames, np.nan)
     top, colours = np.nanpercentile(shown, 99.5) or 1, colormaps[FRAMES].with_extremes(bad=NO_SENSOR)
@@ -103,3 +106,54 @@ def error_intervals(rows: dict[str, tuple[float, float, float]], chance: float) 
 def shortened(name: str, most: int = 22) -> str:
     """A name that fits above a small picture."""
     return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
+def time_lines(lines: list[np.ndarray], held: list[np.ndarray], seconds: list[float], titles: list[str]) -> Figure:
+    """The load of recordings over time, side by side with one scale; where an object is held the line is filled.
+
+    Args:
+        lines: mean counts above the baseline, in order; held: share of each point's frames that are held.
+        seconds: from first to last point; NaN counts in shares of the recording.
+    """
+    columns = min(3, len(lines))
+    rows = -(-len(lines) // columns)
+    figure = Figure(figsize=(3.1 * columns, 1.75 * rows + 0.3), layout="constrained")
+    panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    for axes in panels.flat[len(lines) :]:
+        axes.set_visible(False)
+    for axes, line, share, length, title in zip(panels.flat, lines, held, seconds, titles, strict=False):
+        at = np.linspace(0, 1 if np.isnan(length) else length, len(line))
+        axes.plot(at, line, color="#12485c", linewidth=1)
+        axes.fill_between(at, 0, line, where=share >= 0.5, color="#f2b45c", alpha=0.8, linewidth=0)
+        axes.set_title(shortened(title), fontsize=9, parse_math=False)
+        axes.tick_params(labelsize=8)
+    timed = not np.isnan(seconds).any()
+    figure.supxlabel("seconds" if timed else "share of the recording", fontsize=9)
+    figure.supylabel("mean counts above baseline", fontsize=9)
+    return figure
+
+
+def histogram(counts: np.ndarray, edges: np.ndarray, marks: dict[str, float]) -> Figure:
+    """A histogram (B,) with limits (B + 1,), its numbers on a logarithmic axis, and marked places on the other."""
+    figure = Figure(figsize=(6.4, 2.8), layout="constrained")
+    axes = figure.add_subplot()
+    axes.stairs(np.maximum(counts, 0.5), edges, fill=True, color="#7fb2c6", baseline=0.5)
+    for name, place in marks.items():
+        axes.axvline(place, color="#a33", linestyle="--", linewidth=1.2, label=f"{name} {place:g}")
+    axes.set(yscale="log", xlabel="counts above baseline", ylabel="readings")
+    if marks:
+        axes.legend(frameon=False, fontsize=9)
+    return figure
+
+
+def sensor_states(states: np.ndarray, names: list[str]) -> Figure:
+    """Sensors by their state, int (H, W): an index into `names`, whose first is the state of one without fault."""
+    height, width = states.shape
+    figure = Figure(figsize=(3.6, min(max(3.2 * height / width, 1.2), 5) + 0.8), layout="constrained")
+    axes = figure.add_subplot()
+    palette = ListedColormap(["#cfe0e6", NO_SENSOR, "#8758a8", "#d1495b"])
+    axes.imshow(states, cmap=palette, vmin=-0.5, vmax=3.5, interpolation="none")
+    axes.set_axis_off()
+    patches = [Patch(facecolor=palette(i), edgecolor="#888", label=name) for i, name in enumerate(names)]
+    axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(0, 0), fontsize=9, frameon=False)
+    return figure

@@ -12,10 +12,9 @@ from tactile_viewgcn.evaluation.wording import (
     interval,
     percent,
     seconds,
-    several,
     trains_no_network,
 )
-from tactile_viewgcn.html import Html, bar, bold, named, paragraph, picture, section, table
+from tactile_viewgcn.html import Html, bar, bold, named, paragraph, picture, section, several, table
 
 PAIRS = 4
 CLUSTERED = 2  # objects whose clusters are shown

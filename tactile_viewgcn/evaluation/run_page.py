@@ -22,10 +22,9 @@ from tactile_viewgcn.evaluation.wording import (
     interval,
     percent,
     seconds,
-    several,
     system,
 )
-from tactile_viewgcn.html import Html, bar, bold, bullets, code, command, named, paragraph, section, table
+from tactile_viewgcn.html import Html, bar, bold, bullets, code, command, named, paragraph, section, several, table
 from tactile_viewgcn.provenance import PACKAGES
 
 WARNING = "warning: "
@@ -79,7 +78,7 @@ def _head(run: FinishedRun) -> list[Html]:
     frames = "one pressure frame" if views == 1 else f"{views} pressure frames"
     of = "of a recording that it has not learnt from" if protocol == "recording" else "of the test recordings"
     told = " This is not told from guessing." if ends and ends[1] >= chance else ""
-    simulated = [html.element("span", "Simulated data", kind="badge"), SIMULATED]
+    simulated = [html.badge("Simulated data"), SIMULATED]
     return [
         html.element("h1", f"Which of {run.metrics['classes']} objects does the hand hold?"),
         paragraph(f"Report of the run {run.name or 'in the workspace'}, {_date(run)}", kind="soft"),

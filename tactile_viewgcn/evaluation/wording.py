@@ -62,11 +62,6 @@ def seconds(value: float) -> str:
     return f"{minutes // 60} h {minutes % 60} min" if value >= 3600 else f"{minutes} min {value % 60:.0f} s"
 
 
-def several(count: int, thing: str) -> str:
-    """1 frame, 1,701 frames."""
-    return f"{count:,} {thing}{'' if count == 1 else 's'}"
-
-
 def listed(names: Sequence[str]) -> str:
     """a, b and c."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -28,6 +28,7 @@ class Readings:
         histogram, edges: (B,) numbers of readings above the baseline in held frames; (B + 1,) their limits in counts.
         mean_frame: (O, H, W) mean counts above the baseline in frames of contact, NaN of an object without any.
         activity: for each recording, up to 100 means over the sensors, in counts above the baseline, in order.
+        held: for each of these, the share of its frames that are held.
     """
 
     percentiles: np.ndarray
@@ -39,6 +40,7 @@ class Readings:
     edges: np.ndarray
     mean_frame: np.ndarray
     activity: list[np.ndarray]
+    held: list[np.ndarray]
 
 
 def measure_readings(
@@ -63,11 +65,13 @@ def measure_readings(
     """
     counts = hand.counts
     sums, number = np.zeros((objects, counts.shape[1])), np.zeros(objects)
-    activity, samples, pressed = [], [], []
+    activity, of_activity, samples, pressed = [], [], [], []
     each = max(1, MOST_ROWS // len(frames))
     for row, index in enumerate(frames):
-        lines = [part.mean() for part in np.array_split(counts[index].mean(axis=1), min(POINTS, len(index)))]
+        points = min(POINTS, len(index))
+        lines = [part.mean() for part in np.array_split(counts[index].mean(axis=1), points)]
         activity.append(np.array(lines) - baseline[row].mean())
+        of_activity.append(np.array([part.mean() for part in np.array_split(held[index], points)]))
         of_held = index[held[index]]
         if not len(of_held):
             continue
@@ -93,6 +97,7 @@ def measure_readings(
         edges=edges,
         mean_frame=np.stack([scatter(mean, live) for mean in means]),
         activity=activity,
+        held=of_activity,
     )
 
 
