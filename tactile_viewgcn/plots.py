@@ -67,7 +67,8 @@ def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: 
     for axes, frame, title in zip(panels.flat, shown, titles, strict=False):
         image = axes.imshow(frame, cmap=colours, vmin=0, vmax=top, interpolation="none")
         axes.set_title(shortened(title), fontsize=9, parse_math=False)
-    figure.colorbar(image, ax=panels, label=label, shrink=0.8, fraction=0.04)
+    bar = figure.colorbar(image, ax=panels, shrink=1 if rows == 1 else 0.6, fraction=0.04)
+    bar.set_label(label, fontsize=8)
     return figure
 
 
@@ -142,7 +143,7 @@ def histogram(counts: np.ndarray, edges: np.ndarray, marks: dict[str, float]) ->
         axes.axvline(place, color="#a33", linestyle="--", linewidth=1.2, label=f"{name} {place:g}")
     axes.set(yscale="log", xlabel="counts above baseline", ylabel="readings")
     if marks:
-        axes.legend(frameon=False, fontsize=9)
+        axes.legend(fontsize=9, loc="upper right")
     return figure
 
 

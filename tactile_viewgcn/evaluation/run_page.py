@@ -77,7 +77,7 @@ def _head(run: FinishedRun) -> list[Html]:
     error, ends = percent(score["error"]["mean"]), error_ends(score)
     frames = "one pressure frame" if views == 1 else f"{views} pressure frames"
     of = "of a recording that it has not learnt from" if protocol == "recording" else "of the test recordings"
-    told = " This is not told from guessing." if ends and ends[1] >= chance else ""
+    told = " The interval includes guessing." if ends and ends[1] >= chance else ""
     simulated = [html.badge("Simulated data"), SIMULATED]
     return [
         html.element("h1", f"Which of {run.metrics['classes']} objects does the hand hold?"),
@@ -92,7 +92,10 @@ def _head(run: FinishedRun) -> list[Html]:
         *([paragraph("These are validation groups: the test side was not read.")] if side == "validation" else []),
         html.tiles(
             [
-                (error, f"wrong answers; 95 % interval {interval(score)}, over {several(groups, 'split group')}"),
+                (
+                    error,
+                    f"wrong answers; 95\N{NO-BREAK SPACE}% interval {interval(score)}, over {several(groups, 'split group')}",
+                ),
                 (percent(chance), "wrong answers when always naming the same object"),
                 (percent(1 - score["top3"]["mean"]), "of the right objects are not among the first three answers"),
                 (f"{run.timing['latency_ms']['single']['median']:.1f} ms", "for one answer"),
@@ -155,7 +158,8 @@ def _road_section(run: FinishedRun) -> tuple[str, Html]:
         f"Tested with {several(sets, 'view set')} of {several(views, 'frame')} each, one around every "
         f"{side} frame that counts, drawn anew in {several(trials, 'trial')}: {sets * trials:,} answers in all."
     )
-    notes = [f"{stage}: {note}" for stage, note in run.notes if WARNING not in note]
+    noted = ((stage, note) for stage, note in run.notes if WARNING not in note)
+    notes = [note if note.startswith(f"{stage}.") else f"{stage}: {note}" for stage, note in noted]
     return section(
         "From raw counts to the answer",
         table(("", "frames", "", "recordings"), body, numbers="tntn"),

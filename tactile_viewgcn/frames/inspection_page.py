@@ -8,7 +8,7 @@ import numpy as np
 from tactile_viewgcn import html, plots
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.recommendation import Recommendation, recommend
-from tactile_viewgcn.html import Html, bold, code, command, named, paragraph, picture, section, several, table
+from tactile_viewgcn.html import Html, bold, code, command, paragraph, picture, section, several, table
 from tactile_viewgcn.tables import VIRTUAL
 
 MOST_LINES = 12  # recordings whose time lines are drawn
@@ -69,7 +69,7 @@ def _settings_section(seen: Inspection, chosen: list[Recommendation]) -> tuple[s
         paragraph("Train and test a classifier with the settings that fit these recordings:"),
         command(f"dvc exp run{preset} {' '.join(words)}"),
         paragraph("Then ", code("tactile-viewgcn report"), " writes a page of what came out."),
-        table(("setting", "reason"), [(named(one.key, one.value), one.reason) for one in chosen]),
+        html.bullets(html.join([code(f"{one.key}={one.value}"), one.reason], " ") for one in chosen),
     )
 
 
