@@ -92,10 +92,7 @@ def _head(run: FinishedRun) -> list[Html]:
         *([paragraph("These are validation groups: the test side was not read.")] if side == "validation" else []),
         html.tiles(
             [
-                (
-                    error,
-                    f"wrong answers; 95\N{NO-BREAK SPACE}% interval {interval(score)}, over {several(groups, 'split group')}",
-                ),
+                (error, f"wrong answers; interval {interval(score)}, over {several(groups, 'split group')}"),
                 (percent(chance), "wrong answers when always naming the same object"),
                 (percent(1 - score["top3"]["mean"]), "of the right objects are not among the first three answers"),
                 (f"{run.timing['latency_ms']['single']['median']:.1f} ms", "for one answer"),

@@ -1,19 +1,19 @@
 """The page of an inspection: what the recordings hold, the settings that fit them, and pictures of both."""
 
-import shlex
 from pathlib import Path
 
 import numpy as np
 
 from tactile_viewgcn import html, plots
 from tactile_viewgcn.frames.inspection import Inspection
+from tactile_viewgcn.frames.inspection_text import command_lines
+from tactile_viewgcn.frames.readings import SATURATED
 from tactile_viewgcn.frames.recommendation import Recommendation, recommend
 from tactile_viewgcn.html import Html, bold, code, command, paragraph, picture, section, several, table
 from tactile_viewgcn.tables import VIRTUAL
 
 MOST_LINES = 12  # recordings whose time lines are drawn
 MOST_OBJECTS = 48  # whose mean frames are drawn
-SATURATED = 0.01  # share of the frames, from which a sensor is called saturated
 STATES = ["varies", "does not vary", "hardly varies", "often at the largest reading"]
 
 
@@ -61,15 +61,14 @@ def _head(seen: Inspection) -> list[Html]:
 
 def _settings_section(seen: Inspection, chosen: list[Recommendation]) -> tuple[str, Html]:
     """The settings to use, as one command, and each with its reason."""
-    preset = "".join(f" $(tactile-viewgcn preset {one.value})" for one in chosen if one.key == "preset")
-    values = [f"{one.key}={one.value}" for one in chosen if one.key != "preset"]
-    words = [f"-S {shlex.quote(value)}" for value in (f"data.source={seen.path}", *values)]
     return section(
         "What to do next",
         paragraph("Train and test a classifier with the settings that fit these recordings:"),
-        command(f"dvc exp run{preset} {' '.join(words)}"),
+        command("\n".join(command_lines(seen, chosen))),
         paragraph("Then ", code("tactile-viewgcn report"), " writes a page of what came out."),
-        html.bullets(html.join([code(f"{one.key}={one.value}"), one.reason], " ") for one in chosen),
+        html.bullets(
+            html.join([code(told), reason], ": ") for told, _, reason in (str(one).partition(": ") for one in chosen)
+        ),
     )
 
 
@@ -77,7 +76,7 @@ def _attention_section(seen: Inspection) -> tuple[str, Html]:
     """What may spoil a result."""
     told, once = [], int((seen.groups["recording"][np.unique(seen.label)] == 1).sum())
     leak = seen.first_frame
-    if leak and leak.found:
+    if leak and leak.found and not seen.taken_whole:
         told.append(
             f"The first frame of a recording, before anything is held, already tells the object: error "
             f"{100 * leak.error:.0f} %, guessing {100 * leak.chance:.0f} %. Errors will say less about touch than they "
