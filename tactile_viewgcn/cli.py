@@ -132,8 +132,11 @@ def main() -> None:
         raise SystemExit(error.exit_code) from None
     except click.Abort:
         raise SystemExit(1) from None
-    except (UserError, OSError) as error:
+    except (UserError, OSError, ModuleNotFoundError) as error:
+        if isinstance(error, ModuleNotFoundError) and error.name not in ("dvc", "mlflow"):
+            raise
         if "--debug" in sys.argv:  # click has gone by then
             raise
-        click.echo(f"Error: {' '.join(str(error).split())}", err=True)
+        needs = "; pip install 'tactile-viewgcn[pipeline]'" if isinstance(error, ModuleNotFoundError) else ""
+        click.echo(f"Error: {' '.join(str(error).split())}{needs}", err=True)
         raise SystemExit(1) from None
