@@ -133,7 +133,7 @@ def main() -> None:
     except click.Abort:
         raise SystemExit(1) from None
     except (UserError, OSError, ModuleNotFoundError) as error:
-        if isinstance(error, ModuleNotFoundError) and error.name not in ("dvc", "mlflow"):
+        if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] not in ("dvc", "mlflow"):
             raise
         if "--debug" in sys.argv:  # click has gone by then
             raise

@@ -139,3 +139,13 @@ def test_check_knows_that_the_default_source_is_simulated(tmp_path):
     (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     result = call("check", cwd=tmp_path)
     assert result.returncode == 0 and "`dvc repro` simulates it" in result.stdout
+
+
+def test_a_command_that_needs_what_is_not_installed_says_so_in_one_line():
+    program = (
+        "import sys; sys.modules |= {'dvc': None, 'mlflow': None}; sys.argv = ['tactile-viewgcn', 'report', 'exp-1']\n"
+        "from tactile_viewgcn.cli import main; main()"
+    )
+    result = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 1 and len(result.stderr.splitlines()) == 1
+    assert "pip install 'tactile-viewgcn[pipeline]'" in result.stderr

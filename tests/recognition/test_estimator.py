@@ -1,6 +1,8 @@
 """scikit-learn's interface: the pipeline's own training, answers of the right form, and files that others read."""
 
 import pickle
+import subprocess
+import sys
 from functools import cache
 
 import joblib
@@ -22,7 +24,7 @@ from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.tables import CPU, SMALL, recipe, table
+from tests.tables import CPU, ROOT, SMALL, recipe, table
 
 CENTRED = "its data are centred on 0, and a reading below the baseline is no contact; passes with preprocess.zero -3"
 RAW = {
@@ -230,3 +232,14 @@ def test_recordings_that_are_all_contact_are_taken_as_they_are():
     classifier = TactileClassifier(views=4).fit([counts[12:] for counts in X], y)
     assert classifier.recogniser_.treatment.preprocess.filter == "none"
     assert classifier.score([counts[12:] for counts in new], truth) == 1
+
+
+def test_importing_it_loads_no_torch_and_fitting_needs_neither_dvc_nor_mlflow():
+    program = (
+        "import sys; sys.modules |= {'dvc': None, 'mlflow': None}\n"
+        "from tactile_viewgcn import TactileClassifier\n"
+        "assert 'torch' not in sys.modules\n"
+        "print(TactileClassifier().fit([[0, 9], [0, 8], [9, 0], [8, 0]], [1, 1, 2, 2]).predict([[0, 9], [9, 0]]))\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert result.stdout == "[1 2]\n", result.stderr
