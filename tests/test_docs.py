@@ -25,7 +25,7 @@ FENCE = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 #: Commands that are not run here, and why not.
 ELSEWHERE = {
-    "python3 -m venv .venv && . .venv/bin/activate && pip install -e '.[pipeline]' && dvc repro": "installs; .ci/run does it",
+    "python3 -m venv .venv && . .venv/bin/activate && pip install -e '.[pipeline]' && dvc repro": "installs",
     "pip install -e '.[test]' && pytest": "installs and runs these tests; .ci/run does it",
     "pip install -e '.[test,docs]'": "installs; .ci/run does it",
     "dvc repro": "minutes; tests/stages/test_pipeline.py runs it on tiny data",
