@@ -295,5 +295,5 @@ def _conflicts(params: Params) -> Iterator[str]:
     if params.preprocess.baseline == "none" and params.preprocess.filter == "contact":
         yield (
             "preprocess.filter is contact, which needs the baseline's noise: "
-            "expected preprocess.baseline empty_hand, grasp or quiet"
+            "expected preprocess.filter auto, or preprocess.baseline empty_hand, grasp or quiet"
         )

@@ -99,7 +99,7 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
         if len(index) < MIN_FRAMES and (sessions == number).any():
             raise UserError(
                 f"session {name!r} has {len(index)} frames of {EMPTY_HAND!r}; preprocess.baseline "
-                f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to quiet"
+                f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to auto"
             )
         entries.append(trimmed_moments(recordings.frames(index)) if len(index) else _unused_entry(recordings))
     mean, noise = map(np.stack, zip(*entries, strict=True))
@@ -146,6 +146,6 @@ def _empty_hand_index(recordings: Recordings) -> int:
     if EMPTY_HAND not in recordings.objects:
         raise UserError(
             f"no object is named {EMPTY_HAND!r}; preprocess.baseline empty_hand needs its frames: "
-            "record the empty hand, or set preprocess.baseline to quiet"
+            "record the empty hand, or set preprocess.baseline to auto"
         )
     return recordings.objects.index(EMPTY_HAND)

@@ -19,7 +19,7 @@ def flagged(recordings: Recordings) -> np.ndarray:
             return recordings.columns[column].copy()
     raise UserError(
         f"{recordings.path}: no validity flags (grasp_valid or valid), which preprocess.filter flags needs: "
-        "set it to contact"
+        "set it to auto"
     )
 
 
@@ -44,7 +44,7 @@ def pressed_frames(recordings: Recordings, baseline: Baseline, *, sensors: int, 
     if baseline.noise is None:
         raise UserError(
             "preprocess.filter is contact, which needs the baseline's noise: "
-            "expected preprocess.baseline empty_hand, grasp or quiet"
+            "expected preprocess.filter auto, or preprocess.baseline empty_hand, grasp or quiet"
         )
     contact = np.zeros(len(recordings), dtype=bool)
     threshold = baseline.mean + sigmas * baseline.noise  # (R, H, W)

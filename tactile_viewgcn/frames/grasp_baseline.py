@@ -80,7 +80,7 @@ def _what_is_missing(recordings: Recordings, frame: int) -> str:
     return (
         f"recording {recording!r} has fewer than {MIN_FRAMES} open-hand frames, and its session {session!r} fewer of "
         f"{EMPTY_HAND!r}; preprocess.baseline grasp needs {MIN_FRAMES} of either: record the empty hand, or set it to "
-        "quiet"
+        "auto"
     )
 
 

@@ -116,7 +116,7 @@ def test_a_session_without_enough_of_the_empty_hand_is_named(tmp_path, empty):
     sessions = np.repeat([0, 0, 1], 10)
     sentence = (
         rf"^session 'tuesday' has {empty} frames of 'empty_hand'; preprocess\.baseline empty_hand needs 5 or more: "
-        "record the empty hand, or set it to quiet$"
+        "record the empty hand, or set it to auto$"
     )
     with (
         written(tmp_path / "t", counts, object=objects, session=sessions, sessions=["monday", "tuesday"]) as recordings,
@@ -132,7 +132,7 @@ def test_five_frames_of_the_empty_hand_are_enough(tmp_path):
 
 
 def test_recordings_without_any_empty_hand_are_told_what_to_do(tmp_path):
-    sentence = r"^no object is named 'empty_hand'; .* set preprocess\.baseline to quiet$"
+    sentence = r"^no object is named 'empty_hand'; .* set preprocess\.baseline to auto$"
     counts = resting(np.full((1, 2), 514.0), 10)
     with (
         written(tmp_path / "t", counts, objects=["mug", "pen"]) as recordings,

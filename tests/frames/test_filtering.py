@@ -119,5 +119,5 @@ def test_flags_are_given_as_a_copy(tmp_path):
 
 
 def test_recordings_without_flags_are_told_what_to_do(recordings):
-    with pytest.raises(UserError, match=r"t: no validity flags .* preprocess\.filter flags .*: set it to contact$"):
+    with pytest.raises(UserError, match=r"t: no validity flags .* preprocess\.filter flags .*: set it to auto$"):
         flagged(recordings)

@@ -92,7 +92,7 @@ def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has
     short = held & ((glove.columns["recording"] != 3) | (np.arange(len(held)) % (OPEN + HELD) >= OPEN - 3))
     sentence = (
         r"^recording 'recording3' has fewer than 5 open-hand frames, and its session 'monday' fewer of 'empty_hand'; "
-        r"preprocess\.baseline grasp needs 5 of either: record the empty hand, or set it to quiet$"
+        r"preprocess\.baseline grasp needs 5 of either: record the empty hand, or set it to auto$"
     )
     with pytest.raises(UserError, match=sentence):
         measured(tmp_path / "u", glove, short, **names)

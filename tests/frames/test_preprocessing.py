@@ -89,7 +89,7 @@ REFUSED = {
     "no flags": (
         (),
         {"columns": NO_FLAGS},
-        r"glove\.h5: no validity flags .* preprocess\.filter flags needs: set it to contact",
+        r"glove\.h5: no validity flags .* preprocess\.filter flags needs: set it to auto",
     ),
     "no published split": (
         (),

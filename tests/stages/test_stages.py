@@ -213,7 +213,7 @@ def test_a_session_without_an_empty_hand_is_refused(place):
     keep = ~((tree["objectId"] == 0) & (tree["batchId"] == 1)).ravel()
     ingest(place, {name: value[keep] if len(value) == len(keep) else value for name, value in tree.items()})
     line = refused(preprocess(place, "preprocess.baseline=empty_hand"))
-    assert "session '001' has 0 frames of 'empty_hand'" in line and "quiet" in line
+    assert "session '001' has 0 frames of 'empty_hand'" in line and "set it to auto" in line
     assert preprocess(place, "preprocess.baseline=quiet").returncode == 0
 
 
