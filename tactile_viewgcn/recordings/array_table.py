@@ -21,7 +21,7 @@ def form_of(values: Any) -> str:
     """Which of the three forms X has: a list of recordings, an array of view sets, or else rows.
 
     Raises:
-        UserError: a text, ragged, or an array with three axes or more than four.
+        UserError: None, a text, ragged, or an array with three axes or more than four.
     """
     listed = isinstance(values, list | tuple) or (
         isinstance(values, np.ndarray) and values.dtype == object and values.ndim == 1
@@ -31,8 +31,8 @@ def form_of(values: Any) -> str:
     axes = _axes(values)
     if axes == 4:
         return VIEW_SETS
-    if isinstance(values, str) or axes == 3 or axes > 4:
-        found = "a text" if isinstance(values, str) else f"an array of {axes} axes"
+    if values is None or isinstance(values, str) or axes == 3 or axes > 4:
+        found = {type(None): "None", str: "a text"}.get(type(values), f"an array of {axes} axes")
         raise UserError(f"X is {found}; expected {FORMS}")
     return ROWS
 

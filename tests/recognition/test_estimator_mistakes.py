@@ -34,7 +34,7 @@ Y = ["a", "a", "b", "b"]
 IN_FIT = {
     "no recordings": ({"X": [], "y": []}, "X holds no recordings"),
     "a text": ({"X": "data/recordings"}, "X is a text; expected a list of recordings"),
-    "nothing": ({"X": None}, "Expected 2D array"),
+    "nothing": ({"X": None}, "X is None; expected a list of recordings"),
     "one recording, not in a list": ({"X": recordings()[0]}, "an array of 3 axes.* one recording is \\[recording\\]"),
     "five axes": ({"X": np.ones((4, 1, 2, 3, 3))}, "an array of 5 axes"),
     "a ragged frame": ({"X": with_third([[[1, 2], [3]]])}, "ragged"),
