@@ -66,7 +66,7 @@ img { display: block; max-width: 100%; height: auto; }
 details { margin: .8rem 0; }
 @media (max-width: 40rem) { h1 { font-size: 1.5rem; } .lead { font-size: 1.08rem; } .side-by-side { display: block; }
   .tiles { grid-template-columns: 1fr 1fr; } .tile b { font-size: 1.35rem; } td, th { padding-right: .5rem; }
-  .bars { width: 3em; } td:has(.soft) { min-width: 9rem; } }
+  .bars { width: 2em; } td:has(.soft) { min-width: 8.5rem; } }
 @media print { @page { margin: 15mm; } body { max-width: none; padding: 0; font-size: 10pt; } nav { display: none; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } .scroll { overflow: visible; }
   img { min-width: 0 !important; } h2, h3 { break-after: avoid; } tr, figure, .tile, .warning { break-inside: avoid; } }

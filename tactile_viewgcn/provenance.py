@@ -43,7 +43,7 @@ def run_name(head: str, values: dict[str, Any], committed: dict[str, Any], skip:
         skip: keys that `head` names already.
     """
     changed = changes_of(values, committed).items()
-    return " ".join([head, *(f"{key}={_short(value)}" for key, value in changed if key not in skip)])
+    return " ".join([head, *(f"{key}={typed(value)}" for key, value in changed if key not in skip)])
 
 
 def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:
@@ -75,7 +75,7 @@ def _equal(value: Any, committed: Any) -> bool:
         return False
 
 
-def _short(value: Any) -> str:
+def typed(value: Any) -> str:
     """A value as one would type it after `dvc exp run -S KEY=`, without spaces."""
     if isinstance(value, bool):
         return str(value).lower()

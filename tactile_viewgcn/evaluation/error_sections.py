@@ -69,7 +69,7 @@ def _sequential(run: FinishedRun) -> list[Html]:
     stop = f"{score['mean']:.2f} on average, stopping at {score['confidence_threshold']:g}"
     rows.append((stop, percent(score["error"]), _ends(score["ci95"]), ""))
     header = ("frames", "error", "95 % interval", "calibration error")
-    return [html.element("h3", "Fewer frames"), table(header, rows, numbers="nnnn")]
+    return [html.element("h3", "Fewer frames"), table(header, rows, numbers="tnnn")]
 
 
 def _ends(ends: dict[str, float] | None) -> str:

@@ -1,7 +1,7 @@
 """The page of a finished run: the answer, the road to it, the errors, and what it was made from."""
 
+import shlex
 from datetime import datetime
-from typing import Any
 
 from tactile_viewgcn import html
 from tactile_viewgcn.evaluation.answers import chance_error
@@ -24,8 +24,9 @@ from tactile_viewgcn.evaluation.wording import (
     seconds,
     system,
 )
+from tactile_viewgcn.frames.inspection_text import quoted
 from tactile_viewgcn.html import Html, bar, bold, bullets, code, command, named, paragraph, section, several, table
-from tactile_viewgcn.provenance import PACKAGES
+from tactile_viewgcn.provenance import PACKAGES, typed
 
 WARNING = "warning: "
 SIMULATED = (
@@ -172,7 +173,7 @@ def _used(run: FinishedRun, key: str) -> str:
 
 def _next_section(run: FinishedRun) -> tuple[str, Html]:
     commit, changed = run.records["evaluate"]["origin"].get("mlflow.source.git.commit"), _changed(run)
-    again = "dvc exp run " + " ".join(f"-S '{key}={value}'" for key, value in changed.items())
+    again = ["dvc exp run", *(f"-S {shlex.quote(change)}" for change in changed)]
     return section(
         "What to do next",
         paragraph("Ask the classifier about new recordings of the same glove:"),
@@ -180,7 +181,7 @@ def _next_section(run: FinishedRun) -> tuple[str, Html]:
         paragraph("See what the recordings hold, and which settings fit them:"),
         command(f"tactile-viewgcn inspect {run.params['data.source']}"),
         paragraph("Compare with other runs, or make this one again:"),
-        command("\n".join(["mlflow ui", *([f"git checkout {commit}"] if commit else []), again.strip()])),
+        command("\n".join(["mlflow ui", *([f"git checkout {commit}"] if commit else []), " ".join(again)])),
         paragraph(
             "An interval narrows with more split groups, so with more recordings of each object in more sessions; more "
             "frames of the same recordings hardly narrow it.",
@@ -189,8 +190,10 @@ def _next_section(run: FinishedRun) -> tuple[str, Html]:
     )
 
 
-def _changed(run: FinishedRun) -> dict[str, Any]:
-    return run.records["evaluate"]["params"]["changed"]
+def _changed(run: FinishedRun) -> list[str]:
+    """Parameters that differ from the committed ones, as `dvc exp run -S` takes them."""
+    changed = run.records["evaluate"]["params"]["changed"].items()
+    return [f"{key}={quoted(value) if isinstance(value, str) else typed(value)}" for key, value in changed]
 
 
 def _lineage_section(run: FinishedRun) -> tuple[str, Html]:
@@ -206,7 +209,7 @@ def _lineage_section(run: FinishedRun) -> tuple[str, Html]:
         ("Code", html.join([code(commit), dirty], "")),
         (
             "Changed parameters",
-            html.join([code(f"{key}={value}") for key, value in changed.items()], " ") if changed else "none",
+            html.join(map(code, changed), " ") if changed else "none",
         ),
         ("Evaluated", f"{_date(run)} on {machine}"),
         ("Computed on", f"{origin['device']} in {origin['precision']}"),

@@ -44,7 +44,7 @@ def command_lines(seen: Inspection, chosen: list[Recommendation]) -> list[str]:
     """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash."""
     words = ["dvc exp run"]
     words += [f"$(tactile-viewgcn preset {one.value})" for one in chosen if one.key == "preset"]
-    changes = [] if is_table(seen.path) else [f"data.source={_quoted(str(seen.path))}"]
+    changes = [] if is_table(seen.path) else [f"data.source={quoted(str(seen.path))}"]
     changes += [f"{one.key}={_value(one)}" for one in chosen if one.key != "preset"]
     lines = [" ".join(words)]
     for change in changes:
@@ -61,7 +61,7 @@ def _value(one: Recommendation) -> str:
     return one.value if isinstance(one.value, str) else f"{one.value:g}"
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """A text as `dvc exp run -S` takes it: in quotation marks where it has more than letters, digits and / . _ -."""
     plain = all(letter.isascii() and (letter.isalnum() or letter in "/._-") for letter in text)
     return text if plain else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
