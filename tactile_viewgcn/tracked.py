@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.store import DISABLED
+from tactile_viewgcn.store import DISABLED, SQLITE
 from tactile_viewgcn.tracking import address, refusal
 
 
@@ -39,6 +39,8 @@ def model_file(name: str, folder: Path) -> Path:
     uri = address()
     if uri == DISABLED:
         raise UserError(f"{name}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
+    if uri.startswith(SQLITE) and not Path(uri.removeprefix(SQLITE).partition("?")[0]).exists():
+        raise UserError(f"{name}: no MLflow store at {uri}; name the store that has it with MLFLOW_TRACKING_URI")
     import mlflow
     from mlflow.exceptions import MlflowException
 

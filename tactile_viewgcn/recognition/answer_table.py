@@ -56,7 +56,7 @@ def line(row: Row, classes: list[str]) -> str:
 def summary(rows: list[Row], classes: list[str]) -> list[str]:
     """How many answers there are of each kind; of labelled recordings how many were right."""
     count = {status: sum(row.answer.status == status for row in rows) for status in (OBJECT, NO_CONTACT, UNKNOWN)}
-    lines = [f"{len(rows)} answers: " + ", ".join(f"{number} {status}" for status, number in count.items() if number)]
+    lines = ["answers: " + ", ".join(f"{number} {status}" for status, number in count.items() if number)]
     known = [row for row in rows if row.object in (*classes, EMPTY_HAND)]
     other = [row for row in rows if row.object not in (*classes, EMPTY_HAND, UNLABELLED)]
     if known:

@@ -37,7 +37,7 @@ class Novelty:
     def score(self, excess: np.ndarray) -> float:
         """Distance of frames (n, H, W) of counts above baseline to the nearest training set, 1 at the threshold."""
         new = sensor_map(excess[:, self.live], self.unit)
-        return float(np.sqrt(((self.maps - new) ** 2).mean(axis=1).min())) / self.threshold
+        return float(np.sqrt(((self.maps - new) ** 2).mean(axis=1).min()) / self.threshold)
 
 
 def sensor_map(readings: np.ndarray, unit: float) -> np.ndarray:

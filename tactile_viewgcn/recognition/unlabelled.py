@@ -68,9 +68,7 @@ def _parts(recordings: Recordings, window: float | None) -> Iterator[np.ndarray]
     """Indices of the frames that are answered together, in order."""
     recording, time = recordings.columns["recording"], recordings.columns["time"]
     if window is not None and np.isnan(time).any():
-        raise UserError(
-            f"{recordings.path.name}: no times of the frames, which a window in seconds needs: leave it out"
-        )
+        raise UserError("the recordings have no times of their frames, which a window in seconds needs: leave it out")
     for number in np.unique(recording):
         index = np.flatnonzero(recording == number)
         if window is None:

@@ -1,0 +1,130 @@
+"""Answers to recordings without labels: frames in contact, what they are told by, refusals."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, answer_contact, answer_recording, bisecting
+from tactile_viewgcn.recognition.novelty import spread_sets
+from tactile_viewgcn.recognition.unlabelled import answer_source
+from tactile_viewgcn.recordings.formats import open_source
+from tests.small_glove import HELD, OBJECTS, SHAPE, empty_hand, recogniser, recording, write
+
+
+def best(answer):
+    return recogniser().classes[int(answer.probabilities.argmax())]
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_recording_is_told_by_its_frames_in_contact(name):
+    answer = answer_recording(recogniser(), recording(name, 50))
+    assert (answer.status, best(answer)) == (OBJECT, name)
+    assert (answer.used, answer.contact) == (8, HELD)
+    assert answer.probabilities.sum() == pytest.approx(1, abs=1e-5)
+
+
+def test_an_open_hand_is_no_contact_and_has_no_probabilities():
+    answer = answer_recording(recogniser(), empty_hand(50))
+    assert (answer.status, answer.used, answer.contact) == (NO_CONTACT, 0, 0)
+    assert np.isnan(answer.probabilities).all() and answer.probabilities.shape == (3,)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_recording_without_an_open_hand_has_the_training_s_baseline(name):
+    answer = answer_recording(recogniser(), recording(name, 51, before=0, after=0))
+    assert (answer.contact, best(answer)) == (HELD, name)
+
+
+def test_a_glove_that_reads_higher_today_has_the_baseline_of_its_own_open_hand():
+    moved = answer_recording(recogniser(), recording("cup", 52) + np.int16(30))
+    same = answer_recording(recogniser(), recording("cup", 52))
+    np.testing.assert_allclose(moved.probabilities, same.probabilities, atol=1e-5)
+
+
+def test_a_few_frames_in_contact_are_all_used_once():
+    answer = answer_recording(recogniser(), recording("pen", 53, held=3))
+    assert (answer.used, answer.contact, best(answer)) == (3, 3, "pen")
+    assert np.isnan(answer.novelty)
+
+
+def test_a_confidence_threshold_takes_fewer_frames():
+    early = answer_recording(recogniser(), recording("pen", 54), stop_at=0.4)
+    assert early.used == 1 and best(early) == "pen"
+    nothing_like_it = np.random.default_rng(0).normal(0, 1, (12, *SHAPE))
+    assert answer_contact(recogniser(), nothing_like_it, stop_at=0.999).used == 8
+
+
+def test_what_presses_other_sensors_is_unlike_anything_seen():
+    excess = np.zeros((10, *SHAPE))
+    excess[:, :2] = 40.0
+    answer = answer_contact(recogniser(), excess)
+    assert answer.status == UNKNOWN and answer.novelty > 1
+    assert best(answer) in OBJECTS
+
+
+def test_view_sets_are_spread_evenly_and_lie_between_each_other():
+    np.testing.assert_array_equal(spread_sets(8, 4), [[1, 3, 5, 7]])
+    np.testing.assert_array_equal(spread_sets(16, 4, 2), [[1, 5, 9, 13], [3, 7, 11, 15]])
+    np.testing.assert_array_equal(spread_sets(2, 4), [[0, 0, 1, 1]])
+
+
+def test_the_first_frames_of_the_bisecting_order_are_spread_over_all():
+    np.testing.assert_array_equal(bisecting(np.arange(8)), [0, 4, 2, 6, 1, 5, 3, 7])
+    np.testing.assert_array_equal(np.sort(bisecting(np.arange(5))), np.arange(5))
+    np.testing.assert_array_equal(bisecting(np.array([7])), [7])
+
+
+@pytest.mark.parametrize(
+    "counts, message",
+    [
+        (np.zeros((5, 8, 9), np.int16), r"counts: frames of 8 x 9; expected 8 x 10, as the model was trained on"),
+        (np.zeros((5, *SHAPE)), r"counts: counts of type float64; expected int16"),
+        (np.full((5, *SHAPE), np.nan), r"holds nan in frame 0, row 0, column 0"),
+    ],
+)
+def test_another_layout_type_or_no_numbers_are_refused(counts, message):
+    with pytest.raises(UserError, match=message):
+        answer_recording(recogniser(), counts)
+
+
+def test_another_scale_is_refused(tmp_path):
+    counts = recording("ball", 55)
+    write(tmp_path / "one.h5", 500 + (counts - 500) * 12)
+    with pytest.raises(UserError, match=r"one in a hundred readings in contact is above \d+ counts over its baseline"):
+        answer_source(recogniser(), open_source(tmp_path, labelled=False))
+
+
+def test_recordings_without_object_and_session_are_read_where_labels_are_not_needed(tmp_path):
+    write(tmp_path / "b" / "1.h5", recording("cup", 56))
+    write(tmp_path / "a.h5", recording("pen", 57), object="pen", session="monday")
+    rows, notes = answer_source(recogniser(), open_source(tmp_path, labelled=False))
+    assert [(row.recording, row.object, best(row.answer), row.frames) for row in rows] == [
+        ("a", "pen", "pen", 60),
+        ("b/1", "", "cup", 60),
+    ]
+    assert notes == []
+    with pytest.raises(UserError, match="no attribute 'object'"):
+        open_source(tmp_path)
+
+
+def test_windows_of_seconds_are_answered_one_by_one(tmp_path):
+    write(tmp_path / "1.h5", np.concatenate([recording("cup", 58), recording("pen", 59)]))
+    rows, _ = answer_source(recogniser(), open_source(tmp_path, labelled=False), window=6.0)
+    assert [best(row.answer) for row in rows] == ["cup", "pen"]
+    assert [row.start for row in rows] == pytest.approx([0, 6.0])
+    assert [row.end for row in rows] == pytest.approx([5.9, 11.9])
+
+
+def test_a_session_s_empty_hand_gives_the_baseline_where_it_is_recorded(tmp_path):
+    high = np.int16(60)
+    write(tmp_path / "empty.h5", empty_hand(60) + high, object="empty_hand")
+    write(tmp_path / "held.h5", recording("ball", 61, before=0, after=0) + high)
+    rows, _ = answer_source(recogniser(), open_source(tmp_path, labelled=False))
+    assert [row.answer.status for row in rows] == [NO_CONTACT, OBJECT]
+    assert best(rows[1].answer) == "ball" and rows[1].answer.contact == HELD
+
+
+def test_a_session_without_an_open_hand_is_noted(tmp_path):
+    write(tmp_path / "1.h5", recording("ball", 62, before=0, after=0))
+    _, notes = answer_source(recogniser(), open_source(tmp_path, labelled=False))
+    assert notes == ["session 'session': fewer than 5 frames of the open hand; the training's baseline"]

@@ -1,0 +1,125 @@
+"""The command `predict`: what it prints and writes, where it finds the model, and what it refuses."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tactile_viewgcn import tracking
+from tactile_viewgcn.cli import cli
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition.prediction import load_model
+from tests.small_glove import OBJECTS, SHAPE, empty_hand, model_file, recording, write
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A folder with a model, an unlabelled folder of three recordings and a labelled one of five."""
+    model_file(tmp_path / "classifier.pt")
+    for number, name in enumerate(OBJECTS):
+        write(tmp_path / "new" / f"{number}.h5", recording(name, 80 + number))
+        write(tmp_path / "known" / f"{name}.h5", recording(name, 80 + number), object=name, session="today")
+    write(tmp_path / "known" / "empty.h5", empty_hand(83), object="empty_hand", session="today")
+    write(tmp_path / "known" / "zebra.h5", recording("zebra", 84), object="zebra", session="today")
+    return tmp_path
+
+
+def call(*words, text=None):
+    """Output of the command; it must end well."""
+    result = CliRunner().invoke(cli, ["predict", *map(str, words)], input=text, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output.splitlines()
+
+
+def test_unlabelled_recordings_have_a_line_each(place):
+    head, columns, *lines, last = call(place / "classifier.pt", place / "new")
+    assert head == "model: ensemble, 3 classes, up to 8 frames; probabilities are calibrated"
+    assert [line.split()[:3] for line in lines] == [[str(i), "8/20", name] for i, name in enumerate(OBJECTS)]
+    assert all(len(line) <= 80 for line in (columns, *lines))
+    assert last == "answers: 3 object"
+
+
+def test_labelled_recordings_are_counted_and_the_empty_hand_is_right_without_contact(place):
+    *_, right, other = call(place / "classifier.pt", place / "known")
+    assert right == "right: 4 of 4 (100.0 %); among the first three: 4"
+    assert other.startswith("of objects that the model does not know: 1, ")
+
+
+def test_the_files_hold_what_is_printed_and_all_probabilities(place):
+    call(place / "classifier.pt", place / "known", "--csv", place / "a.csv", "--json", place / "a.json")
+    rows = {row["recording"]: row for row in csv.DictReader((place / "a.csv").read_text("utf-8").splitlines())}
+    assert [rows[name]["answer"] for name in OBJECTS] == list(OBJECTS)
+    assert rows["empty"]["answer"] == "no contact" and rows["empty"]["class_1"] == ""
+    assert (rows["cup"]["frames_used"], rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("8", "20", "60")
+    content = json.loads((place / "a.json").read_text(encoding="utf-8"))
+    answers = {answer["recording"]: answer for answer in content["answers"]}
+    assert content["calibrated"] and sum(answers["cup"]["probabilities"].values()) == pytest.approx(1, abs=1e-5)
+    assert answers["empty"]["probabilities"] == {} and answers["empty"]["novelty"] is None
+
+
+def test_frames_from_standard_input_are_answered(place):
+    text = "".join(",".join(map(str, frame.ravel())) + "\n" for frame in recording("pen", 85))
+    _, note, line = call(place / "classifier.pt", "-", "--follow", "--json", place / "a.json", text=text)
+    assert note.startswith("ready") and line.split()[:4] == ["contact", "1", "8/20", "pen"] and line.endswith(" ms")
+    (answer,) = json.loads((place / "a.json").read_text())["answers"]
+    assert answer["answer"] == "pen" and answer["latency_ms"] > 0
+
+
+def test_a_stream_without_contact_says_so(place):
+    text = "".join(",".join(map(str, frame.ravel())) + "\n" for frame in empty_hand(86))
+    assert call(place / "classifier.pt", "-", "--follow", text=text)[-1].startswith("40 frames, no contact")
+
+
+def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated(place):
+    path = model_file(place / "full.pt", "finetune.num_views=full")
+    assert "8 frames; probabilities are not calibrated" in call(path, place / "new")[0]
+    with pytest.raises(UserError, match="takes 8 views and no fewer"):
+        call(path, place / "new", "--stop-at", 0.9)
+
+
+@pytest.mark.parametrize(
+    "words, error, message",
+    [
+        (["nowhere.pt", "new"], FileNotFoundError, r"nowhere.pt: no such file; expected models/classifier.pt"),
+        (["classifier.pt", "nowhere"], FileNotFoundError, r"nowhere: no such file or folder"),
+        (["new/0.h5", "new"], UserError, r"damaged, or not written by this version"),
+        (["classifier.pt", "classifier.pt"], UserError, r"neither a MAT-file by its name"),
+        (["classifier.pt", "other"], UserError, r"frames of 8 x 9; expected 8 x 10"),
+        (["classifier.pt", "new", "--window", "0"], UserError, r"window is 0; expected seconds above 0"),
+        (["classifier.pt", "new", "--stop-at", "1.5"], UserError, r"is 1.5; expected a probability"),
+        (["classifier.pt", "new", "--csv", "no/a.csv"], UserError, r"a.csv: not a file in a folder that exists"),
+        (["classifier.pt", "nowhere", "--follow"], UserError, r"nowhere: no such file; expected one of a line a frame"),
+        (["classifier.pt", "-", "--follow", "--window", "1"], UserError, r"expected one of the two"),
+    ],
+)
+def test_mistakes_are_refused_and_leave_no_file(place, monkeypatch, words, error, message):
+    write(place / "other" / "1.h5", np.zeros((20, 8, 9), np.int16))
+    monkeypatch.chdir(place)
+    with pytest.raises(error, match=message):
+        call(*words, "--json", "a.json")
+    assert not list(place.glob("a.json*"))
+
+
+@pytest.mark.filterwarnings("default")  # MLflow's own
+def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(place, monkeypatch):
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("DVC_ROOT", str(place))
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    with pytest.raises(UserError, match=r"models:/glove/1: no MLflow store at sqlite:///"):
+        load_model("models:/glove/1")
+    assert not (place / "mlflow.db").exists()
+    with tracking.stage_run("evaluate") as run:
+        address = run.model(place / "classifier.pt", 8, SHAPE, np.dtype(np.int16), list(OBJECTS))
+    import mlflow
+
+    mlflow.set_tracking_uri(f"sqlite:///{place / 'mlflow.db'}")
+    mlflow.register_model(address, "glove")
+    for name in (run.id, f"runs:/{run.id}", f"runs:/{run.id}/classifier", "models:/glove/1", address):
+        assert load_model(name).classes == list(OBJECTS), name
+    with pytest.raises(UserError, match=r"models:/glove/7: MLflow store sqlite:///"):
+        load_model("models:/glove/7")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    with pytest.raises(UserError, match=r"MLFLOW_TRACKING_URI is disabled"):
+        load_model("models:/glove/1")

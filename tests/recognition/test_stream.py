@@ -1,0 +1,132 @@
+"""Answers to frames as they come: lines of text, contacts, early answers."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition.stream import (
+    GAP_FRAMES,
+    OPEN_FRAMES,
+    Contact,
+    Stream,
+    follow,
+    lines_as_they_come,
+    read_frame,
+)
+from tests.small_glove import BEFORE, HELD, recogniser, recording
+
+TWO = np.concatenate([recording("cup", 70), recording("pen", 71)])
+
+
+def lines(counts):
+    return [",".join(map(str, frame.ravel())) + "\n" for frame in counts]
+
+
+def answers(counts, **how):
+    stream = Stream(recogniser(), **how)
+    rows = [row for row in follow(stream, recogniser(), lines(counts)) if not isinstance(row, str)]
+    return rows, [recogniser().classes[int(row.answer.probabilities.argmax())] for row in rows]
+
+
+def test_each_contact_has_an_answer_when_it_has_ended():
+    rows, best = answers(TWO)
+    assert best == ["cup", "pen"]
+    assert [row.frames for row in rows] == [BEFORE + HELD + GAP_FRAMES, 60 + BEFORE + HELD + GAP_FRAMES]
+    assert [(row.answer.used, row.answer.contact) for row in rows] == [(8, HELD), (8, HELD)]
+    assert all(0 < row.latency_ms < 60_000 for row in rows)
+
+
+def test_a_contact_that_the_last_frame_leaves_open_has_its_answer_at_the_end():
+    rows, best = answers(TWO[: BEFORE + 10])
+    assert best == ["cup"] and rows[0].answer.contact == 10
+
+
+def test_a_confident_answer_comes_in_the_middle_of_the_contact_and_once():
+    rows, best = answers(TWO, stop_at=0.5)
+    assert best == ["cup", "pen"]
+    assert [row.frames for row in rows] == [BEFORE + 1, 60 + BEFORE + 1]
+    assert [row.answer.used for row in rows] == [1, 1]
+
+
+def test_the_baseline_is_noted_and_a_stream_that_begins_in_contact_has_the_training_s():
+    first, *_ = follow(Stream(recogniser()), recogniser(), lines(TWO))
+    assert first == f"ready: the first {OPEN_FRAMES} frames are the baseline"
+    first, row = follow(Stream(recogniser()), recogniser(), lines(recording("pen", 72, before=0, held=40)))
+    assert "are contact: the training's baseline" in first
+    assert recogniser().classes[int(row.answer.probabilities.argmax())] == "pen"
+
+
+def test_a_drift_of_the_open_hand_is_no_contact():
+    slow = (np.arange(900) * 0.01)[:, None, None]  # nine standard deviations of noise in the end
+    drifting = np.rint(recording("cup", 73, before=900, held=0, after=0) + slow).astype(np.int16)
+    assert answers(drifting)[0] == []
+
+
+def test_a_long_contact_keeps_frames_evenly():
+    contact = Contact(0.0)
+    for number in range(3000):
+        contact.add(np.full((1, 1), number))
+    assert contact.count == 3000
+    np.testing.assert_array_equal(contact.stack().ravel(), np.arange(0, 3000, 4))
+
+
+@pytest.mark.parametrize(
+    "text", ["1,2,3,4", "[1, 2, 3, 4]", "[[1, 2], [3, 4]]", '{"pressure": [[1, 2], [3, 4]], "time": 0.5}']
+)
+def test_a_line_is_numbers_with_commas_or_json(text):
+    counts, seconds = read_frame(text, 1, (2, 2), np.dtype(np.int16))
+    np.testing.assert_array_equal(counts, [[1, 2], [3, 4]])
+    assert seconds == 0.5 if "time" in text else np.isnan(seconds)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("1,2,3", r"line 7: 3 numbers; expected 2 x 2 = 4"),
+        ("1,2,x,4", r"line 7: ValueError .*expected 4 numbers with commas"),
+        ("", r"line 7: ValueError"),
+        ('{"counts": [1, 2, 3, 4]}', r"line 7: KeyError"),
+        ("[1, 2", r"line 7: JSONDecodeError"),
+        ("1,2,nan,4", r"line 7: a value that is no finite number"),
+        ("1,2,2.5,4", r"line 7: fractions; expected whole counts \(int16\)"),
+    ],
+)
+def test_any_other_line_is_refused_by_its_number(text, message):
+    with pytest.raises(UserError, match=message):
+        read_frame(text, 7, (2, 2), np.dtype(np.int16))
+
+
+def test_a_line_of_a_growing_file_comes_once_it_is_whole(monkeypatch):
+    parts = iter(["1,2", "", "\n", "", "3\n", KeyboardInterrupt])
+
+    class Growing(io.StringIO):
+        def readline(self):
+            part = next(parts)
+            if part is KeyboardInterrupt:
+                raise part
+            return part
+
+    monkeypatch.setattr("tactile_viewgcn.recognition.stream.WAIT", 0)
+    come = lines_as_they_come(Growing(), grows=True)
+    assert [next(come), next(come)] == ["1,2\n", "3\n"]
+    with pytest.raises(KeyboardInterrupt):
+        next(come)
+    assert list(lines_as_they_come(io.StringIO("1\n2"), grows=False)) == ["1\n", "2"]
+
+
+def test_an_interrupt_ends_the_stream_with_the_answer_to_the_open_contact():
+    def interrupted():
+        yield from lines(TWO[: BEFORE + 12])
+        raise KeyboardInterrupt
+
+    *_, row = follow(Stream(recogniser()), recogniser(), interrupted())
+    assert row.answer.contact == 12
+
+
+def test_times_of_the_frames_are_those_of_the_answer():
+    text = [json.dumps({"pressure": frame.tolist(), "time": 0.1 * i}) for i, frame in enumerate(TWO[:60])]
+    *_, row = follow(Stream(recogniser()), recogniser(), text)
+    assert (row.start, row.end) == pytest.approx((0.1 * BEFORE, 0.1 * (BEFORE + HELD + GAP_FRAMES - 1)))
