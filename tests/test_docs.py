@@ -17,6 +17,7 @@ import yaml
 
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import save_classifier
+from tests import small_glove
 from tests.tables import recipe, table, trained
 
 ROOT = Path(__file__).parents[1]
@@ -36,6 +37,8 @@ ELSEWHERE = {
     "tactile-viewgcn report plumy-wolf --out plumy-wolf.html": "needs an experiment",
     "tactile-viewgcn report 0123456789abcdef0123456789abcdef": "needs a run in MLflow",
     "dvc queue start -j 2": "starts processes that outlive a test; tests/stages/test_pipeline.py runs the queue",
+    "tactile-viewgcn predict models/sequential.pt - --follow --stop-at 0.9 < frames.csv": "a shell's redirection; "
+    "tests/recognition/test_prediction.py runs it",
     "git checkout params.yaml": "changes the checkout",
     "mlflow ui": "a server that does not end",
     "git clone https://github.com/clear-nus/icub_grasp_dataset": "needs the network",
@@ -136,6 +139,9 @@ def place(tmp_path_factory) -> Path:
     save_classifier(folder / "models" / "sequential.pt", trained(), recipe().model, table(), temperatures=[1.0] * 4)
     rng = np.random.default_rng(0)
     np.save(folder / "counts.npy", (514 + rng.poisson(3, (2, 4, 12, 12))).astype(np.int16))
+    recording = (514 + rng.poisson(1, (30, 12, 12))).astype(np.int16)
+    np.save(folder / "recording.npy", recording)
+    small_glove.write(folder / "data" / "new" / "1.h5", recording)
     np.save(folder / "empty_hand.npy", (514 + rng.poisson(1, (20, 12, 12))).astype(np.int16))
     run_program("mug_1.h5", folder)
     write_icub_trials(folder / "icub_grasp_dataset")
