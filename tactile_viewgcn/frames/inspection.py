@@ -53,6 +53,8 @@ class Inspection:
         drift: (R,) largest change of the open hand within a recording, or from its session's baseline, as the root
             mean square over sensors, in standard deviations of noise; NaN without open-hand frames.
         drifts: the open hand of half of the recordings differs from the session's empty hand by as much as contact.
+        outruns: in half of the recordings the open hand drifts by more than contact reads within their longest contact:
+            a baseline of the open hand before a grasp does not hold during it.
         readings: what the sensors read, see `Readings`.
         groups: by each `split.by` that the source allows: (O,) number of an object's groups, 0 of the empty hand's.
         leaks: by `preprocess.baseline`: whether objects are told from frames without contact.
@@ -84,6 +86,7 @@ class Inspection:
     noise: np.ndarray
     drift: np.ndarray
     drifts: bool
+    outruns: bool
     readings: Readings
     groups: dict[str, np.ndarray]
     leaks: dict[str, Leak] = field(default_factory=dict)
@@ -159,6 +162,9 @@ def inspect_recordings(
         noise=np.stack([scatter(noise, live) for noise in hand.noise]),
         drift=np.full(len(frames), np.nan) if whole else _drift(hand, frames, of_session, session),
         drifts=bool(covered and np.median(differs) > 0),
+        outruns=bool(
+            np.median([_outruns(hand, index, limit, sensors) for index, limit in zip(frames, threshold, strict=True)])
+        ),
         readings=measure_readings(
             hand, frames, baseline, label, live=live, objects=len(recordings.objects), held=held, threshold=threshold
         ),
@@ -204,6 +210,28 @@ def _drift(hand: OpenHand, frames: list[np.ndarray], baseline: np.ndarray, sessi
         changes = (ends[1] - ends[0], ends[0] - baseline[session[row]], ends[1] - baseline[session[row]])
         drift[row] = max(float(np.sqrt(np.mean((change / noise) ** 2))) for change in changes)
     return drift
+
+
+def _outruns(hand: OpenHand, index: np.ndarray, threshold: np.ndarray, sensors: int) -> bool:
+    """Whether a recording's open hand drifts by more than a threshold (S,) within its longest contact."""
+    begin, end = _longest_run(hand.open[index])
+    contact = np.subtract(*_longest_run(hand.contact[index])[::-1])
+    if not contact or end - begin < 2 * MIN_FRAMES:
+        return False
+    opened = index[begin:end]
+    time = opened - opened.mean()
+    slope = np.abs(time @ hand.counts[opened]) / (time**2).sum()  # counts a frame
+    certain = slope > threshold / np.sqrt((time**2).sum())  # as many standard errors as the threshold has of noise
+    return bool(((slope * contact > threshold) & certain).sum() >= sensors)
+
+
+def _longest_run(frames: np.ndarray) -> tuple[int, int]:
+    """First of the most successive frames that are True in bool (n,), and the one after the last; 0, 0 without any."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], frames, [0]])))
+    if not len(edges):
+        return 0, 0
+    longest = 2 * int((edges[1::2] - edges[::2]).argmax())
+    return int(edges[longest]), int(edges[longest + 1])
 
 
 def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:

@@ -95,6 +95,10 @@ def _baseline(seen: Inspection) -> Recommendation:
         return choose("empty_hand", "recorded in every session")
     if seen.taken_whole:
         return choose("none", "even the quietest frames are contact: recordings are taken as they are")
+    if seen.outruns:
+        return choose(
+            "quiet", "no empty hand in every session, and the open hand drifts by as much as contact in a grasp"
+        )
     short = int((seen.open < MIN_FRAMES).sum())
     if not short:
         return choose("grasp", "no empty hand in every session, and an open hand in every recording")

@@ -17,7 +17,7 @@ from tactile_viewgcn.recordings.table import Recordings, write_recordings
 from tests.drifting import drifting
 from tests.grips import COLUMNS, COUNTS, FILE
 from tests.sources import written
-from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, all_contact, drifting_array, floats
+from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, SIGNAL, all_contact, drifting_array, floats
 
 
 def chosen(inspection):
@@ -71,6 +71,12 @@ def test_the_open_hand_of_a_small_array_is_found_below_a_drift_of_twice_the_sign
     settings = chosen(seen)
     assert (settings["baseline"], settings["filter"], settings["contact_sensors"]) == ("grasp", "contact", 2)
     assert settings["scale"] == 150 or 50 <= settings["scale"] <= 70
+
+
+def test_no_baseline_of_a_grasp_is_recommended_where_it_drifts_away_during_the_grasp(tmp_path):
+    seen = inspect_source(drifting_array(tmp_path / "glove", rate_of_drift=SIGNAL / 6))
+    assert seen.outruns and not seen.taken_whole and chosen(seen)["baseline"] == "quiet"
+    assert not inspect_source(drifting_array(tmp_path / "slow", rate_of_drift=2.0)).outruns
 
 
 def test_recordings_as_stag_publishes_them_get_what_the_paper_sets(tmp_path):
