@@ -10,6 +10,7 @@ from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.readings import SATURATED
 from tactile_viewgcn.frames.recommendation import Recommendation
+from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.recordings.table import is_table
 
 WIDTH = 80
@@ -125,7 +126,8 @@ def _objects(seen: Inspection) -> list[str]:
     for number in np.unique(seen.label):
         of = seen.label == number
         rows.append((seen.objects[number], f"{of.sum()}", *(f"{count[of].sum():,}" for count in columns.values())))
-    without = [name for name, count in zip(seen.recordings, seen.contact, strict=True) if not count]
+    held = np.array(seen.objects)[seen.label] != EMPTY_HAND
+    without = [name for name, count in zip(seen.recordings, seen.contact + ~held, strict=True) if not count]
     told = f"{', '.join(without[:MAX_LISTED])}{' and others' if len(without) > MAX_LISTED else ''}"
     return _table(rows) + ([f"{len(without)} recordings without a frame in contact: {told}"] if without else [])
 
