@@ -17,6 +17,7 @@ from tactile_viewgcn.recordings.table import Recordings
 RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
 HEADROOM = 10.0  # the released scale is kept where it is at most so many times the strongest hundredth
 ENOUGH_FLAGS = 8  # frames of a recording
+FLAGGED_SHARE = 0.5  # of the frames in contact: so many flags are enough too
 MOST_FOLDS = 5
 FEW_FRAMES = 50_000  # of contact
 
@@ -116,9 +117,10 @@ def _filter(seen: Inspection, baseline: str) -> Recommendation:
     key, remark = "preprocess.filter", ""
     if seen.flagged is not None:
         held = seen.label != _empty_hand(seen)
-        objects = np.bincount(seen.label[held], seen.flagged[held])
-        enough = np.median(seen.flagged[held]) >= ENOUGH_FLAGS and (objects[np.unique(seen.label[held])] > 0).all()
-        if enough:
+        flags, contact = (np.bincount(seen.label[held], of[held]) for of in (seen.flagged, seen.contact))
+        recorded = np.unique(seen.label[held])
+        many = np.median(seen.flagged[held]) >= ENOUGH_FLAGS or flags.sum() >= FLAGGED_SHARE * contact.sum()
+        if flags[recorded].all() and (many or not contact[recorded].all()):
             return Recommendation(key, "flags", "the source says in which frames the object is held")
         remark = f"the source flags only {np.median(seen.flagged[held]):g} frames a recording; "
     if baseline == "none":

@@ -92,6 +92,21 @@ def test_recordings_as_stag_publishes_them_get_what_the_paper_sets(tmp_path):
     assert seen.flagged.tolist() == [14] * 18 and seen.empty.tolist() == [60, 60]
 
 
+@pytest.mark.parametrize(
+    ("flagged", "contact", "light", "filtered"),
+    [(5, 15, 15, "contact"), (7, 8, 8, "flags"), (5, 15, 0, "flags"), (0, 15, 15, "contact")],
+)
+def test_flags_are_taken_unless_they_are_few_beside_contact_and_contact_is_in_every_object(
+    tmp_path, flagged, contact, light, filtered
+):
+    """Frames of each recording; `light` are those in contact with the last object."""
+    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
+        seen = inspect_recordings(recordings, sensors=4)
+    held = np.where(seen.label == seen.label.max(), light, contact)
+    seen = replace(seen, flagged=np.full(len(held), flagged), contact=held)
+    assert chosen(seen)["filter"] == filtered
+
+
 @pytest.mark.parametrize(("between", "baseline"), [(0.0, "empty_hand"), (1.5, "grasp"), (60.0, "grasp")])
 def test_a_baseline_that_tells_the_object_or_drifts_as_far_as_contact_is_taken_of_each_grasp(
     tmp_path, between, baseline
