@@ -13,7 +13,7 @@ from tactile_viewgcn.schema import Range, convert, describe
 FOLDER = Path("studies")
 COLUMNS = ("pretrain s", "finetune s", "ms alone", "ms in batches", "peak MB")
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
-MAY_BE_EMPTY = ("columns", "cross", "one_seed", "quick")
+MAY_BE_EMPTY = ("columns", "cross", "one_seed", "one_deal", "quick")
 #: of every rehearsal: three objects and the empty hand of a small glove, trainings of one epoch
 QUICK = {
     "glove.objects": ["mug", "tape", "scissors"],
@@ -60,7 +60,7 @@ class Study:
         deals: ways of dealing groups to the folds (`split.deal`); every variant is trained on each fold of each.
         set: changes of every cell.
         cross: further mappings like `variants`: every combination is trained, names joined by " / ".
-        one_seed: variants that are trained from the first seed alone.
+        one_seed, one_deal: variants that are trained from the first seed, or on the first deal, alone.
         picture: error, or seconds: error against seconds.
         confusion: draw confusion matrices and the objects confused most.
         quick: the variants of a rehearsal, which are trained from the first seed on the first deal.
@@ -77,6 +77,7 @@ class Study:
     set: dict = field(default_factory=dict)
     cross: list[dict] = field(default_factory=list)
     one_seed: list[str] = field(default_factory=list)
+    one_deal: list[str] = field(default_factory=list)
     picture: Literal["error", "seconds"] = "error"
     confusion: bool = False
     quick: list[str] = field(default_factory=list)
@@ -111,6 +112,7 @@ class Study:
             for deal in (self.deals[:1] if quick else self.deals)
             for variant, parts in self._crossed()
             if (variant in self.quick if quick else seed == self.seeds[0] or variant not in self.one_seed)
+            if deal == self.deals[0] or variant not in self.one_deal
             for fold in folds
         ]
 
@@ -158,6 +160,7 @@ def read_study(name: str) -> Study:
     for key, given, allowed in (
         ("reference", study.references, variants),
         ("one_seed", study.one_seed, variants),
+        ("one_deal", study.one_deal, variants),
         ("quick", study.quick, variants),
         ("columns", study.columns, COLUMNS),
     ):

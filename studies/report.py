@@ -35,7 +35,8 @@ def write_report(
     rows = rows_of(variants, references, stream(params.seed, f"study.{study.name}"))
     sequential = sequential_rows(variants)
     classes = list(dict.fromkeys(str(name) for each in answers for name in each.predictions.classes))
-    tested, deals = variants[0].tested(), len({deal for _, deal in variants[0].trainings})
+    longest = max(variants, key=lambda variant: len(variant.trainings))
+    tested, deals = longest.tested(), len({deal for _, deal in longest.trainings})
     groups = len(np.unique(tested[1]))
     changed = f" Every cell has {', '.join(f'`{change}`' for change in on_top)}." if on_top else ""
     text = [f"{data}. {study.question}{changed}", *([REHEARSAL] if rehearsal else []), power(rows, groups)]

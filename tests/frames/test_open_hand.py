@@ -55,7 +55,7 @@ EXCESS = {
 @pytest.mark.parametrize("case", EXCESS)
 def test_contact_is_told_from_drift(case):
     excess, expected = EXCESS[case]
-    assert module._is_contact(np.array(excess), np.full(40, 5.0)) == expected
+    assert module.is_contact(np.array(excess), np.full(40, 5.0)) == expected
 
 
 def test_against_the_session_s_empty_hand_that_drift_is_contact_everywhere(tmp_path):
