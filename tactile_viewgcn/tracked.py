@@ -13,11 +13,9 @@ def artifact(run_id: str, name: str) -> bytes:
 
     Raises:
         FileNotFoundError: the store has no such run, or the run no such file.
-        UserError: tracking is disabled, or the store does not answer.
+        UserError: tracking is disabled, or there is no store, or it does not answer.
     """
-    uri = address()
-    if uri == DISABLED:
-        raise UserError(f"MLflow run {run_id}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
+    uri = _store(f"MLflow run {run_id}")
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
 
@@ -36,11 +34,7 @@ def model_file(name: str, folder: Path) -> Path:
     Raises:
         UserError: tracking is disabled, or the store does not have it, or does not answer.
     """
-    uri = address()
-    if uri == DISABLED:
-        raise UserError(f"{name}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
-    if uri.startswith(SQLITE) and not Path(uri.removeprefix(SQLITE).partition("?")[0]).exists():
-        raise UserError(f"{name}: no MLflow store at {uri}; name the store that has it with MLFLOW_TRACKING_URI")
+    uri = _store(name)
     import mlflow
     from mlflow.exceptions import MlflowException
 
@@ -54,3 +48,13 @@ def model_file(name: str, folder: Path) -> Path:
         raise UserError(
             f"{name}: MLflow store {uri}: {' '.join(str(error).split())}; is MLFLOW_TRACKING_URI right?"
         ) from None
+
+
+def _store(what: str) -> str:
+    """The store's address. A UserError, whose message begins with `what`, where tracking is disabled or no store is."""
+    uri = address()
+    if uri == DISABLED:
+        raise UserError(f"{what}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
+    if uri.startswith(SQLITE) and not Path(uri.removeprefix(SQLITE).partition("?")[0]).exists():
+        raise UserError(f"{what}: no MLflow store at {uri}; name the store that has it with MLFLOW_TRACKING_URI")
+    return uri

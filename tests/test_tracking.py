@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn import tracking
+from tactile_viewgcn import tracked, tracking
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.classifier import Classifier
@@ -295,3 +295,9 @@ def test_the_logged_model_asks_for_what_its_system_needs_in_the_version_that_wro
     assert f"scikit-learn=={version('scikit-learn')}" in needs
     assert f"torch=={version('torch').partition('+')[0]}" in needs  # +cpu is in no package index
     assert not [need for need in needs if "==" not in need]
+
+
+def test_reading_where_no_store_is_makes_none(store):
+    with pytest.raises(UserError, match=r"MLflow run 0+: no MLflow store at sqlite:///.*; name the store that has it"):
+        tracked.artifact("0" * 32, "evaluate.json")
+    assert list(store.iterdir()) == []

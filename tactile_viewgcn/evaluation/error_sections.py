@@ -11,8 +11,8 @@ from tactile_viewgcn.evaluation.wording import (
     error_ends,
     interval,
     percent,
+    pretrains,
     seconds,
-    trains_no_network,
 )
 from tactile_viewgcn.html import Html, bar, bold, named, paragraph, picture, section, several, table
 
@@ -80,8 +80,8 @@ def _time_table(run: FinishedRun) -> Html:
     times, latency = run.timing["seconds"], run.timing["latency_ms"]
     rows: list[list[object]] = []
     for stage in (name for name in STAGES if name in times):
-        left_out = stage == "pretrain" and trains_no_network(run.params)
-        what = "left out: this system needs no network" if left_out else STAGES[stage]
+        left_out = stage == "pretrain" and not pretrains(run.params)
+        what = "left out: this system needs no pretrained backbone" if left_out else STAGES[stage]
         rows.append([named(stage, what), seconds(times[stage]), bar(times[stage] / times["total"])])
     rows.append([bold("total"), bold(seconds(times["total"])), ""])
     return html.join(

@@ -58,8 +58,8 @@ def seconds(value: float) -> str:
     """3.7 s, 2 min 19 s, or 1 h 4 min."""
     if value < 60:
         return f"{value:.1f} s"
-    minutes = round(value / 60) if value >= 3600 else int(value // 60)
-    return f"{minutes // 60} h {minutes % 60} min" if value >= 3600 else f"{minutes} min {value % 60:.0f} s"
+    minutes, rest = divmod(round(value), 60)
+    return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {rest} s"
 
 
 def listed(names: Sequence[str]) -> str:
@@ -75,4 +75,11 @@ def system(params: dict[str, Any]) -> str:
 
 
 def trains_no_network(params: dict[str, Any]) -> bool:
-    return params["model.system"] in get_args(OnSensors)
+    """Whether neither a backbone nor `max_network` is trained."""
+    name = params["model.system"]
+    return not pretrains(params) and "max_network" not in (params["model.members"] if name == "ensemble" else [name])
+
+
+def pretrains(params: dict[str, Any]) -> bool:
+    """Whether the system stands on the pretrained backbone."""
+    return params["model.system"] not in get_args(OnSensors)

@@ -84,7 +84,9 @@ def _kept_frames(recordings: Recordings, baseline: Baseline, selection: Selectio
         baseline_names=baseline.names,
         transform=preprocess.transform,
         scale=preprocess.scale,
-        noise=np.full(recordings.shape, np.nan) if baseline.noise is None else baseline.noise.mean(axis=0),
+        noise=np.full(recordings.shape, np.nan)
+        if baseline.noise is None
+        else baseline.noise[np.unique(baseline.of_frame)].mean(axis=0),
         preprocess=asdict(preprocess),
         passed=float(selection.filtered.mean()),
     )

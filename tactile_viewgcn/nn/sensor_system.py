@@ -1,4 +1,4 @@
-"""Systems without a network: what the sensors read goes to an estimator of scikit-learn.
+"""Systems on the sensors: what these read goes to an estimator, without the pretrained backbone.
 
 They read counts above the baseline in units of the glove's own scale, see `contact_unit`, so that one recipe fits every
 glove. The fitted system is pickled into the checkpoint as a tensor of bytes, so that the file loads with

@@ -48,7 +48,8 @@ def line(row: Row, classes: list[str]) -> str:
     if row.answer.status == NO_CONTACT:
         told = NO_CONTACT
     elif row.answer.status == UNKNOWN:
-        told = f"{UNKNOWN}; nearest {told.split(',')[0]}"
+        name_of_first, share = best(row, classes)[0]
+        told = f"{UNKNOWN}; nearest {name_of_first} {100 * share:.0f} %"
     late = "" if math.isnan(row.latency_ms) else f"  {row.latency_ms:.0f} ms"
     return f"{name:<{NAME_WIDTH}} {f'{row.answer.used}/{row.answer.contact}':>8}  {told}{late}"
 

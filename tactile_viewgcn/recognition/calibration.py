@@ -49,7 +49,7 @@ def fit_temperatures(
     """Temperatures of a trained classifier for 1 to V frames.
 
     Args:
-        fit: a classifier like it, fitted to the training side of a table; called for systems without a network.
+        fit: a classifier like it, fitted to the training side of a table; called for systems on the sensors.
         params: `seed` and `finetune.num_views` are read.
 
     Returns:

@@ -11,7 +11,7 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import trimmed_moments
 from tactile_viewgcn.frames.open_hand import Follower, is_contact
-from tactile_viewgcn.recognition.answer import Answer, answer_contact
+from tactile_viewgcn.recognition.answer import UNKNOWN, Answer, answer_contact
 from tactile_viewgcn.recognition.contact import check_reach, takes_all
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.unlabelled import Row
@@ -100,7 +100,8 @@ class Stream:
     """Answers to frames of one hand, one for each contact.
 
     The first `OPEN_FRAMES` frames are the open hand, and give the baseline, which follows the open hand from then on.
-    Where the training took every frame as it is, all frames are one contact.
+    Where the training took every frame, all frames are one contact, above the training's baseline. A contact of another
+    scale than the training's is unlike anything seen.
 
     Args:
         stop_at: answer as soon as a class has this calibrated probability, or after V frames; None: when contact ends.
@@ -115,6 +116,7 @@ class Stream:
             recogniser.check_sequential(stop_at)
         self.frames, self.note = 0, ""
         self._recogniser, self._stop_at, self._treatment = recogniser, stop_at, recogniser.treatment
+        self._known: np.ndarray = np.mean(list(recogniser.treatment.baselines.values()), axis=0)[self._treatment.live]
         self._opening: list[np.ndarray] = []
         self._follower: Follower | None = None
         self._contact: Contact | None = None
@@ -153,22 +155,21 @@ class Stream:
         """The baseline of the open hand that the frames begin with; the training's if they are contact."""
         treatment, live = self._treatment, self._treatment.live
         mean, noise = trimmed_moments(np.stack(self._opening))
-        known: np.ndarray = np.mean(list(treatment.baselines.values()), axis=0)[live]
         measured = treatment.noise[live]
         threshold = treatment.preprocess.contact_sigmas * np.where(np.isfinite(measured), measured, noise)
         self.note = f"ready: the first {OPEN_FRAMES} frames are the baseline"
-        if treatment.preprocess.baseline != "none" and is_contact(mean - known, threshold):
+        if treatment.preprocess.baseline != "none" and is_contact(mean - self._known, threshold):
             self.note = f"the first {OPEN_FRAMES} frames are contact: the training's baseline; begin with the open hand"
-            mean = known
+            mean = self._known
         return Follower(mean.astype(np.float64), threshold)
 
     def _above(self, counts: np.ndarray) -> np.ndarray:
         """The frame (H, W) above baseline."""
         how, live = self._treatment.preprocess, self._treatment.live
-        if how.baseline == "none" or self._follower is None:
+        if how.baseline == "none":
             return counts - how.zero
         excess = np.zeros(counts.shape)
-        excess[live] = counts[live] - self._follower.baseline
+        excess[live] = counts[live] - (self._follower.baseline if self._follower else self._known)
         return excess
 
     def _early(self, contact: Contact, seconds: float) -> Row | None:
@@ -185,7 +186,10 @@ class Stream:
     def _row(self, contact: Contact, answer: Answer, seconds: float) -> Row:
         contact.answered = True
         self._number += 1
-        check_reach(contact.stack(), self._treatment, f"contact {self._number}")
+        try:
+            check_reach(contact.stack(), self._treatment, f"contact {self._number}")
+        except UserError:  # the frames that follow may be better
+            answer = replace(answer, status=UNKNOWN)
         return Row(f"contact {self._number}", UNLABELLED, contact.start, seconds, self.frames, answer)
 
 

@@ -1,4 +1,4 @@
-"""Fitting of the systems without a network: one pass over the training anchors, no epochs."""
+"""Fitting of the systems on the sensors to the training anchors."""
 
 import time
 

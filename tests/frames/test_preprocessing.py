@@ -1,15 +1,18 @@
 """From raw recordings to frames to learn from: filter, baseline, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.preprocessing import prepare
+from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
 from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recordings.stag_reader import read_metadata
 from tactile_viewgcn.recordings.table import Recordings, write_recordings
 from tests.grips import COLUMNS, COUNTS, FILE, HELD, prepared
+from tests.sources import written
 from tests.stag_files import as_weights, metadata, save_matlab5
 
 
@@ -52,6 +55,21 @@ def test_the_rest_of_the_frames_own_session_is_subtracted(tmp_path):
         np.testing.assert_allclose(
             mean, expected, atol=0.6
         )  # of noise that is cut at the baseline, 0.4 counts are left
+
+
+def test_the_noise_is_that_of_the_baselines_that_frames_have(tmp_path):
+    params = load(FILE, ("preprocess.contact_sensors=4",))
+    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
+        baseline = measure_baseline(recordings, params.preprocess)
+        names, far = [*baseline.names, "without frames"], np.full((1, *recordings.shape), 1000.0)
+        more = replace(
+            baseline,
+            names=names,
+            mean=np.concatenate([baseline.mean, far]),
+            noise=np.concatenate([baseline.noise, far]),
+        )
+        frames, _ = prepare(recordings, params.preprocess, params.split, np.random.default_rng(0), more)
+    np.testing.assert_allclose(frames.noise, baseline.noise.mean(axis=0))
 
 
 def test_without_rest_a_constant_is_subtracted(tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition.answer import OBJECT, UNKNOWN
 from tactile_viewgcn.recognition.stream import (
     GAP_FRAMES,
     OPEN_FRAMES,
@@ -130,3 +131,17 @@ def test_times_of_the_frames_are_those_of_the_answer():
     text = [json.dumps({"pressure": frame.tolist(), "time": 0.1 * i}) for i, frame in enumerate(TWO[:60])]
     *_, row = follow(Stream(recogniser()), recogniser(), text)
     assert (row.start, row.end) == pytest.approx((0.1 * BEFORE, 0.1 * (BEFORE + HELD + GAP_FRAMES - 1)))
+
+
+def test_a_contact_of_another_scale_is_unlike_anything_seen_and_the_next_is_answered():
+    strong = recording("cup", 70)
+    strong[BEFORE : BEFORE + HELD] += (9 * (strong[BEFORE : BEFORE + HELD] - 500).clip(0)).astype(np.int16)
+    rows, best = answers(np.concatenate([strong, recording("pen", 71)]))
+    assert [row.answer.status for row in rows] == [UNKNOWN, OBJECT] and best[1] == "pen"
+
+
+def test_where_every_frame_is_taken_the_training_s_baseline_is_subtracted():
+    model = recogniser("preprocess.filter=none")
+    stream = Stream(model)
+    above = stream._above(recording("cup", 70)[0])
+    assert abs(above.mean()) < 1  # the open hand reads 503 in the mean
