@@ -179,9 +179,13 @@ def test_files_in_the_format_of_stag_are_prepared(tmp_path, weights):
 @pytest.mark.stag
 def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     write_recordings(tmp_path / "t", read_metadata(stag_data / "blindfolded_lite" / "metadata.mat"), "0" * 32)
-    params = load(FILE, ("split.by=recording", "split.folds=4"))
+    by_contact, params = (
+        load(FILE, ("split.by=recording", "split.folds=4", *more)) for more in ((), ("preprocess.filter=flags",))
+    )
     with Recordings(tmp_path / "t") as recordings:
         frames, selection = prepare(recordings, params.preprocess, params.split, np.random.default_rng(0))
+        auto, _ = prepare(recordings, by_contact.preprocess, by_contact.split, np.random.default_rng(0))
+    assert len(auto) == 1503  # five flags a recording are too few
     assert selection.filtered.sum() == 525
     assert len(frames) == 520
     assert "empty_hand" not in frames.classes
