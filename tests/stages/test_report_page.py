@@ -71,7 +71,7 @@ def test_the_page_says_what_the_files_say(workspace):
     assert "Which of 4 objects does the hand hold?" in text and "Simulated" not in text
     assert f"{record['counts']['frames.train']:,}" in text
     assert [note for note in record["notes"] if note not in text] == []
-    assert "pretrain left out: this system needs no network" in text and "Clusters on the hand" in text
+    assert "pretrain left out: this system needs no pretrained backbone" in text and "Clusters on the hand" in text
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"}) and "&lt;b&gt;Öl &amp; $x$" in page
 
 
