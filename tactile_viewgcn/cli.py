@@ -1,17 +1,13 @@
 """The command `tactile-viewgcn`: check parameters, inspect and convert recordings, print presets, predict."""
 
 import sys
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import PRESETS, preset_changes
-
-if TYPE_CHECKING:
-    from tactile_viewgcn.recordings.source import Source
 
 
 @click.group()
@@ -68,20 +64,13 @@ def convert(source: Path, out: Path) -> None:
 
     All frames are in memory at once.
     """
+    from tactile_viewgcn.recordings.formats import open_recordings
     from tactile_viewgcn.recordings.stag_writer import write_metadata
 
     if out.exists():
         raise FileExistsError(f"{out}: exists; name a new file, or delete it first")
-    fields = write_metadata(out, _open_source_or_table(source))
+    fields = write_metadata(out, open_recordings(source))
     click.echo(f"{out}: {len(fields['pressure']):,} frames; fields: {', '.join(sorted(fields))}")
-
-
-def _open_source_or_table(path: Path, *, labelled: bool = True) -> "Source":
-    """The source at `path`, whose recordings may be unlabelled, or the source of the table at `path`."""
-    from tactile_viewgcn.recordings.formats import open_source
-    from tactile_viewgcn.recordings.table import is_table, read_table
-
-    return read_table(path) if is_table(path) else open_source(path, labelled=labelled)
 
 
 @cli.command()
@@ -99,7 +88,7 @@ def preset(name: str) -> None:
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers here too.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")
 @click.option("--follow", "frames_come", is_flag=True, help="SOURCE is lines of frames as they come: a file, or -.")
-def predict(source: str, **options: Any) -> None:
+def predict(**options: Any) -> None:
     """Tell what is held in the recordings SOURCE, labelled or not, by MODEL.
 
     MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID or models:/NAME/VERSION. SOURCE is anything that
@@ -107,8 +96,7 @@ def predict(source: str, **options: Any) -> None:
     """
     from tactile_viewgcn.recognition import prediction
 
-    open_source = partial(_open_source_or_table, labelled=False)
-    prediction.predict(source=source, open_source=open_source, echo=click.echo, **options)
+    prediction.predict(echo=click.echo, **options)
 
 
 @cli.command()

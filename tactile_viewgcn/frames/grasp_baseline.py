@@ -8,20 +8,30 @@ from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording
 from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.recordings.table import Recordings
 
+EMPTY, OPEN, KNOWN = "their session's empty hand", "their session's open hand", "the training's baseline"
 
-def grasp_baseline(recordings: Recordings, *, sensors: int, sigmas: float) -> Baseline:
+
+def grasp_baseline(
+    recordings: Recordings,
+    *,
+    sensors: int,
+    sigmas: float,
+    known: list[tuple[np.ndarray, np.ndarray]] | None = None,
+) -> Baseline:
     """Baseline of each grasp over the open-hand frames since the grasp before it, five at least.
 
     A grasp without them has those of the nearest earlier grasp of its recording, or else of the nearest later one. A
-    recording without any has its session's empty hand. The noise is the session's.
+    recording without any has its session's empty hand; with `known` it has that, else the open hand of the session's
+    other recordings, else what is known. The noise is the session's.
 
     Args:
         sensors, sigmas: what contact is, see `find_open_hand`.
+        known: mean and noise (H, W) of the empty hand of each session, measured before; None: of none.
 
     Raises:
-        UserError: a recording without five open-hand frames, in a session without the empty hand.
+        UserError: a recording without five open-hand frames, in a session without the empty hand and nothing `known`.
     """
-    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas)
+    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas, known=known)
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
     grasp, source = np.zeros((2, len(session)), dtype=np.int64)
     for index in frames_by_recording(recordings):
@@ -32,14 +42,23 @@ def grasp_baseline(recordings: Recordings, *, sensors: int, sigmas: float) -> Ba
     mean = np.empty((len(used), *recordings.shape), dtype=exact_float(recordings.dtype))
     mean[:] = recordings.frames(np.zeros(1, dtype=int))  # cells without a sensor never change
     noise = np.ones_like(mean)
+    stand_ins: dict[int, str] = {}
     for row, (number, frame) in enumerate(zip(used, first, strict=True)):
-        index = hand.open & (grasp == number) if number > 0 else empty & (session == -number)
-        if index.sum() < MIN_FRAMES:
+        if number > 0:
+            index = hand.open & (grasp == number)
+        else:
+            index, stand_ins[-number] = empty & (session == -number), EMPTY
+            if known and index.sum() < MIN_FRAMES:
+                index, stand_ins[-number] = hand.open & (session == -number), OPEN
+        if index.sum() >= MIN_FRAMES:
+            mean[row, recordings.live] = trimmed_moments(hand.counts[index])[0]
+        elif known:
+            mean[row], stand_ins[-number] = known[-number][0], KNOWN
+        else:
             raise UserError(_what_is_missing(recordings, frame))
-        mean[row, recordings.live] = trimmed_moments(hand.counts[index])[0]
         noise[row, recordings.live] = hand.noise[session[frame]]
     names = [_name(recordings, grasp, number, frame) for number, frame in zip(used, first, strict=True)]
-    notes = _notes(recordings, np.unique(grasp[hand.contact & (source > 0)]), grasp, source)
+    notes = _notes(recordings, np.unique(grasp[hand.contact & (source > 0)]), grasp, source, stand_ins)
     return Baseline(names, mean, noise, of_frame.astype(np.int32), notes)
 
 
@@ -84,19 +103,28 @@ def _what_is_missing(recordings: Recordings, frame: int) -> str:
     )
 
 
-def _notes(recordings: Recordings, touching: np.ndarray, grasp: np.ndarray, source: np.ndarray) -> list[str]:
-    """How many of the grasps with contact have another's open hand, and which recordings the session's empty hand."""
+def _notes(
+    recordings: Recordings, touching: np.ndarray, grasp: np.ndarray, source: np.ndarray, stand_ins: dict[int, str]
+) -> list[str]:
+    """How many of the grasps with contact have another's open hand, and which recordings have what instead of one.
+
+    Args:
+        touching: numbers of the grasps with contact.
+        grasp, source: (T,) numbers of each frame's grasp, and of the one whose open hand it has, 0 without one.
+        stand_ins: by session, what its recordings without an open hand have.
+    """
     notes, borrowed = [], np.intersect1d(touching, grasp[(source > 0) & (source != grasp)])
     if len(borrowed):
         notes.append(
             f"baseline: {len(borrowed)} of {len(touching)} grasps have fewer than {MIN_FRAMES} open-hand frames before "
             "them and use those of the nearest grasp of their recording"
         )
-    without = np.unique(recordings.columns["recording"][source == 0])
-    if len(without):
+    recording, session = recordings.columns["recording"], recordings.columns["session"]
+    for stand_in in dict.fromkeys(stand_ins.values()):
+        sessions = [number for number, name in stand_ins.items() if name == stand_in]
+        without = np.unique(recording[(source == 0) & np.isin(session, sessions)])
         notes.append(
-            f"baseline: {len(without)} of {len(np.unique(recordings.columns['recording']))} recordings have fewer "
-            f"than {MIN_FRAMES} open-hand frames and use their session's empty hand: "
-            + ", ".join(recordings.recordings[i] for i in without)
+            f"baseline: {len(without)} of {len(np.unique(recording))} recordings have fewer than {MIN_FRAMES} "
+            f"open-hand frames and use {stand_in}: " + ", ".join(recordings.recordings[i] for i in without)
         )
     return notes

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.recognition.contact import check_form, find_contact
+from tactile_viewgcn.recognition.array_input import checked_array
+from tactile_viewgcn.recognition.contact import find_contact
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.recordings.array_table import ArrayRecordings, checked_arrays
-from tactile_viewgcn.recordings.source import UNLABELLED
+from tactile_viewgcn.recordings.array_table import ArrayRecordings
+from tactile_viewgcn.recordings.source import UNLABELLED, storage_type
 
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 
@@ -33,24 +34,28 @@ class Answer:
     novelty: float = float("nan")
 
 
-def answer_recording(recogniser: Recogniser, counts: np.ndarray, *, stop_at: float | None = None) -> Answer:
+def answer_recording(
+    recogniser: Recogniser, counts: np.ndarray, *, stop_at: float | None = None, name: str = "counts"
+) -> Answer:
     """The answer to one recording of raw counts (T, H, W) in the order of time, without a label.
 
     Its baseline and its frames in contact are found as those of the training were, from these frames alone.
 
     Args:
         stop_at: classify frame after frame until a class has this calibrated probability; None: V frames at once.
+        name: of the counts, in errors.
 
     Raises:
         UserError: counts of another shape or type, or not finite; `stop_at` is no probability, or the model takes V
             frames alone.
     """
-    treatment, one = recogniser.treatment, np.zeros(1, dtype=int)
-    (counts,) = checked_arrays([counts])
-    check_form(counts.shape[1:], counts.dtype, treatment, "counts")
+    fitted, one = recogniser.preprocessing, np.zeros(1, dtype=int)
+    counts = checked_array(counts, name)
+    fitted.check_counts(counts, name)
+    counts = counts.astype(storage_type(counts.dtype, name), copy=False)
     recordings = ArrayRecordings([counts], [UNLABELLED], one, one)
-    recordings.live = treatment.live
-    baseline, contact = find_contact(recordings, treatment)
+    recordings.live = fitted.live
+    baseline, contact = find_contact(recordings, fitted)
     return answer_contact(recogniser, counts[contact] - baseline.mean[baseline.of_frame[contact]], stop_at=stop_at)
 
 

@@ -1,8 +1,11 @@
 """Answers as lines for a terminal of 80 columns, as CSV and as JSON."""
 
 import csv
+import io
 import json
 import math
+import textwrap
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,9 @@ from tactile_viewgcn.recognition.unlabelled import Row
 from tactile_viewgcn.recordings.source import EMPTY_HAND, UNLABELLED
 
 TOP = 3
+WIDTH = 80  # of a terminal
 NAME_WIDTH = 20
+SHORTEST = 4  # letters of a class's name
 HEAD = f"{'recording':<{NAME_WIDTH}} {'frames':>8}  answer"
 
 
@@ -24,7 +29,7 @@ def describe(recogniser: Recogniser) -> str:
     views = recogniser.classifier.views
     any_number = recogniser.temperatures is not None
     number, calibrated = (f"up to {views}", "calibrated") if any_number else (f"{views}", "not calibrated")
-    novelty = "" if recogniser.novelty else "; it cannot tell what is unlike anything seen"
+    novelty = "" if recogniser.novelty else "\n  it cannot tell what is unlike anything seen"
     return (
         f"model: {recogniser.system}, {len(recogniser.classes)} classes, {number} frames; "
         f"probabilities are {calibrated}{novelty}"
@@ -44,14 +49,30 @@ def line(row: Row, classes: list[str]) -> str:
     place = f" {row.start:.1f} s" if row.start > 0 else ""
     width = NAME_WIDTH - len(place)
     name = (row.recording if len(row.recording) <= width else "…" + row.recording[1 - width :]) + place
-    told = ", ".join(f"{name} {100 * share:.0f} %" for name, share in best(row, classes))
-    if row.answer.status == NO_CONTACT:
-        told = NO_CONTACT
-    elif row.answer.status == UNKNOWN:
-        name_of_first, share = best(row, classes)[0]
-        told = f"{UNKNOWN}; nearest {name_of_first} {100 * share:.0f} %"
+    begin = f"{name:<{NAME_WIDTH}} {f'{row.answer.used}/{row.answer.contact}':>8}  "
     late = "" if math.isnan(row.latency_ms) else f"  {row.latency_ms:.0f} ms"
-    return f"{name:<{NAME_WIDTH}} {f'{row.answer.used}/{row.answer.contact}':>8}  {told}{late}"
+    return begin + _told(row, classes, WIDTH - len(begin) - len(late)) + late
+
+
+def _told(row: Row, classes: list[str], width: int) -> str:
+    """The answer in words, with names cut so far that it has this width."""
+    if row.answer.status == NO_CONTACT:
+        return NO_CONTACT
+    unknown = row.answer.status == UNKNOWN
+    names = best(row, classes)[: 1 if unknown else TOP]
+    for most in range(max(SHORTEST, *(len(name) for name, _ in names)), SHORTEST - 1, -1):
+        shares = ", ".join(
+            f"{name if len(name) <= most else name[: most - 1] + '…'} {100 * share:.0f} %" for name, share in names
+        )
+        told = f"{UNKNOWN}; nearest {shares}" if unknown else shares
+        if len(told) <= width:
+            break
+    return told
+
+
+def wrapped(note: str) -> str:
+    """A note in lines of a terminal."""
+    return textwrap.fill(note, WIDTH, subsequent_indent="  ")
 
 
 def summary(rows: list[Row], classes: list[str]) -> list[str]:
@@ -101,22 +122,34 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def write_csv(path: Path, rows: list[Row], classes: list[str]) -> None:
-    """Write a row an answer."""
-    records = [record(row, classes) for row in rows]
-    with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(records[0]) if records else ["recording"])
-        writer.writeheader()
-        writer.writerows(records)
+def write_answers(
+    rows: list[Row], recogniser: Recogniser, model: str, source: str, *, csv_path: Path | None, json_path: Path | None
+) -> None:
+    """Write the answers to the files that are named: both whole, or neither where one cannot be written."""
+    with ExitStack() as parts:
+        for path, text in (
+            (csv_path, _as_csv(rows, recogniser.classes)),
+            (json_path, _as_json(rows, recogniser, model, source)),
+        ):
+            if path is not None:
+                parts.enter_context(atomic_write(path)).write_text(text, encoding="utf-8", newline="")
 
 
-def write_json(path: Path, rows: list[Row], recogniser: Recogniser, model: str, source: str) -> None:
-    """Write the model, the source, and an object an answer, with the probability of every class."""
+def _as_csv(rows: list[Row], classes: list[str]) -> str:
+    """A line an answer."""
+    records, file = [record(row, classes) for row in rows], io.StringIO()
+    writer = csv.DictWriter(file, list(records[0]) if records else ["recording"])
+    writer.writeheader()
+    writer.writerows(records)
+    return file.getvalue()
+
+
+def _as_json(rows: list[Row], recogniser: Recogniser, model: str, source: str) -> str:
+    """The model, the source, and an object an answer, with the probability of every class."""
     answers = []
     for row in rows:
         shares = [] if row.answer.status == NO_CONTACT else row.answer.probabilities.tolist()
         probabilities = dict(zip(recogniser.classes, shares, strict=False))  # none without contact
         answers.append(record(row, recogniser.classes) | {"probabilities": probabilities})
     head = {"model": model, "source": source, "calibrated": recogniser.temperatures is not None}
-    with atomic_write(path) as part:
-        part.write_text(json.dumps(head | {"answers": answers}, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return json.dumps(head | {"answers": answers}, indent=1, ensure_ascii=False) + "\n"

@@ -16,7 +16,8 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
-from tactile_viewgcn.recordings.array_table import RECORDINGS, ROWS, ArrayRecordings, checked_arrays, form_of
+from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of
+from tactile_viewgcn.recordings.array_table import ArrayRecordings
 from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.schema import as_change
 
@@ -207,7 +208,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         )
         probabilities = []
         for number, counts in enumerate(arrays):
-            answer = answer_recording(self.recogniser_, counts)
+            answer = answer_recording(self.recogniser_, counts, name=f"X[{number}]")
             probabilities.append(nothing if answer.status == NO_CONTACT else answer.probabilities)
             if answer.status == NO_CONTACT and EMPTY_HAND not in names:
                 warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=3)

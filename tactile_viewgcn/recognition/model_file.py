@@ -16,8 +16,8 @@ from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.params import Backbone, Model
+from tactile_viewgcn.recognition.fitted_preprocessing import REACH_SHARE, read_fitted
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
-from tactile_viewgcn.recognition.treatment import REACH_SHARE, read_treatment
 
 REACH_FRAMES = 2000
 
@@ -34,7 +34,7 @@ def save_classifier(
 
     Args:
         model: the parameters that the classifier was built with.
-        frames: its training data, whose classes, sessions' baselines and treatment are written too.
+        frames: its training data, whose classes, sessions' baselines and preprocessing are written too.
         precision: of its training, in which a `Recogniser` also computes.
         temperatures: for 1 to V frames, see `calibration.calibrate`; with them it takes any number of views up to V.
     """
@@ -92,7 +92,7 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
         classifier = Classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
         classifier.load_state_dict(weights)
         classifier.references = content["references"].numpy()
-        content["treatment"] = read_treatment(content)
+        content["preprocessing"] = read_fitted(content)
         novelty = content["novelty"]
         content["novelty"] = novelty and Novelty(**{name: value.numpy() for name, value in novelty.items()})
     return classifier.eval(), content

@@ -2,15 +2,16 @@
 
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.recognition.answer_table import HEAD, describe, line, summary, write_csv, write_json
+from tactile_viewgcn.recognition.answer_table import HEAD, describe, line, summary, wrapped, write_answers
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.stream import OPEN_FRAMES, Stream, follow, lines_as_they_come
 from tactile_viewgcn.recognition.unlabelled import Row, answer_source
+from tactile_viewgcn.recordings.formats import open_recordings
 from tactile_viewgcn.recordings.source import Source
 
 MODELS = "models/classifier.pt, the id of an MLflow run, runs:/ID or models:/NAME/VERSION"
@@ -38,37 +39,37 @@ def predict_source(
 ) -> list[Row]:
     """Print the answers to recordings as a table; see `answer_source`."""
     rows, notes = answer_source(recogniser, source, window=window, stop_at=stop_at)
-    echo("\n".join([*notes, HEAD, *(line(row, recogniser.classes) for row in rows)]))
+    echo("\n".join([*map(wrapped, notes), HEAD, *(line(row, recogniser.classes) for row in rows)]))
     echo("\n".join(summary(rows, recogniser.classes)))
     return rows
 
 
 def predict_stream(
     recogniser: Recogniser, source: str, stop_at: float | None, echo: Callable[[str], None]
-) -> list[Row]:
-    """Print an answer for each contact among frames as they come.
+) -> Iterator[Row]:
+    """Print an answer for each contact among frames as they come, and give it.
 
     Args:
         source: "-" for standard input, else a file of lines, which may grow.
     """
-    stream, rows = Stream(recogniser, stop_at=stop_at), []
+    stream, answered = Stream(recogniser, stop_at=stop_at), False
     grows = source != "-"
-    if grows and not Path(source).is_file():
-        raise UserError(f"{source}: no such file; expected one of a line a frame, or - for standard input")
     with Path(source).open(encoding="utf-8") if grows else nullcontext(sys.stdin) as file:
         for row in follow(stream, recogniser, lines_as_they_come(file, grows=grows)):
-            echo(row if isinstance(row, str) else line(row, recogniser.classes))
-            rows += [] if isinstance(row, str) else [row]
-    if not rows:
+            if isinstance(row, str):
+                echo(wrapped(row))
+                continue
+            echo(line(row, recogniser.classes))
+            answered = True
+            yield row
+    if not answered:
         echo(f"{stream.frames} frames, no contact; the first {OPEN_FRAMES} are taken for the open hand")
-    return rows
 
 
 def predict(
     model: str,
     source: str,
     *,
-    open_source: Callable[[Path], Source],
     window: float | None,
     stop_at: float | None,
     csv_path: Path | None,
@@ -76,10 +77,11 @@ def predict(
     frames_come: bool,
     echo: Callable[[str], None],
 ) -> None:
-    """Print the answers, and write them to the files that are named.
+    """Print the answers, and write them to the files that are named: all of them at the end, and none on an error.
+
+    Of frames that come, those that were answered before an error or an interrupt are written.
 
     Args:
-        open_source: opens recordings, labelled or not.
         frames_come: `source` is lines of frames, see `predict_stream`.
 
     Raises:
@@ -87,17 +89,34 @@ def predict(
     """
     if frames_come and window is not None:
         raise UserError("--window and --follow are given; expected one of the two")
-    for path in (csv_path, json_path):
-        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
-            raise UserError(f"{path}: not a file in a folder that exists; name another")
-    opened = None if frames_come else open_source(Path(source))
+    _check_outputs([path for path in (csv_path, json_path) if path is not None], [Path(model), Path(source)])
+    if frames_come and source != "-" and not Path(source).is_file():
+        raise UserError(f"{source}: no such file; expected one of a line a frame, or - for standard input")
+    opened = None if frames_come else open_recordings(source, labelled=False)
     recogniser = load_model(model)
+    if stop_at is not None:
+        recogniser.check_sequential(stop_at, "--stop-at")
     echo(describe(recogniser))
-    if opened is None:
-        rows = predict_stream(recogniser, source, stop_at, echo)
-    else:
-        rows = predict_source(recogniser, opened, window, stop_at, echo)
-    if csv_path is not None:
-        write_csv(csv_path, rows, recogniser.classes)
-    if json_path is not None:
-        write_json(json_path, rows, recogniser, model, source)
+    rows: list[Row] = []
+    try:
+        if opened is None:
+            for row in predict_stream(recogniser, source, stop_at, echo):
+                rows.append(row)
+        else:
+            rows = predict_source(recogniser, opened, window, stop_at, echo)
+    except BaseException:
+        if rows:
+            write_answers(rows, recogniser, model, source, csv_path=csv_path, json_path=json_path)
+        raise
+    write_answers(rows, recogniser, model, source, csv_path=csv_path, json_path=json_path)
+
+
+def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
+    """Refuse files that cannot be written, or would replace what is read, before any work."""
+    for path in outputs:
+        if path.is_dir() or not path.absolute().parent.is_dir():
+            raise UserError(f"{path}: not a file in a folder that exists; name another")
+        if path.resolve() in [other.resolve() for other in inputs]:
+            raise UserError(f"{path}: it is read here; name another file for the answers")
+    if len({path.resolve() for path in outputs}) < len(outputs):
+        raise UserError(f"{outputs[0]}: named by --csv and --json; expected two files")

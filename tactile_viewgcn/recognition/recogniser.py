@@ -13,10 +13,9 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.transform import network_input
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import view_set_logits
+from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing, check_finite
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty
-from tactile_viewgcn.recognition.treatment import Treatment
-from tactile_viewgcn.recordings.source import MAX_PRESSURE
 
 
 class Recogniser:
@@ -28,7 +27,7 @@ class Recogniser:
     Attributes:
         classes: names; shape: (H, W) of a frame.
         temperatures: for 1 to V frames; None for a classifier of V views alone.
-        system: name of the system; treatment: how the training's recordings were treated.
+        system: name of the system; preprocessing: that of the training.
         novelty: tells frames that are unlike the training's; None where it could not be fitted.
     """
 
@@ -38,7 +37,7 @@ class Recogniser:
         self.temperatures, self.system = content["temperatures"], content["model"]["system"]
         self._transform, self._scale = content["transform"], content["scale"]
         self._compute = select_device("cpu", content["precision"])
-        self.treatment: Treatment = content["treatment"]
+        self.preprocessing: FittedPreprocessing = content["preprocessing"]
         self.novelty: Novelty | None = content["novelty"]
 
     def baseline(self, name: str = "") -> np.ndarray:
@@ -51,13 +50,13 @@ class Recogniser:
             UserError: an unknown session.
         """
         if not name:
-            return np.mean(list(self.treatment.baselines.values()), axis=0)
-        if name not in self.treatment.baselines:
+            return self.preprocessing.mean_baseline()
+        if name not in self.preprocessing.baselines:
             raise UserError(
-                f"session is {name!r}; expected one of {', '.join(self.treatment.baselines)}, "
+                f"session is {name!r}; expected one of {', '.join(self.preprocessing.baselines)}, "
                 "or give the baseline of the empty hand itself"
             )
-        return self.treatment.baselines[name]
+        return self.preprocessing.baselines[name]
 
     def probabilities(self, counts: np.ndarray, baseline: np.ndarray | None = None) -> np.ndarray:
         """Class probabilities float32 (B, classes), a column for each of `classes`.
@@ -93,15 +92,8 @@ class Recogniser:
         baseline = self.baseline() if baseline is None else baseline
         if baseline.shape != self.shape:
             raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
-        for name, values in ("counts", counts), ("baseline", baseline):
-            if (unfit := values[~(np.abs(values) <= MAX_PRESSURE)]).size:
-                limit = f"{MAX_PRESSURE:g}"
-                raise UserError(f"{name} holds {unfit[0]:g}; expected a number up to {limit} from every sensor")
-        trained = self.treatment.dtype
-        if (trained.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
-            raise UserError(
-                f"counts holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({trained})"
-            )
+        check_finite(baseline, "baseline")
+        self.preprocessing.check_counts(counts, "counts")
         return np.subtract(counts, baseline, dtype=np.float64)
 
     def _features(self, excess: np.ndarray) -> Tensor:
@@ -122,15 +114,15 @@ class Recogniser:
         temperature = self.temperatures[views - 1] if self.temperatures is not None else 1.0
         return (logits / temperature).softmax(dim=-1).numpy()
 
-    def check_sequential(self, confidence_threshold: float) -> None:
-        """Raise a UserError if the classifier takes V views alone, or the confidence threshold is no probability."""
+    def check_sequential(self, confidence_threshold: float, name: str = "confidence_threshold") -> None:
+        """Raise a UserError if the classifier takes V views alone, or the threshold of this name is no probability."""
         if self.temperatures is None:
             raise UserError(
                 f"the classifier takes {self.classifier.views} views and no fewer; fine-tune it with "
                 "finetune.num_views random and split.validation above 0"
             )
         if not 0 <= confidence_threshold <= 1:
-            raise UserError(f"confidence_threshold is {confidence_threshold}; expected a probability, 0 to 1")
+            raise UserError(f"{name} is {confidence_threshold:g}; expected a probability, 0 to 1")
 
     def predict_sequential(
         self, frames: Iterable[np.ndarray], confidence_threshold: float, baseline: np.ndarray | None = None

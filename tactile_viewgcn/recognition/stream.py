@@ -12,10 +12,10 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import trimmed_moments
 from tactile_viewgcn.frames.open_hand import Follower, is_contact
 from tactile_viewgcn.recognition.answer import UNKNOWN, Answer, answer_contact
-from tactile_viewgcn.recognition.contact import check_reach, takes_all
+from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.unlabelled import Row
-from tactile_viewgcn.recordings.source import MAX_PRESSURE, UNLABELLED
+from tactile_viewgcn.recordings.source import UNLABELLED
 
 OPEN_FRAMES = 20  # at the start, of the open hand
 GAP_FRAMES = 3  # without contact, after which it has ended
@@ -41,18 +41,18 @@ def lines_as_they_come(file: TextIO, *, grows: bool) -> Iterator[str]:
             time.sleep(WAIT)
 
 
-def read_frame(text: str, number: int, shape: tuple[int, int], dtype: np.dtype) -> tuple[np.ndarray, float]:
+def read_frame(text: str, number: int, fitted: FittedPreprocessing) -> tuple[np.ndarray, float]:
     """Counts (H, W) and seconds (NaN where not given) of a line of text.
 
     Args:
         text: H x W numbers with commas between them, or JSON: these numbers, or {"pressure": numbers, "time": seconds}.
         number: of the line, from 1.
-        dtype: of the training's counts.
+        fitted: what the counts have to be like.
 
     Raises:
         UserError: anything else.
     """
-    seconds, where = float("nan"), f"line {number}"
+    seconds, where, shape = float("nan"), f"line {number}", fitted.live.shape
     try:
         if text.lstrip().startswith(("{", "[")):
             content = json.loads(text)
@@ -68,11 +68,9 @@ def read_frame(text: str, number: int, shape: tuple[int, int], dtype: np.dtype) 
         ) from None
     if counts.size != shape[0] * shape[1]:
         raise UserError(f"{where}: {counts.size} numbers; expected {shape[0]} x {shape[1]} = {shape[0] * shape[1]}")
-    if not (np.abs(counts) <= MAX_PRESSURE).all():
-        raise UserError(f"{where}: a value that is no finite number; expected a reading from every sensor")
-    if dtype.kind == "i" and (counts % 1).any():
-        raise UserError(f"{where}: fractions; expected whole counts ({dtype}), as the model was trained on")
-    return counts.reshape(shape), seconds
+    frame = counts.reshape(shape)
+    fitted.check_counts(frame, where)
+    return frame, seconds
 
 
 class Contact:
@@ -113,10 +111,10 @@ class Stream:
 
     def __init__(self, recogniser: Recogniser, *, stop_at: float | None = None):
         if stop_at is not None:
-            recogniser.check_sequential(stop_at)
+            recogniser.check_sequential(stop_at, "stop_at")
         self.frames, self.note = 0, ""
-        self._recogniser, self._stop_at, self._treatment = recogniser, stop_at, recogniser.treatment
-        self._known: np.ndarray = np.mean(list(recogniser.treatment.baselines.values()), axis=0)[self._treatment.live]
+        self._recogniser, self._stop_at, self._fitted = recogniser, stop_at, recogniser.preprocessing
+        self._known = self._fitted.mean_baseline()[self._fitted.live]
         self._opening: list[np.ndarray] = []
         self._follower: Follower | None = None
         self._contact: Contact | None = None
@@ -125,7 +123,7 @@ class Stream:
     def observe(self, counts: np.ndarray, seconds: float = float("nan")) -> Row | None:
         """Take the next frame (H, W) of raw counts, at its time; the answer if it brings one."""
         self.frames += 1
-        pressed = takes_all(self._treatment) or self._is_pressed(counts[self._treatment.live])
+        pressed = self._fitted.takes_all or self._is_pressed(counts[self._fitted.live])
         if pressed:
             self._contact = self._contact or Contact(seconds)
             self._contact.add(self._above(counts))
@@ -149,25 +147,25 @@ class Stream:
             if len(self._opening) == OPEN_FRAMES:
                 self._follower = self._start()
             return False
-        return self._follower.observe(readings)[0] >= self._treatment.preprocess.contact_sensors
+        return self._follower.observe(readings)[0] >= self._fitted.params.contact_sensors
 
     def _start(self) -> Follower:
         """The baseline of the open hand that the frames begin with; the training's if they are contact."""
-        treatment, live = self._treatment, self._treatment.live
+        fitted, live = self._fitted, self._fitted.live
         mean, noise = trimmed_moments(np.stack(self._opening))
-        measured = treatment.noise[live]
-        threshold = treatment.preprocess.contact_sigmas * np.where(np.isfinite(measured), measured, noise)
+        measured = fitted.noise[live]
+        threshold = fitted.params.contact_sigmas * np.where(np.isfinite(measured), measured, noise)
         self.note = f"ready: the first {OPEN_FRAMES} frames are the baseline"
-        if treatment.preprocess.baseline != "none" and is_contact(mean - self._known, threshold):
+        if fitted.params.baseline != "none" and is_contact(mean - self._known, threshold):
             self.note = f"the first {OPEN_FRAMES} frames are contact: the training's baseline; begin with the open hand"
             mean = self._known
         return Follower(mean.astype(np.float64), threshold)
 
     def _above(self, counts: np.ndarray) -> np.ndarray:
         """The frame (H, W) above baseline."""
-        how, live = self._treatment.preprocess, self._treatment.live
-        if how.baseline == "none":
-            return counts - how.zero
+        params, live = self._fitted.params, self._fitted.live
+        if params.baseline == "none":
+            return counts - params.zero
         excess = np.zeros(counts.shape)
         excess[live] = counts[live] - (self._follower.baseline if self._follower else self._known)
         return excess
@@ -187,7 +185,7 @@ class Stream:
         contact.answered = True
         self._number += 1
         try:
-            check_reach(contact.stack(), self._treatment, f"contact {self._number}")
+            self._fitted.check_reach(contact.stack(), f"contact {self._number}")
         except UserError:  # the frames that follow may be better
             answer = replace(answer, status=UNKNOWN)
         return Row(f"contact {self._number}", UNLABELLED, contact.start, seconds, self.frames, answer)
@@ -202,7 +200,7 @@ def follow(stream: Stream, recogniser: Recogniser, lines: Iterable[str]) -> Iter
     try:
         for number, text in enumerate(lines, start=1):
             begin = time.perf_counter()
-            row = stream.observe(*read_frame(text, number, recogniser.shape, recogniser.treatment.dtype))
+            row = stream.observe(*read_frame(text, number, recogniser.preprocessing))
             if stream.note != told:
                 told = stream.note
                 yield told

@@ -7,7 +7,7 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.recognition.answer import Answer, answer_contact
-from tactile_viewgcn.recognition.contact import as_table, check_reach, find_contact
+from tactile_viewgcn.recognition.contact import as_table, find_contact
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recordings.source import UNLABELLED, Source
@@ -51,16 +51,16 @@ def answer_source(
     if window is not None and not (np.isfinite(window) and window > 0):
         raise UserError(f"window is {window:g}; expected seconds above 0")
     if stop_at is not None:
-        recogniser.check_sequential(stop_at)
+        recogniser.check_sequential(stop_at, "stop_at")
     rows, used = [], []
-    with as_table(source, recogniser.treatment) as recordings:
-        baseline, contact = find_contact(recordings, recogniser.treatment)
+    with as_table(source, recogniser.preprocessing) as recordings:
+        baseline, contact = find_contact(recordings, recogniser.preprocessing)
         for index in _parts(recordings, window):
             held = index[contact[index]]
             excess = recordings.frames(held) - baseline.mean[baseline.of_frame[held]]
             used.append(excess[spread_sets(len(held), recogniser.classifier.views)[0]] if len(held) else excess)
             rows.append(_row(recordings, index, answer_contact(recogniser, excess, stop_at=stop_at)))
-    check_reach(np.concatenate(used), recogniser.treatment, str(source.path))
+    recogniser.preprocessing.check_reach(np.concatenate(used), str(source.path))
     return rows, baseline.notes
 
 

@@ -9,7 +9,7 @@ from tactile_viewgcn.recordings.hdf5_reader import SUFFIXES, read_hdf5
 from tactile_viewgcn.recordings.source import Source
 from tactile_viewgcn.recordings.stag_folder import read_folder
 from tactile_viewgcn.recordings.stag_reader import read_metadata
-from tactile_viewgcn.recordings.table import is_table
+from tactile_viewgcn.recordings.table import is_table, read_table
 
 REMEDY = "set data.source to a STAG metadata.mat, a STAG folder, or HDF5 recordings (see the manual's page on data)"
 
@@ -42,6 +42,11 @@ def open_source(path: str | Path, *, labelled: bool = True) -> Source:
     if path.suffix == ".mat" or h5py.is_hdf5(path):
         return read_metadata(path)
     raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {REMEDY}")
+
+
+def open_recordings(path: str | Path, *, labelled: bool = True) -> Source:
+    """The same as `open_source`, and the source of the table that `ingest` wrote at a path."""
+    return read_table(Path(path)) if is_table(Path(path)) else open_source(path, labelled=labelled)
 
 
 def _names_object(path: Path) -> bool:

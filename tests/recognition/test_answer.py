@@ -78,13 +78,25 @@ def test_the_first_frames_of_the_bisecting_order_are_spread_over_all():
     "counts, message",
     [
         (np.zeros((5, 8, 9), np.int16), r"counts: frames of 8 x 9; expected 8 x 10, as the model was trained on"),
-        (np.zeros((5, *SHAPE)), r"counts: counts of type float64; expected int16"),
-        (np.full((5, *SHAPE), np.nan), r"holds nan in frame 0, row 0, column 0"),
+        (np.full((5, *SHAPE), 0.5), r"counts holds 0.5; expected whole numbers, raw counts as in training"),
+        (np.full((5, *SHAPE), np.nan), r"^counts holds nan in frame 0, row 0, column 0"),
     ],
 )
 def test_another_layout_type_or_no_numbers_are_refused(counts, message):
     with pytest.raises(UserError, match=message):
         answer_recording(recogniser(), counts)
+
+
+def test_whole_counts_are_the_same_in_any_type_of_numbers(tmp_path):
+    counts = recording("pen", 54)
+    same = [answer_recording(recogniser(), counts.astype(kind)).probabilities for kind in (np.int16, np.uint16, float)]
+    np.testing.assert_allclose(same[1:], [same[0]] * 2, atol=1e-6)
+    write(tmp_path / "real.h5", counts.astype(float))
+    write(tmp_path / "fractions.h5", counts + 0.25)
+    ((row,), _) = answer_source(recogniser(), open_source(tmp_path / "real.h5", labelled=False))
+    np.testing.assert_allclose(row.answer.probabilities, same[0], atol=1e-6)
+    with pytest.raises(UserError, match=r"fractions.h5 holds \d+.25; expected whole numbers"):
+        answer_source(recogniser(), open_source(tmp_path / "fractions.h5", labelled=False))
 
 
 def test_another_scale_is_refused(tmp_path):
@@ -122,6 +134,31 @@ def test_a_session_s_empty_hand_gives_the_baseline_where_it_is_recorded(tmp_path
     rows, _ = answer_source(recogniser(), open_source(tmp_path, labelled=False))
     assert [row.answer.status for row in rows] == [NO_CONTACT, OBJECT]
     assert best(rows[1].answer) == "ball" and rows[1].answer.contact == HELD
+
+
+@pytest.mark.parametrize(
+    "others, instead, high",
+    [
+        ({"open": recording("cup", 63)}, "their session's open hand", 20),
+        ({"empty": empty_hand(63)}, "their session's empty hand", 20),
+        ({}, "the training's baseline", 0),
+    ],
+)
+def test_a_recording_without_an_open_hand_alone_does_without_its_grasp_s_baseline(tmp_path, others, instead, high):
+    """A model of the baseline grasp: the other recordings keep theirs."""
+    model, offset = recogniser("preprocess.baseline=grasp"), np.int16(high)
+    write(tmp_path / "held.h5", recording("pen", 62, before=0, after=0) + offset)
+    for name, counts in others.items():
+        write(tmp_path / f"{name}.h5", counts + offset, **({"object": "empty_hand"} if name == "empty" else {}))
+    rows, notes = answer_source(model, open_source(tmp_path, labelled=False))
+    answers = {row.recording: row.answer for row in rows}
+    assert best(answers["held"]) == "pen" and answers["held"].contact == HELD
+    assert notes == [
+        f"baseline: 1 of {1 + len(others)} recordings have fewer than 5 open-hand frames and use {instead}: held"
+    ]
+    if "open" in answers:
+        alone = answer_recording(model, recording("cup", 63) + offset)
+        np.testing.assert_allclose(answers["open"].probabilities, alone.probabilities, atol=1e-6)
 
 
 def test_a_session_without_an_open_hand_is_noted(tmp_path):

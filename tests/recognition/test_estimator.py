@@ -222,7 +222,7 @@ def test_what_is_auto_is_decided_by_the_recordings():
     classifier = TactileClassifier(views=4).fit(X, y)
     assert classifier.score(*grasps(2, seed=1)[:2]) == 1
     assert any(note.startswith("preprocess.filter contact: ") for note in classifier.notes_)
-    chosen = classifier.recogniser_.treatment.preprocess
+    chosen = classifier.recogniser_.preprocessing.params
     assert chosen.filter == "contact" and chosen.baseline in ("grasp", "quiet")
 
 
@@ -230,7 +230,7 @@ def test_recordings_that_are_all_contact_are_taken_as_they_are():
     X, y, _ = grasps()
     new, truth, _ = grasps(2, seed=1)
     classifier = TactileClassifier(views=4).fit([counts[12:] for counts in X], y)
-    assert classifier.recogniser_.treatment.preprocess.filter == "none"
+    assert classifier.recogniser_.preprocessing.params.filter == "none"
     assert classifier.score([counts[12:] for counts in new], truth) == 1
 
 

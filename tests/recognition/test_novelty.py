@@ -6,9 +6,42 @@ import numpy as np
 import pytest
 import torch
 
+from tactile_viewgcn.frames.split import TEST, TRAIN
+from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty, sensor_map
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_glove import OBJECTS, SHAPE, pressed, recogniser
-from tests.tables import table
+from tests.tables import recipe, table
+
+# maps of the recordings of three classes on two sensors; the strongest reading is 4, which makes the unit 1
+MAPS = {"a": [(1.0, 0.0), (1.0, 0.5)], "b": [(0.0, 1.0), (0.0, np.log(4))], "c": [(np.log(4), np.log(4))]}
+FRAMES = 6  # of each recording
+NEAREST = 0.5 / np.sqrt(2)  # distance of the two recordings of a; those of b are nearer, and c has one
+
+
+def frames_with(maps):
+    """Frames whose recordings have these maps: each reads the same in all of its frames, 500 counts above nothing."""
+    given = [(label, values) for label, recordings in enumerate(maps.values()) for values in recordings]
+    label, number = (np.repeat(column, FRAMES) for column in ([one[0] for one in given], np.arange(len(given))))
+    readings = np.repeat([np.where(np.array(one[1]) > 0, np.exp(one[1]), 0) for one in given], FRAMES, axis=0)
+    side = np.full(len(label), TRAIN)
+    return replace(
+        table(),
+        counts=500 + readings[:, None],
+        label=label,
+        recording=number,
+        group=number,
+        side=side,
+        anchor=side == TRAIN,
+        session=0 * label,
+        baseline=0 * label,
+        time=0.0 * label,
+        baseline_mean=np.full((1, 1, 2), 500.0),
+        live=np.ones((1, 2), bool),
+        classes=list(maps),
+    )
 
 
 def test_a_map_is_the_logarithm_of_the_mean_reading_beyond_one_unit():
@@ -23,31 +56,42 @@ def test_the_score_is_the_root_mean_square_distance_to_the_nearest_set_over_the_
     assert novelty.score(excess) == pytest.approx(np.sqrt(0.5) / 0.5)
 
 
+def test_the_threshold_is_the_distance_to_other_recordings_of_classes_that_have_two():
+    novelty = fit_novelty(frames_with(MAPS), 4)
+    assert (novelty.unit, novelty.threshold) == pytest.approx((1, NEAREST))
+    expected = [values for recordings in MAPS.values() for values in recordings]
+    np.testing.assert_allclose(novelty.maps, np.repeat(expected, 5, axis=0), rtol=1e-6)
+
+
+def test_between_two_trained_recordings_the_score_is_one_half():
+    excess = np.exp([[[1.0, 0.25]]])
+    assert fit_novelty(frames_with(MAPS), 4).score(excess) == pytest.approx(0.5)
+
+
+def test_the_test_side_and_recordings_shorter_than_a_view_set_are_left_out():
+    frames = frames_with(MAPS)
+    without = replace(frames, side=np.where(frames.recording == 1, TEST, TRAIN))  # a has one recording left
+    assert fit_novelty(without, 4).threshold == pytest.approx(np.log(4 / np.e) / np.sqrt(2))  # of the two of b
+    assert len(fit_novelty(without, 4).maps) == 4 * 5
+    assert fit_novelty(frames, FRAMES + 1) is None
+
+
+def test_nothing_is_fitted_where_no_class_has_two_recordings():
+    assert fit_novelty(frames_with({name: maps[:1] for name, maps in MAPS.items()}), 4) is None
+
+
 def test_trained_objects_are_near_and_a_mirrored_glove_is_not():
     held = [np.repeat(40.0 * pressed(name)[None], 8, axis=0) for name in OBJECTS]
     assert all(recogniser().novelty.score(excess) < 1 for excess in held)
-    assert all(recogniser().novelty.score(4 * excess[:, ::-1]) > 1 for excess in held)
-
-
-def test_nothing_is_fitted_where_no_class_has_two_recordings_with_enough_frames():
-    frames = table()
-    assert fit_novelty(frames, 13) is None  # recordings have 12 frames
-    one = replace(frames, recording=frames.label.astype(int), group=frames.label.astype(int))
-    assert fit_novelty(one, 4) is None
-    assert fit_novelty(frames, 4).maps.shape[1] == frames.live.sum()
-
-
-def test_the_threshold_is_the_quantile_of_distances_to_other_recordings():
-    frames = table()
-    novelty = fit_novelty(frames, 4)
-    pools = len(novelty.maps) // 5
-    distance = np.sqrt(((novelty.maps[:, None] - novelty.maps[None]) ** 2).mean(axis=2))
-    same = np.repeat(np.arange(pools), 5)[:, None] == np.repeat(np.arange(pools), 5)
-    nearest = np.where(same, np.inf, distance).min(axis=1)
-    assert novelty.threshold == pytest.approx(np.quantile(nearest, 0.99), rel=1e-5)
+    assert all(recogniser().novelty.score(excess[:, ::-1]) > 1 for excess in held)
 
 
 def test_the_classifier_s_file_keeps_it(tmp_path):
-    novelty, held = recogniser().novelty, np.ones((8, *SHAPE))
-    assert isinstance(novelty.score(held), float) and novelty.live.shape == SHAPE
-    assert not isinstance(novelty.maps, torch.Tensor)
+    classifier = Classifier(torch.from_numpy(viewpoints(4)), 4, recipe().model)
+    save_classifier(tmp_path / "classifier.pt", classifier, recipe().model, table())
+    loaded, fitted = Recogniser(tmp_path / "classifier.pt").novelty, fit_novelty(table(), 4)
+    held = np.random.default_rng(0).uniform(0, 40, (4, *table().live.shape))
+    assert loaded.score(held) == fitted.score(held) > 1
+    for name, value in vars(fitted).items():
+        np.testing.assert_array_equal(getattr(loaded, name), value)
+    assert recogniser().novelty.live.shape == SHAPE

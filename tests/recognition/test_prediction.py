@@ -2,6 +2,7 @@
 
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,10 @@ from click.testing import CliRunner
 from tactile_viewgcn import tracking
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition.answer import OBJECT, UNKNOWN, Answer
+from tactile_viewgcn.recognition.answer_table import line
 from tactile_viewgcn.recognition.prediction import load_model
+from tactile_viewgcn.recognition.unlabelled import Row
 from tests.small_glove import OBJECTS, SHAPE, empty_hand, model_file, recording, write
 
 
@@ -67,6 +71,38 @@ def test_frames_from_standard_input_are_answered(place):
     assert answer["answer"] == "pen" and answer["latency_ms"] > 0
 
 
+def test_a_bad_line_of_a_stream_leaves_the_answers_before_it_in_the_files(place):
+    text = "".join(",".join(map(str, frame.ravel())) + "\n" for frame in recording("pen", 85))
+    with pytest.raises(UserError, match=r"line 61: 2 numbers; expected 8 x 10 = 80"):
+        call(place / "classifier.pt", "-", "--follow", "--csv", place / "a.csv", text=f"{text}1,2\n")
+    (row,) = csv.DictReader((place / "a.csv").read_text("utf-8").splitlines())
+    assert (row["recording"], row["answer"]) == ("contact 1", "pen")
+
+
+def test_a_file_that_cannot_be_written_leaves_none(place, monkeypatch):
+    replace = Path.replace
+
+    def refused(part, path):
+        if path.name == "a.json":
+            raise OSError("no space left")
+        return replace(part, path)
+
+    monkeypatch.setattr(Path, "replace", refused)
+    with pytest.raises(OSError, match="no space left"):
+        call(place / "classifier.pt", place / "new", "--csv", place / "a.csv", "--json", place / "a.json")
+    assert not list(place.glob("a.*"))
+
+
+@pytest.mark.parametrize("status", [OBJECT, UNKNOWN])
+def test_long_names_are_cut_where_the_line_would_be_longer_than_a_terminal(status):
+    classes = ["safety glasses of the second drawer", "mug", "a multimeter with two long test leads"]
+    answer = Answer(status, np.array([0.61, 0.29, 0.1]), 8, 20)
+    text = line(Row("recording of the third of May", "", 0.0, 2.0, 60, answer, latency_ms=12.0), classes)
+    assert len(text) <= 80 and "safety" in text and text.endswith(" 12 ms")
+    if status == OBJECT:
+        assert " 61 %, mug 29 %, a multime" in text
+
+
 def test_a_stream_without_contact_says_so(place):
     text = "".join(",".join(map(str, frame.ravel())) + "\n" for frame in empty_hand(86))
     assert call(place / "classifier.pt", "-", "--follow", text=text)[-1].startswith("40 frames, no contact")
@@ -88,7 +124,9 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         (["classifier.pt", "classifier.pt"], UserError, r"neither a MAT-file by its name"),
         (["classifier.pt", "other"], UserError, r"frames of 8 x 9; expected 8 x 10"),
         (["classifier.pt", "new", "--window", "0"], UserError, r"window is 0; expected seconds above 0"),
-        (["classifier.pt", "new", "--stop-at", "1.5"], UserError, r"is 1.5; expected a probability"),
+        (["classifier.pt", "new", "--stop-at", "1.5"], UserError, r"--stop-at is 1.5; expected a probability"),
+        (["classifier.pt", "new", "--csv", "a.json"], UserError, r"named by --csv and --json; expected two files"),
+        (["classifier.pt", "new/0.h5", "--csv", "new/0.h5"], UserError, r"0.h5: it is read here; name another"),
         (["classifier.pt", "new", "--csv", "no/a.csv"], UserError, r"a.csv: not a file in a folder that exists"),
         (["classifier.pt", "nowhere", "--follow"], UserError, r"nowhere: no such file; expected one of a line a frame"),
         (["classifier.pt", "-", "--follow", "--window", "1"], UserError, r"expected one of the two"),

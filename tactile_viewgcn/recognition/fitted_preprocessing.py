@@ -1,0 +1,94 @@
+"""The preprocessing that a model was trained with, and the checks that new recordings fit it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.params import Preprocess
+from tactile_viewgcn.recordings.source import MAX_PRESSURE
+
+REACH_SHARE = 0.01
+MOST_REACH = 4.0  # times the training's; single recordings of STAG's glove and the virtual one lie within a factor of 2
+ALL_PASSED = 0.99  # share of the training's frames that passed the filter: its recordings are all contact
+
+
+@dataclass(frozen=True)
+class FittedPreprocessing:
+    """What a model's file says of its training's recordings.
+
+    Attributes:
+        params: the parameters that the frames were made by.
+        passed: share of the recordings' frames that passed the filter.
+        dtype: of the counts.
+        reach: counts above baseline that a share of REACH_SHARE of the readings of kept frames exceeds.
+        live: bool (H, W) sensors.
+        noise: (H, W) standard deviation of the baseline in counts, NaN where it was not measured.
+        baselines: (H, W) of each session, by its name.
+    """
+
+    params: Preprocess
+    passed: float
+    dtype: np.dtype
+    reach: float
+    live: np.ndarray
+    noise: np.ndarray
+    baselines: dict[str, np.ndarray]
+
+    @property
+    def takes_all(self) -> bool:
+        """Whether every frame counts as contact, as in the training, where contact cannot be told."""
+        return self.params.filter == "none" or (self.params.baseline == "none" and self.passed >= ALL_PASSED)
+
+    def mean_baseline(self) -> np.ndarray:
+        """Mean (H, W) of the baselines of the training's sessions."""
+        return np.mean(list(self.baselines.values()), axis=0)
+
+    def check_counts(self, counts: np.ndarray, where: str) -> None:
+        """Raise a UserError, whose message begins with `where`, for raw counts (..., H, W) unlike the training's.
+
+        They are of another layout, of no numbers, not finite, or have fractions where the training's are integers.
+        """
+        if counts.shape[-2:] != self.live.shape:
+            layout, expected = (" x ".join(map(str, shape)) for shape in (counts.shape[-2:], self.live.shape))
+            raise UserError(f"{where}: frames of {layout}; expected {expected}, as the model was trained on")
+        check_finite(counts, where)
+        if (self.dtype.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
+            raise UserError(f"{where} holds {fractions[0]:g}; expected whole numbers, raw counts as in training")
+
+    def check_reach(self, excess: np.ndarray, where: str) -> None:
+        """Raise a UserError, whose message begins with `where`, for frames in contact of another scale.
+
+        Args:
+            excess: (n, H, W) counts above baseline.
+        """
+        if not len(excess):
+            return
+        reach = float(np.quantile(excess[:, self.live], 1 - REACH_SHARE))
+        if not self.reach / MOST_REACH <= reach <= self.reach * MOST_REACH:
+            raise UserError(
+                f"{where}: one in a hundred readings in contact is above {reach:.3g} counts over its baseline; "
+                f"expected about {self.reach:.3g}, as the model was trained on: is it another glove, or another unit?"
+            )
+
+
+def check_finite(counts: np.ndarray, where: str) -> None:
+    """Raise a UserError, whose message begins with `where`, for values that are no numbers, not finite or too large."""
+    if counts.dtype.kind not in "iuf":
+        raise UserError(f"{where} is of type {counts.dtype}; expected integer counts or real numbers")
+    if (unfit := counts[~(np.abs(counts) <= MAX_PRESSURE)]).size:
+        raise UserError(f"{where} holds {unfit[0]:g}; expected a number up to {MAX_PRESSURE:g} from every sensor")
+
+
+def read_fitted(content: dict[str, Any]) -> FittedPreprocessing:
+    """The fitted preprocessing from the content of a file that `save_classifier` wrote."""
+    return FittedPreprocessing(
+        params=Preprocess(**content["preprocess"]),
+        passed=content["passed"],
+        dtype=np.dtype(content["dtype"]),
+        reach=content["reach"],
+        live=content["live"].numpy(),
+        noise=content["noise"].numpy(),
+        baselines=dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True)),
+    )
