@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import PRESETS, Seed, load, preset_changes, read_yaml
-from tactile_viewgcn.schema import Range, convert, describe
+from tactile_viewgcn.schema import Range, as_change, convert, describe
 
 FOLDER = Path("studies")
 COLUMNS = ("pretrain s", "finetune s", "ms alone", "ms in batches", "peak MB")
@@ -172,15 +172,8 @@ def read_study(name: str) -> Study:
 def _changes(parts: list[dict[str, Any]]) -> Iterator[str]:
     for key, value in (item for part in parts for item in part.items()):
         if key != "preset":
-            yield f"{key}={_text(value)}"
+            yield as_change(key, value)
         elif value in PRESETS:
             yield from preset_changes(value)
         else:
             raise UserError(f"preset is {value!r}; expected one of {', '.join(PRESETS)}")
-
-
-def _text(value: Any) -> str:
-    """A value of YAML in one word, as `dvc exp run --set-param` reads it."""
-    if isinstance(value, list):
-        return f"[{','.join(map(_text, value))}]"
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from tactile_viewgcn.process import processor, usable_cores
+from tactile_viewgcn.schema import as_change
 
 PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # whose versions a run keeps
 
@@ -43,7 +44,7 @@ def run_name(head: str, values: dict[str, Any], committed: dict[str, Any], skip:
         skip: keys that `head` names already.
     """
     changed = changes_of(values, committed).items()
-    return " ".join([head, *(f"{key}={typed(value)}" for key, value in changed if key not in skip)])
+    return " ".join([head, *(as_change(key, value) for key, value in changed if key not in skip)])
 
 
 def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:
@@ -73,15 +74,6 @@ def _equal(value: Any, committed: Any) -> bool:
         return value == (float(committed) if isinstance(value, float) else committed)  # YAML reads 5e-4 as text
     except (TypeError, ValueError):
         return False
-
-
-def typed(value: Any) -> str:
-    """A value as one would type it after `dvc exp run -S KEY=`, without spaces."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return f"{value:g}"
-    return str(value).replace(" ", "").replace("'", "")
 
 
 def _flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -5,6 +5,7 @@ dataclass (a section), or `Annotated` with a `Range`. There are no defaults: eve
 """
 
 import math
+import re
 from dataclasses import dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -69,16 +70,34 @@ def set_value(tree: dict[str, Any], change: str) -> str | None:
 
 
 def as_change(key: str, value: Any) -> str:
-    """`key=value` with the value as YAML in flow style: [3,3,2], true, 0.001.
+    """`key=value` as `dvc exp run -S` and `set_value` read it: [3,3,2], true, 0.001, "two words"; no digit is lost.
 
     Raises:
         UserError: YAML has no such value.
     """
     try:
-        text = yaml.safe_dump([value], default_flow_style=True, width=math.inf)
-    except yaml.YAMLError:
+        return f"{key}={_written(value)}"
+    except TypeError:
         raise UserError(f"{key} is {value!r}; expected a text, a number, true, false, or a list of these") from None
-    return f"{key}={text.strip()[1:-1].replace(', ', ',')}"
+
+
+def _written(value: Any) -> str:
+    """A value of YAML in the words that Hydra, which reads DVC's changes, has in common with it."""
+    if isinstance(value, list):
+        return f"[{','.join(map(_written, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name}: {_written(one)}' for name, one in value.items())}}}"
+    if isinstance(value, str):
+        if re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(yaml.safe_load(value), str):
+            return value
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value).removesuffix(".0")
+    if value is None:
+        return "null"
+    raise TypeError(value)
 
 
 def build(kind: Any, tree: dict[str, Any], mistakes: list[str], prefix: str = "") -> Any:

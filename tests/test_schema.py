@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.schema import Range, build, convert, describe, flatten, set_value
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.schema import Range, as_change, build, convert, describe, flatten, set_value
 
 
 @dataclass(frozen=True)
@@ -179,3 +180,45 @@ def test_a_range_holds_what_its_inequalities_hold(x, without):
 )
 def test_a_range_is_written_as_in_mathematics(ends, text):
     assert str(Range(*ends)) == text
+
+
+@pytest.mark.parametrize(
+    "value, text",
+    [
+        ("kmeans", "kmeans"),
+        ("data/my_glove-2.h5", "data/my_glove-2.h5"),
+        ("data/glöve 16", '"data/glöve 16"'),
+        ('it\'s "b", #1 & {c}: $d', '"it\'s \\"b\\", #1 & {c}: $d"'),
+        ("12", '"12"'),
+        ("true", '"true"'),
+        (True, "true"),
+        (None, "null"),
+        (8, "8"),
+        (150.0, "150"),
+        (0.1234567891234567, "0.1234567891234567"),
+        (1e-05, "1e-05"),
+        (["ball", "a b", 3], '[ball,"a b",3]'),
+        ([{"name": "pin", "weight": 2.5}], "[{name: pin, weight: 2.5}]"),
+    ],
+)
+def test_a_change_is_read_back_the_same_by_params_yaml_and_by_dvc_s_own_parser(value, text):
+    parser = pytest.importorskip("hydra.core.override_parser.overrides_parser").OverridesParser.create()
+    change, tree = as_change("key", value), {}
+    assert change == f"key={text}"
+    assert set_value(tree, change) is None
+    read = float(tree["key"]) if isinstance(value, float) else tree["key"]  # PyYAML reads 1e-05 as text
+    assert read == value == unquoted(parser.parse_override(change).value())
+
+
+def unquoted(value):
+    """A value of Hydra's parser as plain values."""
+    if isinstance(value, list):
+        return [unquoted(one) for one in value]
+    if isinstance(value, dict):
+        return {unquoted(name): unquoted(one) for name, one in value.items()}
+    return getattr(value, "text", value)
+
+
+def test_a_value_that_yaml_has_not_is_no_change():
+    with pytest.raises(UserError, match="key is <object"):
+        as_change("key", object())

@@ -24,9 +24,9 @@ from tactile_viewgcn.evaluation.wording import (
     seconds,
     system,
 )
-from tactile_viewgcn.frames.inspection_text import quoted
 from tactile_viewgcn.html import Html, bar, bold, bullets, code, command, named, paragraph, section, several, table
-from tactile_viewgcn.provenance import PACKAGES, typed
+from tactile_viewgcn.provenance import PACKAGES
+from tactile_viewgcn.schema import as_change
 
 WARNING = "warning: "
 SIMULATED = (
@@ -193,7 +193,7 @@ def _next_section(run: FinishedRun) -> tuple[str, Html]:
 def _changed(run: FinishedRun) -> list[str]:
     """Parameters that differ from the committed ones, as `dvc exp run -S` takes them."""
     changed = run.records["evaluate"]["params"]["changed"].items()
-    return [f"{key}={quoted(value) if isinstance(value, str) else typed(value)}" for key, value in changed]
+    return [as_change(key, value) for key, value in changed]
 
 
 def _lineage_section(run: FinishedRun) -> tuple[str, Html]:

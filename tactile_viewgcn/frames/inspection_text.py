@@ -12,6 +12,7 @@ from tactile_viewgcn.frames.readings import SATURATED
 from tactile_viewgcn.frames.recommendation import Recommendation
 from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.recordings.table import is_table
+from tactile_viewgcn.schema import as_change
 
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name
@@ -27,7 +28,7 @@ def inspection_lines(seen: Inspection, chosen: list[Recommendation]) -> list[str
         ("Sessions", _sessions(seen)),
         ("Objects", _objects(seen)),
         ("Without contact", _leaks(seen)),
-        ("To use", [f"{one.key} {_value(one)}: {one.reason}" for one in chosen]),
+        ("To use", [str(one) for one in chosen]),
     ]
     lines = []
     for title, texts in parts:
@@ -45,8 +46,8 @@ def command_lines(seen: Inspection, chosen: list[Recommendation]) -> list[str]:
     """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash."""
     words = ["dvc exp run"]
     words += [f"$(tactile-viewgcn preset {one.value})" for one in chosen if one.key == "preset"]
-    changes = [] if is_table(seen.path) else [f"data.source={quoted(str(seen.path))}"]
-    changes += [f"{one.key}={_value(one)}" for one in chosen if one.key != "preset"]
+    changes = [] if is_table(seen.path) else [as_change("data.source", str(seen.path))]
+    changes += [as_change(one.key, one.value) for one in chosen if one.key != "preset"]
     lines = [" ".join(words)]
     for change in changes:
         word = f"-S {shlex.quote(change)}"
@@ -56,16 +57,6 @@ def command_lines(seen: Inspection, chosen: list[Recommendation]) -> list[str]:
             lines[-1] += " \\"
             lines.append(f"  {word}")
     return lines
-
-
-def _value(one: Recommendation) -> str:
-    return one.value if isinstance(one.value, str) else f"{one.value:g}"
-
-
-def quoted(text: str) -> str:
-    """A text as `dvc exp run -S` takes it: in quotation marks where it has more than letters, digits and / . _ -."""
-    plain = all(letter.isascii() and (letter.isalnum() or letter in "/._-") for letter in text)
-    return text if plain else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def _what(seen: Inspection) -> list[str]:
