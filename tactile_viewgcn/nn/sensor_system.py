@@ -19,19 +19,26 @@ from tactile_viewgcn.nn.system import ViewSystem
 
 PRESSED_SHARE = 0.1  # of the readings of held frames; with STAG's glove they are those above four counts
 PRESSED_UNITS = 4.0
+NOISE_UNITS = 1.5  # standard deviations of noise that a unit is at most: the kernels' dead zone of two units is three
+LEAST = 0.1  # of the unit by readings, which the noise may lower it to
 MOST_SETS = 4000  # view sets that a system is fitted to: a kernel is a matrix of their square
 
 
-def contact_unit(frames: np.ndarray) -> float:
+def contact_unit(frames: np.ndarray, noise: float = np.inf) -> float:
     """The unit of a glove, in counts: of the readings (n, S) of held frames one in ten is above four units.
 
-    About one count for STAG's glove. Where fewer than one in ten readings are positive, half of these are above.
+    About one count for STAG's glove, and so is its noise. Where more sensors are pressed, the noise limits the unit.
+    Where fewer than one in ten readings are positive, half of these are above.
+
+    Args:
+        noise: standard deviation of the readings in counts, if it is known.
     """
     share = float(np.quantile(frames, 1 - PRESSED_SHARE))
     if share <= 0:
         positive = frames[frames > 0]
         share = float(np.median(positive)) if len(positive) else PRESSED_UNITS
-    return share / PRESSED_UNITS
+    unit = share / PRESSED_UNITS
+    return max(min(unit, NOISE_UNITS * noise), LEAST * unit)
 
 
 @dataclass(frozen=True)

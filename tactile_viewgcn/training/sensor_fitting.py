@@ -10,6 +10,9 @@ from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.nn.sensor_system import SensorData, SensorFeatures, SensorSystem, contact_unit
 from tactile_viewgcn.training.checkpoint import Progress
 
+MOST_PAIRS = 1000  # of successive frames that are compared
+MEDIAN_SD = 0.6745  # median distance from the mean of a normal distribution, in standard deviations
+
 
 def fit_sensor_system(classifier: Classifier, table: Frames, num_views: str, seed: int) -> Progress:
     """Fit the classifier's system to the training anchors of the table.
@@ -22,7 +25,7 @@ def fit_sensor_system(classifier: Classifier, table: Frames, num_views: str, see
     sensors, system = classifier.backbone, classifier.head
     assert isinstance(sensors, SensorFeatures) and isinstance(system, SensorSystem)
     counts = table.inputs(index, system.transform)[:, table.live]
-    unit = contact_unit(counts)
+    unit = contact_unit(counts, successive_noise(table))
     sensors.set_sensors(table.live, unit)
     sizes = (classifier.views,) if num_views == "full" else powers_of_two(classifier.views)
     label = table.label[index].astype(np.int64)
@@ -30,6 +33,20 @@ def fit_sensor_system(classifier: Classifier, table: Frames, num_views: str, see
     pools = np.unique(places, axis=1, return_inverse=True)[1].ravel()
     system.fit(SensorData(counts / np.float32(unit), label, pools, sizes, table.live, seed))
     return Progress(seconds=time.perf_counter() - begin)
+
+
+def successive_noise(table: Frames) -> float:
+    """Standard deviation in counts of what sensors read, by successive training frames; infinite without any.
+
+    It is that of the median difference, which contact does not change while fewer than half of the sensors feel it.
+    """
+    index = table.on(TRAIN)
+    pairs = index[:-1][(np.diff(index) == 1) & (np.diff(table.recording[index]) == 0)]
+    if not len(pairs):
+        return np.inf
+    pairs = pairs[np.unique(np.linspace(0, len(pairs) - 1, MOST_PAIRS).astype(int))]
+    change = table.counts[pairs + 1].astype(np.float64) - table.counts[pairs]
+    return float(np.median(np.abs(change[:, table.live]))) / (MEDIAN_SD * 2**0.5)
 
 
 def powers_of_two(views: int) -> tuple[int, ...]:

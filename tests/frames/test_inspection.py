@@ -63,6 +63,12 @@ def test_the_scale_of_floats_is_that_of_their_readings(tmp_path):
     np.testing.assert_allclose(seen.baseline, 0.05, atol=0.02)
 
 
+def test_the_open_hand_is_found_where_half_of_its_noise_is_cut_off_at_zero(tmp_path):
+    seen = inspect_source(floats(tmp_path / "glove", open_hand=0.0))
+    assert np.median(seen.noise) == pytest.approx(0.015, rel=0.3)  # 0.009 is left of it
+    assert (seen.contact == 40).all() and (seen.open > 15).all() and chosen(seen)["baseline"] == "grasp"
+
+
 def test_the_open_hand_of_a_small_array_is_found_below_a_drift_of_twice_the_signal(tmp_path):
     seen = inspect_source(drifting_array(tmp_path / "glove"))
     assert not seen.taken_whole and seen.contact_sensors == 2

@@ -52,6 +52,14 @@ def test_one_reading_in_ten_is_above_four_units():
     assert contact_unit(readings / 1000) == pytest.approx(unit / 1000)
 
 
+def test_the_noise_limits_the_unit_where_more_than_one_sensor_in_ten_is_pressed():
+    readings = np.random.default_rng(0).normal(0, 2, (50, 100)).astype(np.float32)
+    readings[:, :40] += 200
+    assert contact_unit(readings) == pytest.approx(50, rel=0.05)
+    assert contact_unit(readings, noise=5.0) == 7.5 and contact_unit(readings, noise=100.0) == contact_unit(readings)
+    assert contact_unit(readings, noise=0.0) == pytest.approx(contact_unit(readings) / 10)
+
+
 def test_a_glove_that_is_hardly_touched_has_a_unit_too():
     readings = np.zeros((10, 100), dtype=np.float32)
     readings[0, :4] = 8
