@@ -1,18 +1,21 @@
 """Where a run comes from: code, machine, versions, and what it changes of the committed params.yaml, which names it."""
 
+import os
 import platform
 import socket
 import subprocess
+import sys
 from collections.abc import Collection
 from contextlib import suppress
 from datetime import UTC, datetime
+from getpass import getuser
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from tactile_viewgcn.process import processor, usable_cores
+from tactile_viewgcn.process import processor, start_ticks, usable_cores
 from tactile_viewgcn.schema import as_change
 
 PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # whose versions a run keeps
@@ -24,6 +27,24 @@ def git_revision() -> dict[str, str]:
     if commit is None or status is None:
         return {}
     return {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(status.strip())).lower()}
+
+
+def run_tags(stage: str) -> dict[str, str]:
+    """Tags of a stage's run in MLflow: command, code, DVC experiment, and the process, which may be killed."""
+    tags = {
+        "stage": stage,
+        "command": " ".join(sys.orig_argv[1:]),
+        "host": socket.gethostname(),
+        "pid": str(os.getpid()),
+        "start_ticks": start_ticks(os.getpid()),
+        "mlflow.source.name": f"stages/{stage}.py",
+        "mlflow.source.type": "LOCAL",
+    }
+    with suppress(OSError, KeyError):  # a user without a name, as in some containers
+        tags["mlflow.user"] = getuser()
+    if "DVC_EXP_NAME" in os.environ:
+        tags["dvc.experiment"] = os.environ["DVC_EXP_NAME"]
+    return tags | git_revision()
 
 
 def committed_params(path: Path) -> dict[str, Any]:

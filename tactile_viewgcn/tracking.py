@@ -11,13 +11,12 @@ MLFLOW_TRACKING_URI=disabled leaves MLflow out altogether.
 
 import os
 import socket
-import sys
+import tempfile
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from getpass import getuser
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,9 +25,9 @@ import numpy as np
 from filelock import FileLock
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.process import is_running, start_ticks
-from tactile_viewgcn.provenance import git_revision
-from tactile_viewgcn.store import DISABLED, SQLITE, check_server, store_address, store_folder
+from tactile_viewgcn.process import is_running
+from tactile_viewgcn.provenance import run_tags
+from tactile_viewgcn.tracking_store import DISABLED, address, check_server, existing_address, refusal, store_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -154,6 +153,48 @@ class Run:
         return logged.model_uri
 
 
+def read_artifact(run_id: str, name: str) -> bytes:
+    """The content of a file that a run keeps.
+
+    Raises:
+        FileNotFoundError: the store has no such run, or the run no such file.
+        UserError: tracking is disabled, or there is no store, or it does not answer.
+    """
+    uri = existing_address(f"MLflow run {run_id}")
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return Path(MlflowClient(uri).download_artifacts(run_id, name, folder)).read_bytes()
+    except MlflowException as error:
+        if error.error_code == "RESOURCE_DOES_NOT_EXIST":
+            raise FileNotFoundError(name) from None
+        raise refusal(uri, error) from None
+
+
+def download_model(name: str, folder: Path) -> Path:
+    """The classifier's file of `runs:/ID` or `models:/NAME/VERSION`, downloaded into a folder.
+
+    Raises:
+        UserError: tracking is disabled, or the store does not have it, or does not answer.
+    """
+    uri = existing_address(name)
+    import mlflow
+    from mlflow.exceptions import MlflowException
+
+    mlflow.set_tracking_uri(uri)
+    place = f"{name}/classifier" if name.startswith("runs:") and name.count("/") == 1 else name
+    try:
+        return next(Path(mlflow.artifacts.download_artifacts(place, dst_path=str(folder))).rglob("*.pt"))
+    except StopIteration:
+        raise UserError(f"{name}: a model of another kind; expected one that this project has logged") from None
+    except (MlflowException, OSError) as error:
+        raise UserError(
+            f"{name}: MLflow store {uri}: {' '.join(str(error).split())}; is MLFLOW_TRACKING_URI right?"
+        ) from None
+
+
 def bad_request(message: str) -> Exception:
     """MLflow's exception for a mistake of the user: its server answers 400 and the message, without a traceback."""
     from mlflow.exceptions import MlflowException
@@ -186,7 +227,7 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
         client, rows, stages = _open(uri)
         _close_killed(client, [rows, stages])
         experiment = rows if row else stages
-        run = Run(client, client.create_run(experiment, run_name=name or stage, tags=_origin(stage)).info.run_id, uri)
+        run = Run(client, client.create_run(experiment, run_name=name or stage, tags=run_tags(stage)).info.run_id, uri)
     except (MlflowException, OSError, ImportError) as error:
         raise refusal(uri, error) from None
     status = "FAILED"
@@ -207,45 +248,12 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
             client.set_terminated(run.id, status)
 
 
-def address() -> str:
-    """The address of the store; MLflow, which looks when it is imported, is told to be quiet."""
-    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-    os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")  # it tells of the tables that it creates
-    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
-    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
-    return store_address(os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db")
-
-
-def _origin(stage: str) -> dict[str, str]:
-    """Tags of a new run: command, code, DVC experiment, and the process, see `_close_killed`."""
-    tags = {
-        "stage": stage,
-        "command": " ".join(sys.orig_argv[1:]),
-        "host": socket.gethostname(),
-        "pid": str(os.getpid()),
-        "start_ticks": start_ticks(os.getpid()),
-        "mlflow.source.name": f"stages/{stage}.py",
-        "mlflow.source.type": "LOCAL",
-    }
-    with suppress(OSError, KeyError):  # a user without a name, as in some containers
-        tags["mlflow.user"] = getuser()
-    if "DVC_EXP_NAME" in os.environ:
-        tags["dvc.experiment"] = os.environ["DVC_EXP_NAME"]
-    return tags | git_revision()
-
-
 def _close_killed(client: Any, experiments: list[str]) -> None:
     """Close this machine's runs that are RUNNING though their process is gone, as after `kill -9`."""
     running = f"attributes.status = 'RUNNING' and tags.host = '{socket.gethostname()}'"
     for run in client.search_runs(experiments, running):
         if "pid" in (tags := run.data.tags) and not is_running(int(tags["pid"]), tags.get("start_ticks", "")):
             client.set_terminated(run.info.run_id, "KILLED")
-
-
-def refusal(uri: str, error: Exception) -> UserError:
-    return UserError(
-        f"MLflow store {uri}: {' '.join(str(error).split())}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}"
-    )
 
 
 def _open(uri: str) -> tuple[Any, str, str]:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.mlflow_stores import fresh_store
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # tiny networks: more threads only wait for each other
 pytest_plugins = ["tests.stability"]  # the fixture `row`
 ROOT = Path(__file__).parents[1]
@@ -16,3 +18,19 @@ def stag_data() -> Path:
     if "STAG_DATA" not in os.environ:
         pytest.skip("STAG_DATA is not set: no real STAG files to test on")
     return Path(os.environ["STAG_DATA"])
+
+
+@pytest.fixture
+def store(tmp_path, monkeypatch) -> Path:
+    """A folder whose store is found as a stage finds it inside a temporary workspace of DVC; there is none yet."""
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def client(store):
+    """A client of a fresh store in that folder."""
+    from mlflow import MlflowClient
+
+    return MlflowClient(fresh_store(store / "mlflow.db"))

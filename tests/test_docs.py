@@ -177,7 +177,7 @@ def test_a_command_of_the_package_runs(command, place):
 @pytest.mark.parametrize("page, program", fences("python"))
 def test_a_program_runs(page, program, place, monkeypatch, capsys):
     if "import mlflow" in program:
-        pytest.skip("needs a model in an MLflow store; tests/test_tracking.py loads one the same way")
+        pytest.skip("needs a model in an MLflow store; tests/recognition/test_logged_model.py loads one the same way")
     monkeypatch.chdir(place)
     names: dict = {}
     exec(compile(program, page, "exec"), names)

@@ -27,7 +27,7 @@ ALLOWED = {
 }
 # what may use all of the package: its commands, and what `from tactile_viewgcn import` gives
 ENTRANCES = {"tactile_viewgcn/__init__.py", "tactile_viewgcn/cli.py", "tactile_viewgcn/__main__.py"}
-KNOW_MLFLOW = ["tactile_viewgcn/tracking.py", "tactile_viewgcn/tracked.py"]
+KNOWS_MLFLOW = "tactile_viewgcn/tracking.py"
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tactile_viewgcn").rglob("*.py"))
 BENCHMARKS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks").rglob("*.py"))
 
@@ -52,17 +52,16 @@ def test_benchmarks_import_neither_stages_nor_studies_nor_tests(path):
     assert not {"stages", "studies", "tests"} & {name.partition(".")[0] for name in imported_modules(ROOT / path)}
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if path not in KNOW_MLFLOW])
-def test_only_tracking_and_reading_what_was_tracked_know_mlflow(path):
+@pytest.mark.parametrize("path", [path for path in FILES if path != KNOWS_MLFLOW])
+def test_only_tracking_knows_mlflow(path):
     assert not {name for name in imported_modules(ROOT / path) if name.partition(".")[0] == "mlflow"}
 
 
-@pytest.mark.parametrize("path", KNOW_MLFLOW)
-def test_mlflow_is_imported_in_functions_alone(path):
-    tree = ast.parse((ROOT / path).read_text())
+def test_tracking_imports_mlflow_in_functions_alone():
+    tree = ast.parse((ROOT / KNOWS_MLFLOW).read_text())
     names = {ast.unparse(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)}
     assert not any("mlflow" in name for name in names)
-    assert "mlflow" in {name.partition(".")[0] for name in imported_modules(ROOT / path)}
+    assert "mlflow" in {name.partition(".")[0] for name in imported_modules(ROOT / KNOWS_MLFLOW)}
 
 
 def test_the_package_and_its_commands_load_neither_torch_nor_mlflow():

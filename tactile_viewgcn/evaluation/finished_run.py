@@ -133,6 +133,6 @@ def _of_experiment(name: str) -> Read:
 
 def _of_mlflow(run_id: str) -> Read:
     """Reads the files that `evaluate` gave to its MLflow run, which keeps all but the frames."""
-    from tactile_viewgcn.tracked import artifact
+    from tactile_viewgcn.tracking import read_artifact
 
-    return lambda path: artifact(run_id, Path(path).name)
+    return lambda path: read_artifact(run_id, Path(path).name)

@@ -28,10 +28,10 @@ def load_model(name: str) -> Recogniser:
     is_run = len(name) == 32 and set(name) <= set("0123456789abcdef")
     if not (is_run or name.startswith(("runs:/", "models:/"))):
         raise FileNotFoundError(f"{name}: no such file; expected {MODELS}")
-    from tactile_viewgcn.tracked import model_file
+    from tactile_viewgcn.tracking import download_model
 
     with tempfile.TemporaryDirectory() as folder:
-        return Recogniser(model_file(f"runs:/{name}" if is_run else name, Path(folder)))
+        return Recogniser(download_model(f"runs:/{name}" if is_run else name, Path(folder)))
 
 
 def predict_source(

@@ -15,7 +15,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.finished_run import read_run
 from tactile_viewgcn.evaluation.run_page import run_page
 from tests.stag_files import metadata, save_matlab5
-from tests.stages.test_stages import run_stage
+from tests.stages.running import run_stage
 from tests.tables import SMALL
 from tests.test_html import parsed
 

@@ -12,7 +12,8 @@ import pytest
 import yaml
 
 from tactile_viewgcn.recordings.formats import open_source
-from tests.stages.test_stages import ROOT, refused, run_stage
+from tests.stages.running import refused, run_stage
+from tests.tables import ROOT
 
 TINY = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}
 CUP = {"name": "cup", "weight": 90, "stiffness": 1e9, "parts": [{"sphere": {"radius": 0.03}}]}

@@ -1,5 +1,6 @@
 """Where MLflow's store is: its address, its folder, and whether a server answers; without MLflow itself."""
 
+import os
 import urllib.error
 import urllib.request
 from http.client import HTTPException
@@ -11,6 +12,25 @@ from tactile_viewgcn.files import root
 DISABLED = "disabled"
 SQLITE = "sqlite:///"
 REACH_SECONDS = 5
+
+
+def address() -> str:
+    """The address of the store; MLflow, which looks when it is imported, is told to be quiet."""
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")  # it tells of the tables that it creates
+    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
+    return store_address(os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db")
+
+
+def existing_address(what: str) -> str:
+    """The store's address. A UserError, whose message begins with `what`, where tracking is disabled or no store is."""
+    uri = address()
+    if uri == DISABLED:
+        raise UserError(f"{what}: MLFLOW_TRACKING_URI is {DISABLED}; name the store that has it")
+    if uri.startswith(SQLITE) and not Path(uri.removeprefix(SQLITE).partition("?")[0]).exists():
+        raise UserError(f"{what}: no MLflow store at {uri}; name the store that has it with MLFLOW_TRACKING_URI")
+    return uri
 
 
 def store_address(uri: str) -> str:
@@ -39,3 +59,10 @@ def check_server(uri: str) -> None:
             f"MLflow server {uri} does not answer ({error}); start it, correct MLFLOW_TRACKING_URI, "
             f"or set it to {DISABLED}"
         ) from None
+
+
+def refusal(uri: str, error: Exception) -> UserError:
+    """The error of a store that does not do what it is asked."""
+    return UserError(
+        f"MLflow store {uri}: {' '.join(str(error).split())}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}"
+    )

@@ -1,0 +1,29 @@
+"""Fresh MLflow stores, whose tables, which MLflow takes seconds to make, are made once a session; runs in them."""
+
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from tactile_viewgcn.tracking import EXPERIMENT
+
+
+def fresh_store(path: Path) -> str:
+    """The address of a new store at `path`, without experiments of ours."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(_tables())
+    return f"sqlite:///{path}"
+
+
+def runs_of(client, name=f"{EXPERIMENT}/stages") -> list:
+    """The runs of an experiment."""
+    return client.search_runs([client.get_experiment_by_name(name).experiment_id])
+
+
+@cache
+def _tables() -> bytes:
+    from mlflow import MlflowClient
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mlflow.db"
+        MlflowClient(f"sqlite:///{path}")
+        return path.read_bytes()

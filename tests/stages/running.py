@@ -1,0 +1,55 @@
+"""Stages run as their command line runs them, in this process."""
+
+import os
+import signal
+import traceback
+from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout
+from importlib import import_module
+from io import StringIO
+from types import SimpleNamespace
+from unittest.mock import patch
+
+from tests.stag_files import save_matlab5
+
+
+def run_stage(name, *words, cwd):
+    """A stage as its command line runs it, in this process: exit code and what it prints."""
+    command, before = getattr(import_module(f"stages.{name}"), name), signal.getsignal(signal.SIGTERM)
+    code, out, err = 0, StringIO(), StringIO()
+    with ExitStack() as stack:
+        stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": "disabled"}))
+        for manager in (chdir(cwd), redirect_stdout(out), redirect_stderr(err)):
+            stack.enter_context(manager)
+        stack.callback(signal.signal, signal.SIGTERM, before)
+        try:
+            command([str(word) for word in words], prog_name=name)
+        except SystemExit as end:
+            code = end.code
+        except Exception:
+            code = 1
+            traceback.print_exc()
+    return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())
+
+
+def refused(result) -> str:
+    """The one line of a refused run."""
+    lines = result.stderr.strip().splitlines()
+    assert result.returncode == 1, result.stderr
+    assert len(lines) == 1 and lines[0].startswith("Error: "), result.stderr
+    return lines[0]
+
+
+def ingest(place, tree=None, source="metadata.mat"):
+    if tree is not None:
+        save_matlab5(place / source, tree)
+    return run_stage("ingest", "--source", source, "--out", "recordings.h5", "--record", "ingest.json", cwd=place)
+
+
+def preprocess(place, *changes):
+    words = [word for change in changes for word in ("--set", change)]
+    outputs = ("--out", "frames.h5", "--kept", "kept.csv", "--record", "preprocess.json")
+    return run_stage("preprocess", "--recordings", "recordings.h5", *outputs, *words, cwd=place)
+
+
+def left(place) -> set[str]:
+    return {path.name for path in place.iterdir()} - {"params.yaml", "metadata.mat", "recordings.h5", "ingest.json"}

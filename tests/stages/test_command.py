@@ -1,0 +1,89 @@
+"""What every stage's command line shares: parameters are checked first, errors are one line, epochs are told."""
+
+from pathlib import Path
+
+import click
+import pytest
+import torch
+from click.testing import CliRunner
+
+from stages.command import stage
+from stages.job import Job
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.tracking import Run
+from tests.stages.running import left, refused, run_stage
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("views=0", "views is 0; expected an integer in [1, 1000]"),
+        ("views=eight", "views is 'eight'; expected an integer in [1, 1000]"),
+        ("veiws=8", "unknown key veiws; did you mean views?"),
+        ("cluster.methd=none", "unknown key cluster.methd; did you mean cluster.method?"),
+    ],
+)
+def test_a_bad_parameter_is_refused_before_any_work(place, change, says):
+    result = run_stage("ingest", "--source", "x", "--out", "y", "--record", "z", "--set", change, cwd=place)
+    assert says in refused(result) and left(place) == set()
+
+
+def test_several_mistakes_are_all_listed(place):
+    changes = ("views=0", "finetune.lr=-1", "split.by=hour", "colour=red")
+    words = [word for change in changes for word in ("--set", change)]
+    line = refused(run_stage("ingest", "--source", "x", "--out", "y", "--record", "z", *words, cwd=place))
+    assert all(says in line for says in ("views is 0", "finetune.lr is -1", "split.by is 'hour'", "unknown key colour"))
+
+
+def test_debug_shows_the_traceback(place):
+    result = run_stage("ingest", "--source", "x", "--out", "y", "--record", "z", "--debug", cwd=place)
+    assert result.returncode == 1 and "Traceback" in result.stderr
+
+
+def failing(error):
+    """A stage that raises this."""
+
+    @stage("seed")
+    @click.option("--out")
+    def broken(params, job, out):
+        raise error
+
+    return CliRunner().invoke(broken, ["--params", str(ROOT / "params.yaml"), "--record", "record.json"])
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (UserError("views is 0;\n expected more"), "Error: views is 0; expected more\n"),
+        (FileNotFoundError("a.h5: no such file"), "Error: a.h5: no such file\n"),
+        (MemoryError("Unable to allocate 3 GiB"), "out of memory: Unable to allocate 3 GiB"),
+        (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB"), "Tried to allocate 2 GiB"),
+        (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "out of memory: "),
+    ],
+)
+def test_what_a_user_can_mend_ends_in_one_line(monkeypatch, error, says):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    result = failing(error)
+    assert result.exit_code == 1 and says in result.output and result.output.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ValueError("operands could not be broadcast together"),
+        RuntimeError("CUDA error: an illegal memory access was encountered"),
+        KeyError("memory"),
+    ],
+)
+def test_a_fault_of_ours_keeps_its_traceback(monkeypatch, error):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    assert failing(error).exception is error
+
+
+def test_where_no_bar_is_shown_each_epoch_prints_a_line(capsys):
+    job = Job("pretrain", Run(), {})
+    job.on_epoch(30)(3, {"loss": 1.2344, "validation_error": 0.5})
+    assert job.curves == {"loss": [1.2344], "validation_error": [0.5]}
+    assert capsys.readouterr().err.startswith("pretrain: epoch 3/30, loss 1.234, validation error 0.500, ")

@@ -1,0 +1,68 @@
+"""What a stage imports, which is what it waits for and depends on."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactile_viewgcn.frames.table import write_frames
+from tactile_viewgcn.recognition.model_file import save_classifier
+from tests.tables import SMALL, recipe, table, trained
+
+ROOT = Path(__file__).parents[2]
+
+
+PACKAGES = [ROOT / "stages", *(path.parent for path in sorted((ROOT / "tactile_viewgcn").rglob("__init__.py")))]
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_package_files_hold_nothing_that_a_stage_could_depend_on(package):
+    """The lists of code leave them out; what is exported late is in files of its own."""
+    docstring, *more = ast.parse((package / "__init__.py").read_text()).body
+    assert isinstance(docstring, ast.Expr)
+    assert [ast.unparse(each).split("(")[0] for each in more] in (
+        [],
+        ["from typing import Any", "__all__ = ['TactileClassifier']", "def __getattr__"],
+    )
+
+
+def test_the_virtual_glove_takes_no_torch_which_is_not_asked_for_its_errors_where_it_was_never_loaded():
+    code = (
+        "import sys, stages.simulate\n"
+        "from stages.command import _what_to_mend as line\n"
+        "assert 'out of memory' in line(MemoryError()) and line(RuntimeError('x')) is None\n"
+        "assert not {'torch', 'mlflow', 'sklearn', 'matplotlib'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+UNCLUSTERED = """
+import sys
+from stages.cluster import cluster
+from stages.evaluate import evaluate
+
+given = [*sys.argv[1:], "--frames", "frames.h5"]
+cluster([*given, "--out", "views.h5", "--record", "cluster.json"], standalone_mode=False)
+outputs = ["--classifier", "classifier.pt", "--out", "results", "--record", "evaluate.json"]
+evaluate([*given, *outputs], standalone_mode=False)
+print("imported", *sys.modules)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.stability("libraries")
+def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow(row, place):
+    write_frames(place / "frames.h5", table())
+    save_classifier(place / "classifier.pt", trained(), recipe().model, table())
+    changes = (*SMALL, "cluster.method=none", "evaluate.trials=1", "evaluate.confidence_threshold=0", "device=cpu")
+    words = [word for change in changes for word in ("--set", change)]
+    environment = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT)}
+    run = [sys.executable, "-c", UNCLUSTERED, *words]
+    done = subprocess.run(run, check=False, cwd=place, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    imported = done.stdout.split("imported")[-1].split()
+    row("scikit-learn in an unclustered run", "sklearn" in imported)
+    row("MLflow in a run with tracking disabled", "mlflow" in imported)
