@@ -14,7 +14,14 @@ from tests.stag_files import metadata, save_matlab5
 pytestmark = pytest.mark.slow  # test_checkpoint.py interrupts the same trainings in one process
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-RECIPE = ("views=4", "split.by=recording", "precision=float32", "pretrain.epochs=12", "finetune.epochs=8")
+RECIPE = (
+    "views=4",
+    "split.by=recording",
+    "precision=float32",
+    "model.backbone.width=8",
+    "pretrain.epochs=12",
+    "finetune.epochs=8",
+)
 
 
 def command(stage, *words):
