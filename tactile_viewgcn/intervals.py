@@ -34,13 +34,17 @@ def group_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Gener
 def proportion_interval(
     correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """95 % interval of a share, `group_interval` but where it would be a point: all of `correct` (A,) is 0, or all 1.
+    """95 % interval of a share, `group_interval`, that reaches as far as if none of the groups were wrong, or right.
 
     Resampling cannot show what none of the groups did. If each of G groups is one trial, a share of more than
-    1 - 0.025^(1/G) would have shown itself with a probability of 97.5 % (Clopper and Pearson 1934).
+    1 - 0.025^(1/G) would have shown itself with a probability of 97.5 % (Clopper and Pearson 1934). One wrong view set
+    more must not make the interval narrower than that.
+
+    Args:
+        correct, groups: (A,), see `group_interval`.
     """
     interval = group_interval(correct, groups, rng)
-    if interval and correct.min() == correct.max() and correct.max() in (0, 1):
-        reach = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))
-        return (1 - reach, 1.0) if correct.max() else (0.0, reach)
-    return interval
+    if not interval:
+        return None
+    reach = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))
+    return min(interval[0], 1 - reach), max(interval[1], reach)

@@ -110,3 +110,13 @@ def test_any_other_share_has_the_resampled_interval(row):
     row("some right: the resampled interval", max_rel_error(interval, expected))
     assert proportion_interval(np.full(9, 0.5), np.arange(9), np.random.default_rng(0)) == (0.5, 0.5)
     assert proportion_interval(np.ones(4), np.zeros(4), np.random.default_rng(0)) is None
+
+
+def test_one_wrong_view_set_does_not_narrow_the_interval_of_few_groups():
+    groups, correct = np.repeat(np.arange(4), 15), np.ones(60)
+    flawless = proportion_interval(correct, groups, np.random.default_rng(0))
+    correct[7] = 0.9
+    low, high = proportion_interval(correct, groups, np.random.default_rng(0))
+    assert group_interval(correct, groups, np.random.default_rng(0))[0] > 0.98
+    assert (low, high) == flawless and low == pytest.approx(0.025 ** (1 / 4))
+    assert proportion_interval(1 - correct, groups, np.random.default_rng(0))[1] == pytest.approx(1 - low)
