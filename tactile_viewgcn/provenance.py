@@ -18,15 +18,18 @@ import yaml
 from tactile_viewgcn.process import processor, start_ticks, usable_cores
 from tactile_viewgcn.schema import as_change
 
+MOST_LETTERS = 2000  # of the names of changed files
 PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # whose versions a run keeps
 
 
 def git_revision() -> dict[str, str]:
-    """The commit of the code that runs, and whether files of it were changed; empty outside git."""
+    """The commit of the code that runs, whether files of it were changed, and which; empty outside git."""
     commit, status = _git("rev-parse", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
     if commit is None or status is None:
         return {}
-    return {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(status.strip())).lower()}
+    changed = [line[3:] for line in status.splitlines()]
+    told = {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(changed)).lower()}
+    return told | ({"git.changed": ", ".join(changed)[:MOST_LETTERS]} if changed else {})
 
 
 def run_tags(stage: str) -> dict[str, str]:

@@ -57,4 +57,4 @@ def test_the_revision_says_whether_files_were_changed(tmp_path, monkeypatch):
     clean = git_revision()
     assert len(clean["mlflow.source.git.commit"]) == 40 and clean["git.dirty"] == "false"
     (tmp_path / "a").write_text("2")
-    assert git_revision() == clean | {"git.dirty": "true"}
+    assert git_revision() == clean | {"git.dirty": "true", "git.changed": "a"}
