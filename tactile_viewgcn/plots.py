@@ -141,7 +141,8 @@ def histogram(counts: np.ndarray, edges: np.ndarray, marks: dict[str, float]) ->
     axes.stairs(np.maximum(counts, 0.5), edges, fill=True, color="#7fb2c6", baseline=0.5)
     for name, place in marks.items():
         axes.axvline(place, color="#a33", linestyle="--", linewidth=1.2, label=f"{name} {place:g}")
-    axes.set(yscale="log", xlabel="counts above baseline", ylabel="readings")
+    axes.set(yscale="log", xlabel="counts above baseline", ylabel="number of readings")
+    axes.yaxis.set_major_formatter("{x:,.0f}")
     if marks:
         axes.legend(fontsize=9, loc="upper right")
     return figure

@@ -1,15 +1,32 @@
-"""The HTML page: what is given is escaped, and nothing leaves the page."""
+"""HTML pages: what is given is escaped, and nothing leaves the page."""
 
 import base64
-import re
 from html.parser import HTMLParser
 
+import pytest
+from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
-from tactile_viewgcn import html
+from tactile_viewgcn.html import Step, Verdict, environment, picture
 
 NASTY = '<script>alert("x")</script> & "Öl" 気'
 EMPTY = {"meta", "img", "br"}  # elements without an end
+PAGE = """
+{% extends "page.html" %}
+{% import "macros.html" as page %}
+{% block head %}<h1>{{ given }}</h1>{{ page.verdict(verdict, given) }}{{ page.tile(given, given) }}{% endblock %}
+{% block sections %}
+{% call page.section(given) %}
+{{ page.steps([step]) }}
+{% call page.table([given, "error"], "tn") %}
+<tr><td>{{ page.named(given, given) }}</td><td class="n">{{ page.bar(0.5) }}</td></tr>
+{% endcall %}
+{% call page.picture(image) %}{{ given }}{% endcall %}
+{% endcall %}
+{% call page.section("Error and time") %}{% endcall %}
+{{ page.words({given: given}) }}
+{% endblock %}
+"""
 
 
 class Balanced(HTMLParser):
@@ -37,48 +54,45 @@ def parsed(text):
     return parser
 
 
-def drawn(title="a"):
+def drawn(title="a", alt="b"):
     figure = Figure(figsize=(2, 1))
     figure.add_subplot().set_title(title, parse_math=False)
-    return figure
+    return picture(figure, alt)
+
+
+def page_of(given):
+    content = {"verdict": Verdict("bad", given, [given]), "step": Step(given, given, given), "image": drawn(alt=given)}
+    return environment().from_string(PAGE).render(title=given, given=given, **content)
 
 
 def test_everything_that_is_given_is_escaped_once():
-    parts = [
-        html.paragraph(NASTY, html.bold(NASTY)),
-        html.command(NASTY),
-        html.bullets([NASTY]),
-        html.tiles([(NASTY, NASTY)]),
-        html.table((NASTY,), [(NASTY,)], caption=NASTY),
-        html.details(NASTY, html.code(NASTY)),
-        html.picture(drawn(), alt=NASTY, caption=NASTY),
-    ]
-    text = html.page(NASTY, [html.element("h1", NASTY)], [html.section(NASTY, *parts)])
-    assert "script" not in parsed(text).tags and "&amp;lt;" not in text and "Öl&quot; 気" in text
+    text = page_of(NASTY)
+    assert "script" not in parsed(text).tags and "&amp;lt;" not in text
+    assert text.count("alert(") == text.count("&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt; &amp; ") == 19
 
 
 def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
-    text = html.page("a", [], [html.section("Error and time", html.picture(drawn(), "b")), html.section("Öl", "c")])
-    addresses = parsed(text).addresses
-    assert [address for address in addresses if not address.startswith("data:image/svg+xml;base64,")] == [
-        "#error-and-time",
-        "#öl",
-    ]
+    text = page_of("Öl")
+    addresses = [address for address in parsed(text).addresses if not address.startswith("data:image/svg+xml;base64,")]
+    assert addresses == ["#what-to-do-next", "#öl", "#error-and-time", "#words"]
     assert all(f'id="{name}"' in text for name in ("error-and-time", "öl"))
     assert "default-src 'none'" in text and "http://" not in text and "url(" not in text
 
 
+def test_every_table_and_picture_is_in_a_panel_that_scrolls_and_says_so():
+    text = page_of("Öl")
+    assert text.count('<div class="panel" tabindex="0"><') == text.count("<table>") + text.count("<img") == 3
+    assert ".panel::before" in text and "wider than the screen: scroll sideways" in text
+    assert '<th class="n">error</th>' in text and '<span class="bar" style="width:50.0%">' in text
+
+
+def test_what_a_template_is_not_given_is_an_error():
+    with pytest.raises(UndefinedError, match="step"):
+        environment().from_string(PAGE).render(title="a", given="b", verdict=Verdict("good", "c", []))
+
+
 def test_a_picture_is_an_svg_with_its_letters_as_text():
-    (data,) = re.findall(r'base64,([^"]+)"', html.picture(drawn("Öl 気 $x$"), "b"))
+    data = drawn("Öl 気 $x$").address.partition("base64,")[2]
     svg = base64.b64decode(data).decode()
     assert ">Öl 気 $x$</text>" in svg and "<script" not in svg
-    assert html.picture(drawn(), "b") == html.picture(drawn(), "b"), "equal pictures give equal pages"
-
-
-def test_a_table_sets_the_columns_that_are_named_as_numbers():
-    text = html.table(("object", "error"), [("mug", "3 %")], numbers="tn")
-    assert "<td>mug</td>" in text and '<td class="number">3 %</td>' in text and '<th class="number">error</th>' in text
-
-
-def test_a_bar_is_as_long_as_its_share_and_no_longer_than_all():
-    assert "width:50.0%" in html.bar(0.5) and "width:100.0%" in html.bar(1.5) and "width:0.0%" in html.bar(-1)
+    assert drawn() == drawn(), "equal pictures give equal pages"

@@ -1,64 +1,39 @@
-"""The parts of a run's page that show errors: with their intervals and cost, by object, by pair, and in training."""
+"""What a run's page shows of errors: with their intervals and cost, by object, by pair, and in training."""
+
+from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn import html, plots
-from tactile_viewgcn.evaluation.answers import Pair, answers_by_object, chance_error, counts_of, worst_pairs
+from tactile_viewgcn import plots
+from tactile_viewgcn.evaluation.answers import Pair, counts_of, worst_pairs
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
-from tactile_viewgcn.evaluation.wording import (
-    PROTOCOLS,
-    STAGES,
-    error_ends,
-    interval,
-    percent,
-    pretrains,
-    seconds,
-)
-from tactile_viewgcn.html import Html, bar, bold, named, paragraph, picture, section, several, table
+from tactile_viewgcn.evaluation.verdict import Outcome
+from tactile_viewgcn.evaluation.wording import PROTOCOLS, STAGES, error_ends, interval, percent, pretrains, seconds
+from tactile_viewgcn.html import Picture, picture, several
 
 PAIRS = 4
 CLUSTERED = 2  # objects whose clusters are shown
 INPUT = "network input"
+NO_BACKBONE = "left out: this system needs no pretrained backbone"
 
 
-def main_protocol(run: FinishedRun) -> str:
-    """The protocol that the page speaks of: what a user of a new recording gets, where that was evaluated."""
-    return "recording" if "recording" in run.metrics else "object"
-
-
-def error_section(run: FinishedRun) -> tuple[str, Html]:
-    """Errors with their intervals beside the time that they cost."""
+def errors(run: FinishedRun, seen: Outcome) -> dict[str, Any]:
+    """Errors with their intervals: a picture, and (protocol, what it is, error, interval, error of first three)."""
     scores = {name: run.metrics[name] for name in PROTOCOLS if name in run.metrics}
-    chance = chance_error(run.predictions)
     strips = {
         f"{name} protocol": (score["error"]["mean"], *(error_ends(score) or (score["error"]["mean"],) * 2))
         for name, score in scores.items()
     }
+    alt = f"Errors with their 95 % intervals; guessing errs in {percent(seen.chance)}."
     rows = [
-        (
-            named(f"{name} protocol", PROTOCOLS[name]),
-            percent(score["error"]["mean"]),
-            interval(score),
-            percent(1 - score["top3"]["mean"]),
-        )
+        (name, PROTOCOLS[name], percent(score["error"]["mean"]), interval(score), percent(1 - score["top3"]["mean"]))
         for name, score in scores.items()
     ]
-    header = ("", "error", "95 % interval", "not among first three")
-    return section(
-        "Error and time",
-        picture(
-            plots.error_intervals(strips, chance),
-            f"Errors with their 95 % intervals; guessing errs in {percent(chance)}.",
-            "Dot: error. Bar: its 95 % interval, which resamples split groups. Dashed: always naming the same object.",
-        ),
-        table(header, rows, numbers="tnnn"),
-        *_sequential(run),
-        _time_table(run),
-    )
+    return {"picture": picture(plots.error_intervals(strips, seen.chance), alt), "rows": rows}
 
 
-def _sequential(run: FinishedRun) -> list[Html]:
-    """Errors by number of frames, where the run answers frame by frame."""
+def sequential(run: FinishedRun) -> list[tuple[str, str, str, str]]:
+    """Frames, error, interval and calibration error, where the run answers frame by frame."""
     if "sequential" not in run.metrics:
         return []
     score = run.metrics["sequential"]
@@ -66,90 +41,47 @@ def _sequential(run: FinishedRun) -> list[Html]:
         (count, percent(one["error"]), _ends(one["ci95"]), percent(one["calibration_error"]))
         for count, one in score["fixed"].items()
     ]
-    stop = f"{score['mean']:.2f} on average, stopping at {score['confidence_threshold']:g}"
-    rows.append((stop, percent(score["error"]), _ends(score["ci95"]), ""))
-    header = ("frames", "error", "95 % interval", "calibration error")
-    return [html.element("h3", "Fewer frames"), table(header, rows, numbers="tnnn")]
+    stop = f"{score['mean']:.2f} on average, stopping at a confidence of {score['confidence_threshold']:g}"
+    return [*rows, (stop, percent(score["error"]), _ends(score["ci95"]), "")]
 
 
 def _ends(ends: dict[str, float] | None) -> str:
-    return f"{100 * ends['low']:.1f} to {100 * ends['high']:.1f} %" if ends else ""
+    return f"{100 * ends['low']:.1f} to {percent(ends['high'])}" if ends else "none: there is one group"
 
 
-def _time_table(run: FinishedRun) -> Html:
-    times, latency = run.timing["seconds"], run.timing["latency_ms"]
-    rows: list[list[object]] = []
+def stage_times(run: FinishedRun) -> list[tuple[str, str, str, float]]:
+    """Stage, what it does, its time in words, and its share of all."""
+    times = run.timing["seconds"]
+    rows = []
     for stage in (name for name in STAGES if name in times):
-        left_out = stage == "pretrain" and not pretrains(run.params)
-        what = "left out: this system needs no pretrained backbone" if left_out else STAGES[stage]
-        rows.append([named(stage, what), seconds(times[stage]), bar(times[stage] / times["total"])])
-    rows.append([bold("total"), bold(seconds(times["total"])), ""])
-    return html.join(
-        [
-            table(("stage", "time", ""), rows, numbers="tn"),
-            paragraph(
-                f"One answer takes {latency['single']['median']:.1f} ms alone (95th percentile "
-                f"{latency['single']['p95']:.1f}), {latency['batch']['median']:.2f} ms in batches. "
-                f"Most memory that a stage held: {run.timing['peak_mb']:,.0f} MB."
-            ),
-        ]
-    )
+        what = NO_BACKBONE if stage == "pretrain" and not pretrains(run.params) else STAGES[stage]
+        rows.append((stage, what, seconds(times[stage]), times[stage] / times["total"]))
+    return rows
 
 
-def objects_section(run: FinishedRun) -> tuple[str, Html]:
-    """The error of each object, and which answer it got."""
-    protocol = main_protocol(run)
-    counts = counts_of(run.predictions, protocol)
-    objects = answers_by_object(run.predictions, protocol)
+def confusion(run: FinishedRun, seen: Outcome) -> Picture:
+    """Which object was held, and which was answered."""
     names = [str(name) for name in run.predictions.classes]
-    rows = [
-        (
-            bold(each.name),
-            percent(each.error),
-            bar(each.error),
-            f"{each.taken_for[0]} ({percent(each.taken_for[1] / each.answers)})" if each.taken_for else "",
-            f"{each.recordings:,}",
-            f"{each.answers:,}",
-        )
-        for each in objects
-    ]
-    header = ("object", "error", "", "most often taken for", "recordings", "answers")
-    return section(
-        "Objects",
-        paragraph("The object with the highest error comes first."),
-        table(header, rows, numbers="tnttnn"),
-        paragraph("An object with one test recording has been tried once: its error says little.", kind="soft")
-        if any(each.recordings == 1 for each in objects)
-        else "",
-        picture(
-            plots.confusions({f"{protocol} protocol, all trials": counts}, names),
-            "Which object was held, which one was named.",
-            "Each row is an object that was held, each column an answer; dark on the diagonal is right.",
-        ),
-    )
+    counts = {f"{seen.protocol} protocol, all trials": counts_of(run.predictions, seen.protocol)}
+    return picture(plots.confusions(counts, names), "Which object was held, which one was answered.")
 
 
-def pairs_section(run: FinishedRun) -> tuple[str, Html]:
-    """The pairs that are mistaken for each other most, side by side on the hand."""
-    protocol, predictions = main_protocol(run), run.predictions
-    answers = counts_of(predictions, protocol).sum(axis=1)
-    pairs = worst_pairs(predictions, protocol, PAIRS)
-    if not pairs:
-        return section("Worst pairs", paragraph("No object was mistaken for another.", kind="good"))
-    return section(
-        "Worst pairs",
-        paragraph(
-            "The objects that were mistaken for each other most: the mean pressure frame of each, on the tested side, "
-            "with the same colours for both."
-        ),
-        html.element("div", *(_pair_picture(run, pair, answers) for pair in pairs), kind="side-by-side"),
-    )
+def pairs(run: FinishedRun, seen: Outcome) -> list[tuple[Picture, str]]:
+    """The pairs that are mistaken for each other most, side by side on the hand, with their mistakes in words."""
+    answers = counts_of(run.predictions, seen.protocol).sum(axis=1)
+    worst = worst_pairs(run.predictions, seen.protocol, PAIRS)
+    return [(_pair_picture(run, pair), _mistakes(run, pair, answers)) for pair in worst]
 
 
-def _pair_picture(run: FinishedRun, pair: Pair, answers: np.ndarray) -> Html:
-    predictions = run.predictions
-    both = [pair.first, pair.second]
-    first, second = (str(predictions.classes[label]) for label in both)
+def _pair_picture(run: FinishedRun, pair: Pair) -> Picture:
+    predictions, both = run.predictions, [pair.first, pair.second]
+    names = [str(predictions.classes[label]) for label in both]
+    figure = plots.mean_frames(predictions.mean_frames[both], predictions.live, names, INPUT)
+    return picture(figure, f"Mean frames of {names[0]} and {names[1]}.")
+
+
+def _mistakes(run: FinishedRun, pair: Pair, answers: np.ndarray) -> str:
+    first, second = (str(run.predictions.classes[label]) for label in (pair.first, pair.second))
     told = [
         f"{held} was taken for {named} in {mistakes:,} of {several(int(answers[label]), 'answer')}"
         for held, named, mistakes, label in (
@@ -158,47 +90,33 @@ def _pair_picture(run: FinishedRun, pair: Pair, answers: np.ndarray) -> Html:
         )
         if mistakes
     ]
-    figure = plots.mean_frames(predictions.mean_frames[both], predictions.live, [first, second], INPUT)
-    return picture(figure, f"Mean frames of {first} and {second}.", f"{'; '.join(told)}.")
+    return f"{'; '.join(told)}."
 
 
-def curves_section(run: FinishedRun) -> list[tuple[str, Html]]:
-    """The curves of the trainings, where there are any."""
+def curves(run: FinishedRun) -> list[tuple[Picture, str]]:
+    """The curves of the trainings, where there are any, with what each trains."""
     trained = {stage: run.records[stage]["curves"] for stage in ("pretrain", "finetune")}
-    pictures = [
-        picture(
-            plots.curves(lines, stage),
-            f"Curves of {stage}.",
+    return [
+        (
+            picture(plots.curves(lines, stage), f"Curves of {stage}."),
             f"{stage}: {STAGES[stage]}, {several(len(next(iter(lines.values()))), 'epoch')}.",
         )
         for stage, lines in trained.items()
-        if lines
+        if lines and len(next(iter(lines.values()))) > 1  # one epoch is no curve
     ]
-    return [section("Training curves", *pictures)] if pictures else []
 
 
-def clusters_section(run: FinishedRun) -> list[tuple[str, Html]]:
-    """The mean frame of each cluster of the objects that are mistaken most, where frames are clustered and kept."""
+def clusters(run: FinishedRun, seen: Outcome) -> list[tuple[Picture, str]]:
+    """The mean frame of each cluster of the worst pair's objects, where frames are clustered and kept."""
     if run.cluster_means is None:
         return []
     predictions = run.predictions
-    pairs = worst_pairs(predictions, main_protocol(run), 1)
-    labels = [pairs[0].first, pairs[0].second] if pairs else list(range(min(CLUSTERED, len(predictions.classes))))
+    worst = worst_pairs(predictions, seen.protocol, 1)
+    labels = [worst[0].first, worst[0].second] if worst else list(range(min(CLUSTERED, len(predictions.classes))))
     views = [f"view {number + 1}" for number in range(run.cluster_means.shape[1])]
-    return [
-        section(
-            "Clusters on the hand",
-            paragraph(
-                "A view set takes one frame from each cluster of an object's frames. The clusters' mean frames on the "
-                "training side show how differently the object was held."
-            ),
-            *(
-                picture(
-                    plots.mean_frames(run.cluster_means[label], predictions.live, views, INPUT),
-                    f"Mean frames of the clusters of {predictions.classes[label]}.",
-                    str(predictions.classes[label]),
-                )
-                for label in labels
-            ),
-        )
-    ]
+    shown = []
+    for label in labels:
+        name = str(predictions.classes[label])
+        figure = plots.mean_frames(run.cluster_means[label], predictions.live, views, INPUT)
+        shown.append((picture(figure, f"Mean frames of the clusters of {name}."), name))
+    return shown

@@ -19,6 +19,7 @@ from tactile_viewgcn.views.table import read_views
 
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")
 REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
+WARNING = "warning: "
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 Read = Callable[[str], bytes]  # the content of a file by its path in the workspace; FileNotFoundError
 
@@ -54,8 +55,25 @@ class FinishedRun:
         return Path(self.params["data.source"]) == Path(VIRTUAL)
 
     @property
+    def changed(self) -> dict[str, Any]:
+        """Parameters that differ from the committed ones, by dotted key."""
+        return self.records["evaluate"]["params"]["changed"]
+
+    @property
     def notes(self) -> list[tuple[str, str]]:
-        """Pairs of a stage and what it noted."""
+        """Pairs of a stage and what it noted, warnings left out."""
+        return [(stage, note) for stage, note in self._told() if WARNING not in note]
+
+    @property
+    def warnings(self) -> list[tuple[str, str]]:
+        """Pairs of a stage and what it warned of."""
+        told = [(stage, _sentences(note)) for stage, note in self._told() if WARNING in note]
+        for stage, epoch in self.metrics.get("diverged_in_epoch", {}).items():
+            text = f"the training diverged in epoch {epoch:g}, and this is what the weights before it give"
+            told.append((stage, f"{text}; lower {stage}.lr"))
+        return told
+
+    def _told(self) -> list[tuple[str, str]]:
         return [(stage, note) for stage, record in self.records.items() for note in record["notes"]]
 
 
@@ -85,6 +103,12 @@ def read_run(name: str = "") -> FinishedRun:
         records,
         _cluster_means(read),
     )
+
+
+def _sentences(note: str) -> str:
+    """A warning, and before it what it is drawn from, if the note says so."""
+    parts = (part.strip() for part in note.split(WARNING))
+    return ". ".join(part[0].upper() + part[1:] for part in parts if part)
 
 
 def _check(name: str, contents: dict[str, bytes], records: dict[str, dict[str, Any]]) -> None:

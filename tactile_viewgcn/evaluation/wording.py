@@ -23,6 +23,13 @@ SPLITS = {
     "session": "whole sessions",
     "frame": "single frames, so that neighbours in time stand on both sides",
 }
+UNSEEN = {  # what is on the test side, by `split.by`
+    "source": "of the published test side",
+    "recording": "of a recording that it has not learnt from",
+    "grasp": "of a grasp that it has not learnt from",
+    "session": "of a session that it has not learnt from",
+    "frame": "right beside frames that it has learnt from",
+}
 PROTOCOLS = {
     "recording": "all frames of an answer come from one recording, as in use",
     "object": "the frames come from any test recording of the object, as in the paper",
@@ -34,6 +41,45 @@ STAGES = {
     "pretrain": "train the backbone on single frames",
     "finetune": "train on view sets, or fit",
     "evaluate": "test",
+}
+
+NOTED = {  # what a stage's remark is about, by how it begins
+    "filter flags": "Filter",
+    "filter contact": "Filter",
+    "filter": "Filter",
+    "baseline": "Baseline",
+    "split": "Split",
+    "classes": "Objects",
+    "anchors": "Anchors",
+    "train": "Training side",
+    "validation": "Validation side",
+    "test": "Test side",
+    "leak check": "Leak check",
+}
+WORDS = {
+    "frame": "one reading of all sensors of the glove",
+    "count": "the unit that the sensors are read in",
+    "contact": "a frame in which enough sensors read clearly more than without an object",
+    "flag": "the mark of the recordings themselves that an object is held in a frame",
+    "open hand": "the glove worn, and nothing pressed; of a whole recording also called the empty hand",
+    "baseline": "what the sensors read of the open hand; it is subtracted from every frame",
+    "network input": "what a classifier is given of a sensor: its counts above the baseline, scaled",
+    "recording": "the frames taken in one go, of one object",
+    "session": "the recordings between two fittings of the glove",
+    "split group": "frames that never stand on two sides of the split, because they resemble each other",
+    "training, test side": "what the classifier learns from, and what it is asked about afterwards",
+    "validation side": "a part of the training side, held back for choices, so that the test side is used once",
+    "view set": "the frames that are classified together; each is a view",
+    "anchor": "a frame that a view set is drawn around; equally many of every object where there are enough",
+    "cluster": "frames of an object that resemble each other; a view set takes one frame of each",
+    "trial": "one drawing of a view set around each anchor",
+    "guessing": "always naming the object that most test view sets are of",
+    "95 % interval": "where the error would lie in 95 of 100 repetitions with other split groups of the same source; "
+    "never narrower than if as many groups had been tested without a mistake",
+    "confidence": "the probability that the classifier gives its own answer",
+    "calibration error": "how far, on average, that probability is from the share of right answers",
+    "leak check": "whether the object can be told from frames without contact; then an error says little about touch",
+    "backbone": "the network that turns one frame into features, trained before the classifier",
 }
 
 

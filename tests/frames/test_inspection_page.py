@@ -2,15 +2,18 @@
 
 import base64
 import re
+from dataclasses import replace
 from html import unescape
 
 import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.inspection_page import inspection_page
+from tactile_viewgcn.frames import inspection_page as module
+from tactile_viewgcn.frames.inspection_page import attention, inspection_page
 from tactile_viewgcn.frames.recommendation import recommend
 from tactile_viewgcn.frames.source_inspection import inspect_source
+from tactile_viewgcn.html import Picture
 from tests.test_html import parsed
 
 NAMES = ["Öl & <b>", "mug", "$x$"]
@@ -33,20 +36,45 @@ def recordings(tmp_path_factory):
     return folder
 
 
-def test_the_page_says_what_the_inspection_found(recordings):
-    seen = inspect_source(recordings)
-    page = inspection_page(seen)
-    text = re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", page)))
+@pytest.fixture(scope="module")
+def seen(recordings):
+    return inspect_source(recordings)
+
+
+@pytest.fixture(scope="module")
+def page(seen):
+    return inspection_page(seen)
+
+
+def text_of(page):
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", page)))
+
+
+def test_the_page_says_what_the_inspection_found(seen, page):
+    text = text_of(page)
     assert "3 objects in 12 recordings of 2 sessions" in text and "8 x 12 sensors, of which 95 vary" in text
     assert all(name in text for name in NAMES) and "-S 'data.source=\"" in text
     for one in recommend(seen):
         assert one.reason in text and str(one).partition(":")[0] in text
+    assert "Usable, with 1 warning. Each object has 4 recordings or more." in text and "24 sensors hardly vary." in text
+    assert f"at least {seen.contact_sensors} sensors read clearly more than the open hand" in text
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
 
 
-def test_the_pictures_say_how_many_sensors_are_dead_and_where_contact_is(recordings):
-    seen = inspect_source(recordings)
-    pictures = [base64.b64decode(data).decode() for data in re.findall(r'base64,([^"]+)"', inspection_page(seen))]
+def test_objects_that_were_recorded_once_or_never_touched_are_warned_of(seen, monkeypatch):
+    monkeypatch.setattr(module, "picture", lambda figure, alt: Picture(alt, "data:", 100))
+    assert [text for text, _ in attention(seen, "grasp")] == ["24 sensors hardly vary."]
+    mug, oil = (seen.objects.index(name) for name in ("mug", "Öl & <b>"))
+    recorded = np.where(np.arange(3) == oil, 1, 4)
+    once = replace(seen, groups={"recording": recorded}, contact=np.where(seen.label == mug, 0, seen.contact))
+    untouched, single, _ = (text for text, _ in attention(once, "grasp"))
+    assert untouched == "Never in contact: mug." and single.startswith("Recorded once: Öl & <b>.")
+    hardly = replace(seen, groups={"recording": np.array([1, 1, 4])})
+    assert "Not yet: there are no two objects with two recordings each." in inspection_page(hardly)
+
+
+def test_the_pictures_say_how_many_sensors_are_dead_and_where_contact_is(seen, page):
+    pictures = [base64.b64decode(data).decode() for data in re.findall(r'base64,([^"]+)"', page)]
     assert any(">does not vary: 1<" in picture for picture in pictures)
     held = seen.readings.held[0]
     assert len(held) == len(seen.readings.activity[0]) == 60

@@ -1,19 +1,20 @@
 """`tactile-viewgcn report` of a run that the stages have left in a workspace."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
 import sys
 from html import unescape
 from pathlib import Path
 
 import pytest
 
+from tactile_viewgcn import cli
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.evaluation import error_sections
 from tactile_viewgcn.evaluation.finished_run import read_run
 from tactile_viewgcn.evaluation.run_page import run_page
+from tactile_viewgcn.html import Picture
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import run_stage
 from tests.tables import SMALL
@@ -69,27 +70,51 @@ def test_the_page_says_what_the_files_say(workspace):
     text = text_of(page)
     assert f"{100 * metrics['recording']['error']['mean']:.1f} % of the cases" in text
     assert "Which of 4 objects does the hand hold?" in text and "Simulated" not in text
+    assert "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
     assert f"{record['counts']['frames.train']:,}" in text
-    assert [note for note in record["notes"] if note not in text] == []
+    remarks = [note.partition(": ")[2] for note in record["notes"]]
+    assert len(remarks) > 5 and [remark for remark in remarks if remark not in text] == []
     assert "pretrain left out: this system needs no pretrained backbone" in text and "Clusters on the hand" in text
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"}) and "&lt;b&gt;Öl &amp; $x$" in page
 
 
-def test_warnings_and_curves_are_shown_where_there_are_some(workspace):
-    quiet = text_of(run_page(read_run()))
-    assert "No stage gave a warning" in quiet and "Training curves" not in quiet
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages without pictures, whose drawing takes longer than all else."""
+    monkeypatch.setattr(error_sections, "picture", lambda figure, alt: Picture(alt, "data:", 100))
+
+
+def test_warnings_and_curves_are_shown_where_there_are_some(workspace, undrawn):
     run = read_run()
+    quiet = text_of(run_page(run))
+    assert "No stage gave a warning" in quiet and "Training curves" not in quiet
     run.records["preprocess"]["notes"].append("leak check: told\n  warning: better than by chance: choose another")
     run.records["finetune"]["curves"]["loss"] = [3.0, 2.0]
     text = text_of(run_page(run))
-    assert "No stage gave a warning" not in text and "better than by chance: choose another" in text
-    assert "Training curves" in text and "2 epochs" in text
+    assert "No stage gave a warning" not in text and "Leak check: told. Better than by chance: choose another" in text
+    assert "1 warning was given" in text and "Training curves" in text and "2 epochs" in text
 
 
-def test_the_page_of_simulated_recordings_says_so(workspace):
+def test_wrong_answers_are_told_with_the_scale_of_their_pictures(workspace, undrawn):
+    run = read_run()
+    run.predictions.predicted["recording"][:] = 0
+    run.metrics["recording"]["error"]["mean"] = 0.75
+    run.metrics["recording"]["top1"]["ci95"] = {"low": 0.0, "high": 0.5}
+    text, scale = text_of(run_page(run)), run.records["preprocess"]["counts"]["resolved.preprocess.scale"]
+    assert (
+        "No: this result is no better than guessing." in text and "The 3 pairs of objects with the most wrong" in text
+    )
+    assert f"Network input 0 is the baseline or less, 1 is {scale:g} counts above it or more." in text
+
+
+def test_a_simulated_run_says_so_and_one_of_a_changed_tree_says_what_was_changed(workspace, undrawn):
     run = read_run()
     run.params["data.source"] = "data/virtual/recordings"
-    assert "Simulated data" in text_of(run_page(run))
+    changes = {"git.dirty": "true", "git.changed": "params.yaml, tactile_viewgcn/plots.py"}
+    run.records["evaluate"]["origin"].update({"mlflow.source.git.commit": "0" * 40} | changes)
+    text = text_of(run_page(run))
+    assert "Simulated data" in text and f"git checkout {'0' * 40} dvc exp run" in text
+    assert "do not bring back all of it: tactile_viewgcn/plots.py had changes that were not committed" in text
 
 
 def test_a_run_that_does_not_belong_together_is_refused(workspace):
@@ -106,16 +131,15 @@ def test_an_unfinished_run_is_refused(workspace, name):
         read_run()
 
 
-def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace):
-    def call(*words):
-        command = [sys.executable, "-m", "tactile_viewgcn", "report", *words]
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "MLFLOW_TRACKING_URI": "disabled"}
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-
-    result = call("--out", "new/page.html")
-    assert result.returncode == 0 and result.stdout.startswith("new/page.html: "), result.stderr
-    assert 1e4 < Path("new/page.html").stat().st_size < 3e6
+def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, monkeypatch, capsys):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    monkeypatch.setattr(sys, "argv", ["tactile-viewgcn", "report", "--out", "new/page.html"])
+    cli.main()
+    assert capsys.readouterr().out.startswith("new/page.html: ") and 1e4 < Path("new/page.html").stat().st_size < 3e6
     for name, says in (("nowhere", "nowhere: no experiment"), ("0" * 32, "MLFLOW_TRACKING_URI is disabled")):
-        result = call(name)
-        assert result.returncode == 1 and len(result.stderr.splitlines()) == 1 and says in result.stderr
+        monkeypatch.setattr(sys, "argv", ["tactile-viewgcn", "report", name])
+        with pytest.raises(SystemExit, match=r"^1$"):
+            cli.main()
+        err = capsys.readouterr().err
+        assert len(err.splitlines()) == 1 and says in err
     assert not Path("report.html").exists()
