@@ -7,10 +7,8 @@ import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.checks import preprocessing_warnings
 from tactile_viewgcn.frames.leak import check_leak, describe
-from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
-from tactile_viewgcn.frames.recommendation import inspect_contact, resolve
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.frames.table import write_frames
@@ -18,22 +16,19 @@ from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recordings.table import Recordings
 
 
-@stage("preprocess", "split")
+@stage("preprocess", "split", "pretrain.noise", "finetune.noise")
 @click.option("--recordings", type=INPUT, required=True)
 @click.option("--out", type=OUTPUT, required=True)
 @click.option("--kept", type=OUTPUT, required=True, help="Account of kept and dropped frames, per object and session.")
 def preprocess(params, job, recordings, out, kept):
     """Subtract the baseline, filter, split and balance the frames."""
-    split = params.split
+    split, noise = params.split, max(params.pretrain.noise, params.finetune.noise)
     with Recordings(recordings) as table:
-        hand, inspection = inspect_contact(table, params.preprocess)
-        values, choices = resolve(params.preprocess, inspection)
-        baseline = measure_baseline(table, values)
-        frames, selection = prepare(table, values, split, stream(split.seed, "preprocess"), baseline)
+        made = preprocess_recordings(table, params.preprocess, split, noise=noise)
+        frames, selection, leak = made.frames, made.selection, None
         rows = selection_counts(table, selection)
-        leak = None
-        if not inspection.taken_whole:
-            leak = check_leak(table, baseline, hand, split.by, stream(split.seed, "leak"))
+        if made.inspection and not made.inspection.all_contact:
+            leak = check_leak(table, made.baseline, made.inspection.hand, split.by, stream(split.seed, "leak"))
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
@@ -47,10 +42,9 @@ def preprocess(params, job, recordings, out, kept):
     for side in SIDES:
         number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
         print("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
-    notes = [*baseline.notes, *selection.notes, *preprocessing_warnings(inspection, frames, values)]
-    for note in (*map(str, choices), *notes, describe(leak, values.baseline)):
+    for note in (*map(str, made.choices), *made.notes, describe(leak, made.params.baseline)):
         job.note(note)
-    resolved = {f"resolved.{one.key}": one.value for one in choices}
+    resolved = {f"resolved.{one.key}": one.value for one in made.choices}
     sizes = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
     sizes |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
     return sizes | counts | leaked | resolved

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frames.automatic import decide
 from tactile_viewgcn.frames.preprocessing import prepare
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.classifier import Classifier
@@ -58,7 +59,9 @@ def table(*changes: str) -> Frames:
         source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings.h5"
         write_recordings(path, read_metadata(save_matlab5(source, tree)), "")
         with Recordings(path) as recordings:
-            return prepare(recordings, params.preprocess, params.split, np.random.default_rng(params.seed))[0]
+            return prepare(
+                recordings, decide(recordings, params.preprocess)[0], params.split, np.random.default_rng(params.seed)
+            )[0]
 
 
 def views_of(frames: Frames, params: Params) -> Views:

@@ -53,18 +53,12 @@ def floats(
     return folder
 
 
-def drifting_array(
-    folder: Path, *, recordings: int = RECORDINGS, seconds: int = 4, rate_of_drift: float = 2.0, seed: int = 0
-) -> Path:
-    """4 x 4 sensors at 200 Hz whose baselines differ by twice the signal between recordings, and drift in them.
-
-    Args:
-        rate_of_drift: counts a second, up or down.
-    """
+def drifting_array(folder: Path, *, recordings: int = RECORDINGS, seconds: int = 4, seed: int = 0) -> Path:
+    """4 x 4 sensors at 200 Hz whose baselines differ by twice the signal between recordings, and drift in them."""
     rng, rate = np.random.default_rng(seed), 200
     patterns, time = _patterns(rng, (4, 4), 0.5), np.arange(seconds * rate) / rate
     for label, number in np.ndindex(OBJECTS, recordings):
-        slope = rng.choice([-1, 1], (4, 4)) * rate_of_drift
+        slope = rng.choice([-1, 1], (4, 4)) * 2.0
         baseline = 800 + rng.normal(0, 2 * SIGNAL, (4, 4)) + slope * time[:, None, None]
         held = (time >= 1) & (time < 3)
         counts = baseline + SIGNAL * held[:, None, None] * patterns[label] + rng.normal(0, 2, (len(time), 4, 4))

@@ -5,63 +5,63 @@ import numpy as np
 from tactile_viewgcn.frames.baseline import quiet_frames
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.table import Frames
-from tactile_viewgcn.params import Preprocess
+from tactile_viewgcn.params import PreprocessSection
 
 MOST_FRAMES = 1000  # that are looked at
 MOST_CLIPPED = 0.2  # of the readings of sensors in contact
-TRAINING_NOISE = 0.015  # of full scale: what both trainings add to the input, see `pretrain.noise`
 
 
-def preprocessing_warnings(seen: Inspection, frames: Frames, preprocess: Preprocess) -> list[str]:
-    """Warnings on baseline and scale.
+def preprocessing_warnings(seen: Inspection, frames: Frames, asked: PreprocessSection, noise: float) -> list[str]:
+    """Warnings on baseline and scale, each with what else could be set; where `auto` chose, that is not `auto`.
 
     Args:
-        preprocess: without `auto`.
+        frames: what was made of the recordings.
+        noise: that training adds to the network's input, as a share of full scale.
     """
-    warnings = [_baseline_warning(seen, preprocess), _scale_warning(seen, frames, preprocess)]
+    warnings = [_baseline_warning(seen, frames, asked), _scale_warning(seen, frames, asked, noise)]
     return [f"warning: {warning}" for warning in warnings if warning]
 
 
-def _baseline_warning(seen: Inspection, preprocess: Preprocess) -> str | None:
+def _baseline_warning(seen: Inspection, frames: Frames, asked: PreprocessSection) -> str | None:
     """Of a baseline that is the mean of frames in contact."""
-    kind = preprocess.baseline
+    kind = frames.preprocess["baseline"]
     if kind not in ("quiet", "grasp"):
         return None
-    if seen.taken_whole:
+    if seen.all_contact:
         return (
             f"baseline {kind} is made of frames in contact, as even the quietest are: it is subtracted from the "
             "signal; set preprocess.baseline to auto, which takes the recordings as they are"
         )
-    taken = np.array([quiet_frames(count, preprocess.quiet_share) for count in seen.frames])
+    taken = np.array([quiet_frames(count, asked.quiet_share) for count in seen.frames])
     short = int((seen.frames - seen.contact < taken).sum()) if kind == "quiet" else 0
     if not short:
         return None
+    remedy = "record an open hand first" if asked.baseline == "auto" else "set preprocess.baseline to auto"
     return (
         f"baseline quiet is made of frames in contact in {short} of {len(taken)} recordings, which have fewer frames "
-        f"without contact than the {taken.min()} or more that it takes; set preprocess.baseline to auto, or record an "
-        "open hand first"
+        f"without contact than the {taken.min()} or more that it takes; {remedy}, or lower preprocess.quiet_share"
     )
 
 
-def _scale_warning(seen: Inspection, frames: Frames, preprocess: Preprocess) -> str | None:
+def _scale_warning(seen: Inspection, frames: Frames, asked: PreprocessSection, noise: float) -> str | None:
     """Of a scale that clips much of what sensors in contact read, or at which it drowns in the noise of training."""
-    if preprocess.transform != "clip":
+    if frames.transform != "clip":
         return None
-    scale = float(preprocess.scale)
     index = np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int))
     excess = frames.inputs(index, "counts")
-    pressed = (excess > preprocess.contact_sigmas * seen.noise[frames.session[index]]) & frames.live
+    pressed = (excess > asked.contact_sigmas * seen.noise[frames.session[index]]) & frames.live
     above = excess[pressed]
     if not len(above):
         return None
-    clipped, typical, strongest = (above > scale).mean(), float(np.median(above)), float(np.percentile(above, 99))
-    remedy = f"set preprocess.scale to auto, or to about {strongest:.2g}"
+    clipped, typical = (above > frames.scale).mean(), float(np.median(above))
+    strongest = f"about {float(np.percentile(above, 99)):.2g}"
+    remedy = f"set preprocess.scale to {strongest if asked.scale == 'auto' else f'auto, or to {strongest}'}"
     if clipped > MOST_CLIPPED:
-        return f"scale {scale:g} clips {100 * clipped:.0f} % of what sensors in contact read; {remedy}"
-    if typical < TRAINING_NOISE * scale:
-        noise = f"{TRAINING_NOISE * scale:.3g} counts"
+        return f"scale {frames.scale:g} clips {100 * clipped:.0f} % of what sensors in contact read; {remedy}"
+    if typical < noise * frames.scale:
         return (
-            f"scale {scale:g} leaves what sensors in contact read, {typical:.3g} counts in the middle, below the noise "
-            f"that training adds, {noise}: a network would answer the same for every object; {remedy}"
+            f"scale {frames.scale:g} leaves what sensors in contact read, {typical:.3g} counts in the middle, below "
+            f"the noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the same for "
+            f"every object; {remedy}"
         )
     return None

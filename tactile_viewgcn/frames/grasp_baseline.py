@@ -5,7 +5,7 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, exact_float, trimmed_moments
 from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording, of_empty_hand
-from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.source import EMPTY_HAND, listed
 from tactile_viewgcn.recordings.table import Recordings
 
 EMPTY, OPEN, KNOWN = "their session's empty hand", "their session's open hand", "the training's baseline"
@@ -125,6 +125,6 @@ def _notes(
         without = np.unique(recording[(source == 0) & np.isin(session, sessions)])
         notes.append(
             f"baseline: {len(without)} of {len(np.unique(recording))} recordings have fewer than {MIN_FRAMES} "
-            f"open-hand frames and use {stand_in}: " + ", ".join(recordings.recordings[i] for i in without)
+            f"open-hand frames and use {stand_in}: {listed([recordings.recordings[i] for i in without])}"
         )
     return notes

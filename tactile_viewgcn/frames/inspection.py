@@ -1,21 +1,21 @@
-"""What recordings hold before any training: sensors, sampling, baseline, drift, contact, and whether they leak."""
+"""What recordings hold before any training: sensors, sampling, baseline, drift and contact."""
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, empty_hand_baseline, require_live, trimmed_moments
-from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
-from tactile_viewgcn.frames.leak import Leak, check_first_frames, check_leak
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, require_live
+from tactile_viewgcn.frames.drift import drift_of_recordings, session_baselines
+from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording, of_empty_hand
-from tactile_viewgcn.frames.quiet import Quiet, all_in_contact, find_quiet
+from tactile_viewgcn.frames.quiet import all_in_contact, find_quiet
 from tactile_viewgcn.frames.readings import Readings, measure_readings, scatter
 from tactile_viewgcn.frames.split import split_groups
-from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.recordings.table import Recordings
 
 SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548
@@ -28,7 +28,7 @@ ALWAYS = ("object", "recording", "session", "frame", "time")  # columns that eve
 
 @dataclass(frozen=True)
 class Inspection:
-    """Recordings of any source, as plain values and small arrays: of R recordings, S sessions and O objects.
+    """Recordings of any source: of R recordings, S sessions and O objects.
 
     Recordings without frames are left out.
 
@@ -42,23 +42,24 @@ class Inspection:
         seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: intervals of more than 2.5 times that.
         live: bool (H, W) sensors that vary.
+        hand: the frames of the open hand, and of contact.
         contact_sensors: fewest sensors that are pressed in a frame of contact.
-        contact, open: (R,) frames of contact, and of the open hand. Where `taken_whole`, all are contact.
+        contact_sigmas: standard deviations above the baseline of a pressed sensor.
+        contact, open: (R,) frames of contact, and of the open hand. Where `all_contact`, all are contact.
         flagged: (R,) frames with the source's flag that an object is held, or None.
         empty: (S,) frames of the empty hand.
-        taken_whole: even the quietest frames are contact: there is no open hand to take a baseline from.
-        zero: what the sensors read at least, in counts, where `taken_whole`; else 0.
+        all_contact: even the quietest frames are contact: there is no open hand to take a baseline from.
+        zero: what the sensors read at least, in counts, where `all_contact`; else 0.
         baseline, noise: (S, H, W) mean and standard deviation without contact, in counts; the baseline is 0 of
-            sensors that do not vary, and `zero` everywhere where `taken_whole`.
+            sensors that do not vary, and `zero` everywhere where `all_contact`.
         drift: (R,) largest change of the open hand within a recording, or from its session's baseline, as the root
             mean square over sensors, in standard deviations of noise; NaN without open-hand frames.
-        drifts: the open hand of half of the recordings differs from the session's empty hand by as much as contact.
-        outruns: in half of the recordings the open hand drifts by more than contact reads within their longest contact:
-            a baseline of the open hand before a grasp does not hold during it.
+        drifts_from_empty_hand: the open hand of half of the recordings differs from the session's empty hand by as much
+            as contact.
         readings: what the sensors read, see `Readings`.
         groups: by each `split.by` that the source allows: (O,) number of an object's groups, 0 of the empty hand's.
-        leaks: by `preprocess.baseline`: whether objects are told from frames without contact.
-        first_frame: whether objects are told from the first frame of each recording.
+        leaks: by `preprocess.baseline`: whether objects are told from frames without contact, see `baseline_leaks`.
+        first_frame: whether objects are told from the first frame of each recording; None where it was not checked.
     """
 
     path: Path
@@ -75,39 +76,46 @@ class Inspection:
     interval: float | None
     gaps: int
     live: np.ndarray
+    hand: OpenHand
     contact_sensors: int
+    contact_sigmas: float
     contact: np.ndarray
     open: np.ndarray
     flagged: np.ndarray | None
     empty: np.ndarray
-    taken_whole: bool
+    all_contact: bool
     zero: float
     baseline: np.ndarray
     noise: np.ndarray
     drift: np.ndarray
-    drifts: bool
-    outruns: bool
+    drifts_from_empty_hand: bool
     readings: Readings
     groups: dict[str, np.ndarray]
     leaks: dict[str, Leak] = field(default_factory=dict)
     first_frame: Leak | None = None
 
+    @property
+    def held(self) -> np.ndarray:
+        """bool (R,): recordings of an object, and not of the empty hand."""
+        return self.label != (self.objects.index(EMPTY_HAND) if EMPTY_HAND in self.objects else -1)
 
-def inspect_recordings(
-    recordings: Recordings,
-    hand: OpenHand | None = None,
-    *,
-    sensors: int | None = None,
-    sigmas: float = SIGMAS,
-    leaks: bool = True,
-) -> Inspection:
-    """Inspect the table of raw counts.
+    @property
+    def has_empty_hand(self) -> bool:
+        """Whether every session has enough frames of the empty hand."""
+        return bool((self.empty[np.unique(self.session)] >= MIN_FRAMES).all())
+
+    @property
+    def has_published_split(self) -> bool:
+        """Whether the source names a training and a test side, and every object is on both."""
+        return "source" in self.groups and bool((self.groups["source"][self.label[self.held]] == 2).all())
+
+
+def inspect_recordings(recordings: Recordings, *, sensors: int | None = None, sigmas: float = SIGMAS) -> Inspection:
+    """Inspect the table of raw counts, but for leaks.
 
     Args:
-        hand: what `find_open_hand` finds with these sensors and sigmas; None finds it.
         sensors: fewest that are pressed in a frame of contact; None chooses it by the size of the array.
         sigmas: standard deviations above the baseline of a pressed sensor.
-        leaks: False leaves out whether objects are told from frames without contact.
 
     Raises:
         UserError: no sensor that varies.
@@ -115,7 +123,7 @@ def inspect_recordings(
     require_live(recordings)
     live, columns = recordings.live, recordings.columns
     sensors = sensors or sensors_in_contact(int(live.sum()))
-    hand = hand or find_open_hand(recordings, sensors=sensors, sigmas=sigmas)
+    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas)
     frames = frames_by_recording(recordings)
     first = [index[0] for index in frames]
     label, session = columns["object"][first], columns["session"][first]
@@ -127,7 +135,7 @@ def inspect_recordings(
     whole = not covered and all_in_contact(quiet, opened, contact, sensors=sensors)
     held = ~is_empty if whole else hand.contact & ~is_empty
     threshold = sigmas * hand.noise[session]
-    of_session = _session_baselines(hand, quiet, is_empty, columns["session"], session)
+    of_session = session_baselines(hand, quiet.mean, is_empty, columns["session"], session)
     differs = (np.abs(quiet.mean - of_session[session]) > threshold).sum(axis=1) >= sensors
     zero = _zero(hand.counts) if whole else 0.0
     if whole:
@@ -136,7 +144,7 @@ def inspect_recordings(
         baseline = np.where(differs[:, None], quiet.mean, of_session[session])
     interval, gaps, seconds = _sampling([columns["time"][index] for index in frames])
     flags = [columns[name] for name in ("grasp_valid", "valid") if name in columns]
-    measured = Inspection(
+    return Inspection(
         path=recordings.path,
         shape=recordings.shape,
         dtype=str(recordings.dtype),
@@ -151,26 +159,24 @@ def inspect_recordings(
         interval=interval,
         gaps=gaps,
         live=live,
+        hand=hand,
         contact_sensors=sensors,
+        contact_sigmas=sigmas,
         contact=np.array([len(index) for index in frames]) if whole else contact,
         open=np.zeros_like(opened) if whole else opened,
         flagged=np.array([flags[0][index].sum() for index in frames]) if flags else None,
         empty=empty,
-        taken_whole=whole,
+        all_contact=whole,
         zero=zero,
         baseline=np.stack([scatter(mean, live) for mean in of_session]),
         noise=np.stack([scatter(noise, live) for noise in hand.noise]),
-        drift=np.full(len(frames), np.nan) if whole else _drift(hand, frames, of_session, session),
-        drifts=bool(covered and np.median(differs) > 0),
-        outruns=bool(
-            np.median([_outruns(hand, index, limit, sensors) for index, limit in zip(frames, threshold, strict=True)])
-        ),
+        drift=np.full(len(frames), np.nan) if whole else drift_of_recordings(hand, frames, of_session, session),
+        drifts_from_empty_hand=bool(covered and np.median(differs) > 0),
         readings=measure_readings(
             hand, frames, baseline, label, live=live, objects=len(recordings.objects), held=held, threshold=threshold
         ),
         groups=_groups(recordings, is_empty),
     )
-    return _with_leaks(measured, recordings, hand, sigmas) if leaks else measured
 
 
 def sensors_in_contact(live: int) -> int:
@@ -178,60 +184,10 @@ def sensors_in_contact(live: int) -> int:
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 
-def _session_baselines(
-    hand: OpenHand, quiet: Quiet, empty: np.ndarray, session: np.ndarray, of_recording: np.ndarray
-) -> np.ndarray:
-    """Baseline (S, sensors) of each session: of the empty hand, or else the median of the quietest frames."""
-    baselines = np.zeros(hand.noise.shape)
-    for number in np.unique(of_recording):
-        index = empty & (session == number)
-        if index.sum() >= MIN_FRAMES:
-            baselines[number] = trimmed_moments(hand.counts[index])[0]
-        else:
-            baselines[number] = np.median(quiet.mean[of_recording == number], axis=0)
-    return baselines
-
-
 def _zero(counts: np.ndarray) -> float:
     """What sensors read at least, to three digits; 0 where that is near it."""
     low, high = np.percentile(counts[:: max(1, len(counts) // 2000)], [0.1, 99])
     return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
-
-
-def _drift(hand: OpenHand, frames: list[np.ndarray], baseline: np.ndarray, session: np.ndarray) -> np.ndarray:
-    """See `Inspection.drift`; of the baselines (S, sensors) of sessions."""
-    drift = np.full(len(frames), np.nan)
-    for row, index in enumerate(frames):
-        opened = index[hand.open[index]]
-        if len(opened) < 2 * MIN_FRAMES:
-            continue
-        ends = [hand.counts[part].mean(axis=0) for part in (opened[:MIN_FRAMES], opened[-MIN_FRAMES:])]
-        noise = hand.noise[session[row]]
-        changes = (ends[1] - ends[0], ends[0] - baseline[session[row]], ends[1] - baseline[session[row]])
-        drift[row] = max(float(np.sqrt(np.mean((change / noise) ** 2))) for change in changes)
-    return drift
-
-
-def _outruns(hand: OpenHand, index: np.ndarray, threshold: np.ndarray, sensors: int) -> bool:
-    """Whether a recording's open hand drifts by more than a threshold (S,) within its longest contact."""
-    begin, end = _longest_run(hand.open[index])
-    contact = np.subtract(*_longest_run(hand.contact[index])[::-1])
-    if not contact or end - begin < 2 * MIN_FRAMES:
-        return False
-    opened = index[begin:end]
-    time = opened - opened.mean()
-    slope = np.abs(time @ hand.counts[opened]) / (time**2).sum()  # counts a frame
-    certain = slope > threshold / np.sqrt((time**2).sum())  # as many standard errors as the threshold has of noise
-    return bool(((slope * contact > threshold) & certain).sum() >= sensors)
-
-
-def _longest_run(frames: np.ndarray) -> tuple[int, int]:
-    """First of the most successive frames that are True in bool (n,), and the one after the last; 0, 0 without any."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], frames, [0]])))
-    if not len(edges):
-        return 0, 0
-    longest = 2 * int((edges[1::2] - edges[::2]).argmax())
-    return int(edges[longest]), int(edges[longest + 1])
 
 
 def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:
@@ -253,18 +209,3 @@ def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
             pairs = np.unique(np.stack([columns["object"], columns["split"] if by == "source" else group]), axis=1)
             groups[by] = np.bincount(pairs[0], minlength=len(recordings.objects))
     return groups
-
-
-def _with_leaks(measured: Inspection, recordings: Recordings, hand: OpenHand, sigmas: float) -> Inspection:
-    """The same with what frames without contact, and the first frames, tell."""
-    leaks: dict[str, Leak] = {}
-    by = "grasp" if (measured.groups["recording"] < 2).all() and "grasp" in measured.groups else "recording"
-    for kind in ("empty_hand", "grasp") if not measured.taken_whole else ():
-        with suppress(UserError):  # no such baseline
-            if kind == "grasp":
-                baseline = grasp_baseline(recordings, sensors=measured.contact_sensors, sigmas=sigmas)
-            else:
-                baseline = empty_hand_baseline(recordings)
-            leak = check_leak(recordings, baseline, hand, by, stream(0, "leak"))
-            leaks |= {kind: leak} if leak else {}
-    return replace(measured, leaks=leaks, first_frame=check_first_frames(recordings, hand, stream(0, "first frame")))

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn import html, plots
+from tactile_viewgcn.frames.automatic import Recommendation
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.inspection_text import command_lines
 from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.readings import SATURATED
-from tactile_viewgcn.frames.recommendation import Recommendation, recommend
+from tactile_viewgcn.frames.recommendation import recommend
 from tactile_viewgcn.html import Picture, Step, Verdict, picture, several
 from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.tables import VIRTUAL
@@ -82,17 +83,17 @@ def attention(seen: Inspection, baseline: str) -> list[tuple[str, str]]:
     if still and still.found:
         text = f"Frames of the open hand tell the object, also above the baseline {baseline}: {_told(still)}"
         told.append((text, "Record each object in several sessions, in another order in each."))
-    if leak and leak.found and not seen.taken_whole:
+    if leak and leak.found and not seen.all_contact:
         text = f"The first frame of a recording, before anything is held, already tells the object: {_told(leak)}"
         told.append((text, "Record the objects in another order in each session."))
-    if seen.taken_whole:
+    if seen.all_contact:
         told.append(
             (
                 "Even the quietest frames are contact: there is no open hand to take a baseline from.",
                 "The settings above take the recordings as they are. Better begin each with an open hand.",
             )
         )
-    if seen.drifts:
+    if seen.drifts_from_empty_hand:
         told.append(
             (
                 "The open hand drifts from the session's empty hand by as much as contact.",

@@ -6,17 +6,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from tactile_viewgcn.frames.automatic import Recommendation
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.readings import SATURATED
-from tactile_viewgcn.frames.recommendation import Recommendation
-from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.source import EMPTY_HAND, listed
 from tactile_viewgcn.recordings.table import is_table
 from tactile_viewgcn.schema import as_change
 
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name
-MAX_LISTED = 10  # recordings named
 
 
 def inspection_lines(seen: Inspection, chosen: list[Recommendation]) -> list[str]:
@@ -119,20 +118,20 @@ def _objects(seen: Inspection) -> list[str]:
         rows.append((seen.objects[number], f"{of.sum()}", *(f"{count[of].sum():,}" for count in columns.values())))
     held = np.array(seen.objects)[seen.label] != EMPTY_HAND
     without = [name for name, count in zip(seen.recordings, seen.contact + ~held, strict=True) if not count]
-    told = f"{', '.join(without[:MAX_LISTED])}{' and others' if len(without) > MAX_LISTED else ''}"
-    return _table(rows) + ([f"{len(without)} recordings without a frame in contact: {told}"] if without else [])
+    told = [f"{len(without)} recordings without a frame in contact: {listed(without)}"] if without else []
+    return _table(rows) + told
 
 
 def _leaks(seen: Inspection) -> list[str]:
     lines = []
-    if seen.taken_whole:
+    if seen.all_contact:
         lines.append("even the quietest frames are in contact: there is no open hand to compare with")
     for kind, leak in seen.leaks.items():
         told = "tell the object, which is a leak" if leak.found else "do not tell the object"
         lines.append(f"open-hand frames above the baseline {kind} {told}: {_error(leak)}")
     if seen.first_frame:
         told = "tells the object" if seen.first_frame.found else "does not tell the object"
-        told += ", a leak if nothing is held yet" if seen.first_frame.found and not seen.taken_whole else ""
+        told += ", a leak if nothing is held yet" if seen.first_frame.found and not seen.all_contact else ""
         lines.append(f"the first frame of a recording alone {told}: {_error(seen.first_frame)}")
     return lines or ["no open-hand frames of objects with two recordings: leaks are not checked"]
 

@@ -1,9 +1,10 @@
 """From the table of raw counts to the frames that are learned from: baseline, selection, table of frames."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from tactile_viewgcn.frames.automatic import Recommendation, decide
 from tactile_viewgcn.frames.baseline import (
     Baseline,
     constant_baseline,
@@ -11,17 +12,66 @@ from tactile_viewgcn.frames.baseline import (
     quiet_baseline,
     require_live,
 )
+from tactile_viewgcn.frames.checks import preprocessing_warnings
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
-from tactile_viewgcn.frames.recommendation import resolved
+from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.selection import Selection, select
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.params import Preprocess, PreprocessSection, Split
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recordings.table import Recordings
+
+
+@dataclass(frozen=True)
+class Preprocessed:
+    """The table of frames, and how it came about.
+
+    Attributes:
+        selection: what became of every frame.
+        params: without `auto`.
+        choices: that the recordings made where `auto` was asked.
+        inspection: of the recordings; None where nothing was to be decided.
+        notes: sentences on the baseline and on what was left out, and warnings.
+    """
+
+    frames: Frames
+    selection: Selection
+    params: Preprocess
+    baseline: Baseline
+    choices: list[Recommendation]
+    inspection: Inspection | None
+    notes: list[str]
+
+
+def preprocess_recordings(
+    recordings: Recordings,
+    asked: PreprocessSection,
+    split: Split,
+    *,
+    noise: float,
+    groups: np.ndarray | None = None,
+) -> Preprocessed:
+    """Decide what is `auto`, measure the baseline, select the frames, and look for what that took from them.
+
+    Args:
+        noise: that training adds to the network's input, as a share of full scale.
+        groups: see `select`.
+
+    Raises:
+        UserError: see `prepare`.
+    """
+    params, choices, inspection = decide(recordings, asked)
+    baseline = measure_baseline(recordings, params)
+    frames, selection = prepare(recordings, params, split, stream(split.seed, "preprocess"), baseline, groups)
+    notes = [*baseline.notes, *selection.notes]
+    if inspection:
+        notes += preprocessing_warnings(inspection, frames, asked, noise)
+    return Preprocessed(frames, selection, params, baseline, choices, inspection, notes)
 
 
 def prepare(
     recordings: Recordings,
-    preprocess: PreprocessSection | Preprocess,
+    preprocess: Preprocess,
     split: Split,
     rng: np.random.Generator,
     baseline: Baseline | None = None,
@@ -30,7 +80,6 @@ def prepare(
     """The kept frames, and what became of every frame.
 
     Args:
-        preprocess: where it says `auto`, the recordings decide.
         baseline: what `measure_baseline` returns; None measures it.
         groups: see `select`.
 
@@ -38,20 +87,18 @@ def prepare(
         UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
             classes left; an empty side.
     """
-    preprocess = resolved(recordings, preprocess)
     baseline = baseline or measure_baseline(recordings, preprocess)
     selection = select(recordings, baseline, preprocess, split, rng, groups)
     return _kept_frames(recordings, baseline, selection, preprocess), selection
 
 
-def measure_baseline(recordings: Recordings, preprocess: PreprocessSection | Preprocess) -> Baseline:
-    """The baseline that `preprocess.baseline` names, which the recordings decide where it is `auto`.
+def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline:
+    """The baseline that `preprocess.baseline` names.
 
     Raises:
         UserError: no sensor that varies; no frames to estimate the baseline from.
     """
     require_live(recordings)
-    preprocess = resolved(recordings, preprocess)
     if preprocess.baseline == "empty_hand":
         return empty_hand_baseline(recordings)
     if preprocess.baseline == "quiet":

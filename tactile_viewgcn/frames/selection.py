@@ -22,7 +22,7 @@ from tactile_viewgcn.frames.split import (
     validation_sides,
 )
 from tactile_viewgcn.params import Preprocess, Split
-from tactile_viewgcn.recordings.source import EMPTY_HAND, MAX_LISTED
+from tactile_viewgcn.recordings.source import EMPTY_HAND, listed
 from tactile_viewgcn.recordings.source import TEST as PUBLISHED_TEST
 from tactile_viewgcn.recordings.table import Recordings
 
@@ -158,9 +158,9 @@ def _dropped_by_filter(recordings: Recordings, filtered: np.ndarray, name: str, 
         emptied = [names[i] for i in np.flatnonzero(before & ~after)]
         if not emptied:
             continue
-        more = f" and {len(emptied) - MAX_LISTED} more" if len(emptied) > MAX_LISTED else ""
-        told = f"filter: {len(emptied)} of {before.sum()} {column}s dropped, no frame has {condition}: "
-        told += ", ".join(emptied[:MAX_LISTED]) + more
+        told = (
+            f"filter: {len(emptied)} of {before.sum()} {column}s dropped, no frame has {condition}: {listed(emptied)}"
+        )
         notes.append(told if column == "recording" else f"warning: {told}; {LOOSEN}")
     return notes
 

@@ -7,9 +7,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import select_device
-from tactile_viewgcn.frames.checks import preprocessing_warnings
-from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
-from tactile_viewgcn.frames.recommendation import Recommendation, inspect_contact, resolve, resolved
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.classifier import Classifier, system_class
 from tactile_viewgcn.params import Params
@@ -57,7 +55,9 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
             left; a training that diverges in its first epoch.
     """
     seed, compute = params.seed, select_device(params.device, params.precision)
-    frames, notes = _frames(recordings, params, groups)
+    noise = max(params.pretrain.noise, params.finetune.noise)
+    made = preprocess_recordings(recordings, params.preprocess, params.split, noise=noise, groups=groups)
+    frames = made.frames
     on_sensors = system_class(params.model.system).takes == "sensors"
     clustering = replace(params.cluster, method="none") if on_sensors else params.cluster  # they know no clusters
     places = viewpoints(params.views, params.viewpoints, seed)
@@ -73,22 +73,4 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
 
         classifier = fit(frames)
         temperatures = fit_temperatures(classifier, fit, frames, params, compute)
-    return Trained(classifier, params, frames, compute.precision, temperatures, notes)
-
-
-def _frames(recordings: Recordings, params: Params, groups: np.ndarray) -> tuple[Frames, list[str]]:
-    """The table of frames, and what was chosen and left out on the way.
-
-    Recordings are inspected, which decides what is `auto`, unless all of it is given and no baseline is to be found.
-    """
-    section, seen = params.preprocess, None
-    choices: list[Recommendation] = []
-    if section.baseline == "none" and "auto" not in vars(section).values():
-        preprocess = resolved(recordings, section)
-    else:
-        _, seen = inspect_contact(recordings, section)
-        preprocess, choices = resolve(section, seen)
-    baseline, rng = measure_baseline(recordings, preprocess), stream(params.split.seed, "preprocess")
-    frames, selection = prepare(recordings, preprocess, params.split, rng, baseline, groups)
-    warnings = preprocessing_warnings(seen, frames, preprocess) if seen else []
-    return frames, [*map(str, choices), *baseline.notes, *selection.notes, *warnings]
+    return Trained(classifier, params, frames, compute.precision, temperatures, [*map(str, made.choices), *made.notes])

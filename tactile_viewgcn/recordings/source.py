@@ -14,7 +14,7 @@ TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64  # rows and columns of a frame
 BLOCK_FRAMES = 4096  # read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
-MAX_LISTED = 10  # mistakes named in one message
+MAX_LISTED = 10  # mistakes or names in one message
 
 #: Type of each column, one value per frame. The first five are always there, the others if the source has them.
 COLUMNS = {
@@ -82,6 +82,12 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     if not all(1 <= side <= MAX_SIDE for side in shape[1:]):
         raise UserError(f"{where}: frames of {shape[1]} x {shape[2]}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}")
     return shape[1], shape[2]
+
+
+def listed(names: list[str]) -> str:
+    """The first ten names, and how many more there are."""
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return ", ".join(names[:MAX_LISTED]) + more
 
 
 def raise_mistakes(mistakes: list[str]) -> None:

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.checks import preprocessing_warnings
-from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
-from tactile_viewgcn.frames.recommendation import inspect_contact, resolve, resolved
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import Preprocess, load
 from tactile_viewgcn.recordings.formats import open_source
 from tactile_viewgcn.recordings.table import Recordings, write_recordings
@@ -13,6 +11,7 @@ from tests.grips import COLUMNS, COUNTS, FILE
 from tests.sources import written
 from tests.unknown_gloves import OBJECTS, RECORDINGS, all_contact, drifting_array, floats
 
+NOISE = 0.015  # that training adds, of full scale
 SPLIT = ("split.by=recording", "preprocess.balance_minimum=1")
 
 
@@ -21,10 +20,8 @@ def treated(tmp_path, write, *changes, **form):
     write_recordings(tmp_path / "t", open_source(write(tmp_path / "glove", **form)), "")
     params = load(FILE, (*SPLIT, *(f"preprocess.{change}" for change in changes)))
     with Recordings(tmp_path / "t") as recordings:
-        inspection = inspect_contact(recordings, params.preprocess)[1]
-        values, choices = resolve(params.preprocess, inspection)
-        frames, _ = prepare(recordings, values, params.split, np.random.default_rng(0))
-    return frames, preprocessing_warnings(inspection, frames, values), choices
+        made = preprocess_recordings(recordings, params.preprocess, params.split, noise=NOISE)
+    return made.frames, [note for note in made.notes if note.startswith("warning: ")], made.choices
 
 
 @pytest.mark.parametrize("write", [all_contact, floats, drifting_array])
@@ -77,19 +74,17 @@ def test_without_a_baseline_no_contact_is_told_so_that_auto_filters_nothing(tmp_
     assert frames.preprocess["zero"] == 0
 
 
-def test_prepare_decides_by_itself_and_as_the_paper_for_recordings_like_stags(tmp_path):
+def test_recordings_like_stags_are_preprocessed_as_in_the_paper(tmp_path):
     params = load(FILE, ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1"))
     paper = load(FILE, ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1", *PAPER))
     with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        values = resolved(recordings, params.preprocess)
-        assert values == Preprocess(**vars(paper.preprocess))
-        frames, same = (
-            prepare(recordings, one.preprocess, one.split, np.random.default_rng(0))[0] for one in (params, paper)
+        made, same = (
+            preprocess_recordings(recordings, one.preprocess, one.split, noise=NOISE) for one in (params, paper)
         )
-        assert measure_baseline(recordings, params.preprocess).names == ["session0", "session1"]
-    assert (frames.transform, frames.scale, frames.preprocess) == (same.transform, same.scale, same.preprocess)
+    assert made.params == same.params == Preprocess(**vars(paper.preprocess))
+    assert made.baseline.names == ["session0", "session1"]
     for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):
-        np.testing.assert_array_equal(getattr(frames, name), getattr(same, name))
+        np.testing.assert_array_equal(getattr(made.frames, name), getattr(same.frames, name))
 
 
 PAPER = ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150")

@@ -108,7 +108,7 @@ def test_a_cell_without_a_sensor_has_what_it_reads(tmp_path):
 
 def test_frames_are_prepared_with_it(tmp_path):
     glove = drifting(between=2 * SIGNAL)
-    changes = "baseline=grasp", "filter=contact", "contact_sensors=5", "empty_hand_class=false"
+    changes = "baseline=grasp", "filter=contact", "contact_sensors=5", "scale=150", "empty_hand_class=false"
     params = load(FILE, (*(f"preprocess.{change}" for change in changes), "split.by=grasp"))
     with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
         baseline = measure_baseline(recordings, params.preprocess)

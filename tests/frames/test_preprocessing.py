@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
+from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare, preprocess_recordings
 from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recordings.stag_reader import read_metadata
@@ -58,7 +58,7 @@ def test_the_rest_of_the_frames_own_session_is_subtracted(tmp_path):
 
 
 def test_the_noise_is_that_of_the_baselines_that_frames_have(tmp_path):
-    params = load(FILE, ("preprocess.contact_sensors=4",))
+    params = load(FILE, ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150"))
     with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
         baseline = measure_baseline(recordings, params.preprocess)
         names, far = [*baseline.names, "without frames"], np.full((1, *recordings.shape), 1000.0)
@@ -167,7 +167,7 @@ def test_files_in_the_format_of_stag_are_prepared(tmp_path, weights):
     path = save_matlab5(tmp_path / "metadata.mat", as_weights(tree) if weights else tree)
     write_recordings(tmp_path / "t", read_metadata(path), "0" * 32)
     with Recordings(tmp_path / "t") as recordings:
-        frames, _ = prepare(recordings, params.preprocess, params.split, np.random.default_rng(0))
+        frames = preprocess_recordings(recordings, params.preprocess, params.split, noise=0.0).frames
     assert (len(frames), frames.classes) == (3 * 2 * 18, ["empty_hand", "object1", "object2"])
     assert frames.live.sum() == 548
     inputs = frames.inputs(np.arange(len(frames)))
@@ -183,9 +183,11 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
         load(FILE, ("split.by=recording", "split.folds=4", *more)) for more in ((), ("preprocess.filter=flags",))
     )
     with Recordings(tmp_path / "t") as recordings:
-        frames, selection = prepare(recordings, params.preprocess, params.split, np.random.default_rng(0))
-        auto, _ = prepare(recordings, by_contact.preprocess, by_contact.split, np.random.default_rng(0))
-    assert len(auto) == 1503  # five flags a recording are too few
+        flagged, auto = (
+            preprocess_recordings(recordings, one.preprocess, one.split, noise=0.0) for one in (params, by_contact)
+        )
+    frames, selection = flagged.frames, flagged.selection
+    assert len(auto.frames) == 1503  # five flags a recording are too few
     assert selection.filtered.sum() == 525
     assert len(frames) == 520
     assert "empty_hand" not in frames.classes
