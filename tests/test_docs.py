@@ -146,6 +146,8 @@ def place(tmp_path_factory) -> Path:
     run_program("mug_1.h5", folder)
     write_icub_trials(folder / "icub_grasp_dataset")
     run_program("iCubGraspDataset", folder)
+    write_own_recordings(folder / "data" / "raw" / "my_recordings")
+    run_program("data/raw", folder)
     (folder / "data" / "my_glove").mkdir(parents=True)
     shutil.copy(folder / "mug_1.h5", folder / "data" / "my_glove")
     return folder
@@ -155,6 +157,15 @@ def run_program(word: str, folder: Path) -> None:
     """Run the one program of the pages that has this word, in this folder."""
     (program,) = (block for _, block in fences("python") if word in block)
     subprocess.run([sys.executable, "-c", program], cwd=folder, check=True)
+
+
+def write_own_recordings(folder: Path) -> None:
+    """The same two frames as NumPy writes them and as CSV, for two objects."""
+    counts = np.arange(2 * 32 * 32).reshape(2, 32, 32)
+    for name in ("mug", "pen"):
+        (folder / name).mkdir(parents=True)
+    np.save(folder / "mug" / "1.npy", counts)
+    np.savetxt(folder / "pen" / "1.csv", counts.reshape(2, -1), fmt="%d", delimiter=",")
 
 
 def write_icub_trials(folder: Path) -> None:
@@ -183,6 +194,14 @@ def test_a_program_runs(page, program, place, monkeypatch, capsys):
     exec(compile(program, page, "exec"), names)
     if "probabilities" in names:
         np.testing.assert_allclose(np.sum(names["probabilities"], axis=-1), 1, rtol=1e-5)
+
+
+def test_converted_arrays_are_whole_counts_of_the_object_that_their_folder_names(place):
+    for name in ("mug", "pen"):
+        with h5py.File(place / "data" / "my_recordings" / name / "1.h5") as file:
+            assert file["pressure"].dtype.kind == "i" and file.attrs["object"] == name
+            np.testing.assert_array_equal(file["pressure"], np.arange(2048).reshape(2, 32, 32))
+            np.testing.assert_allclose(file["time"], [0, 1 / 30])
 
 
 def test_the_converted_trials_have_one_row_a_finger_and_rise_with_pressure(place):

@@ -49,6 +49,8 @@ def answer_recording(
         UserError: counts of another shape or type, or not finite; `stop_at` is no probability, or the model takes V
             frames alone.
     """
+    if stop_at is not None:
+        recogniser.check_sequential(stop_at, "stop_at")
     fitted, one = recogniser.preprocessing, np.zeros(1, dtype=int)
     counts = checked_array(counts, name)
     fitted.check_counts(counts, name)

@@ -54,7 +54,7 @@ def predict_stream(
     """
     stream, answered = Stream(recogniser, stop_at=stop_at), False
     grows = source != "-"
-    with Path(source).open(encoding="utf-8") if grows else nullcontext(sys.stdin) as file:
+    with Path(source).open("rb") if grows else nullcontext(sys.stdin.buffer) as file:
         for row in follow(stream, recogniser, lines_as_they_come(file, grows=grows)):
             if isinstance(row, str):
                 echo(wrapped(row))

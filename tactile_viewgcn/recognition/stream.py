@@ -4,7 +4,7 @@ import json
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TextIO
+from typing import BinaryIO
 
 import numpy as np
 
@@ -24,19 +24,19 @@ MOST_KEPT = 1024  # frames of one contact; a longer one keeps every second, four
 WAIT = 0.02  # s until a growing file is looked at again
 
 
-def lines_as_they_come(file: TextIO, *, grows: bool) -> Iterator[str]:
+def lines_as_they_come(file: BinaryIO, *, grows: bool) -> Iterator[str]:
     """The lines of a file, each once it is whole; of one that grows until the caller stops."""
-    part = ""
+    part = b""
     while True:
         text = file.readline()
         if not text and not grows:
             if part:
-                yield part
+                yield part.decode(errors="replace")
             return
         part += text
-        if part.endswith("\n"):
-            yield part
-            part = ""
+        if part.endswith(b"\n"):
+            yield part.decode(errors="replace")  # what is no text is no frame either, which is told by its line
+            part = b""
         elif not text:
             time.sleep(WAIT)
 

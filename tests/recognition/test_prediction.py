@@ -15,6 +15,7 @@ from tactile_viewgcn.recognition.answer import OBJECT, UNKNOWN, Answer
 from tactile_viewgcn.recognition.answer_table import line
 from tactile_viewgcn.recognition.prediction import load_model
 from tactile_viewgcn.recognition.unlabelled import Row
+from tests.mlflow_stores import fresh_store
 from tests.small_glove import OBJECTS, SHAPE, empty_hand, model_file, recording, write
 
 
@@ -148,6 +149,7 @@ def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(place, monkeypatch):
     with pytest.raises(UserError, match=r"models:/glove/1: no MLflow store at sqlite:///"):
         load_model("models:/glove/1")
     assert not (place / "mlflow.db").exists()
+    fresh_store(place / "mlflow.db")
     with tracking.stage_run("evaluate") as run:
         address = run.model(place / "classifier.pt", 8, SHAPE, np.dtype(np.int16), list(OBJECTS))
     import mlflow

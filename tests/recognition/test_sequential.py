@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.evaluation import trials
 from tactile_viewgcn.evaluation.trials import evaluate_table, sequential_summary
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn.classifier import view_set_logits
@@ -109,9 +110,9 @@ def test_calibrated_probabilities_are_as_often_right_as_they_say(tmp_path):
     with torch.inference_mode():
         features = trained().backbone(CPU.frames(torch.from_numpy(frames.inputs(index))))
     recording = np.unique(frames.recording[index], return_inverse=True)[1]
-    trials = [np.random.default_rng(number) for number in range(10)]
+    generators = [np.random.default_rng(number) for number in range(10)]
     found = sequential_trials(
-        trained(), temperatures, features, frames.label[index], recording, np.arange(len(index)), trials
+        trained(), temperatures, features, frames.label[index], recording, np.arange(len(index)), generators
     )
     assert found.confidence.shape == found.correct.shape == (10, 4, len(index))
     np.testing.assert_allclose(found.confidence.mean(axis=(0, 2)), found.correct.mean(axis=(0, 2)), atol=0.12)
@@ -123,13 +124,14 @@ def test_calibration_without_a_validation_side_is_refused():
 
 
 def evaluated(confidence_threshold, temperatures):
-    how = recipe(
+    params = recipe(
         "finetune.num_views=random", "split.validation=0.25", f"evaluate.confidence_threshold={confidence_threshold}"
     )
-    return evaluate_table(trained(), table(), how.cluster, how.evaluate, CPU, 0, temperatures)
+    return evaluate_table(trained(), table(), params.cluster, params.evaluate, CPU, 0, temperatures)
 
 
-def test_evaluation_reports_sequential_trials_where_asked_and_the_rest_unchanged():
+def test_evaluation_reports_sequential_trials_where_asked_and_the_rest_unchanged(monkeypatch):
+    monkeypatch.setattr(trials, "latency", lambda *_: {})
     plain, sequential = evaluated(0, None).scores, evaluated(0.9, [1.0] * 4).scores
     assert set(sequential) - set(plain) == {"sequential"}
     assert plain["object"] == sequential["object"]

@@ -126,9 +126,9 @@ def test_any_other_line_is_refused_by_its_number(text, message):
 
 
 def test_a_line_of_a_growing_file_comes_once_it_is_whole(monkeypatch):
-    parts = iter(["1,2", "", "\n", "", "3\n", KeyboardInterrupt])
+    parts = iter([b"1,2", b"", b"\n", b"", b"3\n", KeyboardInterrupt])
 
-    class Growing(io.StringIO):
+    class Growing(io.BytesIO):
         def readline(self):
             part = next(parts)
             if part is KeyboardInterrupt:
@@ -140,7 +140,7 @@ def test_a_line_of_a_growing_file_comes_once_it_is_whole(monkeypatch):
     assert [next(come), next(come)] == ["1,2\n", "3\n"]
     with pytest.raises(KeyboardInterrupt):
         next(come)
-    assert list(lines_as_they_come(io.StringIO("1\n2"), grows=False)) == ["1\n", "2"]
+    assert list(lines_as_they_come(io.BytesIO(b"1\n\xff2"), grows=False)) == ["1\n", "\ufffd2"]
 
 
 def test_an_interrupt_ends_the_stream_with_the_answer_to_the_open_contact():
