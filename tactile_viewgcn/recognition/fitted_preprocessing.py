@@ -55,7 +55,9 @@ class FittedPreprocessing:
             raise UserError(f"{where}: frames of {layout}; expected {expected}, as the model was trained on")
         check_finite(counts, where)
         if (self.dtype.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
-            raise UserError(f"{where} holds {fractions[0]:g}; expected whole numbers, raw counts as in training")
+            raise UserError(
+                f"{where} holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({self.dtype})"
+            )
 
     def check_reach(self, excess: np.ndarray, where: str) -> None:
         """Raise a UserError, whose message begins with `where`, for frames in contact of another scale.
