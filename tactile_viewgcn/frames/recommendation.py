@@ -21,11 +21,13 @@ def _split(seen: Inspection) -> list[Recommendation]:
     held = np.unique(seen.label[seen.held])
     if seen.has_published_split:
         return [Recommendation("split.by", "source", "every object is on both published sides")]
-    for by, what in (("recording", "recordings"), ("grasp", "grasps")):
-        count = seen.groups[by][held] if by in seen.groups else np.zeros(1, dtype=int)
-        several = count >= 2
-        if several.sum() < 2 or several.mean() < 0.5:
-            continue
+    counts = {by: seen.groups[by][held] for by in ("recording", "grasp") if by in seen.groups}
+    by = max(counts, key=lambda by: (counts[by] >= 2).sum())  # the first of two that are as many: recordings
+    if (counts["recording"] >= 2).mean() >= 0.5:
+        by = "recording"
+    several = counts[by] >= 2
+    if several.sum() >= 2:
+        count, what = counts[by], f"{by}s"
         alone = f"; {(~several).sum()} objects have one and cannot be tested" if not several.all() else ""
         fewest = int(count[several].min())
         reason = f"an object has {fewest} {what} or more, of which whole ones are held out{alone}"
@@ -39,8 +41,6 @@ def _split(seen: Inspection) -> list[Recommendation]:
 
 
 def _preset(seen: Inspection) -> list[Recommendation]:
-    if (
-        seen.has_published_split and seen.contact.sum() > FEW_FRAMES
-    ):  # STAG's `classification`: the paper's own experiment
+    if seen.has_published_split and seen.contact.sum() > FEW_FRAMES:  # STAG's `classification`, the paper's experiment
         return []
     return [Recommendation("preset", "best", "the lowest error on validation groups where recordings are few")]

@@ -12,7 +12,7 @@ from tactile_viewgcn.frames.automatic import decide
 from tactile_viewgcn.frames.baseline_leaks import with_every_leak
 from tactile_viewgcn.frames.inspection import inspect_recordings, sensors_in_contact
 from tactile_viewgcn.frames.inspection_text import WIDTH, inspection_lines
-from tactile_viewgcn.frames.recommendation import recommend
+from tactile_viewgcn.frames.recommendation import _split, recommend
 from tactile_viewgcn.frames.source_inspection import inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recordings.formats import open_source
@@ -64,6 +64,27 @@ def test_the_scale_of_floats_is_that_of_their_readings(tmp_path):
     assert seen.interval == pytest.approx(0.05) and seen.gaps == 0
     assert np.median(seen.noise) == pytest.approx(0.015, rel=0.4)
     np.testing.assert_allclose(seen.baseline, 0.05, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "grasped", "by"),
+    [
+        ([10, 1, 10, 1, 10], [20, 2, 20, 2, 20], "recording"),
+        ([3, 3, 1, 1, 1, 1], [3, 3, 1, 1, 1, 1], "recording"),
+        ([3, 3, 1, 1, 1, 1], [6, 6, 4, 4, 4, 4], "grasp"),
+        ([3, 1, 1], [3, 1, 1], "frame"),
+    ],
+)
+def test_what_is_held_out_is_what_objects_have_several_of(tmp_path, recorded, grasped, by):
+    """Numbers of recordings and of grasps of each object."""
+    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
+        seen = inspect_recordings(recordings, sensors=4)
+    count = len(recorded)
+    groups = {"recording": np.array(recorded), "grasp": np.array(grasped)}
+    objects = [f"object{i}" for i in range(count)]
+    seen = replace(seen, objects=objects, label=np.arange(count), groups=groups)
+    (split,) = [one for one in _split(seen) if one.key == "split.by"]
+    assert split.value == by and ("cannot be tested" in split.reason) == (by == "recording")
 
 
 def test_the_open_hand_is_found_where_half_of_its_noise_is_cut_off_at_zero(tmp_path):

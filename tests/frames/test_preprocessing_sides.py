@@ -119,6 +119,17 @@ def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_
     assert (gone["dropped_by_filter"], gone["dropped_with_class"], gone["kept"]) == (BLANK, HELD, 0)
 
 
+@pytest.mark.parametrize("fold", [0, 1])
+def test_an_object_of_one_recording_is_trained_on_whatever_the_fold(tmp_path, fold):
+    used = (COLUMNS["object"] < 2) | (COLUMNS["recording"] == 6)
+    columns = {name: values[used] for name, values in COLUMNS.items()}
+    changes = ("split.by=recording", "split.folds=3", f"split.fold={fold}")
+    frames, selection, _ = prepared(tmp_path, *changes, counts=COUNTS[used], columns=columns)
+    assert frames.classes == ["empty_hand", "object1", "object2"]
+    assert (frames.side[frames.label == 2] == TRAIN).all() and set(frames.side[frames.label == 1]) == {TRAIN, TEST}
+    assert any("object2 has no test frames" in note for note in selection.notes)
+
+
 def test_the_sources_balanced_frames_are_the_anchors(tmp_path):
     balanced = COLUMNS["frame"] % 2 == 0
     frames, selection, _ = prepared(tmp_path, columns=COLUMNS | {"balanced": balanced})
