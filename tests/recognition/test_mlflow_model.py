@@ -88,9 +88,9 @@ def test_probabilities_are_a_table_with_a_column_for_each_class(checkpoint):
     answer = RecogniserModel(recogniser).predict({"counts": as_json(some_counts())})
     assert list(answer.columns) == CLASSES
     np.testing.assert_array_equal(answer.to_numpy(), recogniser.probabilities(counts))
-    own = np.arange(144.0) + 400
-    answer = RecogniserModel(recogniser).predict({"counts": counts}, {"session": "", "baseline": own.tolist()})
-    np.testing.assert_array_equal(answer, recogniser.probabilities(counts, own.reshape(12, 12)))
+    empty = np.arange(144.0) + 400
+    answer = RecogniserModel(recogniser).predict({"counts": counts}, {"session": "", "baseline": empty.tolist()})
+    np.testing.assert_array_equal(answer, recogniser.probabilities(counts, empty.reshape(12, 12)))
 
 
 def test_whole_numbers_may_be_written_as_floats(checkpoint):
@@ -173,10 +173,10 @@ def test_the_server_answers_with_a_probability_for_each_class(server, checkpoint
         status, answer = ask(server, json.dumps(body | {"params": {"session": "000"}}).encode())
         assert status == 200
         assert [list(row) for row in answer["predictions"]] == [CLASSES, CLASSES]
-        found = [list(row.values()) for row in answer["predictions"]]
+        answered = [list(row.values()) for row in answer["predictions"]]
         recogniser = Recogniser(checkpoint)
         expected = recogniser.probabilities(np.array(some_counts()), recogniser.baseline("000"))
-        np.testing.assert_allclose(found, expected, rtol=1e-4)
+        np.testing.assert_allclose(answered, expected, rtol=1e-4)
 
 
 @pytest.mark.slow

@@ -33,8 +33,8 @@ def lines(counts):
     return [",".join(map(str, frame.ravel())) + "\n" for frame in counts]
 
 
-def answers(counts, **how):
-    stream = Stream(recogniser(), **how)
+def answers(counts, **options):
+    stream = Stream(recogniser(), **options)
     rows = [row for row in follow(stream, recogniser(), lines(counts)) if not isinstance(row, str)]
     return rows, [recogniser().classes[int(row.answer.probabilities.argmax())] for row in rows]
 
