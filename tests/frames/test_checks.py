@@ -1,8 +1,11 @@
 """What `auto` becomes, and the warnings where preprocessing takes information from the recordings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tactile_viewgcn.frames.checks import preprocessing_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import Preprocess, load
 from tactile_viewgcn.recordings.formats import open_source
@@ -15,12 +18,12 @@ NOISE = 0.015  # that training adds, of full scale
 SPLIT = ("split.by=recording", "preprocess.balance_minimum=1")
 
 
-def treated(tmp_path, write, *changes, **form):
+def treated(tmp_path, write, *changes, noise=NOISE, **form):
     """Frames, warnings and decided parameters of a glove's recordings under changed parameters."""
     write_recordings(tmp_path / "t", open_source(write(tmp_path / "glove", **form)), "")
     params = load(FILE, (*SPLIT, *(f"preprocess.{change}" for change in changes)))
     with Recordings(tmp_path / "t") as recordings:
-        made = preprocess_recordings(recordings, params.preprocess, params.split, noise=NOISE)
+        made = preprocess_recordings(recordings, params.preprocess, params.split, noise=noise)
     return made.frames, [note for note in made.notes if note.startswith("warning: ")], made.choices
 
 
@@ -58,6 +61,25 @@ def test_a_scale_that_drowns_the_readings_in_noise_or_clips_them_is_warned_of(tm
     _, (low,), _ = treated(tmp_path / "low", floats, "scale=0.5")
     assert low.startswith("warning: scale 0.5 clips 100 %") and "preprocess.scale to auto" in low
     assert treated(tmp_path / "log", floats, "scale=150", "transform=log")[1] == []
+
+
+def test_the_noise_of_the_training_at_hand_is_what_readings_drown_in(tmp_path):
+    assert treated(tmp_path, floats, "scale=150", noise=0.0)[1] == []
+
+
+@pytest.mark.parametrize("asked", ["auto", "quiet"])
+def test_who_asked_for_auto_is_not_told_to_set_it(tmp_path, asked):
+    """Auto has taken the baseline quiet, and one recording turns out to be all contact."""
+    write_recordings(tmp_path / "t", open_source(floats(tmp_path / "glove")), "")
+    params = load(FILE, (*SPLIT, "preprocess.baseline=quiet"))
+    with Recordings(tmp_path / "t") as recordings:
+        made = preprocess_recordings(recordings, params.preprocess, params.split, noise=NOISE)
+    contact = np.where(np.arange(len(made.inspection.frames)) == 3, made.inspection.frames, made.inspection.contact)
+    seen = replace(made.inspection, contact=contact)
+    (warning,) = preprocessing_warnings(seen, made.frames, replace(params.preprocess, baseline=asked), NOISE)
+    assert f"in contact in 1 of {OBJECTS * RECORDINGS} recordings" in warning
+    assert ("set preprocess.baseline to auto" in warning) == (asked == "quiet")
+    assert ("record an open hand first" in warning) == (asked == "auto")
 
 
 def test_a_value_that_is_given_is_kept(tmp_path):
