@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN
+from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.unlabelled import Row
 from tactile_viewgcn.recordings.source import EMPTY_HAND, UNLABELLED
@@ -137,10 +137,10 @@ def write_answers(
 
 def _as_csv(rows: list[Row], classes: list[str]) -> str:
     """A line an answer."""
-    records, file = [record(row, classes) for row in rows], io.StringIO()
-    writer = csv.DictWriter(file, list(records[0]) if records else ["recording"])
+    file, nothing = io.StringIO(), Answer(NO_CONTACT, np.empty(0), 0, 0)
+    writer = csv.DictWriter(file, list(record(Row("", UNLABELLED, 0.0, 0.0, 0, nothing), classes)))
     writer.writeheader()
-    writer.writerows(records)
+    writer.writerows(record(row, classes) for row in rows)
     return file.getvalue()
 
 

@@ -106,7 +106,10 @@ def test_long_names_are_cut_where_the_line_would_be_longer_than_a_terminal(statu
 
 def test_a_stream_without_contact_says_so(place):
     text = "".join(",".join(map(str, frame.ravel())) + "\n" for frame in empty_hand(86))
-    assert call(place / "classifier.pt", "-", "--follow", text=text)[-1].startswith("40 frames, no contact")
+    *_, last = call(place / "classifier.pt", "-", "--follow", "--csv", place / "a.csv", text=text)
+    assert last.startswith("40 frames, no contact")
+    (head,) = (place / "a.csv").read_text("utf-8").splitlines()
+    assert head.startswith("recording,start_s,end_s,answer,class_1,probability_1,") and head.endswith(",object")
 
 
 def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated(place):
