@@ -155,11 +155,11 @@ def _again(run: FinishedRun) -> str:
 
 
 def _uncommitted(origin: dict[str, str]) -> str:
-    """Files that the run used with changes that no command above brings back; `files of it` of an older record."""
+    """Files that the run used with changes that no command above brings back; `some files` of an older record."""
     if origin.get("git.dirty") != "true":
         return ""
     if "git.changed" not in origin:
-        return "files of it"
+        return "some files"
     return ", ".join(name for name in origin["git.changed"].split(", ") if Path(name).name not in TOLD_BY_COMMAND)
 
 

@@ -20,6 +20,7 @@ FEW = 10  # split groups: an interval of fewer says little
 WIDE, AIMED = 0.25, 0.2  # widths of an interval
 ROUNDING = 1e-9  # of a share
 REMEDY = re.compile(r"set (\w+(?:\.\w+)+) to (?:about )?([\w.]*\w)")
+HELD_OUT = ("recording", "grasp", "session")  # of `split.by`, what folds are made of
 LEARNING = ("model.", "pretrain.", "finetune.")  # parameters that a preset is about
 
 
@@ -92,7 +93,8 @@ def verdict(run: FinishedRun, seen: Outcome) -> Verdict:
     if run.params["split.by"] == "frame":
         reasons.append("Single frames were held out, so that it has learnt from frames right beside them.")
     if seen.warnings:
-        reasons.append(f"{several(len(seen.warnings), 'warning')} below may explain it or put it in doubt.")
+        count = len(seen.warnings)
+        reasons.append(f"{several(count, 'warning')} below {'puts' if count == 1 else 'put'} it in doubt.")
     if not seen.ends:
         alone = "All test frames are of one split group, which says nothing of the next."
         return Verdict("bad", "This result cannot be judged.", [alone, *reasons])
@@ -117,6 +119,9 @@ def next_steps(run: FinishedRun, seen: Outcome) -> list[Step]:
         steps.append(Step(what, why, f"tactile-viewgcn inspect {source} --html inspection.html"))
     if seen.only and not trains_no_network(run.params):
         steps.append(_train_longer(run, seen))
+    if run.params["split.by"] == "frame":
+        why = "Only then the error says how well a new recording is answered. Each object needs two recordings."
+        steps.append(Step("Hold out whole recordings.", why, again(run.changed | {"split.by": "recording"})))
     if seen.uncertain:
         steps += _test_more(run, seen)
     if (seen.guesses or seen.uncertain) and pretrains(run.params):
@@ -165,13 +170,15 @@ def _test_more(run: FinishedRun, seen: Outcome) -> Iterable[Step]:
     width = seen.ends[1] - seen.ends[0] if seen.ends else 1.0
     needed = max(FEW, ceil(seen.groups * (width / AIMED) ** 2))
     if needed > seen.groups and not run.simulated:
+        by = run.params["split.by"]
+        what = several(seen.groups, by if by in HELD_OUT else "split group")
         why = (
-            f"The interval is {100 * width:.0f} points wide with {several(seen.groups, 'split group')} on the test "
+            f"The interval is {100 * width:.0f} points wide with {what} on the test "
             f"side. About {100 * AIMED:.0f} points would take {needed}: more recordings of each object, in more "
             "sessions. More frames of the same recordings hardly help."
         )
         yield Step("Record more.", why)
-    if run.params["split.by"] in ("recording", "grasp", "session"):
+    if run.params["split.by"] in HELD_OUT:
         folds = range(run.params["split.folds"])
         changes = {key: value for key, value in run.changed.items() if key != "split.fold"}
         sweep = f"dvc exp run --queue -S split.fold={','.join(map(str, folds))}"

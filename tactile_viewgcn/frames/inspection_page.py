@@ -51,7 +51,7 @@ def inspection_page(seen: Inspection) -> str:
         title=f"Recordings: {seen.path.name}",
         seen=seen,
         simulated=str(seen.path) == VIRTUAL,
-        objects=len(np.unique(seen.label)),
+        objects=_objects(seen),
         sessions=len(np.unique(seen.session)),
         every=f"{seen.interval:.3g} s" if seen.interval else "unknown",
         contact_share=f"{100 * seen.contact.sum() / seen.frames.sum():.0f}\N{NO-BREAK SPACE}%",
@@ -72,6 +72,13 @@ def inspection_page(seen: Inspection) -> str:
         session_rows=_session_rows(seen),
         words=WORDS,
     )
+
+
+def _objects(seen: Inspection) -> str:
+    """26 objects and the empty hand"""
+    names = [seen.objects[label] for label in np.unique(seen.label)]
+    told = several(len(names) - (EMPTY_HAND in names), "object")
+    return f"{told} and the empty hand" if EMPTY_HAND in names else told
 
 
 def attention(seen: Inspection, baseline: str) -> list[tuple[str, str]]:

@@ -73,7 +73,7 @@ def test_the_same_on_few_recordings_is_not_to_be_relied_on():
     assert found.kind == "unsure" and "Little was tested: 6 recordings, 2 of each object." in found.reasons
     assert steps[:2] == ["Record more.", "Test every recording once."]
     assert "dvc exp run --queue -S split.fold=0,1,2 -S views=4\ndvc queue start" in commands
-    assert "split group" in next_steps(run, outcome_of(run))[0].why
+    assert "points wide with 6 recordings on the test side" in next_steps(run, outcome_of(run))[0].why
 
 
 def test_an_interval_that_reaches_guessing_is_no_result():
@@ -100,7 +100,7 @@ def test_a_network_that_answers_the_same_is_trained_longer_and_a_preset_is_tried
 )
 def test_a_warning_comes_first_with_the_remedy_that_it_names(note, change):
     found, steps, commands = told(finished(RIGHT, notes=[note], views=4))
-    assert found.kind == "unsure" and "1 warning below may explain it or put it in doubt." in found.reasons
+    assert found.kind == "unsure" and "1 warning below puts it in doubt." in found.reasons
     assert steps[0] == "Mend what the warning names, and run again."
     assert commands.splitlines()[0] == f"dvc exp run -S views=4 {change}"
 
@@ -119,7 +119,8 @@ def test_an_object_that_is_never_recognised_is_named():
 
 
 def test_single_frames_held_out_are_not_good_and_simulated_recordings_are_not_predicted():
-    found, _, _ = told(finished(RIGHT, split_by="frame"))
+    found, steps, commands = told(finished(RIGHT, split_by="frame"))
+    assert steps[0] == "Hold out whole recordings." and commands.startswith("dvc exp run -S split.by=recording")
     assert found.kind == "unsure" and "Single frames were held out" in " ".join(found.reasons)
     _, steps, commands = told(finished(RIGHT, data_source="data/virtual/recordings"))
     assert steps == ["Take your own recordings."] and commands == "tactile-viewgcn inspect data/my_glove"
