@@ -135,5 +135,5 @@ def _kept_frames(recordings: Recordings, baseline: Baseline, selection: Selectio
         if baseline.noise is None
         else baseline.noise[np.unique(baseline.of_frame)].mean(axis=0),
         preprocess=asdict(preprocess),
-        passed=float(selection.filtered.mean()),
+        kept_share=float(selection.filtered.mean()),
     )

@@ -31,7 +31,7 @@ class Frames:
         transform, scale: of counts above baseline to network input, see `network_input`.
         noise: (H, W) mean standard deviation of the baselines in counts, NaN where it was not measured.
         preprocess: the section of params.yaml that it was made by; new recordings are treated by the same.
-        passed: share of the recordings' frames that passed the filter.
+        kept_share: of the recordings' frames, how many the filter keeps.
     """
 
     counts: np.ndarray
@@ -53,7 +53,7 @@ class Frames:
     scale: float
     noise: np.ndarray
     preprocess: dict[str, Any]
-    passed: float
+    kept_share: float
 
     def __len__(self) -> int:
         return len(self.label)

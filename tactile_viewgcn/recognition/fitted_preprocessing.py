@@ -9,9 +9,9 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import Preprocess
 from tactile_viewgcn.recordings.source import MAX_PRESSURE
 
-REACH_SHARE = 0.01
-MOST_REACH = 4.0  # times the training's; single recordings of STAG's glove and the virtual one lie within a factor of 2
-ALL_PASSED = 0.99  # share of the training's frames that passed the filter: its recordings are all contact
+STRONG_SHARE = 0.01  # of the readings are above a glove's strong reading
+MOST_TIMES = 4.0  # of it; single recordings of STAG's glove and the virtual one lie within a factor of 2
+ALL_KEPT = 0.99  # share of the training's frames that the filter keeps: its recordings are all contact
 
 
 @dataclass(frozen=True)
@@ -20,18 +20,18 @@ class FittedPreprocessing:
 
     Attributes:
         params: the parameters that the frames were made by.
-        passed: share of the recordings' frames that passed the filter.
+        kept_share: share of the recordings' frames that the filter keeps.
         dtype: of the counts.
-        reach: counts above baseline that a share of REACH_SHARE of the readings of kept frames exceeds.
+        strong_reading: counts above baseline that a share of STRONG_SHARE of the readings of kept frames exceeds.
         live: bool (H, W) sensors.
         noise: (H, W) standard deviation of the baseline in counts, NaN where it was not measured.
         baselines: (H, W) of each session, by its name.
     """
 
     params: Preprocess
-    passed: float
+    kept_share: float
     dtype: np.dtype
-    reach: float
+    strong_reading: float
     live: np.ndarray
     noise: np.ndarray
     baselines: dict[str, np.ndarray]
@@ -39,7 +39,7 @@ class FittedPreprocessing:
     @property
     def takes_all(self) -> bool:
         """Whether every frame counts as contact, as in the training, where contact cannot be told."""
-        return self.params.filter == "none" or (self.params.baseline == "none" and self.passed >= ALL_PASSED)
+        return self.params.filter == "none" or (self.params.baseline == "none" and self.kept_share >= ALL_KEPT)
 
     def mean_baseline(self) -> np.ndarray:
         """Mean (H, W) of the baselines of the training's sessions."""
@@ -59,7 +59,7 @@ class FittedPreprocessing:
                 f"{where} holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({self.dtype})"
             )
 
-    def check_reach(self, excess: np.ndarray, where: str) -> None:
+    def check_strength(self, excess: np.ndarray, where: str) -> None:
         """Raise a UserError, whose message begins with `where`, for frames in contact of another scale.
 
         Args:
@@ -67,11 +67,11 @@ class FittedPreprocessing:
         """
         if not len(excess):
             return
-        reach = float(np.quantile(excess[:, self.live], 1 - REACH_SHARE))
-        if not self.reach / MOST_REACH <= reach <= self.reach * MOST_REACH:
+        reading, expected = float(np.quantile(excess[:, self.live], 1 - STRONG_SHARE)), self.strong_reading
+        if not expected / MOST_TIMES <= reading <= expected * MOST_TIMES:
             raise UserError(
-                f"{where}: one in a hundred readings in contact is above {reach:.3g} counts over its baseline; "
-                f"expected about {self.reach:.3g}, as the model was trained on: is it another glove, or another unit?"
+                f"{where}: one in a hundred readings in contact is above {reading:.3g} counts over its baseline; "
+                f"expected about {expected:.3g}, as the model was trained on: is it another glove, or another unit?"
             )
 
 
@@ -87,9 +87,9 @@ def read_fitted(content: dict[str, Any]) -> FittedPreprocessing:
     """The fitted preprocessing from the content of a file that `save_classifier` wrote."""
     return FittedPreprocessing(
         params=Preprocess(**content["preprocess"]),
-        passed=content["passed"],
+        kept_share=content["kept_share"],
         dtype=np.dtype(content["dtype"]),
-        reach=content["reach"],
+        strong_reading=content["strong_reading"],
         live=content["live"].numpy(),
         noise=content["noise"].numpy(),
         baselines=dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True)),

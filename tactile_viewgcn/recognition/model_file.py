@@ -16,10 +16,10 @@ from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.params import Backbone, Model
-from tactile_viewgcn.recognition.fitted_preprocessing import REACH_SHARE, read_fitted
+from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
 
-REACH_FRAMES = 2000
+STRONG_FRAMES = 2000
 
 
 def save_classifier(
@@ -54,11 +54,11 @@ def save_classifier(
         "precision": precision,
         "temperatures": temperatures,
         "preprocess": frames.preprocess,
-        "passed": frames.passed,
+        "kept_share": frames.kept_share,
         "dtype": str(frames.counts.dtype),
         "live": torch.from_numpy(frames.live),
         "noise": torch.from_numpy(frames.noise),
-        "reach": reach(frames),
+        "strong_reading": strong_reading(frames),
         "novelty": novelty and {name: torch.as_tensor(value) for name, value in vars(novelty).items()},
     }
     with atomic_write(path) as part:
@@ -76,11 +76,11 @@ def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
     return [frames.sessions[session] for session in used], np.stack(means)
 
 
-def reach(frames: Frames) -> float:
+def strong_reading(frames: Frames) -> float:
     """Counts above baseline that one in a hundred readings of the live sensors exceeds, of at most 2,000 anchors."""
     anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
-    some = anchors[np.linspace(0, len(anchors) - 1, min(len(anchors), REACH_FRAMES)).astype(int)]
-    return float(np.quantile(frames.inputs(some, "counts")[:, frames.live], 1 - REACH_SHARE))
+    some = anchors[np.linspace(0, len(anchors) - 1, min(len(anchors), STRONG_FRAMES)).astype(int)]
+    return float(np.quantile(frames.inputs(some, "counts")[:, frames.live], 1 - STRONG_SHARE))
 
 
 def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, Any]]:

@@ -185,7 +185,7 @@ class Stream:
         contact.answered = True
         self._number += 1
         try:
-            self._fitted.check_reach(contact.stack(), f"contact {self._number}")
+            self._fitted.check_strength(contact.stack(), f"contact {self._number}")
         except UserError:  # the frames that follow may be better
             answer = replace(answer, status=UNKNOWN)
         return Row(f"contact {self._number}", UNLABELLED, contact.start, seconds, self.frames, answer)

@@ -60,7 +60,7 @@ def answer_source(
             excess = recordings.frames(held) - baseline.mean[baseline.of_frame[held]]
             used.append(excess[spread_sets(len(held), recogniser.classifier.views)[0]] if len(held) else excess)
             rows.append(_row(recordings, index, answer_contact(recogniser, excess, stop_at=stop_at)))
-    recogniser.preprocessing.check_reach(np.concatenate(used), str(source.path))
+    recogniser.preprocessing.check_strength(np.concatenate(used), str(source.path))
     return rows, baseline.notes
 
 

@@ -38,7 +38,7 @@ def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
         scale=scale,
         noise=np.ones((3, 4)),
         preprocess={"baseline": "quiet", "quiet_share": 0.1},
-        passed=0.5,
+        kept_share=0.5,
     )
 
 
@@ -153,4 +153,4 @@ def test_the_file_uses_the_projects_words(tmp_path):
         arrays = {"counts", "label", "recording", "session", "group", "side", "anchor", "time", "live", "noise"}
         names = {"classes", "recordings", "sessions", "baseline_names"}
         assert set(file) == arrays | names | {"baseline", "baseline_mean"}
-        assert set(file.attrs) == {"transform", "scale", "preprocess", "passed"}
+        assert set(file.attrs) == {"transform", "scale", "preprocess", "kept_share"}
