@@ -37,7 +37,7 @@ class Data:
 
 @dataclass(frozen=True)
 class PreprocessSection:
-    baseline: Literal["auto", "empty_hand", "grasp", "quiet", "none"]  # auto: see frames/recommendation.py
+    baseline: Literal["auto", "empty_hand", "grasp", "quiet", "none"]  # auto: see frames/automatic.py
     quiet_share: Annotated[float, Range(0, 1, open="low")]
     zero: Annotated[float, Range(-MAX_NUMBER, MAX_NUMBER)]
     filter: Literal["auto", "flags", "contact", "none"]
