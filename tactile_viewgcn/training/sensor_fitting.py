@@ -36,9 +36,10 @@ def fit_sensor_system(classifier: Classifier, table: Frames, num_views: str, see
 
 
 def successive_noise(table: Frames) -> float:
-    """Standard deviation in counts of what sensors read, by successive training frames; infinite without any.
+    """Standard deviation in counts of what sensors read, by successive training frames; infinite where it is unknown.
 
     It is that of the median difference, which contact does not change while fewer than half of the sensors feel it.
+    Unknown is noise below the steps of the counts, and without successive frames.
     """
     index = table.on(TRAIN)
     pairs = index[:-1][(np.diff(index) == 1) & (np.diff(table.recording[index]) == 0)]
@@ -46,7 +47,7 @@ def successive_noise(table: Frames) -> float:
         return np.inf
     pairs = pairs[np.unique(np.linspace(0, len(pairs) - 1, MOST_PAIRS).astype(int))]
     change = table.counts[pairs + 1].astype(np.float64) - table.counts[pairs]
-    return float(np.median(np.abs(change[:, table.live]))) / (MEDIAN_SD * 2**0.5)
+    return float(np.median(np.abs(change[:, table.live]))) / (MEDIAN_SD * 2**0.5) or np.inf
 
 
 def powers_of_two(views: int) -> tuple[int, ...]:

@@ -15,3 +15,5 @@ def test_noise_is_that_of_successive_frames_of_a_recording(tmp_path):
     frames = replace(frames, counts=offset + rng.normal(0, 3, frames.counts.shape))
     assert successive_noise(frames) == pytest.approx(3, rel=0.1)
     assert successive_noise(replace(frames, recording=np.arange(len(frames)))) == np.inf
+    whole = np.rint(offset + rng.normal(0, 0.4, frames.counts.shape))
+    assert successive_noise(replace(frames, counts=whole)) == np.inf
