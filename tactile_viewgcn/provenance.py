@@ -18,18 +18,21 @@ import yaml
 from tactile_viewgcn.process import processor, start_ticks, usable_cores
 from tactile_viewgcn.schema import as_change
 
-MOST_LETTERS = 2000  # of the names of changed files
+MOST_FILES = 20  # changed files that are named
 PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # whose versions a run keeps
 
 
 def git_revision() -> dict[str, str]:
-    """The commit of the code that runs, whether files of it were changed, and which; empty outside git."""
-    commit, status = _git("rev-parse", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
+    """The commit of the code that runs, whether files of it were changed, and which, a line each; empty outside git."""
+    commit = _git("rev-parse", "HEAD")
+    status = _git("status", "--porcelain", "-z", "--no-renames", "--untracked-files=no")
     if commit is None or status is None:
         return {}
-    changed = [line[3:] for line in status.splitlines()]
+    changed = [entry[3:] for entry in status.split("\0") if entry]
     told = {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(changed)).lower()}
-    return told | ({"git.changed": ", ".join(changed)[:MOST_LETTERS]} if changed else {})
+    if len(changed) > MOST_FILES:
+        changed[MOST_FILES:] = [f"and {len(changed) - MOST_FILES} more"]
+    return told | ({"git.changed": "\n".join(changed)} if changed else {})
 
 
 def run_tags(stage: str) -> dict[str, str]:
@@ -110,6 +113,7 @@ def _flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def _git(*words: str, folder: Path = Path()) -> str | None:
     """Output of git; None where there is no git, no repository, or git refuses."""
     try:
-        return subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, check=True).stdout
+        output = subprocess.run(["git", *words], cwd=folder, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):
         return None
+    return output.decode(errors="replace")

@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from tactile_viewgcn.provenance import changes_of, committed_params, git_revision, run_name
+from tactile_viewgcn.provenance import MOST_FILES, changes_of, committed_params, git_revision, run_name
 
 COMMITTED = {"views": 8, "pretrain.lr": 5e-3, "finetune.lr": "5e-4", "glove.objects": "all", "x.flag": True}
 
@@ -58,3 +58,21 @@ def test_the_revision_says_whether_files_were_changed(tmp_path, monkeypatch):
     assert len(clean["mlflow.source.git.commit"]) == 40 and clean["git.dirty"] == "false"
     (tmp_path / "a").write_text("2")
     assert git_revision() == clean | {"git.dirty": "true", "git.changed": "a"}
+
+
+def test_changed_files_are_named_whole_whatever_their_names(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = ["a, b", "moved -> here", "öl"]
+    for name in [*names, *map(str, range(MOST_FILES))]:
+        (tmp_path / name).write_text(name)
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "-qm", "first")
+    (tmp_path / "a, b").write_text("changed")
+    (tmp_path / "öl").write_text("changed")
+    git(tmp_path, "mv", "moved -> here", "new")
+    assert git_revision()["git.changed"].split("\n") == ["a, b", "moved -> here", "new", "öl"]
+    for number in range(MOST_FILES):
+        (tmp_path / str(number)).write_text("changed")
+    listed = git_revision()["git.changed"].split("\n")
+    assert len(listed) == MOST_FILES + 1 and listed[-1] == "and 4 more"

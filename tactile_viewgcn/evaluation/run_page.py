@@ -3,7 +3,6 @@
 import re
 from datetime import datetime
 from itertools import starmap
-from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn import html
@@ -160,7 +159,7 @@ def _uncommitted(origin: dict[str, str]) -> str:
         return ""
     if "git.changed" not in origin:
         return "some files"
-    return ", ".join(name for name in origin["git.changed"].split(", ") if Path(name).name not in TOLD_BY_COMMAND)
+    return ", ".join(name for name in origin["git.changed"].split("\n") if name not in TOLD_BY_COMMAND)
 
 
 def _lineage(run: FinishedRun) -> dict[str, str]:

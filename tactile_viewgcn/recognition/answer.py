@@ -9,7 +9,7 @@ from tactile_viewgcn.recognition.contact import find_contact
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recordings.array_table import ArrayRecordings
-from tactile_viewgcn.recordings.source import UNLABELLED, storage_type
+from tactile_viewgcn.recordings.source import UNLABELLED
 
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 
@@ -46,15 +46,14 @@ def answer_recording(
         name: of the counts, in errors.
 
     Raises:
-        UserError: counts of another shape or type, or not finite; `stop_at` is no probability, or the model takes V
-            frames alone.
+        UserError: counts of another shape or type, not finite, or outside int32; `stop_at` is no probability, or the
+            model takes V frames alone.
     """
     if stop_at is not None:
         recogniser.check_sequential(stop_at, "stop_at")
     fitted, one = recogniser.preprocessing, np.zeros(1, dtype=int)
     counts = checked_array(counts, name)
     fitted.check_counts(counts, name)
-    counts = counts.astype(storage_type(counts.dtype, name), copy=False)
     recordings = ArrayRecordings([counts], [UNLABELLED], one, one)
     recordings.live = fitted.live
     baseline, contact = find_contact(recordings, fitted)

@@ -55,19 +55,31 @@ def line(row: Row, classes: list[str]) -> str:
 
 
 def _told(row: Row, classes: list[str], width: int) -> str:
-    """The answer in words, with names cut so far that it has this width."""
+    """The answer in words, of this width if it can be.
+
+    Names are cut, but never so far that two classes read alike; where that is not enough, the third and the second
+    answer are left out.
+    """
     if row.answer.status == NO_CONTACT:
         return NO_CONTACT
     unknown = row.answer.status == UNKNOWN
     names = best(row, classes)[: 1 if unknown else TOP]
-    for most in range(max(SHORTEST, *(len(name) for name, _ in names)), SHORTEST - 1, -1):
-        shares = ", ".join(
-            f"{name if len(name) <= most else name[: most - 1] + '…'} {100 * share:.0f} %" for name, share in names
-        )
-        told = f"{UNKNOWN}; nearest {shares}" if unknown else shares
-        if len(told) <= width:
-            break
+    longest = max(SHORTEST, *map(len, classes))
+    lengths = [
+        most for most in range(longest, SHORTEST - 1, -1) if len({_cut(name, most) for name in classes}) == len(classes)
+    ]
+    for count in range(len(names), 0, -1):
+        for most in lengths:
+            shares = ", ".join(f"{_cut(name, most)} {100 * share:.0f} %" for name, share in names[:count])
+            told = f"{UNKNOWN}; nearest {shares}" if unknown else shares
+            if len(told) <= width:
+                return told
     return told
+
+
+def _cut(name: str, most: int) -> str:
+    """The name, or its beginning with a sign that it is one."""
+    return name if len(name) <= most else name[: most - 1] + "…"
 
 
 def wrapped(note: str) -> str:

@@ -50,7 +50,7 @@ def checked_arrays(recordings: Sequence[Any], shape: tuple[int, int] | None = No
         shape: (H, W) that they must have; None: that of the first.
 
     Raises:
-        UserError: none; one without frames, of other axes, type or layout, or with values that are no finite numbers.
+        UserError: none; one that `checked_array` refuses, or of another layout.
     """
     if not len(recordings):
         raise UserError("X holds no recordings; expected one or more, each an array (frames, rows, columns)")
@@ -59,38 +59,42 @@ def checked_arrays(recordings: Sequence[Any], shape: tuple[int, int] | None = No
     for number, array in enumerate(arrays):
         if array.shape[1:] != expected:
             raise UserError(f"X[{number}] has frames of {_layout(array.shape[1:])}; expected {_layout(expected)}, {of}")
-    dtype = storage_type(np.result_type(*arrays), "X")
-    for number, array in enumerate(arrays):
-        if dtype.kind == "i" and (array.min() < np.iinfo(dtype).min or array.max() > np.iinfo(dtype).max):
-            raise UserError(f"X[{number}] holds counts from {array.min()} to {array.max()}; expected them in {dtype}")
+    dtype = np.result_type(*arrays)
     return [array.astype(dtype, copy=False) for array in arrays]
 
 
 def checked_array(recording: Any, name: str) -> np.ndarray:
-    """One recording as an array (T, H, W) of numbers.
+    """One recording as an array (T, H, W) of the type in which pressure is stored.
 
     Raises:
-        UserError: of another type or axes, without frames, or with values that are no finite numbers; `name` begins it.
+        UserError: of another type or axes, without frames, or with values that are not finite, too large, or counts
+            outside int32; `name` begins the message.
     """
     try:
         array = np.asarray(recording)
     except ValueError:
         raise UserError(f"{name} is ragged; expected frames of equal size, (frames, rows, columns)") from None
-    if array.dtype.kind not in "iuf":
-        raise UserError(f"{name} is of type {array.dtype}; expected integer counts or real numbers")
     if array.ndim != 3:
         raise UserError(f"{name} has shape {array.shape}; expected (frames, rows, columns)")
     check_shape(array.shape, name)
     if not len(array):
         raise UserError(f"{name} has no frames; expected one or more: leave it out")
-    inside = np.abs(array.astype(np.float64)) <= MAX_PRESSURE
-    if not inside.all():
-        frame, row, column = np.argwhere(~inside)[0]
-        raise UserError(
-            f"{name} holds {array[frame, row, column]:g} in frame {frame}, row {row}, column {column}; expected a "
-            f"number from every sensor, up to {MAX_PRESSURE:g}"
-        )
-    return array
+    check_finite(array, name)
+    dtype = storage_type(array.dtype, name)
+    if dtype.kind == "i" and (array.min() < np.iinfo(dtype).min or array.max() > np.iinfo(dtype).max):
+        raise UserError(f"{name} holds counts from {array.min()} to {array.max()}; expected them in {dtype}")
+    return array.astype(dtype, copy=False)
+
+
+def check_finite(values: np.ndarray, where: str) -> None:
+    """Raise a UserError, whose message begins with `where`, for values that are no numbers, not finite or too large."""
+    if values.dtype.kind not in "iuf":
+        raise UserError(f"{where} is of type {values.dtype}; expected integer counts or real numbers")
+    unfit = np.argwhere(~(np.abs(values) <= np.float64(MAX_PRESSURE)))  # float16 has no such number
+    if len(unfit):
+        place = " in frame {}, row {}, column {}".format(*unfit[0]) if values.ndim == 3 else ""
+        value = values[tuple(unfit[0])]
+        raise UserError(f"{where} holds {value:g}{place}; expected a number up to {MAX_PRESSURE:g} from every sensor")
 
 
 def _layout(shape: tuple[int, ...]) -> str:

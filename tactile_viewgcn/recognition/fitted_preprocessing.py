@@ -7,7 +7,6 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import Preprocess
-from tactile_viewgcn.recordings.source import MAX_PRESSURE
 
 STRONG_SHARE = 0.01  # of the readings are above a glove's strong reading
 MOST_TIMES = 4.0  # of it; single recordings of STAG's glove and the virtual one lie within a factor of 2
@@ -48,12 +47,11 @@ class FittedPreprocessing:
     def check_counts(self, counts: np.ndarray, where: str) -> None:
         """Raise a UserError, whose message begins with `where`, for raw counts (..., H, W) unlike the training's.
 
-        They are of another layout, of no numbers, not finite, or have fractions where the training's are integers.
+        They are of another layout, or have fractions where the training's are integers. `check_finite` comes first.
         """
         if counts.shape[-2:] != self.live.shape:
             layout, expected = (" x ".join(map(str, shape)) for shape in (counts.shape[-2:], self.live.shape))
             raise UserError(f"{where}: frames of {layout}; expected {expected}, as the model was trained on")
-        check_finite(counts, where)
         if (self.dtype.kind, counts.dtype.kind) == ("i", "f") and (fractions := counts[counts % 1 != 0]).size:
             raise UserError(
                 f"{where} holds {fractions[0]:g}; expected whole numbers, raw counts as in training ({self.dtype})"
@@ -73,14 +71,6 @@ class FittedPreprocessing:
                 f"{where}: one in a hundred readings in contact is above {reading:.3g} counts over its baseline; "
                 f"expected about {expected:.3g}, as the model was trained on: is it another glove, or another unit?"
             )
-
-
-def check_finite(counts: np.ndarray, where: str) -> None:
-    """Raise a UserError, whose message begins with `where`, for values that are no numbers, not finite or too large."""
-    if counts.dtype.kind not in "iuf":
-        raise UserError(f"{where} is of type {counts.dtype}; expected integer counts or real numbers")
-    if (unfit := counts[~(np.abs(counts) <= MAX_PRESSURE)]).size:
-        raise UserError(f"{where} holds {unfit[0]:g}; expected a number up to {MAX_PRESSURE:g} from every sensor")
 
 
 def read_fitted(content: dict[str, Any]) -> FittedPreprocessing:

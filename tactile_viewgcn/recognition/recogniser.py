@@ -13,7 +13,8 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.transform import network_input
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import view_set_logits
-from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing, check_finite
+from tactile_viewgcn.recognition.array_input import check_finite
+from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty
 
@@ -93,6 +94,7 @@ class Recogniser:
         if baseline.shape != self.shape:
             raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
         check_finite(baseline, "baseline")
+        check_finite(counts, "counts")
         self.preprocessing.check_counts(counts, "counts")
         return np.subtract(counts, baseline, dtype=np.float64)
 

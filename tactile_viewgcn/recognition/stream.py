@@ -12,6 +12,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import trimmed_moments
 from tactile_viewgcn.frames.open_hand import Follower, is_contact
 from tactile_viewgcn.recognition.answer import UNKNOWN, Answer, answer_contact
+from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.unlabelled import Row
@@ -69,6 +70,7 @@ def read_frame(text: str, number: int, fitted: FittedPreprocessing) -> tuple[np.
     if counts.size != shape[0] * shape[1]:
         raise UserError(f"{where}: {counts.size} numbers; expected {shape[0]} x {shape[1]} = {shape[0] * shape[1]}")
     frame = counts.reshape(shape)
+    check_finite(frame, where)
     fitted.check_counts(frame, where)
     return frame, seconds
 

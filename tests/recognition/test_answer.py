@@ -84,6 +84,12 @@ def test_the_first_frames_of_the_bisecting_order_are_spread_over_all():
     [
         (np.zeros((5, 8, 9), np.int16), r"counts: frames of 8 x 9; expected 8 x 10, as the model was trained on"),
         (np.full((5, *SHAPE), 0.5), r"counts holds 0.5; expected whole numbers, raw counts as in training"),
+        (
+            np.full((5, *SHAPE), 3_000_000_000, np.uint32),
+            r"^counts holds counts from 3000000000 to 3000000000; expected",
+        ),
+        (np.full((5, *SHAPE), -(2**40)), r"^counts holds counts from -1099511627776 to -1099511627776; expected"),
+        (np.full((5, *SHAPE), np.inf, np.float16), r"^counts holds inf in frame 0, row 0, column 0"),
         (np.full((5, *SHAPE), np.nan), r"^counts holds nan in frame 0, row 0, column 0"),
     ],
 )

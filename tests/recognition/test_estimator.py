@@ -26,6 +26,7 @@ from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.tables import CPU, ROOT, SMALL, recipe, table
 
+CENTRED = "its data are centred on 0, and a reading below the baseline is no contact; passes with preprocess.zero -3"
 RAW = {
     "preprocess.baseline": "quiet",
     "preprocess.quiet_share": 0.3,
@@ -44,13 +45,15 @@ NETWORK = {
 }
 
 
-@parametrize_with_checks([TactileClassifier(), TactileClassifier(system="logistic", params={"preprocess.zero": -3})])
+@parametrize_with_checks(
+    [TactileClassifier(), TactileClassifier(system="logistic", params={"preprocess.zero": -3})],
+    expected_failed_checks=lambda given: {} if given.params else {"check_classifiers_train": CENTRED},
+    xfail_strict=True,
+)
 def test_scikit_learn_s_own_checks(estimator, check):
-    if check.func.__name__ != "check_classifiers_train" or estimator.params:
-        check(estimator)
-    elif not check.keywords.get("readonly_memmap"):  # on data centred on 0: a reading below the baseline is no contact
-        with pytest.raises(AssertionError):
-            check(estimator)
+    if not estimator.params and check.keywords.get("readonly_memmap"):
+        pytest.skip("dear, and expected to fail as on arrays that can be written")
+    check(estimator)
 
 
 def grasps(per_object: int = 5, *, frames: int = 24, seed: int = 0):

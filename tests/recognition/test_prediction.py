@@ -104,6 +104,19 @@ def test_long_names_are_cut_where_the_line_would_be_longer_than_a_terminal(statu
         assert " 61 %, mug 29 %, a multime" in text
 
 
+def test_names_with_one_beginning_are_never_cut_alike():
+    classes = ["tennis_ball_old", "tennis_ball_new", "mug"]
+    answer = Answer(OBJECT, np.array([0.61, 0.29, 0.1]), 8, 20)
+    text = line(Row("1", "", 0.0, 2.0, 60, answer, latency_ms=12.0), classes)
+    assert text.endswith("8/20  tennis_ball_old 61 %, tennis_ball_new 29 %  12 ms") and len(text) == 80
+    longer = ["a tennis ball for the table", "a tennis ball for the garden", "mug"]
+    text = line(Row("1", "", 0.0, 2.0, 60, answer, latency_ms=12.0), longer)
+    assert text.endswith("8/20  a tennis ball for the table 61 %  12 ms")
+    unknown = Answer(UNKNOWN, answer.probabilities, 8, 20)
+    text = line(Row("1", "", 0.0, 2.0, 60, unknown), longer)
+    assert text.endswith("nearest a tennis ball for the t… 61 %")
+
+
 def test_a_stream_without_contact_says_so(place):
     text = "".join(",".join(map(str, frame.ravel())) + "\n" for frame in empty_hand(86))
     *_, last = call(place / "classifier.pt", "-", "--follow", "--csv", place / "a.csv", text=text)

@@ -110,11 +110,14 @@ def test_wrong_answers_are_told_with_the_scale_of_their_pictures(workspace, undr
 def test_a_simulated_run_says_so_and_one_of_a_changed_tree_says_what_was_changed(workspace, undrawn):
     run = read_run()
     run.params["data.source"] = "data/virtual/recordings"
-    changes = {"git.dirty": "true", "git.changed": "params.yaml, tactile_viewgcn/plots.py"}
+    changes = {"git.dirty": "true", "git.changed": "params.yaml\ntests/params.yaml\na, b.py\nand 3 more"}
     run.records["evaluate"]["origin"].update({"mlflow.source.git.commit": "0" * 40} | changes)
     text = text_of(run_page(run))
     assert "Simulated data" in text and f"git checkout {'0' * 40} dvc exp run" in text
-    assert "do not bring back all of it: tactile_viewgcn/plots.py had changes that were not committed" in text
+    assert (
+        "do not bring back all of it: tests/params.yaml, a, b.py, and 3 more had changes that were not committed"
+        in text
+    )
 
 
 def test_a_run_that_does_not_belong_together_is_refused(workspace):
