@@ -6,6 +6,7 @@ import torch
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.files import readable
+from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.nn.classifier import count_weights, system_class
 from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, fit_temperatures
@@ -29,6 +30,8 @@ def finetune(params, job, frames, views, backbone, out):
     if system.takes != "sensors":
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
+        for warning in noise_warnings(table, params.finetune.noise):
+            job.note(warning)
     clusters, on_epoch = read_views(views), job.on_epoch(params.finetune.epochs)
     with training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
         given = pretrained, params, compute

@@ -7,28 +7,26 @@ import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.leak import check_leak, describe
+from tactile_viewgcn.frames.baseline_leaks import leak_of_split
+from tactile_viewgcn.frames.leak import describe
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.frames.table import write_frames
-from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recordings.table import Recordings
 
 
-@stage("preprocess", "split", "pretrain.noise", "finetune.noise")
+@stage("preprocess", "split")
 @click.option("--recordings", type=INPUT, required=True)
 @click.option("--out", type=OUTPUT, required=True)
 @click.option("--kept", type=OUTPUT, required=True, help="Account of kept and dropped frames, per object and session.")
 def preprocess(params, job, recordings, out, kept):
     """Subtract the baseline, filter, split and balance the frames."""
-    split, noise = params.split, max(params.pretrain.noise, params.finetune.noise)
     with Recordings(recordings) as table:
-        made = preprocess_recordings(table, params.preprocess, split, noise=noise)
-        frames, selection, leak = made.frames, made.selection, None
+        made = preprocess_recordings(table, params.preprocess, params.split)
+        frames, selection, seen, kind = made.frames, made.selection, made.inspection, made.params.baseline
         rows = selection_counts(table, selection)
-        if made.inspection and not made.inspection.all_contact:
-            leak = check_leak(table, made.baseline, made.inspection.hand, split.by, stream(split.seed, "leak"))
+        leak = leak_of_split(table, seen, made.baseline, kind, params.split) if seen else None
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
@@ -42,7 +40,8 @@ def preprocess(params, job, recordings, out, kept):
     for side in SIDES:
         number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
         print("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
-    for note in (*map(str, made.choices), *made.notes, describe(leak, made.params.baseline)):
+    checked = [describe(leak, kind, all_contact=seen.all_contact)] if seen else []
+    for note in (*map(str, made.choices), *made.notes, *checked):
         job.note(note)
     resolved = {f"resolved.{one.key}": one.value for one in made.choices}
     sizes = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}

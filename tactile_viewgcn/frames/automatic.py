@@ -34,12 +34,12 @@ def decide(
 ) -> tuple[Preprocess, list[Recommendation], Inspection | None]:
     """The parameters with a value in place of every `auto`, the choices that were made so, and the inspection.
 
-    Recordings are not inspected, None, where nothing is `auto` and no baseline is to be found.
+    Recordings are not inspected, None, where nothing is `auto`, no baseline is to be found and no scale clips.
 
     Raises:
         UserError: no sensor that varies.
     """
-    if asked.baseline == "none" and "auto" not in vars(asked).values():
+    if asked.baseline == "none" and asked.transform != "clip" and "auto" not in vars(asked).values():
         return Preprocess(**vars(asked)), [], None
     sensors = None if asked.contact_sensors == "auto" else asked.contact_sensors
     seen = inspect_recordings(recordings, sensors=sensors, sigmas=asked.contact_sigmas)
@@ -68,25 +68,25 @@ def choose(seen: Inspection, asked: dict[str, str | int | float]) -> list[Recomm
 
 
 def _baseline(seen: Inspection) -> Recommendation:
-    def choose(value: str, reason: str) -> Recommendation:
+    def setting(value: str, reason: str) -> Recommendation:
         return Recommendation("preprocess.baseline", value, reason)
 
     if seen.has_empty_hand:
         leak, mended = seen.leaks.get("empty_hand"), seen.leaks.get("grasp")
         if seen.has_published_split:
-            return choose("empty_hand", "recorded in every session, and the split is published")
+            return setting("empty_hand", "recorded in every session, and the split is published")
         if seen.drifts_from_empty_hand:
-            return choose("grasp", "the open hand drifts from the session's empty hand by as much as contact")
+            return setting("grasp", "the open hand drifts from the session's empty hand by as much as contact")
         if leak and leak.found and mended and mended.error > leak.error:
             told = f"{100 * leak.error:.0f} %, with grasp {100 * mended.error:.0f} %, chance {100 * leak.chance:.0f} %"
-            return choose("grasp", f"above the empty hand the open hand tells the object: error {told}")
-        return choose("empty_hand", "recorded in every session")
+            return setting("grasp", f"above the empty hand the open hand tells the object: error {told}")
+        return setting("empty_hand", "recorded in every session")
     if seen.all_contact:
-        return choose("none", "even the quietest frames are contact: recordings are taken as they are")
+        return setting("none", "even the quietest frames are contact: recordings are taken as they are")
     short = int((seen.open < MIN_FRAMES).sum())
     if not short:
-        return choose("grasp", "no empty hand in every session, and an open hand in every recording")
-    return choose("quiet", f"no empty hand in every session, and {short} recordings have hardly an open hand")
+        return setting("grasp", "no empty hand in every session, and an open hand in every recording")
+    return setting("quiet", f"no empty hand in every session, and {short} recordings have hardly an open hand")
 
 
 def _zero(seen: Inspection) -> Recommendation:

@@ -12,6 +12,9 @@ ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in step
 OUTLIER_SD = 3.0  # standard deviations beyond which a frame does not count: the empty hand bumps into objects
 MAX_PASSES = 5  # over the frames, to remove outliers
 MIN_FRAMES = 5  # of a mean
+CUT_OFF = 0.25  # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
+HALF_SD = 0.584  # standard deviation of a normal distribution that is cut off at its mean, in those of the whole one
+SAMPLE = 2000  # frames that tell whether noise is cut off
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class Baseline:
     Attributes:
         names: (R,) of the sessions, recordings or grasps.
         mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
-        noise: (R, H, W) standard deviation in counts; None if it was not measured.
+        noise: (R, H, W) standard deviation in counts, see `noise_left`; None if it was not measured.
         of_frame: int16 or int32 (T,), index of the baseline of each frame of the recordings.
         notes: sentences on what was not as expected.
     """
@@ -53,6 +56,16 @@ def trimmed_moments(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             break
         inside = tighter
     return (first + mean).astype(kind), noise.astype(kind)
+
+
+def noise_left(recordings: Recordings) -> float:
+    """Share of the standard deviation of noise that the recordings show, by which a measured one is divided.
+
+    It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise is cut off there.
+    """
+    at = np.unique(np.linspace(0, len(recordings) - 1, SAMPLE).astype(int))
+    counts = recordings.frames(at)[:, recordings.live]
+    return HALF_SD if np.median((counts == counts.min()).mean(axis=0)) > CUT_OFF else 1.0
 
 
 def _step(counts: np.ndarray) -> float:
@@ -103,13 +116,14 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
             )
         entries.append(trimmed_moments(recordings.frames(index)) if len(index) else _unused_entry(recordings))
     mean, noise = map(np.stack, zip(*entries, strict=True))
-    return Baseline(recordings.sessions, mean, noise, sessions)
+    return Baseline(recordings.sessions, mean, noise / noise_left(recordings), sessions)
 
 
 def quiet_baseline(recordings: Recordings, share: float) -> Baseline:
     """Baseline of each recording over its quietest frames, for data without an empty hand.
 
-    The quietest are the `share` of its frames with the smallest sums over the sensors, five at least.
+    The quietest are the `share` of its frames with the smallest sums over the sensors, five at least. Their noise is
+    taken as it is, as they may be contact.
     """
     recording, entries = recordings.columns["recording"], []
     for number in range(len(recordings.recordings)):

@@ -4,10 +4,11 @@ from contextlib import suppress
 from dataclasses import replace
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import empty_hand_baseline
+from tactile_viewgcn.frames.baseline import Baseline, empty_hand_baseline
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.leak import Leak, check_first_frames, check_leak
+from tactile_viewgcn.params import Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recordings.table import Recordings
 
@@ -29,10 +30,31 @@ def with_deciding_leaks(recordings: Recordings, seen: Inspection) -> Inspection:
     return replace(seen, leaks=leaks)
 
 
+def leak_of_split(recordings: Recordings, seen: Inspection, baseline: Baseline, kind: str, split: Split) -> Leak | None:
+    """The leak check with the baseline that was taken and the groups of the split, unless it was made to decide.
+
+    None where all frames are contact, and as `check_leak` says.
+
+    Args:
+        kind: of the baseline, `preprocess.baseline`.
+    """
+    if seen.all_contact:
+        return None
+    by = "recording" if split.by == "source" else split.by  # whose groups are recordings
+    if kind in seen.leaks and by == _groups(seen):
+        return seen.leaks[kind]
+    return check_leak(recordings, baseline, seen.hand, split.by, stream(split.seed, "leak"))
+
+
+def _groups(seen: Inspection) -> str:
+    """`split.by` of the checks that decide: recordings, or grasps where no object has two recordings."""
+    return "grasp" if (seen.groups["recording"] < 2).all() and "grasp" in seen.groups else "recording"
+
+
 def _leaks(recordings: Recordings, seen: Inspection, *kinds: str) -> dict[str, Leak]:
     """The leak check with each of these baselines that the recordings allow."""
     leaks: dict[str, Leak] = {}
-    by = "grasp" if (seen.groups["recording"] < 2).all() and "grasp" in seen.groups else "recording"
+    by = _groups(seen)
     for kind in kinds:
         with suppress(UserError):  # no such baseline
             if kind == "grasp":

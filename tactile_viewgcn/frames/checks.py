@@ -11,14 +11,12 @@ MOST_FRAMES = 1000  # that are looked at
 MOST_CLIPPED = 0.2  # of the readings of sensors in contact
 
 
-def preprocessing_warnings(seen: Inspection, frames: Frames, asked: PreprocessSection, noise: float) -> list[str]:
+def preprocessing_warnings(seen: Inspection, frames: Frames, asked: PreprocessSection) -> list[str]:
     """Warnings on baseline and scale, each with what else could be set; where `auto` chose, that is not `auto`.
 
-    Args:
-        frames: what was made of the recordings.
-        noise: that training adds to the network's input, as a share of full scale.
+    `frames` is what was made of the recordings.
     """
-    warnings = [_baseline_warning(seen, frames, asked), _scale_warning(seen, frames, asked, noise)]
+    warnings = [_baseline_warning(seen, frames, asked), _scale_warning(seen, frames, asked)]
     return [f"warning: {warning}" for warning in warnings if warning]
 
 
@@ -43,8 +41,8 @@ def _baseline_warning(seen: Inspection, frames: Frames, asked: PreprocessSection
     )
 
 
-def _scale_warning(seen: Inspection, frames: Frames, asked: PreprocessSection, noise: float) -> str | None:
-    """Of a scale that clips much of what sensors in contact read, or at which it drowns in the noise of training."""
+def _scale_warning(seen: Inspection, frames: Frames, asked: PreprocessSection) -> str | None:
+    """Of a scale that clips much of what sensors in contact read."""
     if frames.transform != "clip":
         return None
     index = np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int))
@@ -53,15 +51,9 @@ def _scale_warning(seen: Inspection, frames: Frames, asked: PreprocessSection, n
     above = excess[pressed]
     if not len(above):
         return None
-    clipped, typical = (above > frames.scale).mean(), float(np.median(above))
+    clipped = (above > frames.scale).mean()
+    if clipped <= MOST_CLIPPED:
+        return None
     strongest = f"about {float(np.percentile(above, 99)):.2g}"
     remedy = f"set preprocess.scale to {strongest if asked.scale == 'auto' else f'auto, or to {strongest}'}"
-    if clipped > MOST_CLIPPED:
-        return f"scale {frames.scale:g} clips {100 * clipped:.0f} % of what sensors in contact read; {remedy}"
-    if typical < noise * frames.scale:
-        return (
-            f"scale {frames.scale:g} leaves what sensors in contact read, {typical:.3g} counts in the middle, below "
-            f"the noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the same for "
-            f"every object; {remedy}"
-        )
-    return None
+    return f"scale {frames.scale:g} clips {100 * clipped:.0f} % of what sensors in contact read; {remedy}"

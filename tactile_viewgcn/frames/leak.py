@@ -102,8 +102,10 @@ def _told(
     return Leak(float(wrong.mean()), low, high, float(chance), len(np.unique(of_group)), len(excess), seconds)
 
 
-def describe(leak: Leak | None, baseline: str) -> str:
+def describe(leak: Leak | None, baseline: str, *, all_contact: bool = False) -> str:
     """A leak check in one line, and a warning where the object is told; `baseline` is `preprocess.baseline`."""
+    if all_contact:
+        return "leak check: even the quietest frames are contact: not checked"
     if leak is None:
         return "leak check: no open-hand frames of two objects, each in two groups: not checked"
     line = (

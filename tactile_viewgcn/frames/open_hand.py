@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, trimmed_moments
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, noise_left, trimmed_moments
 from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.recordings.table import Recordings
 
@@ -20,8 +20,6 @@ WEAK_SENSORS, WEAK_SHARE = 2, 0.01  # most sensors of an open hand above that: t
 MARGIN = 2  # frames so near to others are no open hand: it is closing, or has just let go
 FOLLOWED = 0.1  # share of the difference between an open-hand frame and the baseline that the baseline follows
 MAX_DIFFERENCES = 2000  # of successive frames, of which noise is estimated
-CUT_OFF = 0.25  # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
-HALF_SD = 0.584  # standard deviation of a normal distribution that is cut off at its mean, in those of the whole one
 COMMON_SENSORS = 100  # about so many say what all sensors share, for a fifth of the time that 548 take
 
 
@@ -31,7 +29,7 @@ class OpenHand:
 
     Attributes:
         counts: (T, S) of the live sensors.
-        noise: (sessions, S) standard deviation in counts; of what it would be where readings are cut off below.
+        noise: (sessions, S) standard deviation in counts, see `noise_left`.
         contact: bool (T,) enough sensors are in contact, or a flag of the source says that an object is held.
         open: bool (T,) the hand is open, and so it is in the two frames before and after: at most one sensor is in
             contact, few are at three fifths of it, and no flag says that an object is held. Frames that are neither
@@ -52,16 +50,17 @@ def find_open_hand(
     Args:
         sensors: fewest that are in contact in a frame of contact.
         sigmas: standard deviations above the baseline of a sensor in contact.
-        known: mean and noise (H, W) of the empty hand, for each session that has no frames of it.
+        known: mean and noise (H, W) of the empty hand, for each session that has no frames of it; taken as they are.
     """
     counts = np.concatenate([block[:, recordings.live] for _, block in recordings.blocks()])
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
-    of_session = [_empty_hand(counts[session == i], empty[session == i]) for i in range(len(recordings.sessions))]
+    of_session, left = [], noise_left(recordings)
+    for number in range(len(recordings.sessions)):
+        mean, noise = _empty_hand(counts[session == number], empty[session == number])
+        of_session.append((mean, noise / left))
     for number, (mean, noise) in enumerate(known or []):
         if of_session[number][0] is None:
             of_session[number] = mean[recordings.live], noise[recordings.live]
-    if _is_cut_off(counts):
-        of_session = [(mean, noise / HALF_SD) for mean, noise in of_session]
     held = _flagged(recordings) & ~empty
     contact, opened = np.zeros((2, len(counts)), dtype=bool)
     for index in frames_by_recording(recordings):
@@ -96,12 +95,6 @@ def _empty_hand(counts: np.ndarray, empty: np.ndarray) -> tuple[np.ndarray | Non
         return None, np.ones(counts.shape[1])
     at = np.unique(np.linspace(0, len(counts) - 2, MAX_DIFFERENCES).astype(int))
     return None, trimmed_moments(counts[at + 1].astype(np.float64) - counts[at])[1] / np.sqrt(2)
-
-
-def _is_cut_off(counts: np.ndarray) -> bool:
-    """Whether most sensors often read the smallest of all counts (T, S), so that half of their noise is hidden."""
-    at = np.unique(np.linspace(0, len(counts) - 1, MAX_DIFFERENCES).astype(int))
-    return bool(np.median((counts[at] == counts.min()).mean(axis=0)) > CUT_OFF)
 
 
 def _flagged(recordings: Recordings) -> np.ndarray:

@@ -48,13 +48,11 @@ def preprocess_recordings(
     asked: PreprocessSection,
     split: Split,
     *,
-    noise: float,
     groups: np.ndarray | None = None,
 ) -> Preprocessed:
     """Decide what is `auto`, measure the baseline, select the frames, and look for what that took from them.
 
     Args:
-        noise: that training adds to the network's input, as a share of full scale.
         groups: see `select`.
 
     Raises:
@@ -65,7 +63,7 @@ def preprocess_recordings(
     frames, selection = prepare(recordings, params, split, stream(split.seed, "preprocess"), baseline, groups)
     notes = [*baseline.notes, *selection.notes]
     if inspection:
-        notes += preprocessing_warnings(inspection, frames, asked, noise)
+        notes += preprocessing_warnings(inspection, frames, asked)
     return Preprocessed(frames, selection, params, baseline, choices, inspection, notes)
 
 

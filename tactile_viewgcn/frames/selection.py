@@ -188,9 +188,6 @@ def _sides(
         side[keep] = fold_sides(
             group[keep], objects[keep], folds=split.folds, fold=split.fold, across=across, deal=split.deal
         )
-        if not across:  # an object of one group cannot be tested; others can be mistaken for it
-            pairs = np.unique(np.stack([objects[keep], group[keep]]), axis=1)
-            side[keep & np.isin(objects, np.flatnonzero(np.bincount(pairs[0]) == 1))] = TRAIN
     side[keep] = validation_sides(
         side[keep], group[keep], objects[keep], share=split.validation, across=across, rng=rng
     )

@@ -42,6 +42,8 @@ def fold_sides(
 ) -> np.ndarray:
     """TRAIN or TEST, int8 (T,): the i-th group of a class is on the test side if i modulo `folds` is `fold`.
 
+    A class of one group cannot be tested and is on the training side: others can be mistaken for it.
+
     Args:
         groups: (T,) split groups.
         labels: (T,) classes; the groups of each class are counted on their own.
@@ -52,6 +54,8 @@ def fold_sides(
     for label in [None] if across else np.unique(labels):
         of_class = np.ones(len(groups), dtype=bool) if across else labels == label
         order = np.unique(groups[of_class])
+        if len(order) == 1 and not across:
+            continue
         if deal:
             order = stream(deal, "split.deal", *([] if label is None else [int(label)])).permutation(order)
         side[of_class & np.isin(groups, order[fold::folds])] = TEST

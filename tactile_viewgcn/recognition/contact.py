@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, trimmed_moments
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, noise_left, trimmed_moments
 from tactile_viewgcn.frames.filtering import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand, of_empty_hand
@@ -73,16 +73,17 @@ def _session_baseline(
     """Baseline of each session: of its empty hand, else of the open hand in its recordings, else the known one."""
     params, session, empty = fitted.params, recordings.columns["session"], of_empty_hand(recordings)
     hand = find_open_hand(recordings, sensors=params.contact_sensors, sigmas=params.contact_sigmas, known=known)
-    entries, notes = [], []
+    entries, notes, left = [], [], noise_left(recordings)
     for number, name in enumerate(recordings.sessions):
         of_session = session == number
         frames = np.flatnonzero(of_session & empty)
         if len(frames) < MIN_FRAMES:
             frames = np.flatnonzero(of_session & hand.open)
         if len(frames) >= MIN_FRAMES:
-            entries.append(trimmed_moments(recordings.frames(frames)))
+            mean, noise = trimmed_moments(recordings.frames(frames))
+            entries.append((mean, noise / left))
         else:
             entries.append(known[number])
             notes.append(f"session {name!r}: fewer than {MIN_FRAMES} frames of the open hand; the training's baseline")
-    mean, noise = map(np.stack, zip(*entries, strict=True))
-    return Baseline(recordings.sessions, mean, noise, session, notes)
+    means, noises = map(np.stack, zip(*entries, strict=True))
+    return Baseline(recordings.sessions, means, noises, session, notes)

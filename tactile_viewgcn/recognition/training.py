@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import select_device
+from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.classifier import Classifier, system_class
@@ -55,13 +56,14 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
             left; a training that diverges in its first epoch.
     """
     seed, compute = params.seed, select_device(params.device, params.precision)
-    noise = max(params.pretrain.noise, params.finetune.noise)
-    made = preprocess_recordings(recordings, params.preprocess, params.split, noise=noise, groups=groups)
-    frames = made.frames
+    made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
+    frames, notes = made.frames, [*map(str, made.choices), *made.notes]
     on_sensors = system_class(params.model.system).takes == "sensors"
     clustering = replace(params.cluster, method="none") if on_sensors else params.cluster  # they know no clusters
     places = viewpoints(params.views, params.viewpoints, seed)
     views = cluster_frames(frames, places, clustering, stream(seed + clustering.seed, "cluster"))
+    if not on_sensors:
+        notes += noise_warnings(frames, params.finetune.noise)
     with torch.random.fork_rng():
         pretrained = {}
         if not on_sensors:
@@ -73,4 +75,4 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
 
         classifier = fit(frames)
         temperatures = fit_temperatures(classifier, fit, frames, params, compute)
-    return Trained(classifier, params, frames, compute.precision, temperatures, [*map(str, made.choices), *made.notes])
+    return Trained(classifier, params, frames, compute.precision, temperatures, notes)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.checks import preprocessing_warnings
+from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import Preprocess, load
 from tactile_viewgcn.recordings.formats import open_source
@@ -18,12 +19,12 @@ NOISE = 0.015  # that training adds, of full scale
 SPLIT = ("split.by=recording", "preprocess.balance_minimum=1")
 
 
-def treated(tmp_path, write, *changes, noise=NOISE, **form):
+def treated(tmp_path, write, *changes, **form):
     """Frames, warnings and decided parameters of a glove's recordings under changed parameters."""
     write_recordings(tmp_path / "t", open_source(write(tmp_path / "glove", **form)), "")
     params = load(FILE, (*SPLIT, *(f"preprocess.{change}" for change in changes)))
     with Recordings(tmp_path / "t") as recordings:
-        made = preprocess_recordings(recordings, params.preprocess, params.split, noise=noise)
+        made = preprocess_recordings(recordings, params.preprocess, params.split)
     return made.frames, [note for note in made.notes if note.startswith("warning: ")], made.choices
 
 
@@ -53,18 +54,25 @@ def test_quiet_frames_are_counted_against_those_without_contact(tmp_path):
     assert treated(tmp_path / "again", floats, "baseline=quiet", "filter=none", "quiet_share=0.2")[1] == []
 
 
-def test_a_scale_that_drowns_the_readings_in_noise_or_clips_them_is_warned_of(tmp_path):
-    _, (high,), _ = treated(tmp_path, floats, "scale=150")
+GIVEN = {"auto": (), "none": ("baseline=none", "zero=0", "filter=none", "contact_sensors=5")}
+
+
+@pytest.mark.parametrize("baseline", GIVEN)
+def test_a_scale_that_clips_the_readings_is_warned_of_whatever_the_baseline(tmp_path, baseline):
+    _, (low,), _ = treated(tmp_path, floats, "scale=0.5", *GIVEN[baseline])
+    assert low.startswith("warning: scale 0.5 clips") and "preprocess.scale to auto" in low
+
+
+@pytest.mark.parametrize("baseline", GIVEN)
+def test_a_network_s_readings_that_drown_in_its_noise_are_warned_of(tmp_path, baseline):
+    frames, warnings, _ = treated(tmp_path, floats, "scale=150", *GIVEN[baseline])
+    assert warnings == []  # of preprocessing: a system without a network has no such noise
+    (high,) = noise_warnings(frames, NOISE)
     assert (
         "below the noise that training adds, 2.25 counts" in high and "preprocess.scale to auto, or to about 2" in high
     )
-    _, (low,), _ = treated(tmp_path / "low", floats, "scale=0.5")
-    assert low.startswith("warning: scale 0.5 clips 100 %") and "preprocess.scale to auto" in low
-    assert treated(tmp_path / "log", floats, "scale=150", "transform=log")[1] == []
-
-
-def test_the_noise_of_the_training_at_hand_is_what_readings_drown_in(tmp_path):
-    assert treated(tmp_path, floats, "scale=150", noise=0.0)[1] == []
+    assert noise_warnings(frames, 0.0) == noise_warnings(replace(frames, transform="log"), NOISE) == []
+    assert noise_warnings(replace(frames, scale=2.0), NOISE) == []
 
 
 @pytest.mark.parametrize("asked", ["auto", "quiet"])
@@ -73,10 +81,10 @@ def test_who_asked_for_auto_is_not_told_to_set_it(tmp_path, asked):
     write_recordings(tmp_path / "t", open_source(floats(tmp_path / "glove")), "")
     params = load(FILE, (*SPLIT, "preprocess.baseline=quiet"))
     with Recordings(tmp_path / "t") as recordings:
-        made = preprocess_recordings(recordings, params.preprocess, params.split, noise=NOISE)
+        made = preprocess_recordings(recordings, params.preprocess, params.split)
     contact = np.where(np.arange(len(made.inspection.frames)) == 3, made.inspection.frames, made.inspection.contact)
     seen = replace(made.inspection, contact=contact)
-    (warning,) = preprocessing_warnings(seen, made.frames, replace(params.preprocess, baseline=asked), NOISE)
+    (warning,) = preprocessing_warnings(seen, made.frames, replace(params.preprocess, baseline=asked))
     assert f"in contact in 1 of {OBJECTS * RECORDINGS} recordings" in warning
     assert ("set preprocess.baseline to auto" in warning) == (asked == "quiet")
     assert ("record an open hand first" in warning) == (asked == "auto")
@@ -100,9 +108,7 @@ def test_recordings_like_stags_are_preprocessed_as_in_the_paper(tmp_path):
     params = load(FILE, ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1"))
     paper = load(FILE, ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1", *PAPER))
     with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        made, same = (
-            preprocess_recordings(recordings, one.preprocess, one.split, noise=NOISE) for one in (params, paper)
-        )
+        made, same = (preprocess_recordings(recordings, one.preprocess, one.split) for one in (params, paper))
     assert made.params == same.params == Preprocess(**vars(paper.preprocess))
     assert made.baseline.names == ["session0", "session1"]
     for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):

@@ -91,6 +91,7 @@ def test_what_cannot_be_held_out_is_not_checked(tmp_path, case):
     leak = checked(tmp_path / "t", replace(glove, counts=glove.counts[kept]), columns=columns)
     assert leak is None
     assert describe(leak, "grasp").endswith("not checked")
+    assert "even the quietest frames are contact" in describe(None, "none", all_contact=True)
 
 
 def test_single_frames_are_groups_where_frames_are_split(tmp_path):

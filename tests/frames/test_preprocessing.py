@@ -167,7 +167,7 @@ def test_files_in_the_format_of_stag_are_prepared(tmp_path, weights):
     path = save_matlab5(tmp_path / "metadata.mat", as_weights(tree) if weights else tree)
     write_recordings(tmp_path / "t", read_metadata(path), "0" * 32)
     with Recordings(tmp_path / "t") as recordings:
-        frames = preprocess_recordings(recordings, params.preprocess, params.split, noise=0.0).frames
+        frames = preprocess_recordings(recordings, params.preprocess, params.split).frames
     assert (len(frames), frames.classes) == (3 * 2 * 18, ["empty_hand", "object1", "object2"])
     assert frames.live.sum() == 548
     inputs = frames.inputs(np.arange(len(frames)))
@@ -183,9 +183,7 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
         load(FILE, ("split.by=recording", "split.folds=4", *more)) for more in ((), ("preprocess.filter=flags",))
     )
     with Recordings(tmp_path / "t") as recordings:
-        flagged, auto = (
-            preprocess_recordings(recordings, one.preprocess, one.split, noise=0.0) for one in (params, by_contact)
-        )
+        flagged, auto = (preprocess_recordings(recordings, one.preprocess, one.split) for one in (params, by_contact))
     frames, selection = flagged.frames, flagged.selection
     assert len(auto.frames) == 1503  # five flags a recording are too few
     assert selection.filtered.sum() == 525

@@ -74,6 +74,12 @@ def test_each_class_deals_out_its_own_groups_in_turn():
     assert tested == [[0, 3, 4, 9], [1, 5], [2, 7]]
 
 
+def test_a_class_of_one_group_is_trained_on_in_every_fold():
+    groups, labels = np.array([0, 0, 1, 2, 1]), np.array([0, 0, 1, 1, 2])
+    tested = [fold_sides(groups, labels, folds=2, fold=fold, across=False).tolist() for fold in range(2)]
+    assert tested == [[TRAIN, TRAIN, TEST, TRAIN, TRAIN], [TRAIN, TRAIN, TRAIN, TEST, TRAIN]]
+
+
 def test_sessions_are_dealt_out_once_for_all_classes():
     groups = np.array([0, 1, 2, 1, 2, 3])
     labels = np.array([0, 0, 0, 1, 1, 1])
@@ -127,7 +133,9 @@ def test_every_group_stands_on_one_side_and_is_tested_in_exactly_one_fold(
         for group in np.unique(groups):
             assert len(np.unique(side[groups == group])) == 1
         times += side == TEST
-    assert (times == 1).all()
+    pairs = np.unique(np.stack([columns["object"], groups]), axis=1)
+    alone = np.bincount(pairs[0])[columns["object"]] == 1 if by != "session" else np.zeros(len(times), dtype=bool)
+    assert (times == ~alone).all()  # an object of one group is trained on
 
 
 @WAYS

@@ -1,0 +1,30 @@
+"""Check of what a network is trained on: readings below the noise that training adds teach it nothing."""
+
+import numpy as np
+
+from tactile_viewgcn.frames.table import Frames
+
+MOST_FRAMES = 1000  # that are looked at
+OF_STRONGEST = 0.1  # of the strongest hundredth of the readings: contact, where the noise of sensors is unknown
+
+
+def noise_warnings(frames: Frames, noise: float) -> list[str]:
+    """A warning where half of what sensors in contact read is below the noise that training adds; else none.
+
+    Args:
+        noise: standard deviation, as a share of full scale.
+    """
+    if frames.transform != "clip":
+        return []
+    index = np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int))
+    excess, of_sensor = frames.inputs(index, "counts")[:, frames.live], frames.noise[frames.live]
+    strongest = float(np.percentile(excess, 99))
+    weakest = np.where(np.isnan(of_sensor), OF_STRONGEST * strongest, frames.preprocess["contact_sigmas"] * of_sensor)
+    above = excess[excess > weakest]
+    if not len(above) or np.median(above) >= noise * frames.scale:
+        return []
+    return [
+        f"warning: scale {frames.scale:g} leaves what sensors in contact read, {np.median(above):.3g} counts in the "
+        f"middle, below the noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the "
+        f"same for every object; set preprocess.scale to auto, or to about {float(np.percentile(above, 99)):.2g}"
+    ]

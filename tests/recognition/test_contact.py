@@ -1,0 +1,51 @@
+"""Contact in new recordings of a glove whose noise is cut off at 0."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.params import load
+from tactile_viewgcn.recognition.contact import find_contact
+from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
+from tactile_viewgcn.recognition.model_file import session_baselines, strong_reading
+from tactile_viewgcn.recordings.array_table import ArrayRecordings
+from tests.grips import FILE
+
+NOISE, WEAK, HELD = 20.0, 7.0, np.arange(90) // 15 % 2 == 1  # counts; standard deviations; frames of three grasps
+
+
+def table(seeds, *, empty):
+    """Recordings of 6 x 8 sensors at 0, of which ten are pressed by seven standard deviations of noise."""
+    arrays, labels = [], []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        counts = rng.normal(0, NOISE, (len(HELD), 48))
+        if seed or not empty:
+            counts[:, 10 * (seed % 2) : 10 * (seed % 2) + 10] += WEAK * NOISE * HELD[:, None]
+        arrays.append(np.maximum(np.rint(counts), 0).astype(np.int16).reshape(-1, 6, 8))
+        labels.append(0 if empty and not seed else 1 + seed % 2)
+    return ArrayRecordings(arrays, ["empty_hand", "cup", "pen"], np.array(labels), np.zeros(len(arrays), dtype=int))
+
+
+@pytest.mark.parametrize("baseline", ["grasp", "empty_hand"])
+def test_noise_that_is_cut_off_is_corrected_once(baseline):
+    fixed = "filter=contact", "contact_sensors=5", "empty_hand_class=false", "balance_minimum=1"
+    changes = [f"preprocess.{change}" for change in (f"baseline={baseline}", *fixed)]
+    params, known = load(FILE, ("split.by=recording", *changes)), table(range(7), empty=True)
+    made = preprocess_recordings(known, params.preprocess, params.split)
+    noise = made.frames.noise[known.live]
+    np.testing.assert_allclose(np.median(noise), NOISE, rtol=0.25)
+    names, baselines = session_baselines(made.frames)
+    fitted = FittedPreprocessing(
+        params=made.params,
+        kept_share=made.frames.kept_share,
+        dtype=known.dtype,
+        strong_reading=strong_reading(made.frames),
+        live=known.live,
+        noise=made.frames.noise,
+        baselines=dict(zip(names, baselines, strict=True)),
+    )
+    new = table([8, 9], empty=False)
+    found, contact = find_contact(new, fitted)
+    np.testing.assert_allclose(np.median(found.noise[found.of_frame]), NOISE, rtol=0.25)
+    np.testing.assert_array_equal(contact, np.tile(HELD, 2))
