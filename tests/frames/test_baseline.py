@@ -92,9 +92,10 @@ def test_the_rest_of_the_empty_hand_is_found_in_each_session(tmp_path):
 
 
 def test_the_recordings_of_an_empty_hand_are_taken_together(tmp_path):
-    counts = np.repeat([510, 512, 900], 3).astype(np.int16)[:, None, None]
+    each = [3, 3, 9]
+    counts = np.repeat([510, 512, 900], each).astype(np.int16)[:, None, None]
     with written(
-        tmp_path / "t", counts, object=np.repeat([0, 0, 1], 3), recording=np.repeat(range(3), 3)
+        tmp_path / "t", counts, object=np.repeat([0, 0, 1], each), recording=np.repeat(range(3), each)
     ) as recordings:
         measured = empty_hand_baseline(recordings)
     assert (measured.mean.item(), measured.noise.item()) == (511, 1)
