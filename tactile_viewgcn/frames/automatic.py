@@ -34,12 +34,12 @@ def decide(
 ) -> tuple[Preprocess, list[Recommendation], Inspection | None]:
     """The parameters with a value in place of every `auto`, the choices that were made so, and the inspection.
 
-    Recordings are not inspected, None, where nothing is `auto`, no baseline is to be found and no scale clips.
+    Recordings are not inspected, None, where nothing is `auto` and no baseline is to be found.
 
     Raises:
         UserError: no sensor that varies.
     """
-    if asked.baseline == "none" and asked.transform != "clip" and "auto" not in vars(asked).values():
+    if asked.baseline == "none" and "auto" not in vars(asked).values():
         return Preprocess(**vars(asked)), [], None
     sensors = None if asked.contact_sensors == "auto" else asked.contact_sensors
     seen = inspect_recordings(recordings, sensors=sensors, sigmas=asked.contact_sigmas)
