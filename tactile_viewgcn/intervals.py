@@ -1,5 +1,7 @@
 """Intervals that resample split groups, whose frames resemble each other."""
 
+from math import ceil, log
+
 import numpy as np
 
 RESAMPLES = 2000
@@ -34,11 +36,11 @@ def group_interval(correct: np.ndarray, groups: np.ndarray, rng: np.random.Gener
 def proportion_interval(
     correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """95 % interval of a share, `group_interval`, that reaches as far as if none of the groups were wrong, or right.
+    """95 % interval of a share: `group_interval`, made to reach down to 0.025^(1/G) and up to 1 - 0.025^(1/G).
 
-    Resampling cannot show what none of the groups did. If each of G groups is one trial, a share of more than
-    1 - 0.025^(1/G) would have shown itself with a probability of 97.5 % (Clopper and Pearson 1934). One wrong view set
-    more must not make the interval narrower than that.
+    Resampling G groups cannot show what none of them did. The ends are those of Clopper and Pearson (1934) for G trials
+    that are all right, and all wrong: one wrong view set must not raise the low end above what it is without any. The
+    interval may still be narrow, as around a share of a half in every group.
 
     Args:
         correct, groups: (A,), see `group_interval`.
@@ -46,5 +48,15 @@ def proportion_interval(
     interval = group_interval(correct, groups, rng)
     if not interval:
         return None
-    reach = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))
-    return min(interval[0], 1 - reach), max(interval[1], reach)
+    unseen = unseen_share(len(np.unique(groups)))
+    return min(interval[0], 1 - unseen), max(interval[1], unseen)
+
+
+def unseen_share(groups: int) -> float:
+    """The largest share of mistakes that as many groups without one leave possible: 1 - 0.025^(1/G)."""
+    return 1 - (OUTSIDE / 2) ** (1 / groups)
+
+
+def groups_for(share: float) -> int:
+    """The fewest groups whose `unseen_share` is at most `share`."""
+    return ceil(log(OUTSIDE / 2) / log(1 - share))

@@ -20,13 +20,12 @@ NO_BACKBONE = "left out: this system needs no pretrained backbone"
 def errors(run: FinishedRun, seen: Outcome) -> dict[str, Any]:
     """Errors with their intervals: a picture, and (protocol, what it is, error, interval, error of first three)."""
     scores = {name: run.metrics[name] for name in PROTOCOLS if name in run.metrics}
-    strips = {
-        f"{name} protocol": (score["error"]["mean"], *(error_ends(score) or (score["error"]["mean"],) * 2))
-        for name, score in scores.items()
-    }
+    error = {name: score["error"]["mean"] for name, score in scores.items()}
+    ends = {name: error_ends(score) for name, score in scores.items()}
+    strips = {f"{name} protocol": (error[name], *(ends[name] or (error[name],) * 2)) for name in scores}
     alt = f"Errors with their 95 % intervals; guessing errs in {percent(seen.chance)}."
     rows = [
-        (name, PROTOCOLS[name], percent(score["error"]["mean"]), interval(score), percent(1 - score["top3"]["mean"]))
+        (name, PROTOCOLS[name], percent(error[name]), interval(ends[name]), percent(1 - score["top3"]["mean"]))
         for name, score in scores.items()
     ]
     return {"picture": picture(plots.error_intervals(strips, seen.chance), alt), "rows": rows}
@@ -38,15 +37,15 @@ def sequential(run: FinishedRun) -> list[tuple[str, str, str, str]]:
         return []
     score = run.metrics["sequential"]
     rows = [
-        (count, percent(one["error"]), _ends(one["ci95"]), percent(one["calibration_error"]))
+        (count, percent(one["error"]), interval(_ends(one["ci95"])), percent(one["calibration_error"]))
         for count, one in score["fixed"].items()
     ]
     stop = f"{score['mean']:.2f} on average, stopping at a confidence of {score['confidence_threshold']:g}"
-    return [*rows, (stop, percent(score["error"]), _ends(score["ci95"]), "")]
+    return [*rows, (stop, percent(score["error"]), interval(_ends(score["ci95"])), "")]
 
 
-def _ends(ends: dict[str, float] | None) -> str:
-    return f"{100 * ends['low']:.1f} to {percent(ends['high'])}" if ends else "none: there is one group"
+def _ends(error: dict[str, float] | None) -> tuple[float, float] | None:
+    return (error["low"], error["high"]) if error else None
 
 
 def stage_times(run: FinishedRun) -> list[tuple[str, str, str, float]]:

@@ -57,7 +57,7 @@ def run_page(run: FinishedRun) -> str:
         unseen=UNSEEN[run.params["split.by"]] if seen.protocol == "recording" else "of the test side",
         error=percent(seen.error),
         chance=percent(seen.chance),
-        interval=interval(score),
+        interval=interval(seen.ends),
         first_three=percent(1 - score["top3"]["mean"]),
         system=system(run.params),
         latency=timing["latency_ms"],

@@ -9,11 +9,14 @@ from math import ceil
 from typing import Any
 
 import numpy as np
+import yaml
 
 from tactile_viewgcn.evaluation.answers import ObjectAnswers, answers_by_object, chance_error
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
-from tactile_viewgcn.evaluation.wording import error_ends, listed, pretrains, trains_no_network
+from tactile_viewgcn.evaluation.wording import error_ends, joined, pretrains, trains_no_network
 from tactile_viewgcn.html import Step, Verdict, several
+from tactile_viewgcn.intervals import groups_for, unseen_share
+from tactile_viewgcn.params import DEFAULTS
 from tactile_viewgcn.schema import as_change
 
 FEW = 10  # split groups: an interval of fewer says little
@@ -135,13 +138,7 @@ def next_steps(run: FinishedRun, seen: Outcome) -> list[Step]:
         what, why = "Take your own recordings.", "These are simulated. This says what yours hold, and what to set:"
         steps.append(Step(what, why, "tactile-viewgcn inspect data/my_glove"))
     elif not seen.guesses:
-        model = run.records["evaluate"]["run_id"] if run.name else "models/classifier.pt"
-        ask = Step(
-            "Ask the classifier about new recordings of the same glove.",
-            "They need no label.",
-            f"tactile-viewgcn predict {model} NEW_RECORDINGS",
-        )
-        steps.append(ask)
+        steps.append(_ask(run))
     return steps
 
 
@@ -150,25 +147,37 @@ def again(changes: dict[str, Any], command: str = "dvc exp run") -> str:
     return " ".join([command, *(f"-S {shlex.quote(change)}" for change in starmap(as_change, changes.items()))])
 
 
+def _ask(run: FinishedRun) -> Step:
+    """`predict` with the model of the run: in MLflow, or else in the workspace."""
+    tracked = run.records["evaluate"]["run_id"] if run.name else ""
+    fetch = f"dvc exp apply {shlex.quote(run.name)}\n" if run.name and not tracked else ""
+    command = f"{fetch}tactile-viewgcn predict {tracked or 'models/classifier.pt'} NEW_RECORDINGS"
+    return Step("Ask the classifier about new recordings of the same glove.", "They need no label.", command)
+
+
 def _mend(run: FinishedRun, seen: Outcome) -> Step:
     """The remedies that the warnings name, in one command where they are values."""
-    remedies = {key: value for _, text in seen.warnings for key, value in REMEDY.findall(text) if key in run.params}
+    named = [pair for _, text in seen.warnings for pair in REMEDY.findall(text)]
+    remedies = {key: yaml.safe_load(value) for key, value in named if key in run.params}
     what = f"Mend what the {'warning names' if len(seen.warnings) == 1 else 'warnings name'}, and run again."
     return Step(what, "", again(run.changed | remedies) if remedies else "")
 
 
 def _train_longer(run: FinishedRun, seen: Outcome) -> Step:
-    """Epochs, where the network answers the same always."""
-    epochs = [f"{key}={run.params[key]}" for key in ("pretrain.epochs", "finetune.epochs")]
-    why = f"A network that always answers {seen.only} has not learnt yet. It had {listed(epochs)}."
-    fewer = {key: value for key, value in run.changed.items() if not key.endswith(".epochs")}
-    return Step("Train longer.", why, again(fewer) if fewer != run.changed else "")
+    """Twice the epochs, or the default's where those are more, of a network that answers the same always."""
+    stages = ("pretrain", "finetune") if pretrains(run.params) else ("finetune",)
+    epochs = {f"{stage}.epochs": run.params[f"{stage}.epochs"] for stage in stages}
+    had = joined([f"{key}={value}" for key, value in epochs.items()])
+    why = f"A network that always answers {seen.only} has not learnt yet. It had {had}."
+    defaults = yaml.safe_load(DEFAULTS.read_text())
+    longer = {f"{stage}.epochs": max(2 * epochs[f"{stage}.epochs"], defaults[stage]["epochs"]) for stage in stages}
+    return Step("Train longer.", why, again(run.changed | longer))
 
 
 def _test_more(run: FinishedRun, seen: Outcome) -> Iterable[Step]:
     """More test recordings: new ones, and until then those that there are, each once."""
     width = seen.ends[1] - seen.ends[0] if seen.ends else 1.0
-    needed = max(FEW, ceil(seen.groups * (width / AIMED) ** 2))
+    needed = _needed(seen)
     if needed > seen.groups and not run.simulated:
         by = run.params["split.by"]
         what = several(seen.groups, by if by in HELD_OUT else "split group")
@@ -190,11 +199,23 @@ def _test_more(run: FinishedRun, seen: Outcome) -> Iterable[Step]:
         yield Step(f"Test every {run.params['split.by']} once.", why, told)
 
 
+def _needed(seen: Outcome) -> int:
+    """Split groups for an interval as wide as `AIMED`.
+
+    At least so many that all without a mistake would do. Where both ends are from resampling, the width also falls with
+    the root of the number of groups.
+    """
+    least, unseen = groups_for(AIMED), unseen_share(seen.groups)
+    if not seen.ends or seen.ends[1] <= unseen + ROUNDING or seen.ends[0] >= 1 - unseen - ROUNDING:
+        return least
+    return max(least, ceil(seen.groups * ((seen.ends[1] - seen.ends[0]) / AIMED) ** 2))
+
+
 def _look_at(never: list[ObjectAnswers]) -> Step:
     """Objects that were never recognised."""
     answered = sorted({one.taken_for[0] for one in never if one.taken_for})
     why = (
-        f"{listed(answered)} was answered instead. Compare the mean frames under Worst pairs. If they are alike or "
+        f"{joined(answered)} was answered instead. Compare the mean frames under Worst pairs. If they are alike or "
         "nearly empty, record those objects again: held firmly, and from several sides."
     )
-    return Step(f"Look at {listed([one.name for one in never])}: never recognised.", why)
+    return Step(f"Look at {joined([one.name for one in never])}: never recognised.", why)

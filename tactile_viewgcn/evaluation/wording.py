@@ -76,7 +76,8 @@ WORDS = {
     "trial": "one drawing of a view set around each anchor",
     "guessing": "always naming the object that most test view sets are of",
     "95 % interval": "where the error would lie in 95 of 100 repetitions with other split groups of the same source; "
-    "never narrower than if as many groups had been tested without a mistake",
+    "its upper end is never below that of as many groups without a mistake (26 % with 12 groups), its lower end never "
+    "above that of as many groups with nothing but mistakes (74 % with 12)",
     "confidence": "the probability that the classifier gives its own answer",
     "calibration error": "how far, on average, that probability is from the share of right answers",
     "leak check": "whether the object can be told from frames without contact; then an error says little about touch",
@@ -89,9 +90,8 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f}\N{NO-BREAK SPACE}%"
 
 
-def interval(score: dict[str, Any]) -> str:
-    """The 95 % interval of a protocol's error."""
-    ends = error_ends(score)
+def interval(ends: tuple[float, float] | None) -> str:
+    """The ends of an error's 95 % interval in words."""
     return f"{100 * ends[0]:.1f} to {percent(ends[1])}" if ends else "none: there is one group"
 
 
@@ -109,7 +109,7 @@ def seconds(value: float) -> str:
     return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {rest} s"
 
 
-def listed(names: Sequence[str]) -> str:
+def joined(names: Sequence[str]) -> str:
     """a, b and c."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
@@ -117,7 +117,7 @@ def listed(names: Sequence[str]) -> str:
 def system(params: dict[str, Any]) -> str:
     """What gives the answers: `ensemble` of kernel and max_kernel, which needs no neural network."""
     name = params["model.system"]
-    of = f" of {listed(params['model.members'])}" if name == "ensemble" else ""
+    of = f" of {joined(params['model.members'])}" if name == "ensemble" else ""
     return f"{name}{of}, {'without a neural network' if trains_no_network(params) else 'a neural network'}"
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from tactile_viewgcn.frames.baseline import quiet_frames
 from tactile_viewgcn.frames.inspection import Inspection
+from tactile_viewgcn.frames.noise_check import two_digits
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.params import PreprocessSection
 
@@ -54,6 +55,6 @@ def _scale_warning(seen: Inspection, frames: Frames, asked: PreprocessSection) -
     clipped = (above > frames.scale).mean()
     if clipped <= MOST_CLIPPED:
         return None
-    strongest = f"about {float(np.percentile(above, 99)):.2g}"
+    strongest = f"about {two_digits(np.percentile(above, 99))}"
     remedy = f"set preprocess.scale to {strongest if asked.scale == 'auto' else f'auto, or to {strongest}'}"
     return f"scale {frames.scale:g} clips {100 * clipped:.0f} % of what sensors in contact read; {remedy}"

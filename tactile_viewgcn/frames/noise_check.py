@@ -26,5 +26,10 @@ def noise_warnings(frames: Frames, noise: float) -> list[str]:
     return [
         f"warning: scale {frames.scale:g} leaves what sensors in contact read, {np.median(above):.3g} counts in the "
         f"middle, below the noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the "
-        f"same for every object; set preprocess.scale to auto, or to about {float(np.percentile(above, 99)):.2g}"
+        f"same for every object; set preprocess.scale to auto, or to about {two_digits(np.percentile(above, 99))}"
     ]
+
+
+def two_digits(value: float) -> str:
+    """A number rounded to two digits, without an exponent: what a command can take."""
+    return np.format_float_positional(float(f"{value:.2g}"), trim="-")

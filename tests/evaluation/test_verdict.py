@@ -1,17 +1,19 @@
 """Whether a result is good, and what to do next, of runs made up so that the answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.predictions import Predictions
-from tactile_viewgcn.evaluation.verdict import next_steps, outcome_of, verdict
+from tactile_viewgcn.evaluation.verdict import Outcome, _needed, next_steps, outcome_of, verdict
 from tactile_viewgcn.intervals import proportion_interval
 
 NAMES = ["ball", "cup", "pen"]
 STAGES = ("preprocess", "finetune", "evaluate")
 LEAK = "leak check: error 1 %\n  warning: better than by chance: set preprocess.baseline to grasp, or choose another"
-SCALE = "warning: scale 900 leaves it below the noise: set preprocess.scale to auto, or to about 2.5"
+SCALE = "warning: scale 900 leaves it below the noise: set preprocess.scale to {}"
 
 
 def finished(answers, *, notes=(), metrics=None, **changes):
@@ -87,16 +89,65 @@ def test_an_interval_that_reaches_guessing_is_no_result():
 
 
 def test_a_network_that_answers_the_same_is_trained_longer_and_a_preset_is_tried():
-    run = finished([[0] * 12] * 3, model_system="view_gcn", finetune_epochs=1, preprocess_scale=9.0)
+    run = finished([[0] * 12] * 3, model_system="view_gcn", preprocess_scale=9.0)
     _, steps, commands = told(run)
     assert {"Train longer.", "Try the preset best."} < set(steps)
-    lines = commands.splitlines()
-    assert "dvc exp run -S model.system=view_gcn -S preprocess.scale=9" in lines
-    assert "dvc exp run $(tactile-viewgcn preset best) -S preprocess.scale=9" in lines
+    assert "dvc exp run $(tactile-viewgcn preset best) -S preprocess.scale=9" in commands.splitlines()
 
 
 @pytest.mark.parametrize(
-    ("note", "change"), [(LEAK, "-S preprocess.baseline=grasp"), (SCALE, "-S preprocess.scale=auto")]
+    ("changes", "longer"),
+    [
+        ({"model_system": "view_gcn"}, "-S pretrain.epochs=60 -S finetune.epochs=30"),
+        ({"model_system": "view_gcn", "pretrain_epochs": 2}, "-S pretrain.epochs=30 -S finetune.epochs=30"),
+        ({"model_system": "view_gcn", "pretrain_epochs": 50}, "-S pretrain.epochs=100 -S finetune.epochs=30"),
+        ({"model_system": "max_network"}, "-S finetune.epochs=30"),
+    ],
+)
+def test_a_network_is_trained_longer_than_it_was_and_only_what_is_trained(changes, longer):
+    run = finished([[0] * 12] * 3, **changes)
+    (step,) = (step for step in next_steps(run, outcome_of(run)) if step.what == "Train longer.")
+    assert step.command == f"dvc exp run -S model.system={changes['model_system']} {longer}"
+    assert ("pretrain" in step.why) == ("pretrain" in longer)
+
+
+@pytest.mark.parametrize(
+    ("groups", "ends", "needed"),
+    [
+        (4, (0.0, 0.602), 17),  # all right
+        (10, (0.0, 0.308), 17),
+        (10, (0.02, 0.308), 17),  # the low end is resampled
+        (4, (0.1, 0.9), 64),
+        (16, (0.3, 0.7), 64),
+        (1, None, 17),
+    ],
+)
+def test_how_many_groups_an_interval_of_20_points_takes(groups, ends, needed):
+    assert _needed(Outcome("recording", 0.1, 0.9, ends, groups, groups, [], "", [])) == needed
+
+
+@pytest.mark.parametrize(
+    ("name", "run_id", "command"),
+    [
+        ("", "f" * 32, "tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS"),
+        ("f" * 32, "f" * 32, f"tactile-viewgcn predict {'f' * 32} NEW_RECORDINGS"),
+        ("my-wolf", None, "dvc exp apply my-wolf\ntactile-viewgcn predict models/classifier.pt NEW_RECORDINGS"),
+    ],
+)
+def test_a_model_is_named_where_it_is(name, run_id, command):
+    run = replace(finished(RIGHT), name=name)
+    run.records["evaluate"]["run_id"] = run_id
+    assert told(run)[2] == command
+
+
+@pytest.mark.parametrize(
+    ("note", "change"),
+    [
+        (LEAK, "-S preprocess.baseline=grasp"),
+        (SCALE.format("auto, or to about 2.5"), "-S preprocess.scale=auto"),
+        (SCALE.format("about 2.5"), "-S preprocess.scale=2.5"),
+        (SCALE.format("about 2300"), "-S preprocess.scale=2300"),
+    ],
 )
 def test_a_warning_comes_first_with_the_remedy_that_it_names(note, change):
     found, steps, commands = told(finished(RIGHT, notes=[note], views=4))
