@@ -68,7 +68,8 @@ def page_of(given):
 def test_everything_that_is_given_is_escaped_once():
     text = page_of(NASTY)
     assert "script" not in parsed(text).tags and "&amp;lt;" not in text
-    assert text.count("alert(") == text.count("&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt; &amp; ") == 19
+    places = page_of("QQQ").count("QQQ")  # the addresses of sections are in small letters
+    assert text.count("alert(") == text.count("&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt; &amp; ") == places > 9
 
 
 def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
