@@ -84,10 +84,10 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     return shape[1], shape[2]
 
 
-def listed(names: list[str], most: int = MAX_LISTED) -> str:
-    """The first names, ten if nothing else is said, and how many more there are."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+def listed(names: list[str]) -> str:
+    """The first ten names, and how many more there are."""
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return ", ".join(names[:MAX_LISTED]) + more
 
 
 def raise_mistakes(mistakes: list[str]) -> None:
