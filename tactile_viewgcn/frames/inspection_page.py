@@ -44,7 +44,8 @@ WORDS = {
 def inspection_page(seen: Inspection) -> str:
     """The page as HTML."""
     chosen, readings = recommend(seen), seen.readings
-    warned, steps = attention(seen, str(chosen[0].value)), _steps(seen)
+    settings = {one.key: str(one.value) for one in chosen}
+    warned = attention(seen, settings)
     mark = _full_scale(seen, chosen)
     return html.render(
         "inspection.html",
@@ -55,8 +56,8 @@ def inspection_page(seen: Inspection) -> str:
         sessions=len(np.unique(seen.session)),
         every=f"{seen.interval:.3g} s" if seen.interval else "unknown",
         contact_share=f"{100 * seen.contact.sum() / seen.frames.sum():.0f}\N{NO-BREAK SPACE}%",
-        verdict=_verdict(seen, warned),
-        steps=steps,
+        verdict=_verdict(seen, settings, warned),
+        steps=_steps(seen, settings),
         command="\n".join(command_lines(seen, chosen)),
         settings=[str(one).partition(": ") for one in chosen],
         warnings=warned,
@@ -81,9 +82,9 @@ def _objects(seen: Inspection) -> str:
     return f"{told} and the empty hand" if EMPTY_HAND in names else told
 
 
-def attention(seen: Inspection, baseline: str) -> list[tuple[str, str]]:
-    """What may spoil a result with a baseline, each with what to do about it."""
-    told, once = [], _names(seen, _held_out(seen)[1] == 1)
+def attention(seen: Inspection, settings: dict[str, str]) -> list[tuple[str, str]]:
+    """What may spoil a result with the settings that are recommended, each with what to do about it."""
+    told, once, baseline = [], _names(seen, _groups(seen, settings) == 1), settings["preprocess.baseline"]
     leak, still = seen.first_frame, seen.leaks.get(baseline)
     if without := _names(seen, np.bincount(seen.label, seen.contact, len(seen.objects)) == 0):
         told.append((f"Never in contact: {without}.", "Record these objects again, held firmly."))
@@ -108,7 +109,8 @@ def attention(seen: Inspection, baseline: str) -> list[tuple[str, str]]:
             )
         )
     if once:
-        told.append((f"Recorded once: {once}. Nothing is left to test with.", "Record each at least twice."))
+        what = "Grasped" if settings["split.by"] == "grasp" else "Recorded"
+        told.append((f"{what} once: {once}. Nothing is left to test with.", "Record each at least twice."))
     if seen.gaps > MANY_GAPS * seen.frames.sum():
         told.append(
             (
@@ -142,18 +144,19 @@ def _names(seen: Inspection, those: np.ndarray) -> str:
     return ", ".join(names[:MOST_NAMES]) + more
 
 
-def _held_out(seen: Inspection) -> tuple[str, np.ndarray]:
-    """What can be held out of an object to test with, a recording or else a grasp, and their numbers (O,)."""
-    whole = (seen.groups["recording"] > 1).sum() > 1 or "grasp" not in seen.groups
-    return ("recording", seen.groups["recording"]) if whole else ("grasp", seen.groups["grasp"])
+def _groups(seen: Inspection, settings: dict[str, str]) -> np.ndarray:
+    """How many groups of the recommended split each object has, (O,); recordings where single frames are held out."""
+    by = settings["split.by"]
+    return seen.groups["recording" if by == "frame" else by]
 
 
-def _verdict(seen: Inspection, warned: list[tuple[str, str]]) -> Verdict:
+def _verdict(seen: Inspection, settings: dict[str, str], warned: list[tuple[str, str]]) -> Verdict:
     """Whether the recordings can be trained and tested on."""
-    what, groups = _held_out(seen)
+    groups, by = _groups(seen, settings), settings["split.by"]
     if (groups > 1).sum() < 2:
         return Verdict("bad", "Not yet: there are no two objects with two recordings each.", ["Nothing can be tested."])
-    reasons = [f"Each object has {several(int(groups[groups > 0].min()), what)} or more."]
+    fewest = several(int(groups[groups > 0].min()), by)
+    reasons = ["Each object is on both published sides." if by == "source" else f"Each object has {fewest} or more."]
     if seen.leaks and not any(leak.found for leak in seen.leaks.values()):
         reasons.append("Without contact the objects cannot be told apart, as it should be.")
     if warned:
@@ -161,9 +164,9 @@ def _verdict(seen: Inspection, warned: list[tuple[str, str]]) -> Verdict:
     return Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
 
 
-def _steps(seen: Inspection) -> list[Step]:
+def _steps(seen: Inspection, settings: dict[str, str]) -> list[Step]:
     """What to do, the most urgent first; the command with the settings is a section of its own."""
-    if (_held_out(seen)[1] > 1).sum() < 2:
+    if (_groups(seen, settings) > 1).sum() < 2:
         return [Step("Record each object at least twice.", "Five or more times, in two sessions, is better.")]
     return [Step("Train and test a classifier with the settings below.", "")]
 

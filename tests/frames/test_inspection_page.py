@@ -63,14 +63,28 @@ def test_the_page_says_what_the_inspection_found(seen, page):
 
 def test_objects_that_were_recorded_once_or_never_touched_are_warned_of(seen, monkeypatch):
     monkeypatch.setattr(module, "picture", lambda figure, alt: Picture(alt, "data:", 100))
-    assert [text for text, _ in attention(seen, "grasp")] == ["24 sensors hardly vary."]
+    settings = {"preprocess.baseline": "grasp", "split.by": "recording"}
+    assert [text for text, _ in attention(seen, settings)] == ["24 sensors hardly vary."]
     mug, oil = (seen.objects.index(name) for name in ("mug", "Öl & <b>"))
     recorded = np.where(np.arange(3) == oil, 1, 4)
     once = replace(seen, groups={"recording": recorded}, contact=np.where(seen.label == mug, 0, seen.contact))
-    untouched, single, _ = (text for text, _ in attention(once, "grasp"))
+    untouched, single, _ = (text for text, _ in attention(once, settings))
     assert untouched == "Never in contact: mug." and single.startswith("Recorded once: Öl & <b>.")
     hardly = replace(seen, groups={"recording": np.array([1, 1, 4])})
     assert "Not yet: there are no two objects with two recordings each." in inspection_page(hardly)
+
+
+@pytest.mark.parametrize(
+    ("groups", "told"),
+    [
+        ({"recording": [1, 1, 4], "grasp": [3, 3, 12]}, "Each object has 3 grasps or more."),
+        ({"recording": [1, 1, 4], "source": [2, 2, 2]}, "Each object is on both published sides."),
+    ],
+)
+def test_what_is_held_out_is_what_the_command_says(seen, monkeypatch, groups, told):
+    monkeypatch.setattr(module, "picture", lambda figure, alt: Picture(alt, "data:", 100))
+    text = text_of(inspection_page(replace(seen, groups={by: np.array(each) for by, each in groups.items()})))
+    assert told in text and "Recorded once" not in text and "Not yet" not in text
 
 
 def test_the_pictures_say_how_many_sensors_are_dead_and_where_contact_is(seen, page):
