@@ -36,12 +36,15 @@ class Baseline:
     notes: list[str] = field(default_factory=list)
 
 
-def trimmed_moments(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation (H, W) of each sensor over counts (T, H, W), without outliers.
 
     Frames further than three standard deviations from the mean are removed. A median would be no finer than whole
     counts, and the signal's median is one count. The standard deviation is at least that of rounding, see `_step`.
     Differences from the first frame are summed, so that a large offset costs no digits.
+
+    Args:
+        left: see `noise_left`; what is measured is divided by it.
     """
     kind, first = exact_float(counts.dtype), counts[0].astype(np.float64)
     rounding = ROUNDING_SD * _step(counts)
@@ -49,17 +52,17 @@ def trimmed_moments(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     inside = np.ones(values.shape, dtype=bool)
     for _ in range(MAX_PASSES):
         mean = values.mean(axis=0, where=inside)
-        noise = np.maximum(values.std(axis=0, where=inside), rounding)
-        tighter = np.abs(values - mean) <= OUTLIER_SD * noise
+        spread = values.std(axis=0, where=inside)
+        tighter = np.abs(values - mean) <= OUTLIER_SD * np.maximum(spread, rounding)
         tighter |= ~tighter.any(axis=0)  # of two values far apart neither is the outlier
         if (tighter == inside).all():
             break
         inside = tighter
-    return (first + mean).astype(kind), noise.astype(kind)
+    return (first + mean).astype(kind), np.maximum(spread / left, rounding).astype(kind)
 
 
 def noise_left(recordings: Recordings) -> float:
-    """Share of the standard deviation of noise that the recordings show, by which a measured one is divided.
+    """Share of the standard deviation of noise that the recordings show.
 
     It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise is cut off there.
     """
@@ -106,7 +109,7 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
     """
     sessions = recordings.columns["session"]
     empty = recordings.columns["object"] == _empty_hand_index(recordings)
-    entries = []
+    entries, left = [], noise_left(recordings)
     for number, name in enumerate(recordings.sessions):
         index = np.flatnonzero(empty & (sessions == number))
         if len(index) < MIN_FRAMES and (sessions == number).any():
@@ -114,9 +117,9 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
                 f"session {name!r} has {len(index)} frames of {EMPTY_HAND!r}; preprocess.baseline "
                 f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to auto"
             )
-        entries.append(trimmed_moments(recordings.frames(index)) if len(index) else _unused_entry(recordings))
+        entries.append(trimmed_moments(recordings.frames(index), left) if len(index) else _unused_entry(recordings))
     mean, noise = map(np.stack, zip(*entries, strict=True))
-    return Baseline(recordings.sessions, mean, noise / noise_left(recordings), sessions)
+    return Baseline(recordings.sessions, mean, noise, sessions)
 
 
 def quiet_baseline(recordings: Recordings, share: float) -> Baseline:

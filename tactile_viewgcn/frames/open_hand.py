@@ -56,8 +56,7 @@ def find_open_hand(
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
     of_session, left = [], noise_left(recordings)
     for number in range(len(recordings.sessions)):
-        mean, noise = _empty_hand(counts[session == number], empty[session == number])
-        of_session.append((mean, noise / left))
+        of_session.append(_empty_hand(counts[session == number], empty[session == number], left))
     for number, (mean, noise) in enumerate(known or []):
         if of_session[number][0] is None:
             of_session[number] = mean[recordings.live], noise[recordings.live]
@@ -83,18 +82,18 @@ def of_empty_hand(recordings: Recordings) -> np.ndarray:
     return recordings.columns["object"] == number
 
 
-def _empty_hand(counts: np.ndarray, empty: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+def _empty_hand(counts: np.ndarray, empty: np.ndarray, left: float) -> tuple[np.ndarray | None, np.ndarray]:
     """Mean (S,) of the empty hand in a session's counts (n, S), None without enough frames of it, and noise (S,).
 
     Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
-    few of them.
+    few of them. `left`: see `noise_left`.
     """
     if empty.sum() >= MIN_FRAMES:
-        return trimmed_moments(counts[empty])
+        return trimmed_moments(counts[empty], left)
     if len(counts) < 2:
         return None, np.ones(counts.shape[1])
     at = np.unique(np.linspace(0, len(counts) - 2, MAX_DIFFERENCES).astype(int))
-    return None, trimmed_moments(counts[at + 1].astype(np.float64) - counts[at])[1] / np.sqrt(2)
+    return None, trimmed_moments(counts[at + 1].astype(np.float64) - counts[at], left)[1] / np.sqrt(2)
 
 
 def _flagged(recordings: Recordings) -> np.ndarray:

@@ -80,8 +80,7 @@ def _session_baseline(
         if len(frames) < MIN_FRAMES:
             frames = np.flatnonzero(of_session & hand.open)
         if len(frames) >= MIN_FRAMES:
-            mean, noise = trimmed_moments(recordings.frames(frames))
-            entries.append((mean, noise / left))
+            entries.append(trimmed_moments(recordings.frames(frames), left))
         else:
             entries.append(known[number])
             notes.append(f"session {name!r}: fewer than {MIN_FRAMES} frames of the open hand; the training's baseline")
