@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest, squared_distances
@@ -84,6 +84,7 @@ def test_equation_1_s_edge_by_hand(distance, last):
 @given(seed=st.integers(0, 10_000), nodes=st.integers(1, 60))
 def test_a_graph_is_the_same_in_both_precisions_and_at_every_scale(scale, seed, nodes):
     places = torch.randn(nodes, 3, generator=torch.Generator().manual_seed(seed))
+    assume(nodes == 1 or torch.pdist(places).min() > 0.02)  # nearer ones count as one place
     expected = nearest(places.double(), 5), furthest_points(places.double(), nodes)
     single = (places.double() * scale).float()
     for positions in (single, single.double()):
