@@ -93,7 +93,7 @@ def test_what_a_template_is_not_given_is_an_error():
 
 
 def test_a_picture_is_an_svg_with_its_letters_as_text():
-    data = drawn("Öl 気 $x$").address.partition("base64,")[2]
-    svg = base64.b64decode(data).decode()
+    encoded = drawn("Öl 気 $x$").address.partition("base64,")[2]
+    svg = base64.b64decode(encoded).decode()
     assert ">Öl 気 $x$</text>" in svg and "<script" not in svg
     assert drawn() == drawn(), "equal pictures give equal pages"

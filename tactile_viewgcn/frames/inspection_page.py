@@ -12,12 +12,11 @@ from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.readings import SATURATED
 from tactile_viewgcn.frames.recommendation import recommend
 from tactile_viewgcn.html import Picture, Step, Verdict, picture, several
-from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.source import EMPTY_HAND, listed
 from tactile_viewgcn.tables import VIRTUAL
 
 MOST_LINES = 12  # recordings whose time lines are drawn
 MOST_OBJECTS = 48  # whose mean frames are drawn
-MOST_NAMES = 8  # of objects in a sentence
 MANY_GAPS = 0.01  # of the frames
 STATES = ["varies", "does not vary", "hardly varies", "often at the largest reading"]
 COUNTS = "counts above baseline"
@@ -139,9 +138,7 @@ def _told(leak: Leak) -> str:
 
 def _names(seen: Inspection, those: np.ndarray) -> str:
     """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
-    names = [seen.objects[i] for i in np.unique(seen.label) if those[i] and seen.objects[i] != EMPTY_HAND]
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    return ", ".join(names[:MOST_NAMES]) + more
+    return listed([seen.objects[i] for i in np.unique(seen.label) if those[i] and seen.objects[i] != EMPTY_HAND])
 
 
 def _groups(seen: Inspection, settings: dict[str, str]) -> np.ndarray:

@@ -26,7 +26,7 @@ def noise_warnings(frames: Frames, noise: float) -> list[str]:
     return [
         f"warning: scale {frames.scale:g} leaves what sensors in contact read, {np.median(above):.3g} counts in the "
         f"middle, below the noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the "
-        f"same for every object; set preprocess.scale to auto, or to about {two_digits(np.percentile(above, 99))}"
+        f"same for every object; set preprocess.scale to about {two_digits(np.percentile(above, 99))}"
     ]
 
 
