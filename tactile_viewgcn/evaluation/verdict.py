@@ -17,6 +17,7 @@ from tactile_viewgcn.evaluation.wording import error_ends, joined, pretrains, tr
 from tactile_viewgcn.html import Step, Verdict, several
 from tactile_viewgcn.intervals import groups_for, unseen_share
 from tactile_viewgcn.params import DEFAULTS
+from tactile_viewgcn.recordings.source import listed
 from tactile_viewgcn.schema import as_change
 
 FEW = 10  # split groups: an interval of fewer says little
@@ -132,7 +133,7 @@ def next_steps(run: FinishedRun, seen: Outcome) -> list[Step]:
         why = "It trains no network, and errs least where recordings are few."
         steps.append(Step("Try the preset best.", why, again(changes, "dvc exp run $(tactile-viewgcn preset best)")))
     never = [one for one in seen.objects if one.wrong == one.answers]
-    if never and not seen.only:
+    if never and not seen.only and not run.simulated:
         steps.append(_look_at(never))
     if run.simulated:
         what, why = "Take your own recordings.", "These are simulated. This says what yours hold, and what to set:"
@@ -215,7 +216,7 @@ def _look_at(never: list[ObjectAnswers]) -> Step:
     """Objects that were never recognised."""
     answered = sorted({one.taken_for[0] for one in never if one.taken_for})
     why = (
-        f"{joined(answered)} was answered instead. Compare the mean frames under Worst pairs. If they are alike or "
-        "nearly empty, record those objects again: held firmly, and from several sides."
+        f"Answered instead: {listed(answered)}. Compare the mean frames under Worst pairs. If they are alike or nearly "
+        "empty, record those objects again: held firmly, and from several sides."
     )
-    return Step(f"Look at {joined([one.name for one in never])}: never recognised.", why)
+    return Step(f"Look at what was never recognised: {listed([one.name for one in never])}.", why)

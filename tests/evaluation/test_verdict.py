@@ -166,7 +166,9 @@ def test_an_object_that_is_never_recognised_is_named():
     answers = [[0] * 12, [2] * 12, [2] * 12]
     run = finished(answers)
     (step,) = (step for step in next_steps(run, outcome_of(run)) if "never" in step.what)
-    assert step.what == "Look at cup: never recognised." and step.why.startswith("pen was answered instead")
+    assert step.what == "Look at what was never recognised: cup." and step.why.startswith("Answered instead: pen.")
+    _, steps, _ = told(finished(answers, data_source="data/virtual/recordings"))
+    assert not any("never" in step for step in steps), "nobody can record simulated objects again"
 
 
 def test_single_frames_held_out_are_not_good_and_simulated_recordings_are_not_predicted():
