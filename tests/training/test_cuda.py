@@ -1,0 +1,85 @@
+"""Training and answers on a CUDA card beside those on the processor; without a card the tests skip, saying so."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from tactile_viewgcn import device
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.classifier import view_set_logits
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tests.nn.small_systems import CUBE, built
+from tests.tables import CPU, pretrained, recipe, table, trained, views_of
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA card")
+CUDA = Compute(torch.device("cuda"), "float32")
+NETWORKS = ["view_gcn", "stag", "cnn_lstm", "conv_lstm", "mvcnn", "mean", "gvcnn", "rotationnet", "gcn", "vote"]
+
+
+def logits(classifier, compute, frames, sets):
+    """float32 (sets, C) on the processor, of frames (n, H, W)."""
+    classifier.to(compute.device)
+    with torch.inference_mode(), compute.autocast():
+        features = extract_features(classifier.backbone, compute.frames(frames))
+    return view_set_logits(classifier.head, features, sets.to(compute.device)).float().cpu()
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_logits_of_every_network_are_those_of_the_processor(name):
+    classifier = built(name, places=CUBE.float())
+    draw = torch.Generator().manual_seed(2)
+    frames, sets = torch.rand(40, 12, 12, generator=draw), torch.randint(40, (16, 8), generator=draw)
+    expected = logits(classifier, CPU, frames, sets)
+    torch.testing.assert_close(logits(classifier, CUDA, frames, sets), expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_network_learns_and_answers_in_bfloat16():
+    compute, params = Compute(torch.device("cuda"), "bfloat16"), recipe()
+    backbone, classifier, progress = pretrain_backbone(table(), params, compute)
+    assert progress.curves["loss"][-1] < 0.5 * progress.curves["loss"][0]
+    weights = {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
+    tuned, progress = finetune_classifier(table(), views_of(table(), params), weights, params, compute)
+    assert progress.curves["loss"][-1] > 0
+    assert next(tuned.parameters()).device.type == "cuda"
+
+
+class Stopped(Exception):
+    pass
+
+
+def test_an_interrupted_training_goes_on_to_the_same_weights(tmp_path):
+    def stop(epoch, values):
+        if epoch == 2:
+            raise Stopped
+
+    whole = pretrain_backbone(table(), recipe(), CUDA)[0].state_dict()
+    with pytest.raises(Stopped):
+        pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt", stop)
+    resumed, _, progress = pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt")
+    assert progress.resumed[0] == 2
+    for name, values in resumed.state_dict().items():
+        torch.testing.assert_close(values, whole[name], rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("reuse", [1, 4])
+def test_frames_that_do_not_fit_the_card_stay_in_the_computers_memory(reuse, monkeypatch):
+    params = recipe(f"finetune.feature_reuse={reuse}")
+    given = table(), views_of(table(), params), pretrained(), params, CUDA
+    fits = finetune_classifier(*given)[0].state_dict()
+    monkeypatch.setattr(device, "MAX_MEMORY_SHARE", 0.0)
+    assert CUDA.frames(torch.zeros(3, 12, 12)).device.type == "cpu"
+    for name, values in finetune_classifier(*given)[0].state_dict().items():
+        torch.testing.assert_close(values, fits[name], rtol=1e-3, atol=1e-4)
+
+
+def test_a_trained_classifier_gives_the_same_answers():
+    classifier, frames = trained(), torch.from_numpy(table().inputs(range(len(table().counts))))
+    sets = torch.randint(len(frames), (64, 4), generator=torch.Generator().manual_seed(3))
+    expected = logits(classifier, CPU, frames, sets)
+    found = logits(classifier, CUDA, frames, sets)
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
+    half = logits(classifier, replace(CUDA, precision="bfloat16"), frames, sets)
+    assert (half.argmax(1) == expected.argmax(1)).float().mean() > 0.95
