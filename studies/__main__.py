@@ -5,10 +5,11 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from studies.cells import code_of_stages, key_of, read_answers, seconds_per_cell, stored
+from studies.cells import code_of_stages, experiment_of, key_of, read_answers, seconds_per_cell, stored
 from studies.dvc_queue import DvcQueue
 from studies.grid import FOLDER, Study, names, read_study
 from studies.runner import run_cells
+from studies.shard import read_shard, shards
 from tactile_viewgcn.errors import UserError
 
 
@@ -20,18 +21,28 @@ from tactile_viewgcn.errors import UserError
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results instead of its own."
 )
 @click.option("--quick", is_flag=True, help="A rehearsal: few cells on tiny data, into studies/.quick/NAME.")
+@click.option("--shard", metavar="I/N", help="Run the Ith of N parts of the cells, without a report.")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-def main(name: str | None, jobs: int, changes: tuple[str, ...], out: Path | None, quick: bool, debug: bool) -> None:
+def main(
+    name: str | None,
+    jobs: int,
+    changes: tuple[str, ...],
+    out: Path | None,
+    quick: bool,
+    shard: str | None,
+    debug: bool,
+) -> None:
     """Run the study NAME, or go on where it was stopped; without NAME, list all studies."""
     try:
         if jobs < 1:
             raise UserError(f"--jobs is {jobs}; expected 1 or more cells at once")
-        if changes and out is None:
+        part = None if shard is None else read_shard(shard)
+        if changes and out is None and part is None:
             raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
             list_studies()
         else:
-            run(read_study(name), jobs=jobs, quick=quick, changes=changes, out=out)
+            run(read_study(name), jobs=jobs, quick=quick, changes=changes, out=out, shard=part)
     except UserError as error:
         if debug:
             raise
@@ -53,12 +64,21 @@ def list_studies() -> None:
         print(f"{study.name:<15} {len(keys):>5}  {estimate:<13}  {study.question}")
 
 
-def run(study: Study, *, jobs: int, quick: bool, changes: tuple[str, ...] = (), out: Path | None = None) -> None:
+def run(
+    study: Study,
+    *,
+    jobs: int,
+    quick: bool,
+    changes: tuple[str, ...] = (),
+    out: Path | None = None,
+    shard: tuple[int, int] | None = None,
+) -> None:
     """Run the cells that are missing, then write the report of all that are there.
 
     Args:
         changes: `key=value` on top of every cell.
         out: folder of the report; the study's own where it is left out.
+        shard: its number and how many there are: its cells alone are run, and no report is written.
 
     Raises:
         UserError: a cell's parameters are wrong, two cells are the same training, or cells failed.
@@ -74,10 +94,18 @@ def run(study: Study, *, jobs: int, quick: bool, changes: tuple[str, ...] = (), 
             raise UserError(
                 f"{study.name}: the same training twice ({same}; {cell}): --set what the study does not vary"
             )
-    print(f"{study.name}: {len(keys)} cells, {sum(map(stored, keys))} of them finished before", flush=True)
-    faults = run_cells(study.name, keys, DvcQueue(), jobs=jobs)
+    told = study.name
+    if shard:
+        number, count = shard
+        keys = shards(keys, count)[number - 1]
+        told += f", shard {number} of {count}"
+    queue = DvcQueue()
+    finished = queue.finished()
+    before = sum(stored(key) or experiment_of(study.name, key) in finished for key in keys)
+    print(f"{told}: {len(keys)} cells, {before} of them finished before", flush=True)
+    faults = run_cells(study.name, keys, queue, jobs=jobs)
     answers = [read_answers(cell, key) for key, cell in keys.items() if key not in faults]
-    if answers:
+    if answers and not shard:
         folder = out or (FOLDER / ".quick" / study.name if quick else FOLDER / study.name)
         print(write_report(study, answers, folder, rehearsal=quick, on_top=changes))
         print(f"written: {folder}/results.csv, results.md, results.png")

@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -15,7 +16,7 @@ import yaml
 from studies.grid import FOLDER, Cell
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
-from tactile_viewgcn.files import atomic_folder, source_files
+from tactile_viewgcn.files import atomic_folder, md5, source_files
 from tactile_viewgcn.params import load
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables import VIRTUAL
@@ -54,8 +55,16 @@ def key_of(cell: Cell, code: str) -> str:
         params = flatten(load("params.yaml", cell.changes))
     except UserError as error:
         raise UserError(f"variant {cell.variant}: {error}") from None
-    known = (sorted(params.items()), code, _source(params["data.source"]))
+    contents = []
+    if params["data.source"] != VIRTUAL:  # which its parameters describe; files may lie elsewhere on another machine
+        contents = _contents(Path(params.pop("data.source")))
+    known = (sorted(params.items()), code, contents)
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
+
+
+def experiment_of(study: str, key: str) -> str:
+    """The name of a cell's DVC experiment, by which it is known in every clone."""
+    return f"{study}-{key}"
 
 
 def code_of_stages() -> str:
@@ -71,10 +80,17 @@ def code_of_stages() -> str:
     return digest.hexdigest()
 
 
-def _source(source: str) -> list[tuple[str, int, int]]:
-    """Files of a source beside the virtual glove's, which its parameters describe: name, size and time."""
-    stats = [(file, file.stat()) for file in source_files(Path(source)) if source != VIRTUAL and file.exists()]
-    return [(str(file), stat.st_size, stat.st_mtime_ns) for file, stat in stats]
+def _contents(source: Path) -> list[tuple[str, str]]:
+    """The name and md5 of each file of a source."""
+    base = source if source.is_dir() else source.parent
+    files = [(file, file.stat()) for file in source_files(source) if file.exists()]
+    return [(str(file.relative_to(base)), _md5(file, stat.st_size, stat.st_mtime_ns)) for file, stat in files]
+
+
+@cache
+def _md5(file: Path, size: int, changed: int) -> str:
+    """md5 of a file, read again where its size or time is another."""
+    return md5(file)
 
 
 def store(key: str, contents: dict[str, bytes]) -> None:

@@ -8,7 +8,7 @@ from itertools import islice
 
 from tqdm import tqdm
 
-from studies.cells import store, stored
+from studies.cells import experiment_of, store, stored
 from studies.dvc_queue import DvcQueue
 from studies.grid import Cell
 from tactile_viewgcn.errors import UserError
@@ -48,7 +48,7 @@ def run_cells(
     Returns:
         What went wrong, by the key of the cell.
     """
-    missing = {f"{name}-{key}": key for key in cells if not stored(key)}
+    missing = {experiment_of(name, key): key for key in cells if not stored(key)}
     before, begin, faults = len(cells) - len(missing), time.monotonic(), {}
 
     def line(running: int) -> str:

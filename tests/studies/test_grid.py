@@ -1,8 +1,10 @@
 """From a study's file to its cells, and what makes two cells the same."""
 
+import os
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -164,6 +166,16 @@ def test_a_cell_is_known_by_its_parameters_code_and_source(tmp_path):
     assert key_of(cell, "code") != before
 
 
+def test_a_cell_is_the_same_on_a_machine_whose_source_lies_elsewhere_and_is_younger(tmp_path):
+    keys = []
+    for place, content in (("here", b"1"), ("there", b"1"), ("elsewhere", b"2")):
+        (tmp_path / place / "mug").mkdir(parents=True)
+        (tmp_path / place / "mug" / "1.h5").write_bytes(content)
+        os.utime(tmp_path / place / "mug" / "1.h5", (len(keys), len(keys)))
+        keys.append(key_of(Cell("a", 0, 0, 0, (f"data.source={tmp_path / place}",)), "code"))
+    assert keys[0] == keys[1] != keys[2]
+
+
 def test_an_experiment_is_given_the_last_change_of_a_key_and_a_source_that_it_can_read():
     assert settings(Cell("a", 0, 0, 0, ("views=4", "seed=1", "views=2"))) == ["views=2", "seed=1"]
     assert settings(Cell("a", 0, 0, 0, ("data.source=tests",))) == [f"data.source={Path('tests').resolve()}"]
@@ -224,7 +236,7 @@ def test_changes_on_top_are_run_and_reported_and_leave_the_study_s_own_results(t
         return "table"
 
     monkeypatch.setattr(main_module, "run_cells", run_cells)
-    monkeypatch.setattr(main_module, "DvcQueue", lambda: None)
+    monkeypatch.setattr(main_module, "DvcQueue", lambda: SimpleNamespace(finished=dict))
     monkeypatch.setattr(main_module, "read_answers", lambda cell, key: None)
     monkeypatch.setattr("studies.report.write_report", write_report)
     change = "preprocess.transform=log"
