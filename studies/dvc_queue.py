@@ -87,21 +87,32 @@ class DvcQueue:
         suspects = {revision for revision in running if revision not in held and not self._lives(revision)}
         orphans, self._suspects = suspects & self._suspects, suspects
         if orphans:
+            for revision in orphans & set(queue.proc):  # else DVC kills what has their number now
+                ended = queue.proc[revision]
+                ended.returncode = -1
+                queue.proc[revision] = ended
             queue.kill(orphans, force=True)
             queue.remove(orphans)
 
     def _lives(self, revision: str) -> bool:
+        """Whether its process is there: on Linux told from another of its number, as on the machine that resumes it."""
         try:
-            os.kill(self._repo.experiments.celery_queue.proc[revision].pid, 0)
+            pid = self._repo.experiments.celery_queue.proc[revision].pid
+            if Path("/proc/self").exists():
+                return revision in Path(f"/proc/{pid}/cmdline").read_text()
+            os.kill(pid, 0)
         except (KeyError, OSError):
             return False
         return True
 
     def last_line(self, name: str) -> str:
-        """The error in the log of a failed experiment, which lines of DVC follow; or else its last line."""
+        """The stage's error in the log of a failed experiment, else DVC's own, else its last line."""
         log = self._dvc("queue", "logs", name, check=False)
-        lines = [line for line in log.splitlines() if line.strip()] or ["no log"]
-        return next((line for line in reversed(lines) if re.match(r"\w*(Error|Exception): ", line)), lines[-1]).strip()
+        lines = [line.strip() for line in log.splitlines() if line.strip()] or ["no log"]
+        for form in (r"\w*(Error|Exception): ", r"ERROR: "):
+            if errors := [line for line in lines if re.match(form, line)]:
+                return errors[-1]
+        return lines[-1]
 
     def results(self, revision: str) -> dict[str, bytes]:
         """The files that a finished cell is kept as.

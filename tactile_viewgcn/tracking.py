@@ -27,7 +27,7 @@ from filelock import FileLock
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.process import is_running
 from tactile_viewgcn.provenance import run_tags
-from tactile_viewgcn.tracking_store import DISABLED, address, check_server, existing_address, refusal, store_folder
+from tactile_viewgcn.tracking_store import DISABLED, address, check_store, existing_address, refusal, store_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -258,8 +258,7 @@ def _close_killed(client: Any, experiments: list[str]) -> None:
 
 def _open(uri: str) -> tuple[Any, str, str]:
     """A client, and the ids of the experiments of rows and stages; a fresh store is made by one process at a time."""
-    if uri.startswith(("http://", "https://")):
-        check_server(uri)
+    check_store(uri)
     from mlflow import MlflowClient
 
     name, folder = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT), store_folder(uri)

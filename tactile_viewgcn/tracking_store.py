@@ -11,6 +11,7 @@ from tactile_viewgcn.files import root
 
 DISABLED = "disabled"
 SQLITE = "sqlite:///"
+DATABASES = "postgresql", "mysql", "mssql"  # that MLflow can also open without a server
 REACH_SECONDS = 5
 
 
@@ -48,8 +49,24 @@ def store_folder(uri: str) -> Path | None:
     return Path(uri.removeprefix(SQLITE).partition("?")[0]).parent if uri.startswith(f"{SQLITE}/") else root()
 
 
-def check_server(uri: str) -> None:
-    """Refuse a server that does not answer within seconds; MLflow itself would try for minutes. Any answer will do."""
+def check_store(uri: str) -> None:
+    """Refuse a server that does not answer within seconds, and a database without a server, before any work.
+
+    MLflow itself would try a server for minutes. Behind a database it would keep models and pictures in the working
+    folder, which DVC deletes after an experiment, and processes that open a fresh one at once would fail.
+    """
+    scheme = uri.partition(":")[0]
+    if scheme.partition("+")[0] in DATABASES:
+        raise UserError(
+            f"MLFLOW_TRACKING_URI is a {scheme} database, which keeps no models and pictures; expected a server in "
+            "front of it: mlflow server --backend-store-uri DATABASE --artifacts-destination FOLDER"
+        )
+    if scheme in ("http", "https"):
+        _check_server(uri)
+
+
+def _check_server(uri: str) -> None:
+    """Any answer will do."""
     try:
         urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=REACH_SECONDS).close()
     except urllib.error.HTTPError:

@@ -25,6 +25,16 @@ def test_a_server_that_does_not_answer_is_said_at_once_and_before_any_work(monke
         pytest.fail("the work began")
 
 
+@pytest.mark.parametrize("uri", ["postgresql://me:secret@db/runs", "mysql+pymysql://me:secret@db/runs"])
+def test_a_database_without_a_server_is_refused_as_artifacts_would_be_lost_and_its_password_is_not_told(
+    monkeypatch, uri
+):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    with pytest.raises(UserError, match="mlflow server --backend-store-uri") as error, tracking.stage_run("ingest"):
+        pytest.fail("the work began")
+    assert "secret" not in str(error.value) and "\n" not in str(error.value)
+
+
 def test_a_store_that_mlflow_refuses_is_one_line(store, monkeypatch):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", (store / "files").as_uri())
     with pytest.raises(UserError, match="MLFLOW_TRACKING_URI"), tracking.stage_run("ingest"):

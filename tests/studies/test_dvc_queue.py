@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -11,12 +12,13 @@ from studies import dvc_queue
 
 
 class Celery:
-    """Two running tasks: `dead`, whose process has ended, and `alive`, whose process is this one."""
+    """Running tasks: `dead` has no process, `alive` has one, `reused` had one whose number is another's now."""
 
-    def __init__(self):
+    def __init__(self, alive):
         ended = subprocess.Popen([sys.executable, "-c", ""])
         ended.wait()
-        self.proc = {"dead": SimpleNamespace(pid=ended.pid), "alive": SimpleNamespace(pid=os.getpid())}
+        pids = {"dead": ended.pid, "alive": alive.pid, "reused": os.getpid()}
+        self.proc = {revision: SimpleNamespace(pid=pid, returncode=None) for revision, pid in pids.items()}
         self.workers, self.killed, self.removed = {}, [], []
 
     def status(self):
@@ -26,17 +28,20 @@ class Celery:
         return self.workers
 
     def kill(self, revisions, force):
-        self.killed += revisions
+        assert all(self.proc[revision].returncode is not None for revision in revisions), "would kill another process"
+        self.killed += sorted(revisions)
 
     def remove(self, revisions):
-        self.removed += revisions
+        self.removed += sorted(revisions)
 
 
 @pytest.fixture
 def celery(monkeypatch):
-    celery = Celery()
+    alive = subprocess.Popen([sys.executable, "-S", "-c", "input()", "exec-run of alive"], stdin=subprocess.PIPE)
+    celery = Celery(alive)
     monkeypatch.setattr("dvc.repo.Repo", lambda: SimpleNamespace(experiments=SimpleNamespace(celery_queue=celery)))
-    return celery
+    yield celery
+    alive.communicate()
 
 
 NAMES = ["made-dead", "made-alive"]
@@ -50,6 +55,14 @@ def test_a_task_is_given_up_at_the_second_look_that_sees_neither_worker_nor_proc
     assert celery.killed == celery.removed == ["dead"]
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc tells processes apart")
+def test_a_task_whose_number_another_process_has_is_given_up(celery):
+    queue = dvc_queue.DvcQueue()
+    for _ in range(2):
+        queue.remove_orphans(["made-reused", "made-alive"])
+    assert celery.killed == celery.removed == ["reused"]
+
+
 def test_a_task_that_a_worker_has_or_that_is_another_study_s_is_left_alone(celery):
     queue = dvc_queue.DvcQueue()
     for _ in range(2):
@@ -58,3 +71,21 @@ def test_a_task_that_a_worker_has_or_that_is_another_study_s_is_left_alone(celer
     for _ in range(2):
         queue.remove_orphans(NAMES)
     assert celery.killed == []
+
+
+@pytest.mark.parametrize(
+    ("log", "told"),
+    [
+        (
+            "Running stage\nError: views is 0\nERROR: failed to reproduce 'cluster'\nTroubles? Write to us",
+            "Error: views is 0",
+        ),
+        ("Reproducing\nERROR: s3 is supported, but\n\nTroubles? Write to us\n", "ERROR: s3 is supported, but"),
+        ("Killed\n", "Killed"),
+        ("", "no log"),
+    ],
+)
+def test_a_failed_cell_tells_the_stage_s_error_or_else_dvc_s(celery, monkeypatch, log, told):
+    queue = dvc_queue.DvcQueue()
+    monkeypatch.setattr(queue, "_dvc", lambda *words, check: log)
+    assert queue.last_line("made-dead") == told
