@@ -1,10 +1,11 @@
 """What every stage's command line shares: parameters, inputs, tracking, errors in one line, the record of its run."""
 
 import json
+import os
 import signal
 import sys
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from tactile_viewgcn import tracking
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, md5, readable
 from tactile_viewgcn.params import PRESETS, Params, load, preset_changes
-from tactile_viewgcn.process import peak_mb
+from tactile_viewgcn.process import LOST, first_to_tell, launched, peak_mb, rank
 from tactile_viewgcn.provenance import changes_of, committed_params, origin, run_name
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run
@@ -31,7 +32,9 @@ INPUT, OUTPUT = Input(path_type=Path), click.Path(path_type=Path)
 NEEDS = click.option("--needs", type=INPUT, required=True, help="Whether this stage is needed, from the stage `needs`.")
 
 
-def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Callable], click.Command]:
+def stage(
+    *reads: str, row: bool = False, tracked: bool = True, several: bool = False
+) -> Callable[[Callable], click.Command]:
     """A click command from `body(params, job, **paths)`.
 
     Args:
@@ -39,6 +42,7 @@ def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Cal
             DVC watch them.
         row: its run is the pipeline's row in MLflow, and carries every parameter.
         tracked: it has a run in MLflow, and a record of its costs.
+        several: several processes may do it together, see `training.distributed`; the first one tells, logs and writes.
 
     The command ends with exit code 1 and one line where the user can mend what is wrong. It writes the record of the
     run to `--record`, see `_write_record`, with the counts that the body may return, by name. A stage with the option
@@ -61,8 +65,10 @@ def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Cal
             debug: bool,
             **paths: Any,
         ) -> None:
-            signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # `dvc queue kill`: the run is closed as KILLED
+            signal.signal(signal.SIGTERM, _end)  # `dvc queue kill`: the run is closed as KILLED
             try:
+                if launched() and not several:
+                    raise UserError(f"{body.__name__} runs in one process; expected python -m stages.{body.__name__}")
                 params = load(params_path, (*(preset_changes(preset) if preset else ()), *changes))
                 inputs = _inputs(context, paths)
                 values = flatten(params) if row else declared(params, reads)
@@ -71,10 +77,16 @@ def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Cal
                 committed = committed_params(params_path)
                 name = run_name(head, values, committed, skip)
                 needed = _is_needed(body.__name__, paths.pop("needs", None))
+                md5s = {name: md5(path) for name, path in inputs.items()}
+                if rank():  # the first process tells, logs and writes
+                    if needed:
+                        with _silent():
+                            body(given(params, reads), Job(body.__name__, Run(), md5s), **paths)
+                    return
                 work, logged = (body, tracked) if needed else (_leave_out, False)
                 with tracking.stage_run(body.__name__, name, row=row) if logged else nullcontext(Run()) as run:
                     run.parameters(values)
-                    job = Job(body.__name__, run, {name: md5(path) for name, path in inputs.items()})
+                    job = Job(body.__name__, run, md5s)
                     counts = work(given(params, reads), job, **paths) or {}
                     if record:
                         given_params = {"values": values, "changed": changes_of(values, committed)}
@@ -83,6 +95,9 @@ def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Cal
                 line = _what_to_mend(error)
                 if debug or line is None:
                     raise
+                signal.signal(signal.SIGTERM, signal.SIG_DFL)  # it ends already
+                if not first_to_tell():
+                    sys.exit(1)
                 raise click.ClickException(line) from None
 
         command.__click_params__ = body.__click_params__ + command.__click_params__
@@ -91,6 +106,20 @@ def stage(*reads: str, row: bool = False, tracked: bool = True) -> Callable[[Cal
         return made
 
     return wrap
+
+
+def _end(*_: object) -> None:
+    """End after SIGTERM; torchrun sends it to the other processes of a training when one has ended."""
+    if launched() and first_to_tell():
+        click.echo(f"Error: {LOST}", file=sys.__stderr__)  # also of a process that is silent else
+    sys.exit(143)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Context in which nothing is printed."""
+    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        yield
 
 
 def _is_needed(name: str, needs: Path | None) -> bool:

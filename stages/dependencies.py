@@ -1,8 +1,9 @@
 """Write what each DVC stage depends on into dvc.yaml, its code and its parameters: `python -m stages.dependencies`.
 
-A stage `cmd: python -m stages.NAME ...` depends on stages/NAME.py and on every module of the project that it imports,
-directly or not, but for `EXCEPTED`; and on the keys of params.yaml under what its `@stage(...)` names, one by one, so
-that a new key is no change for a stage that does not read it. Other entries of `deps` stay as they are.
+A stage `cmd: python -m stages.NAME ...`, or `${launcher} stages.NAME ...`, depends on stages/NAME.py and on every
+module of the project that it imports, directly or not, but for `EXCEPTED`; and on the keys of params.yaml under what
+its `@stage(...)` names, one by one, so that a new key is no change for a stage that does not read it. Other entries of
+`deps` stay as they are.
 """
 
 import ast
@@ -56,7 +57,7 @@ def with_dependencies(text: str, root: Path, params: Params) -> str:
 
 
 def _with_lists(part: str, root: Path, params: Params) -> str:
-    module = re.search(r"python -m stages\.(\w+)", part)
+    module = re.search(r"(?:python -m|\$\{launcher\}) stages\.(\w+)", part)
     if module is None:
         return part
     without = re.sub(r"^      - \S+\.py\n", "", part, flags=re.MULTILINE)

@@ -9,14 +9,16 @@ from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.nn.classifier import count_weights, system_class
+from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.training.checkpoint import training_checkpoint
+from tactile_viewgcn.training.distributed import joined
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.views.table import read_views
 
 
-@stage("seed", "device", "precision", "cluster.assignment", "augment", "model", "finetune")
+@stage("seed", "device", "precision", "cluster.assignment", "augment", "model", "finetune", several=True)
 @click.option("--frames", type=INPUT, required=True)
 @click.option("--views", type=INPUT, required=True)
 @click.option("--backbone", type=INPUT, required=True)
@@ -27,15 +29,20 @@ def finetune(params, job, frames, views, backbone, out):
     compute, table = select_device(params.device, params.precision), read_frames(frames)
     job.computed_on(compute.device, compute.precision)
     system, pretrained = system_class(params.model.system), {}
-    if system.takes != "sensors":
+    alone = system.takes == "sensors"  # one process fits it
+    if alone and rank():
+        return None
+    if not alone:
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
         for warning in noise_warnings(table, params.finetune.noise):
             job.note(warning)
     clusters, on_epoch = read_views(views), job.on_epoch(params.finetune.epochs)
-    with training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
+    with joined(compute, alone), training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
         given = pretrained, params, compute
         classifier, progress = finetune_classifier(table, clusters, *given, checkpoint_path, on_epoch)
+        if rank():
+            return None
         calibration = fit_temperatures(
             classifier, lambda part: finetune_classifier(part, clusters, *given)[0], table, params, compute
         )

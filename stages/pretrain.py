@@ -5,9 +5,10 @@ import click
 from stages.command import INPUT, NEEDS, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.table import read_frames
+from tactile_viewgcn.process import rank
 
 
-@stage("seed", "device", "precision", "augment", "model.backbone", "pretrain")
+@stage("seed", "device", "precision", "augment", "model.backbone", "pretrain", several=True)
 @NEEDS
 @click.option("--frames", type=INPUT, required=True)
 @click.option("--out", type=OUTPUT, required=True)
@@ -16,15 +17,18 @@ def pretrain(params, job, frames, out):
     import torch  # here: where this stage is left out, nothing loads it
 
     from tactile_viewgcn.device import keep_freed_memory, select_device
+    from tactile_viewgcn.training import distributed
     from tactile_viewgcn.training.checkpoint import training_checkpoint
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
     keep_freed_memory()
     compute, table = select_device(params.device, params.precision), read_frames(frames)
     job.computed_on(compute.device, compute.precision)
-    with training_checkpoint("pretrain", params, job.md5s, compute) as checkpoint_path:
+    with distributed.joined(compute), training_checkpoint("pretrain", params, job.md5s, compute) as checkpoint_path:
         on_epoch = job.on_epoch(params.pretrain.epochs)
         backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, on_epoch)
+        if rank():
+            return None
         with atomic_write(out) as part:
             torch.save(
                 {

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 import yaml
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.schema import Range, as_change, build, set_value
+from tactile_viewgcn.schema import EndingIn, Range, as_change, build, set_value
 from tactile_viewgcn.systems import Member, OnSensors, System
 
 PRESETS = ("released", "stag", "wang", "stable", "network", "best")
@@ -203,6 +203,7 @@ class Params:
     viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"]
     device: Literal["auto", "cpu", "cuda"]
     precision: Literal["auto", "float32", "bfloat16"]
+    launcher: Annotated[str, EndingIn("-m")]
     data: Data
     preprocess: PreprocessSection
     split: Split

@@ -8,6 +8,10 @@ import time
 from pathlib import Path
 
 LOADED = time.time()
+LOST = (  # said by one of several processes, see `first_to_tell`
+    "another process of this training has ended or does not answer, so all end; started again, the training goes on "
+    "after its last whole epoch"
+)
 
 
 def seconds_since_start() -> float:
@@ -36,6 +40,27 @@ def is_running(pid: int, ticks: str) -> bool:
     except PermissionError:  # somebody else's
         pass
     return start_ticks(pid) in ("", ticks)
+
+
+def launched() -> bool:
+    """Whether `torchrun` started this process, alone or with others."""
+    return "TORCHELASTIC_RUN_ID" in os.environ
+
+
+def rank() -> int:
+    """Number of this process among those that train together, from 0."""
+    return int(os.environ["RANK"]) if launched() else 0
+
+
+def first_to_tell() -> bool:
+    """Whether no other process that `torchrun` started with this one has asked this before, to tell why it ends."""
+    if not launched():
+        return True
+    try:  # a folder of theirs, which torchrun removes
+        (Path(os.environ["TORCHELASTIC_ERROR_FILE"]).parents[1] / "told").touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
 
 
 def processor() -> str:

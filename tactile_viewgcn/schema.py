@@ -1,7 +1,7 @@
 """Frozen dataclasses built from a mapping of YAML, with every mistake listed.
 
 A field's type says what it may hold: int, float, bool, str, dict, a Literal of texts, a list, a union, another
-dataclass (a section), or `Annotated` with a `Range`. There are no defaults: every key has to be there.
+dataclass (a section), or `Annotated` with a `Range` or an `EndingIn`. There are no defaults: every key has to be there.
 """
 
 import math
@@ -41,6 +41,20 @@ class Range:
         left = "(" if self.open in ("low", "both") or math.isinf(self.low) else "["
         right = ")" if self.open in ("high", "both") or math.isinf(self.high) else "]"
         return f"in {left}{self.low:.10g}, {self.high:.10g}{right}"
+
+
+@dataclass(frozen=True)
+class EndingIn:
+    """Allowed texts: of several words, the last of which is this one."""
+
+    word: str
+
+    def __contains__(self, text: str) -> bool:
+        *before, last = text.split() or [""]
+        return bool(before) and last == self.word
+
+    def __str__(self) -> str:
+        return f"that ends in {self.word}"
 
 
 def flatten(section: Any, prefix: str = "") -> dict[str, Any]:
@@ -135,10 +149,10 @@ def convert(value: Any, hint: Any) -> Any:
     """
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        number = convert(value, args[0])
-        if number not in args[1]:
+        converted = convert(value, args[0])
+        if converted not in args[1]:
             raise ValueError(value)
-        return number
+        return converted
     if origin is Literal:
         if not isinstance(value, str) or value not in args:
             raise ValueError(value)

@@ -66,18 +66,23 @@ class Stem(nn.Module):
 
     def _moments(self, frames: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance (C,) of the convolution's maps over the batch; the running ones are updated."""
-        patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)  # (B, H, W, 3, 3)
-        patches = patches.permute(3, 4, 0, 1, 2).flatten(2).flatten(0, 1)  # (9, B * H * W)
-        count, centre = patches.shape[1], patches.mean(dim=1, keepdim=True)
-        patches = patches - centre
+        count, centre, covariance = self._patch_moments(frames)
         weight = self.conv.weight.flatten(1)
         mean = weight @ centre.squeeze(1)
-        variance = ((weight @ (patches @ patches.T / count)) * weight).sum(dim=1)
+        variance = ((weight @ covariance) * weight).sum(dim=1)
         with torch.no_grad():
             self.norm.num_batches_tracked += 1
             self.norm.running_mean.lerp_(mean, self.norm.momentum)
             self.norm.running_var.lerp_(variance * (count / max(1, count - 1)), self.norm.momentum)
         return mean, variance
+
+    def _patch_moments(self, frames: Tensor) -> tuple[int, Tensor, Tensor]:
+        """Number of 3x3 patches of the frames, their mean (9, 1) and covariance (9, 9)."""
+        patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)  # (B, H, W, 3, 3)
+        patches = patches.permute(3, 4, 0, 1, 2).flatten(2).flatten(0, 1)  # (9, B * H * W)
+        count, centre = patches.shape[1], patches.mean(dim=1, keepdim=True)
+        patches = patches - centre
+        return count, centre, patches @ patches.T / count
 
 
 class Backbone(nn.Module):

@@ -13,6 +13,8 @@ from filelock import FileLock
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, readable, root
+from tactile_viewgcn.process import rank
+from tactile_viewgcn.training import distributed
 
 FOLDER = "checkpoints"
 PACKAGE = Path(__file__).parents[1]
@@ -24,11 +26,17 @@ CODE = ("nn/*.py", "training/*.py", "views/*.py", "frames/*.py", "device.py", "r
 def training_checkpoint(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Iterator[Path]:
     """The file of a stage's training, see `checkpoint_path`; removed when the block ends well.
 
-    Another process with the same training waits until this one is done.
+    Another process with the same training waits until this one is done. Of several that train together the first one
+    writes and removes the file; all read it.
     """
     path = checkpoint_path(stage, params, inputs, compute)
+    if rank():
+        distributed.wait_for_all()
+        yield path
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(path.with_suffix(".lock")):
+        distributed.wait_for_all()
         yield path
         path.unlink(missing_ok=True)
 
@@ -36,7 +44,8 @@ def training_checkpoint(stage: str, params: Any, inputs: dict[str, str], compute
 def checkpoint_path(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Path:
     """The path of a stage's training, named by a hash of all that its result depends on.
 
-    These are the arguments, the package's code in `CODE`, the versions of torch and NumPy and the number of threads.
+    These are the arguments, the package's code in `CODE`, the versions of torch and NumPy, and the numbers of threads
+    and processes.
 
     Args:
         stage: its name.
@@ -45,8 +54,9 @@ def checkpoint_path(stage: str, params: Any, inputs: dict[str, str], compute: Co
         compute: the device and the precision really used.
     """
     code = {path: (PACKAGE / path).read_bytes() for path in code_files()}
-    machine = (compute.device.type, compute.precision, torch.__version__, np.__version__, torch.get_num_threads())
-    key = (sorted(vars(params).items()), sorted(inputs.items()), code, machine)
+    machine = (compute.device.type, compute.precision, torch.__version__, np.__version__)
+    workers = (torch.get_num_threads(), distributed.size())
+    key = (sorted(vars(params).items()), sorted(inputs.items()), code, machine, workers)
     return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.pt"
 
 
@@ -126,9 +136,9 @@ class Checkpoint:
         self._weights = [*self._weights[-1:], weights]
 
     def save(self, progress: Progress) -> None:
-        """Save the state as it is now."""
+        """Save the state as it is now; of several processes the first one does."""
         self._remember()
-        if self.path is None:
+        if self.path is None or rank():
             return
         content = {
             "progress": vars(progress),

@@ -5,6 +5,7 @@ import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.optim import num_batches
 
@@ -37,24 +38,27 @@ class FeatureBank(nn.Module):
         order = torch.randperm(len(frames))
         with self._compute.autocast():
             for index in order.tensor_split(num_batches(len(order), batch)):
-                features = backbone(augment_frames(self._compute.gather(frames, index)))
-                self.values[self._compute.to_device(index)] = features
+                inputs = augment_frames(self._compute.gather(frames, index))
+                features = backbone(inputs[distributed.rows(len(index))])
+                self.values[self._compute.to_device(index)] = distributed.gather(features)
 
     def nodes(self, sets: np.ndarray, fresh: np.ndarray, features: Tensor) -> Tensor:
-        """Features (B, k, ...) of view sets (B, k): those given for the columns `fresh`, from the bank for the others.
+        """Features (b, k, ...) of view sets (B, k): those given for the columns `fresh`, from the bank for the others.
 
-        The given ones are stored; of a frame that occurs more than once, those of its first place.
+        b of the view sets are this process's part, all B where it trains alone. The given features are stored, those of
+        every process; of a frame that occurs more than once, those of its first place.
 
         Args:
             sets: (B, k) indices of frames.
             fresh: (B, f) columns of the sets.
-            features: (B, f, ...) of these columns.
+            features: (b, f, ...) of these columns.
         """
         to_device = self._compute.to_device
-        rows = np.broadcast_to(np.arange(len(sets))[:, None], fresh.shape)
-        places = (to_device(torch.from_numpy(rows.copy())), to_device(torch.from_numpy(fresh)))
-        nodes = self.values[to_device(torch.from_numpy(sets))].index_put(places, features)
-        frames, first = np.unique(sets[rows, fresh], return_index=True)
-        stored = features.detach().flatten(0, 1)[to_device(torch.from_numpy(first))]
+        part = distributed.rows(len(sets))
+        row = np.broadcast_to(np.arange(len(sets))[:, None], fresh.shape)
+        places = (to_device(torch.from_numpy(row[: len(features)].copy())), to_device(torch.from_numpy(fresh[part])))
+        nodes = self.values[to_device(torch.from_numpy(sets[part]))].index_put(places, features)
+        frames, first = np.unique(sets[row, fresh], return_index=True)
+        stored = distributed.gather(features).flatten(0, 1)[to_device(torch.from_numpy(first))]
         self.values[to_device(torch.from_numpy(frames))] = stored
         return nodes

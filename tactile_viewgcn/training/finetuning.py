@@ -17,6 +17,7 @@ from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
+from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.feature_bank import FeatureBank
@@ -25,6 +26,7 @@ from tactile_viewgcn.training.losses import error_rate, set_losses
 from tactile_viewgcn.training.moments import measure_moments
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
 from tactile_viewgcn.training.sensor_fitting import fit_sensor_system
+from tactile_viewgcn.training.whole_batch import share_batches
 from tactile_viewgcn.views.table import Views
 
 
@@ -104,6 +106,7 @@ def finetune_classifier(
     classifier.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     if classifier.head.takes == "sensors":
         return classifier, fit_sensor_system(classifier, table, config.num_views, seed)
+    share_batches(classifier)
     drawn_from = views.unclustered() if config.draw == "random" else views
     train, held_out = (
         SideViewSets(side, table, of, compute, seed, params.cluster.assignment)
@@ -144,6 +147,7 @@ def _train(
     bank = None
     if config.feature_reuse > 1 and classifier.views > 1:
         bank = state["bank"] = FeatureBank(len(train.frames), classifier.feature_shape, compute)
+    joint_loss = distributed.joint_loss(classifier, some_unused=config.num_views == "random")
     checkpoint = Checkpoint(checkpoint_path, state, {"noise": on_device}, {"draw": train.rng}, compute.device)
 
     def losses(epoch: int) -> Iterator[Tensor]:
@@ -152,9 +156,8 @@ def _train(
             bank.fill(classifier.backbone, train.frames, batch=config.batch, augment_frames=augment_frames)
         drawn = first if config.resample_views == "never" or epoch == 0 else train.draw()
         plan = train.batches(drawn, config)
-        return set_losses(
-            classifier, train.frames, train.labels, plan, bank=bank, augment_frames=augment_frames, compute=compute
-        )
+        given = classifier, train.frames, train.labels, plan
+        return map(joint_loss, set_losses(*given, bank=bank, augment_frames=augment_frames, compute=compute))
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:
@@ -163,7 +166,7 @@ def _train(
         classifier.eval()
         sets = torch.from_numpy(held_out_sets).to(compute.device)
         with compute.autocast():
-            features = extract_features(classifier.backbone, held_out.frames)
+            features = distributed.in_parts(lambda part: extract_features(classifier.backbone, part), held_out.frames)
         logits = view_set_logits(classifier.head, features, sets)
         return {"validation_error": error_rate(logits, held_out.labels[held_out.anchors])}
 

@@ -9,6 +9,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 
 MAX_BATCH_LOSS, MAX_EPOCH_LOSS = 100.0, 10.0  # times the first loss; a mean loss beyond that has diverged
@@ -82,8 +83,7 @@ def fit(
 
 def _run_epoch(losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, progress: Progress, bar: tqdm) -> float:
     """A step down each loss; the mean loss. Raises _Diverged."""
-    total: float | Tensor = 0.0
-    steps = 0
+    total, steps = torch.zeros(()), 0
     for steps, loss in enumerate(losses, start=1):
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
@@ -91,10 +91,10 @@ def _run_epoch(losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, progr
         total = total + loss.detach()
         bar.update()
         if progress.first_loss is None:
-            progress.first_loss = float(loss.detach())
+            progress.first_loss = float(distributed.mean(loss.detach()))
         if steps == 1 or steps % CHECK_EVERY == 0:
-            _check(float(total) / steps, progress, MAX_BATCH_LOSS, steps)
-    mean = float(total) / steps
+            _check(float(distributed.mean(total)) / steps, progress, MAX_BATCH_LOSS, steps)
+    mean = float(distributed.mean(total)) / steps
     _check(mean, progress, MAX_EPOCH_LOSS, steps)
     return mean
 
@@ -102,7 +102,7 @@ def _run_epoch(losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, progr
 def _check_last_step(losses: Iterator[Tensor], progress: Progress, checkpoint: Checkpoint) -> None:
     """Compute one loss with the final weights. Raises _Diverged."""
     with torch.no_grad():
-        loss = float(next(losses))
+        loss = float(distributed.mean(next(losses)))
     checkpoint.restore_weights()  # computing the loss has changed the running moments of batch normalisation
     _check(loss, progress, MAX_BATCH_LOSS, steps=1)
 

@@ -9,6 +9,7 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.feature_bank import FeatureBank
 from tactile_viewgcn.training.optim import num_batches
@@ -30,14 +31,15 @@ def frame_losses(
     compute: Compute,
     order: torch.Generator,
 ) -> Iterator[Tensor]:
-    """Cross-entropy of each batch of single frames (n, 1, H, W) in one epoch.
+    """Cross-entropy of each batch of single frames (n, 1, H, W) in one epoch, of the part that this process computes.
 
     Batches differ by one frame at most, and every frame is in one.
     """
     for index in torch.randperm(len(frames), generator=order).tensor_split(num_batches(len(frames), batch)):
+        inputs, rows = augment_frames(compute.gather(frames, index)), distributed.rows(len(index))
         with compute.autocast():
-            features = backbone(augment_frames(compute.gather(frames, index)))
-        yield functional.cross_entropy(classifier(features.float()), compute.gather(labels, index))
+            features = backbone(inputs[rows])
+        yield functional.cross_entropy(classifier(features.float()), compute.gather(labels, index[rows]))
 
 
 def set_losses(
@@ -50,7 +52,7 @@ def set_losses(
     augment_frames: Augmentation,
     compute: Compute,
 ) -> Iterator[Tensor]:
-    """The system's loss of each batch of view sets in one epoch.
+    """The system's loss of each batch of view sets in one epoch, of the part that this process computes.
 
     Args:
         classifier: a `Classifier`; its `backbone` makes features of frames, its `head` logits of view sets.
@@ -64,11 +66,12 @@ def set_losses(
             sets, fresh = in_time_order(sets, fresh)
         index = np.take_along_axis(sets, fresh, axis=1)
         batch = augment_frames(compute.gather(frames, torch.from_numpy(index.ravel())))
+        rows, each = distributed.rows(len(sets)), index.shape[1]
         with compute.autocast():
-            features = classifier.backbone(batch).unflatten(0, index.shape)
+            features = classifier.backbone(batch[rows.start * each : rows.stop * each]).unflatten(0, (-1, each))
         nodes = features if bank is None else bank.nodes(sets, fresh, features)
         logits, aux = classifier.head(nodes)
-        yield classifier.head.loss(logits, aux, compute.gather(labels, torch.from_numpy(sets[:, 0])))
+        yield classifier.head.loss(logits, aux, compute.gather(labels, torch.from_numpy(sets[rows, 0])))
 
 
 def in_time_order(sets: np.ndarray, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
 from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.optim import num_batches
 
 
@@ -30,7 +31,7 @@ def measure_moments(
     """
     with compute.autocast():
         _average_moments(classifier.backbone, frames, compute, order)
-        features = extract_features(classifier.backbone, frames)
+        features = distributed.in_parts(lambda part: extract_features(classifier.backbone, part), frames)
     sets = torch.from_numpy(np.sort(drawn, axis=1) if classifier.head.in_time_order else drawn)
     _average_moments(classifier.head, sets, compute, order, features)
     classifier.eval()
@@ -52,6 +53,7 @@ def _average_moments(
     for number, index in enumerate(batches, start=1):
         for norm in norms:
             norm.momentum = 1 / number
+        index = index[distributed.rows(len(index))]
         module(compute.gather(inputs, index) if features is None else compute.gather(features, inputs[index]))
     for norm, momentum in zip(norms, momenta, strict=True):
         norm.momentum = momentum

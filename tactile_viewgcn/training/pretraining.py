@@ -17,11 +17,13 @@ from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_featur
 from tactile_viewgcn.nn.perceptron import Perceptron
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
+from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import error_rate, frame_losses
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
+from tactile_viewgcn.training.whole_batch import share_batches
 
 
 def pretrain_backbone(
@@ -53,6 +55,8 @@ def pretrain_backbone(
     backbone = build_backbone(table.counts.shape[1:], **asdict(params.model.backbone))
     backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     classifier = torch.nn.Linear(backbone.features, len(table.classes), device=compute.device)
+    share_batches(backbone)
+    joint_loss = distributed.joint_loss(torch.nn.ModuleList([backbone, classifier]))
     optimiser = build_optimiser(config, [{"params": [*backbone.parameters(), *classifier.parameters()]}])
     order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
     checkpoint = Checkpoint(
@@ -66,7 +70,7 @@ def pretrain_backbone(
 
     def losses(_: int) -> Iterator[Tensor]:
         backbone.train()
-        return frame_losses(
+        batches = frame_losses(
             backbone,
             classifier,
             inputs[TRAIN],
@@ -76,12 +80,13 @@ def pretrain_backbone(
             compute=compute,
             order=order,
         )
+        return map(joint_loss, batches)
 
     def validate() -> dict[str, float]:
         if not len(labels[VALIDATION]):
             return {}
         with compute.autocast():
-            features = extract_features(backbone, inputs[VALIDATION])
+            features = distributed.in_parts(lambda part: extract_features(backbone, part), inputs[VALIDATION])
         logits = classifier(features)
         return {"validation_error": error_rate(logits, labels[VALIDATION])}
 
