@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.errors import UserError
-
-MAX_MEMORY_SHARE = 0.5  # the frames are stored on the device if they take at most so much of its free memory
+from tactile_viewgcn.memory import MAX_MEMORY_SHARE
 
 
 @dataclass(frozen=True)
@@ -34,10 +33,14 @@ class Compute:
 
     def frames(self, inputs: Tensor) -> Tensor:
         """Frames (n, H, W) as (n, 1, H, W) in channels-last order, on the device if they fit its memory."""
-        batch = inputs.unsqueeze(1).to(self.dtype, memory_format=torch.channels_last)
+        batch = self.layout(inputs)
         if self.device.type == "cuda" and batch.nbytes > MAX_MEMORY_SHARE * torch.cuda.mem_get_info(self.device)[0]:
             return batch
         return batch.to(self.device)
+
+    def layout(self, inputs: Tensor) -> Tensor:
+        """Frames (n, H, W) as (n, 1, H, W) in channels-last order, where they are."""
+        return inputs.unsqueeze(1).to(self.dtype, memory_format=torch.channels_last)
 
     def gather(self, values: Tensor, index: Tensor) -> Tensor:
         """Rows `index` (k,) of `values` (n, ...) on the device, without waiting for it; `index` is on the processor."""

@@ -38,7 +38,7 @@ def predictions_of(evaluation: Evaluation, table: Frames, side: str) -> Predicti
     anchors = index[table.anchor[index]]
     mean_frames = np.zeros((len(table.classes), *table.live.shape), dtype=np.float32)
     for label in np.unique(table.label[index]):
-        mean_frames[label] = table.inputs(index[table.label[index] == label]).mean(axis=0)
+        mean_frames[label] = table.mean_input(index[table.label[index] == label])
     return Predictions(
         {protocol: trials.predicted.astype(np.int16) for protocol, trials in evaluation.protocols.items()},
         evaluation.labels,

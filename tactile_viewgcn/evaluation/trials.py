@@ -18,8 +18,9 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.latency import latency
 from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts
+from tactile_viewgcn.frames.inputs import input_frames
 from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.frames.table import Frames, Points
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
@@ -107,7 +108,7 @@ def evaluate_table(
     begin = time.perf_counter()
     index = table.on(SIDES.index(evaluate.side))
     anchors = np.flatnonzero(table.anchor[index])
-    frames = compute.frames(torch.from_numpy(table.inputs(index, classifier.head.transform)))
+    frames = input_frames(table, index, compute, classifier.head.transform)
     classifier.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     with compute.autocast():
         features = extract_features(classifier.backbone, frames)
@@ -142,7 +143,7 @@ def all_trials(
     """
     index = table.on(SIDES.index(evaluate.side))
     protocols: dict[str, Trials] = {}
-    points, label = table.inputs(index)[:, table.live], table.label[index]
+    points, label = table.points(index), table.label[index]
     anchors, threshold = np.flatnonzero(table.anchor[index]), contact_threshold(table.transform, table.scale)
     with tqdm(total=len(evaluate.protocols) * evaluate.trials, desc="evaluate", unit="trial", disable=None) as bar:
         for number, protocol in enumerate(PROTOCOLS):
@@ -160,7 +161,7 @@ def all_trials(
 def run_trials(
     classifier: Classifier,
     features: Tensor,
-    points: np.ndarray,
+    points: np.ndarray | Points,
     labels: np.ndarray,
     pool: np.ndarray,
     anchors: np.ndarray,

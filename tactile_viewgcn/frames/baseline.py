@@ -15,6 +15,7 @@ MIN_FRAMES = 5  # of a mean
 CUT_OFF = 0.25  # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
 HALF_SD = 0.584  # standard deviation of a normal distribution that is cut off at its mean, in those of the whole one
 SAMPLE = 2000  # frames that tell whether noise is cut off
+MOST_FRAMES = 10_000  # of a session's empty hand that are measured, for a mean to a hundredth of the noise
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,11 @@ def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, 
             break
         inside = tighter
     return (first + mean).astype(kind), np.maximum(spread / left, rounding).astype(kind)
+
+
+def evenly(index: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of the indices (n,), evenly spaced."""
+    return index[np.unique(np.linspace(0, len(index) - 1, most).astype(int))] if len(index) > most else index
 
 
 def noise_left(recordings: Recordings) -> float:
@@ -117,7 +123,8 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
                 f"session {name!r} has {len(index)} frames of {EMPTY_HAND!r}; preprocess.baseline "
                 f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to auto"
             )
-        entries.append(trimmed_moments(recordings.frames(index), left) if len(index) else _unused_entry(recordings))
+        some = evenly(index, MOST_FRAMES)
+        entries.append(trimmed_moments(recordings.frames(some), left) if len(index) else _unused_entry(recordings))
     mean, noise = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.sessions, mean, noise, sessions)
 

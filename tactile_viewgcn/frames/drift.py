@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, trimmed_moments
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, trimmed_moments
 from tactile_viewgcn.frames.open_hand import OpenHand
 
 
@@ -18,9 +18,9 @@ def session_baselines(
     """
     baselines = np.zeros(hand.noise.shape)
     for number in np.unique(of_recording):
-        index = empty & (session == number)
-        if index.sum() >= MIN_FRAMES:
-            baselines[number] = trimmed_moments(hand.counts[index])[0]
+        index = np.flatnonzero(empty & (session == number))
+        if len(index) >= MIN_FRAMES:
+            baselines[number] = trimmed_moments(hand.counts[evenly(index, MOST_FRAMES)])[0]
         else:
             baselines[number] = np.median(quietest[of_recording == number], axis=0)
     return baselines

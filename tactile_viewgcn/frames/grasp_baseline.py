@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, exact_float, trimmed_moments
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, Baseline, evenly, exact_float, trimmed_moments
 from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording, of_empty_hand
 from tactile_viewgcn.recordings.source import EMPTY_HAND, listed
 from tactile_viewgcn.recordings.table import Recordings
@@ -51,7 +51,8 @@ def grasp_baseline(
             if known and index.sum() < MIN_FRAMES:
                 index, stand_ins[-number] = hand.open & (session == -number), OPEN
         if index.sum() >= MIN_FRAMES:
-            mean[row, recordings.live] = trimmed_moments(hand.counts[index])[0]
+            some = evenly(np.flatnonzero(index), MOST_FRAMES)
+            mean[row, recordings.live] = trimmed_moments(hand.counts[some])[0]
         elif known:
             mean[row], stand_ins[-number] = known[-number][0], KNOWN
         else:

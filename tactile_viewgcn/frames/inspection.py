@@ -16,6 +16,7 @@ from tactile_viewgcn.frames.quiet import all_in_contact, find_quiet
 from tactile_viewgcn.frames.readings import Readings, measure_readings, scatter
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.stored import Counts
 from tactile_viewgcn.recordings.table import Recordings
 
 SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548
@@ -184,7 +185,7 @@ def sensors_in_contact(live: int) -> int:
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 
-def _zero(counts: np.ndarray) -> float:
+def _zero(counts: Counts) -> float:
     """What sensors read at least, to three digits; 0 where that is near it."""
     low, high = np.percentile(counts[:: max(1, len(counts) // 2000)], [0.1, 99])
     return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")

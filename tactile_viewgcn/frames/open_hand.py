@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, noise_left, trimmed_moments
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, noise_left, trimmed_moments
 from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.recordings.stored import Counts
 from tactile_viewgcn.recordings.table import Recordings
 
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
@@ -28,7 +29,7 @@ class OpenHand:
     """Which of T frames are without contact, and what that was found from.
 
     Attributes:
-        counts: (T, S) of the live sensors.
+        counts: (T, S) of the live sensors, an array or what is read from the recordings' file.
         noise: (sessions, S) standard deviation in counts, see `noise_left`.
         contact: bool (T,) enough sensors are in contact, or a flag of the source says that an object is held.
         open: bool (T,) the hand is open, and so it is in the two frames before and after: at most one sensor is in
@@ -36,7 +37,7 @@ class OpenHand:
             open nor in contact lie between the two, or in a grasp that is hardly felt.
     """
 
-    counts: np.ndarray
+    counts: Counts
     noise: np.ndarray
     contact: np.ndarray
     open: np.ndarray
@@ -52,11 +53,11 @@ def find_open_hand(
         sigmas: standard deviations above the baseline of a sensor in contact.
         known: mean and noise (H, W) of the empty hand, for each session that has no frames of it; taken as they are.
     """
-    counts = np.concatenate([block[:, recordings.live] for _, block in recordings.blocks()])
+    counts = recordings.live_counts()
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
     of_session, left = [], noise_left(recordings)
     for number in range(len(recordings.sessions)):
-        of_session.append(_empty_hand(counts[session == number], empty[session == number], left))
+        of_session.append(_empty_hand(counts, np.flatnonzero(session == number), empty, left))
     for number, (mean, noise) in enumerate(known or []):
         if of_session[number][0] is None:
             of_session[number] = mean[recordings.live], noise[recordings.live]
@@ -82,18 +83,26 @@ def of_empty_hand(recordings: Recordings) -> np.ndarray:
     return recordings.columns["object"] == number
 
 
-def _empty_hand(counts: np.ndarray, empty: np.ndarray, left: float) -> tuple[np.ndarray | None, np.ndarray]:
-    """Mean (S,) of the empty hand in a session's counts (n, S), None without enough frames of it, and noise (S,).
+def _empty_hand(
+    counts: Counts, index: np.ndarray, empty: np.ndarray, left: float
+) -> tuple[np.ndarray | None, np.ndarray]:
+    """Mean (S,) of the empty hand in a session, None without enough frames of it, and noise (S,).
 
     Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
-    few of them. `left`: see `noise_left`.
+    few of them.
+
+    Args:
+        counts: (T, S); index: (n,) of the session's frames; empty: bool (T,) frames of the empty hand.
+        left: see `noise_left`.
     """
-    if empty.sum() >= MIN_FRAMES:
-        return trimmed_moments(counts[empty], left)
-    if len(counts) < 2:
+    of_empty = index[empty[index]]
+    if len(of_empty) >= MIN_FRAMES:
+        return trimmed_moments(counts[evenly(of_empty, MOST_FRAMES)], left)
+    if len(index) < 2:
         return None, np.ones(counts.shape[1])
-    at = np.unique(np.linspace(0, len(counts) - 2, MAX_DIFFERENCES).astype(int))
-    return None, trimmed_moments(counts[at + 1].astype(np.float64) - counts[at], left)[1] / np.sqrt(2)
+    at = np.unique(np.linspace(0, len(index) - 2, MAX_DIFFERENCES).astype(int))
+    changes = counts[index[at + 1]].astype(np.float64) - counts[index[at]]
+    return None, trimmed_moments(changes, left)[1] / np.sqrt(2)
 
 
 def _flagged(recordings: Recordings) -> np.ndarray:

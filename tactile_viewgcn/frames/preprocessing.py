@@ -112,7 +112,7 @@ def _kept_frames(recordings: Recordings, baseline: Baseline, selection: Selectio
     columns = {name: values[index] for name, values in recordings.columns.items()}
     objects, label = np.unique(columns["object"], return_inverse=True)
     return Frames(
-        counts=recordings.frames(index),
+        counts=recordings.kept_counts(index),
         label=label.astype(np.int16),
         recording=columns["recording"],
         session=columns["session"],

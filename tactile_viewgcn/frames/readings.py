@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactile_viewgcn.frames.baseline import evenly
 from tactile_viewgcn.frames.open_hand import OpenHand
 
 PERCENTILES = (0, 1, 50, 99, 100)
@@ -63,47 +64,46 @@ def measure_readings(
         held: bool (T,) frames of contact, the empty hand's left out.
         threshold: (R, S) counts above the baseline of a sensor in contact.
     """
-    counts = hand.counts
-    sums, number = np.zeros((objects, counts.shape[1])), np.zeros(objects)
+    sums, number = np.zeros((objects, hand.counts.shape[1])), np.zeros(objects)
+    low, high, at_high = np.inf, -np.inf, np.zeros(hand.counts.shape[1], dtype=np.int64)
     activity, of_activity, samples, pressed = [], [], [], []
     each = max(1, MOST_ROWS // len(frames))
     for row, index in enumerate(frames):
-        points = min(POINTS, len(index))
-        lines = [part.mean() for part in np.array_split(counts[index].mean(axis=1), points)]
+        points, counts = min(POINTS, len(index)), hand.counts[index]
+        low = min(low, counts.min())
+        if counts.max() > high:
+            high, at_high[:] = counts.max(), 0
+        at_high += (counts == high).sum(axis=0)
+        lines = [part.mean() for part in np.array_split(counts.mean(axis=1), points)]
         activity.append(np.array(lines) - baseline[row].mean())
         of_activity.append(np.array([part.mean() for part in np.array_split(held[index], points)]))
-        of_held = index[held[index]]
-        if not len(of_held):
+        counts = counts[held[index]]
+        if not len(counts):
             continue
-        sums[label[row]] += counts[of_held].sum(axis=0, dtype=np.float64) - len(of_held) * baseline[row]
-        number[label[row]] += len(of_held)
-        excess = counts[_evenly(of_held, each)] - baseline[row]
+        sums[label[row]] += counts.sum(axis=0, dtype=np.float64) - len(counts) * baseline[row]
+        number[label[row]] += len(counts)
+        excess = counts[evenly(np.arange(len(counts)), each)] - baseline[row]
         samples.append(excess.ravel())
         pressed.append(excess[excess > threshold[row]])
     excess = np.concatenate(samples) if samples else np.zeros(0)
     above = np.concatenate(pressed) if pressed else np.zeros(0)
-    every = counts[_evenly(np.arange(len(counts)), MOST_ROWS)]
+    every = hand.counts[evenly(np.arange(len(hand.counts)), MOST_ROWS)]
     histogram, edges = np.histogram(excess, BINS, _limits(excess))
     means = np.where(number[:, None] > 0, sums / np.maximum(number, 1)[:, None], np.nan)
     percentiles = np.percentile(every, PERCENTILES)
-    percentiles[0], percentiles[-1] = counts.min(), counts.max()
+    percentiles[0], percentiles[-1] = low, high
     return Readings(
         percentiles=percentiles,
         above=np.percentile(above, PERCENTILES) if len(above) else np.full(len(PERCENTILES), np.nan),
         pressed_share=len(above) / max(1, len(excess)),
         stuck=scatter(_stuck(every), live),
-        saturated=scatter(_saturated(counts), live),
+        saturated=scatter(at_high / len(hand.counts) if at_high.sum() > 1 else np.zeros(len(at_high)), live),
         histogram=histogram,
         edges=edges,
         mean_frame=np.stack([scatter(mean, live) for mean in means]),
         activity=activity,
         held=of_activity,
     )
-
-
-def _evenly(index: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of the indices, evenly spaced."""
-    return index[np.unique(np.linspace(0, len(index) - 1, most).astype(int))]
 
 
 def _limits(excess: np.ndarray) -> tuple[float, float]:
@@ -116,12 +116,6 @@ def _stuck(counts: np.ndarray) -> np.ndarray:
     """bool (S,): sensors that hardly vary in counts (n, S)."""
     spread = counts.std(axis=0)
     return spread < STUCK * np.median(spread)
-
-
-def _saturated(counts: np.ndarray) -> np.ndarray:
-    """Share of frames (S,) at the largest of all counts (T, S)."""
-    at_top = counts == counts.max()
-    return at_top.mean(axis=0) if at_top.sum() > 1 else np.zeros(counts.shape[1])
 
 
 def scatter(values: np.ndarray, live: np.ndarray) -> np.ndarray:

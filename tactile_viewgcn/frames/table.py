@@ -10,6 +10,12 @@ import numpy as np
 
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.frames.transform import network_input
+from tactile_viewgcn.recordings.source import BLOCK_FRAMES
+from tactile_viewgcn.recordings.stored import Counts, StoredCounts, held
+
+CHUNK_BYTES = 2048  # of the file's chunks, a frame of 32 x 32: trainings read single frames in random order
+INPUT_BYTES = np.dtype(np.float32).itemsize  # of a sensor's network input
+INPUT_BLOCK = 512  # frames whose network input is computed at once
 
 
 @dataclass(frozen=True)
@@ -17,7 +23,7 @@ class Frames:
     """The n kept frames in the order of their recordings, with R baselines and C classes.
 
     Attributes:
-        counts: (n, H, W) raw counts.
+        counts: (n, H, W) raw counts, an array or what is read from their file.
         label: (n,) class, index into `classes`.
         recording, session: (n,) index into `recordings` and `sessions`.
         group: (n,) split group.
@@ -34,7 +40,7 @@ class Frames:
         kept_share: of the recordings' frames, how many the filter keeps.
     """
 
-    counts: np.ndarray
+    counts: Counts
     label: np.ndarray
     recording: np.ndarray
     session: np.ndarray
@@ -60,25 +66,64 @@ class Frames:
 
     def inputs(self, index: np.ndarray, transform: str | None = None) -> np.ndarray:
         """Network input float32 (k, H, W) of the frames in `index` (k,), by the table's transform or another."""
-        excess = self.counts[index].astype(self.baseline_mean.dtype)
-        excess -= self.baseline_mean[self.baseline[index]]
-        return network_input(excess, transform or self.transform, self.scale)
+        inputs = np.empty((len(index), *self.counts.shape[1:]), dtype=np.float32)
+        for start in range(0, len(index), INPUT_BLOCK):
+            part = index[start : start + INPUT_BLOCK]
+            excess = self.counts[part].astype(self.baseline_mean.dtype)
+            excess -= self.baseline_mean[self.baseline[part]]
+            inputs[start : start + len(part)] = network_input(excess, transform or self.transform, self.scale)
+        return inputs
+
+    def points(self, index: np.ndarray) -> "np.ndarray | Points":
+        """Network input float32 (k, S) of the frames in `index` (k,) at the live sensors: read where counts are."""
+        points = Points(self, index)
+        return points if isinstance(self.counts, StoredCounts) else points[np.arange(len(index))]
+
+    def mean_input(self, index: np.ndarray) -> np.ndarray:
+        """Mean network input float32 (H, W) of the frames in `index` (k,), one at least."""
+        total = np.zeros((1, *self.counts.shape[1:]), dtype=np.float32)
+        for start in range(0, len(index), BLOCK_FRAMES):
+            total = np.concatenate([total, self.inputs(index[start : start + BLOCK_FRAMES])]).sum(axis=0, keepdims=True)
+        return total[0] / np.float32(len(index))
 
     def on(self, *sides: int) -> np.ndarray:
         """Rising indices of the frames on the given sides."""
         return np.flatnonzero(np.isin(self.side, sides))
 
 
+class Points:
+    """Network input of frames at the live sensors, computed when it is indexed.
+
+    Args:
+        index: (n,) of the frames in the table.
+    """
+
+    def __init__(self, table: Frames, index: np.ndarray):
+        self._table, self._index = table, index
+        self.shape = len(index), int(table.live.sum())
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def __getitem__(self, at: np.ndarray) -> np.ndarray:
+        """float32 (k, S) of the frames at indices (k,), or where a mask (n,) is True."""
+        return self._table.inputs(self._index[at])[:, self._table.live]
+
+
 def write_frames(path: str | Path, frames: Frames) -> None:
     """Write the table as HDF5: arrays and names as datasets, the transform as attributes."""
+    packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
     with atomic_write(path) as part, h5py.File(part, "w") as file:
         for field in fields(frames):
             value = getattr(frames, field.name)
-            if isinstance(value, np.ndarray):
-                packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if value.ndim == 3 else {}
-                if field.name == "counts":
-                    packed["chunks"] = (min(64, len(value)), *value.shape[1:])
-                file.create_dataset(field.name, data=value, **packed)
+            if field.name == "counts":
+                each = max(1, CHUNK_BYTES // (value[:1].nbytes or 1))
+                chunks = (min(each, len(value)), *value.shape[1:])
+                counts = file.create_dataset("counts", value.shape, value.dtype, chunks=chunks, **packed)
+                for start in range(0, len(value), BLOCK_FRAMES):
+                    counts[start : start + BLOCK_FRAMES] = value[start : start + BLOCK_FRAMES]
+            elif isinstance(value, np.ndarray):
+                file.create_dataset(field.name, data=value, **(packed if value.ndim == 3 else {}))
             elif isinstance(value, list):
                 file[field.name] = np.array(value, dtype=h5py.string_dtype())
             else:
@@ -86,11 +131,14 @@ def write_frames(path: str | Path, frames: Frames) -> None:
 
 
 def read_frames(path: str | Path | BinaryIO) -> Frames:
-    """Read the table that `write_frames` wrote, all of it into memory."""
-    with readable(path), h5py.File(path, "r") as file:
+    """Read the table that `write_frames` wrote; counts that take too much of the free memory stay in the file."""
+    with readable(path):
+        file = h5py.File(path, "r")
         values: dict[str, Any] = {}
         for field in fields(Frames):
-            if field.name in file.attrs:
+            if field.name == "counts":
+                values["counts"] = held(StoredCounts(Path(str(path)), file["counts"]), more=INPUT_BYTES)
+            elif field.name in file.attrs:
                 value = file.attrs[field.name]
                 values[field.name] = value if isinstance(value, str) else float(value)
                 if field.name == "preprocess":
@@ -99,4 +147,6 @@ def read_frames(path: str | Path | BinaryIO) -> Frames:
                 values[field.name] = [text.decode() for text in file[field.name][()]]
             else:
                 values[field.name] = file[field.name][()]
+        if isinstance(values["counts"], np.ndarray):
+            file.close()
     return Frames(**values)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.inputs import input_frames
 from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION, fold_sides, spans_classes
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.nn.backbone import extract_features
@@ -107,7 +108,7 @@ def _held_out_answers(classifier: Classifier, table: Frames, compute: Compute, s
     """Logits (V, A, classes) after 1 to V frames of sequences on the validation side, and their classes (A,)."""
     index = table.on(VALIDATION)
     classifier.eval()
-    frames = compute.frames(torch.from_numpy(table.inputs(index, classifier.head.transform)))
+    frames = input_frames(table, index, compute, classifier.head.transform)
     with compute.autocast(), torch.inference_mode():
         features = extract_features(classifier.backbone, frames)
     recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")

@@ -25,7 +25,7 @@ class ArrayRecordings(Recordings):
         sessions: np.ndarray,
     ):
         self.path = Path("X")
-        self._pressure = np.concatenate(arrays)
+        self._pressure = pressure = np.concatenate(arrays)
         lengths = [len(array) for array in arrays]
         row = np.repeat(np.arange(len(arrays)), lengths)
         self.objects = objects
@@ -38,8 +38,14 @@ class ArrayRecordings(Recordings):
             "frame": np.concatenate([np.arange(length) for length in lengths]),
             "time": np.full(len(row), np.nan),
         }
-        self.live = self._pressure.min(axis=0) < self._pressure.max(axis=0)
+        self.live = pressure.min(axis=0) < pressure.max(axis=0)
         self.weights = self.action = None
+
+    def kept_counts(self, index: np.ndarray) -> np.ndarray:
+        return self.frames(index)
+
+    def live_counts(self) -> np.ndarray:
+        return self._pressure[:][:, self.live]
 
     def __exit__(self, *_: object) -> None:
         """Nothing is open."""

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.recordings.source import BLOCK_FRAMES, COLUMNS, Block, Source, checked_blocks
+from tactile_viewgcn.recordings.stored import Counts, StoredCounts, held
 
 SOURCE_MD5 = "source_md5"  # attribute that only the table has: md5 of the source
 
@@ -122,7 +123,7 @@ class Recordings:
             self.weights, self.action = (
                 self._file[name][()] if name in self._file else None for name in ("weights", "action")
             )
-            self._pressure = self._file["pressure"]
+            self._pressure: Counts = StoredCounts(self.path, self._file["pressure"])
 
     def __enter__(self) -> "Recordings":
         return self
@@ -145,14 +146,19 @@ class Recordings:
         return height, width
 
     def frames(self, index: np.ndarray) -> np.ndarray:
-        """Counts (n, H, W) of the frames in a rising index (n,), read block by block."""
-        out, done = np.empty((len(index), *self.shape), self.dtype), 0
-        for start in range(0, len(self), BLOCK_FRAMES):
-            stop = int(np.searchsorted(index, start + BLOCK_FRAMES))
-            if stop > done:
-                out[done:stop] = self._pressure[start : start + BLOCK_FRAMES][index[done:stop] - start]
-                done = stop
-        return out
+        """Counts (n, H, W) of the frames in an index (n,)."""
+        return self._pressure[index]
+
+    def kept_counts(self, index: np.ndarray) -> Counts:
+        """The same, but read when they are indexed where they take too much of the free memory.
+
+        They can be read when the table is closed.
+        """
+        return held(StoredCounts(self.path, h5py.File(self.path, "r")["pressure"], rows=index))
+
+    def live_counts(self) -> Counts:
+        """Counts (T, S) of the live sensors; see `kept_counts`."""
+        return held(StoredCounts(self.path, h5py.File(self.path, "r")["pressure"], sensors=self.live))
 
     def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frames.inputs import input_frames
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.frames.transform import full_scale
@@ -43,7 +45,7 @@ class SideViewSets:
         self._index, self._views, self._assignment = table.on(side), views, assignment
         self.rng = stream(seed, "finetune.draw", side)
         self.anchors = np.flatnonzero(table.anchor[self._index])
-        self.frames = compute.frames(torch.from_numpy(table.inputs(self._index)))
+        self.frames = input_frames(table, self._index, compute)
         self.labels = torch.from_numpy(table.label[self._index].astype(np.int64)).to(compute.device)
 
     def draw(self) -> np.ndarray:
@@ -155,7 +157,7 @@ def _train(
         if bank is not None and epoch == 0:
             bank.fill(classifier.backbone, train.frames, batch=config.batch, augment_frames=augment_frames)
         drawn = first if config.resample_views == "never" or epoch == 0 else train.draw()
-        plan = train.batches(drawn, config)
+        plan = islice(train.batches(drawn, config), 1 if epoch == config.epochs else None)  # the last step's check
         given = classifier, train.frames, train.labels, plan
         return map(joint_loss, set_losses(*given, bank=bank, augment_frames=augment_frames, compute=compute))
 

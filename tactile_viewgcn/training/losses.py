@@ -9,6 +9,7 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frames.inputs import batches
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.feature_bank import FeatureBank
@@ -35,10 +36,11 @@ def frame_losses(
 
     Batches differ by one frame at most, and every frame is in one.
     """
-    for index in torch.randperm(len(frames), generator=order).tensor_split(num_batches(len(frames), batch)):
-        inputs, rows = augment_frames(compute.gather(frames, index)), distributed.rows(len(index))
+    parts = torch.randperm(len(frames), generator=order).tensor_split(num_batches(len(frames), batch))
+    for index, inputs in batches(frames, parts, lambda part: part, compute):
+        augmented, rows = augment_frames(inputs), distributed.rows(len(index))
         with compute.autocast():
-            features = backbone(inputs[rows])
+            features = backbone(augmented[rows])
         yield functional.cross_entropy(classifier(features.float()), compute.gather(labels, index[rows]))
 
 
@@ -61,17 +63,20 @@ def set_losses(
             whose frames pass through the backbone.
         bank: holds the features of the other columns; None where all pass through.
     """
-    for sets, fresh in plan:
-        if classifier.head.in_time_order:
-            sets, fresh = in_time_order(sets, fresh)
-        index = np.take_along_axis(sets, fresh, axis=1)
-        batch = augment_frames(compute.gather(frames, torch.from_numpy(index.ravel())))
-        rows, each = distributed.rows(len(sets)), index.shape[1]
+    if classifier.head.in_time_order:
+        plan = (in_time_order(*sets_and_fresh) for sets_and_fresh in plan)
+    for (sets, fresh), inputs in batches(frames, plan, _fresh_frames, compute):
+        batch, rows, each = augment_frames(inputs), distributed.rows(len(sets)), fresh.shape[1]
         with compute.autocast():
             features = classifier.backbone(batch[rows.start * each : rows.stop * each]).unflatten(0, (-1, each))
         nodes = features if bank is None else bank.nodes(sets, fresh, features)
         logits, aux = classifier.head(nodes)
         yield classifier.head.loss(logits, aux, compute.gather(labels, torch.from_numpy(sets[rows, 0])))
+
+
+def _fresh_frames(batch: tuple[np.ndarray, np.ndarray]) -> Tensor:
+    """Indices (B * f,) of the frames in the columns (B, f) of view sets (B, k)."""
+    return torch.from_numpy(np.take_along_axis(*batch, axis=1).ravel())
 
 
 def in_time_order(sets: np.ndarray, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frames.inputs import input_frames
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.frames.transform import full_scale
@@ -49,7 +50,7 @@ def pretrain_backbone(
     config, seed, inputs, labels = params.pretrain, params.seed, {}, {}
     for side in (TRAIN, VALIDATION):
         index = np.flatnonzero(table.anchor & (table.side == side))
-        inputs[side] = compute.frames(torch.from_numpy(table.inputs(index)))
+        inputs[side] = input_frames(table, index, compute)
         labels[side] = torch.from_numpy(table.label[index].astype(np.int64)).to(compute.device)
     torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
     backbone = build_backbone(table.counts.shape[1:], **asdict(params.model.backbone))

@@ -5,10 +5,14 @@ a pool by contact area. `matched` aligns them with reference views common to all
 same for every object. Neither uses labels, except through the pools of `cluster.scope: object`.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from tactile_viewgcn.frames.table import Points
 from tactile_viewgcn.frames.transform import network_input
+from tactile_viewgcn.recordings.source import BLOCK_FRAMES
 
 CONTACT_COUNTS = 5.0  # above baseline, of a sensor in contact
 MAX_ROUNDS = 100  # of matching
@@ -22,7 +26,7 @@ def contact_threshold(transform: str, scale: float) -> float:
 def assigned_viewpoints(
     cluster: np.ndarray,
     pool: np.ndarray,
-    points: np.ndarray,
+    points: np.ndarray | Points,
     views: int,
     assignment: str,
     *,
@@ -39,7 +43,8 @@ def assigned_viewpoints(
         references: (V, d), see `reference_views`; used by `matched`.
     """
     if assignment == "area":
-        area = _means((points > threshold).sum(axis=1, keepdims=True), cluster, pool, views)[..., 0]  # (P, V)
+        of_frame = np.concatenate([(part > threshold).sum(axis=1, keepdims=True) for _, part in _blocks(points)])
+        area = _means(of_frame, cluster, pool, views)[..., 0]  # (P, V)
         order = np.argsort(area, axis=1, kind="stable")  # an empty cluster has no area and comes first
         return np.argsort(order, axis=1)[pool, cluster]
     if assignment == "matched":
@@ -47,7 +52,7 @@ def assigned_viewpoints(
     return cluster
 
 
-def reference_views(points: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
+def reference_views(points: np.ndarray | Points, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
     """Reference views float64 (V, d): mean directions of the clusters of all pools after their alignment.
 
     They start as the clusters of the first pool. Then two steps alternate until no assignment changes: the clusters
@@ -70,19 +75,26 @@ def _matching(directions: np.ndarray, references: np.ndarray) -> np.ndarray:
     return np.stack([linear_sum_assignment(views @ references.T, maximize=True)[1] for views in directions])
 
 
-def _directions(points: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
+def _directions(points: np.ndarray | Points, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
     """Mean frame (P, V, d) of each cluster at unit length; zeros for an empty cluster."""
     return _unit(_means(points, cluster, pool, views))
 
 
-def _means(values: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
+def _means(values: np.ndarray | Points, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
     """Mean (P, V, d) of the values (n, d) in each cluster; zeros for an empty cluster."""
     cells = (int(pool.max()) + 1) * views
     cell = pool * views + cluster
     total = np.zeros((cells, values.shape[1]))
-    np.add.at(total, cell, values)
+    for at, part in _blocks(values):
+        np.add.at(total, cell[at], part)
     count = np.bincount(cell, minlength=cells)
     return (total / np.maximum(count, 1)[:, None]).reshape(-1, views, values.shape[1])
+
+
+def _blocks(values: np.ndarray | Points) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of indices (k,), in order, and the values (k, d) there."""
+    for at in np.array_split(np.arange(len(values)), len(values) // BLOCK_FRAMES + 1):
+        yield at, values[at]
 
 
 def _unit(values: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
-from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.frames.table import Frames, Points
 from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.views.assignment import assigned_viewpoints, contact_threshold, reference_views
 from tactile_viewgcn.views.sampling import random_clusters
@@ -38,12 +38,12 @@ def cluster_frames(table: Frames, viewpoints: np.ndarray, params: Cluster, rng: 
     if params.method == "kmeans":
         index = table.on(TRAIN, VALIDATION)
         number = np.unique(pool[index], return_inverse=True)[1].ravel()
-        points = table.inputs(index)[:, table.live]
+        points = table.points(index)
         clusters = cluster_pools(points, number, views, params, rng)
         if params.assignment == "matched":
             train = table.side[index] == TRAIN
             train_pools = np.unique(number[train], return_inverse=True)[1].ravel()
-            references = reference_views(points[train], clusters[train], train_pools, views)
+            references = reference_views(table.points(index[train]), clusters[train], train_pools, views)
         threshold = contact_threshold(table.transform, table.scale)
         cluster[index] = assigned_viewpoints(
             clusters, number, points, views, params.assignment, threshold=threshold, references=references
@@ -52,7 +52,7 @@ def cluster_frames(table: Frames, viewpoints: np.ndarray, params: Cluster, rng: 
 
 
 def cluster_pools(
-    points: np.ndarray,
+    points: np.ndarray | Points,
     pool: np.ndarray,
     views: int,
     params: Cluster,
@@ -78,7 +78,7 @@ def cluster_pools(
     return cluster
 
 
-def pool_scores(points: np.ndarray, pool: np.ndarray, components: int) -> list[np.ndarray]:
+def pool_scores(points: np.ndarray | Points, pool: np.ndarray, components: int) -> list[np.ndarray]:
     """Principal components (n_p, c) of the frames of each pool p, from points (n, d) and pools (n,)."""
     return [principal_components(points[pool == number], components) for number in range(pool.max() + 1)]
 
@@ -90,12 +90,13 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     """
     from sklearn.decomposition import PCA
 
-    points = np.asarray(points, dtype=np.float64)
     distinct, inverse = np.unique(points, axis=0, return_inverse=True)  # equal rows get equal scores
     if len(distinct) < 2:
         return np.zeros((len(points), 1))
+    points, distinct = (np.array(rows, dtype=np.float64) for rows in (points, distinct))
     mean = points.mean(axis=0)
-    points, distinct = points - mean, distinct - mean  # before anything is squared: a large offset costs digits
+    points -= mean  # before anything is squared: a large offset costs digits
+    distinct -= mean
     solver = "covariance_eigh" if len(points) > points.shape[1] else "full"
     with _libraries().limit(limits=1):
         pca = PCA(min(count, *points.shape), svd_solver=solver).fit(points)

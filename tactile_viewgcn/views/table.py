@@ -46,7 +46,7 @@ class Views:
         for label, column in np.ndindex(means.shape[:2]):
             index = np.flatnonzero((table.label == label) & (table.side == TRAIN) & (self.cluster == column))
             if len(index):
-                means[label, column] = table.inputs(index).mean(axis=0)
+                means[label, column] = table.mean_input(index)
         return means
 
     def on(self, index: np.ndarray, rng: np.random.Generator) -> ViewSets:

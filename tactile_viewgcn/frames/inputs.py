@@ -1,0 +1,91 @@
+"""The network input of a table's frames as trainings and trials take it: a tensor, or read batch by batch."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frames.table import Frames
+
+Plan = TypeVar("Plan")  # of a batch
+
+
+class StoredInputs:
+    """Network input (n, 1, H, W) of frames whose counts stay in their file: what is indexed is read and computed.
+
+    It does what is done with a tensor of frames: `len`, indexing by indices or a slice, `split`.
+
+    Args:
+        index: (n,) of the frames.
+        transform: another than the table's.
+    """
+
+    device = torch.device("cpu")  # of what is read
+
+    def __init__(self, table: Frames, index: np.ndarray, compute: Compute, transform: str | None):
+        self._table, self._index, self._compute, self._transform = table, index, compute, transform
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def __getitem__(self, at: Tensor | slice) -> Any:
+        """Network input (k, 1, H, W) of frames at indices (k,), on the processor; of a slice nothing is read yet."""
+        if isinstance(at, slice):
+            return StoredInputs(self._table, self._index[at], self._compute, self._transform)
+        inputs = self._table.inputs(self._index[at.numpy()], self._transform)
+        return self._compute.layout(torch.from_numpy(inputs))
+
+    def split(self, size: int) -> Iterator[Tensor]:
+        """The frames in order, `size` at a time."""
+        for part in torch.arange(len(self)).split(size):
+            yield self[part]
+
+
+def input_frames(
+    table: Frames, index: np.ndarray, compute: Compute, transform: str | None = None
+) -> Any:  # a Tensor or StoredInputs, which are used alike
+    """Network input (n, 1, H, W) of the frames in `index` (n,), on the device if it fits its memory.
+
+    It is read batch by batch where the table's counts stay in their file.
+
+    Args:
+        transform: another than the table's.
+    """
+    if isinstance(table.counts, np.ndarray):
+        return compute.frames(torch.from_numpy(table.inputs(index, transform)))
+    return StoredInputs(table, index, compute, transform)
+
+
+def batches(
+    frames: Any, plans: Iterable[Plan], index_of: Callable[[Plan], Tensor], compute: Compute
+) -> Iterator[tuple[Plan, Tensor]]:
+    """Each plan of a batch, and the frames (B, 1, H, W) of the batch on the device.
+
+    Stored frames are read one batch ahead, by a thread, while the batch before is computed with.
+
+    Args:
+        frames: what `input_frames` returns.
+        index_of: the indices (B,) of the frames that a plan needs.
+    """
+
+    def read(plan: Plan) -> Tensor:
+        return compute.gather(frames, index_of(plan))
+
+    if isinstance(frames, Tensor):
+        for plan in plans:
+            yield plan, read(plan)
+        return
+    reading: deque[tuple[Plan, Future[Tensor]]] = deque()
+    with ThreadPoolExecutor(1) as thread:
+        for plan in plans:
+            reading.append((plan, thread.submit(read, plan)))
+            if len(reading) > 1:
+                first, batch = reading.popleft()
+                yield first, batch.result()
+        for first, batch in reading:
+            yield first, batch.result()
