@@ -69,6 +69,8 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
         device = "cuda" if torch.cuda.is_available() else "cpu"
     if device == "cuda" and not torch.cuda.is_available():
         raise UserError("device is cuda and torch sees no CUDA device; expected device: cpu or auto")
+    if device == "cuda":
+        torch.backends.cudnn.allow_tf32 = False  # of convolutions: float32 is float32, as in matrix products
     if precision == "auto":
         precision = "bfloat16" if native_bfloat16(device) else "float32"
     return Compute(torch.device(device), precision)

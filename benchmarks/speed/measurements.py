@@ -18,7 +18,7 @@ from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.losses import frame_losses, set_losses
+from tactile_viewgcn.training.losses import frame_loss, frame_losses, set_loss, set_losses
 from tactile_viewgcn.training.optim import build_optimiser
 from tactile_viewgcn.views.clustering import cluster_pools, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
@@ -71,8 +71,9 @@ def training_step(
     config, copy = sample.params.pretrain, deepcopy(backbone).train()
     linear = nn.Linear(copy.features, len(sample.table.classes), device=compute.device)
     optimiser = build_optimiser(config, [{"params": [*copy.parameters(), *linear.parameters()]}])
-    one_batch = {"batch": len(frames), "augment_frames": sample.augmentation(config), "order": torch.Generator()}
-    return lambda: descend(optimiser, frame_losses(copy, linear, frames, labels, compute=compute, **one_batch))
+    loss_of = frame_loss(copy, linear, sample.augmentation(config), compute)
+    one_batch = {"batch": len(frames), "compute": compute, "order": torch.Generator()}
+    return lambda: descend(optimiser, frame_losses(loss_of, frames, labels, **one_batch))
 
 
 def descend(optimiser: torch.optim.Optimizer, losses: Iterable[Tensor]) -> None:
@@ -89,11 +90,11 @@ def time_finetuning(sample: Sample) -> list[dict]:
     slow, sets = plain.plain_classifier(sample.classifier).train(), sample.view_sets(TRAIN)[:PLAIN_SETS]
     optimiser = build_optimiser(config, [{"params": slow.parameters()}])
     plan = [(part, np.indices(part.shape)[1]) for part in np.split(sets, range(plain.SETS, len(sets), plain.SETS))]
-    augment, compute = sample.augmentation(config), Compute(sample.compute.device, "float32")
+    compute = Compute(sample.compute.device, "float32")
+    loss_of = set_loss(slow, None, sample.augmentation(config), compute)
 
     def plainly() -> None:
-        losses = set_losses(slow, frames, labels, plan, bank=None, augment_frames=augment, compute=compute)
-        descend(optimiser, losses)
+        descend(optimiser, set_losses(loss_of, frames, labels, plan, in_time_order=False, compute=compute))
 
     def fast(reuse: int) -> None:
         finetune = replace(config, epochs=EPOCHS, feature_reuse=reuse, num_views="full")

@@ -3,7 +3,6 @@
 import math
 from tempfile import NamedTemporaryFile
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -48,7 +47,7 @@ class FeatureBank(nn.Module):
                 features = backbone(augment_frames(inputs)[distributed.rows(len(index))])
                 self.values[self._compute.to_device(index)] = distributed.gather(features)
 
-    def nodes(self, sets: np.ndarray, fresh: np.ndarray, features: Tensor) -> Tensor:
+    def nodes(self, sets: Tensor, fresh: Tensor, features: Tensor, first: Tensor) -> Tensor:
         """Features (b, k, ...) of view sets (B, k): those given for the columns `fresh`, from the bank for the others.
 
         b of the view sets are this process's part, all B where it trains alone. The given features are stored, those of
@@ -58,15 +57,12 @@ class FeatureBank(nn.Module):
             sets: (B, k) indices of frames.
             fresh: (B, f) columns of the sets.
             features: (b, f, ...) of these columns.
+            first: (B * f) the first place of each of these frames among them.
         """
-        to_device = self._compute.to_device
         part = distributed.rows(len(sets))
-        row = np.broadcast_to(np.arange(len(sets))[:, None], fresh.shape)
-        places = (to_device(torch.from_numpy(row[: len(features)].copy())), to_device(torch.from_numpy(fresh[part])))
-        nodes = self.values[to_device(torch.from_numpy(sets[part]))].index_put(places, features)
-        frames, first = np.unique(sets[row, fresh], return_index=True)
-        stored = distributed.gather(features).flatten(0, 1)[to_device(torch.from_numpy(first))]
-        self.values[to_device(torch.from_numpy(frames))] = stored
+        rows = torch.arange(len(features), device=sets.device)[:, None].expand(-1, fresh.shape[1])
+        nodes = self.values[sets[part]].index_put((rows, fresh[part]), features)
+        self.values[sets.gather(1, fresh).flatten()] = distributed.gather(features).flatten(0, 1)[first]
         return nodes
 
 

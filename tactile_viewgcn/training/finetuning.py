@@ -24,9 +24,10 @@ from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.feature_bank import FeatureBank
 from tactile_viewgcn.training.loop import OnEpoch, fit
-from tactile_viewgcn.training.losses import error_rate, set_losses
+from tactile_viewgcn.training.losses import error_rate, set_loss, set_losses
 from tactile_viewgcn.training.moments import measure_moments
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
+from tactile_viewgcn.training.replay import Replay
 from tactile_viewgcn.training.sensor_fitting import fit_sensor_system
 from tactile_viewgcn.training.whole_batch import share_batches
 from tactile_viewgcn.views.table import Views
@@ -150,6 +151,7 @@ def _train(
     if config.feature_reuse > 1 and classifier.views > 1:
         bank = state["bank"] = FeatureBank(len(train.frames), classifier.feature_shape, compute)
     joint_loss = distributed.joint_loss(classifier, some_unused=config.num_views == "random")
+    loss_of = Replay(set_loss(classifier, bank, augment_frames, compute), classifier.parameters(), [on_device])
     checkpoint = Checkpoint(checkpoint_path, state, {"noise": on_device}, {"draw": train.rng}, compute.device)
 
     def losses(epoch: int) -> Iterator[Tensor]:
@@ -158,8 +160,9 @@ def _train(
             bank.fill(classifier.backbone, train.frames, batch=config.batch, augment_frames=augment_frames)
         drawn = first if config.resample_views == "never" or epoch == 0 else train.draw()
         plan = islice(train.batches(drawn, config), 1 if epoch == config.epochs else None)  # the last step's check
-        given = classifier, train.frames, train.labels, plan
-        return map(joint_loss, set_losses(*given, bank=bank, augment_frames=augment_frames, compute=compute))
+        in_time_order = classifier.head.in_time_order
+        losses = set_losses(loss_of, train.frames, train.labels, plan, in_time_order=in_time_order, compute=compute)
+        return map(joint_loss, losses)
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:

@@ -22,8 +22,9 @@ from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.loop import OnEpoch, fit
-from tactile_viewgcn.training.losses import error_rate, frame_losses
+from tactile_viewgcn.training.losses import error_rate, frame_loss, frame_losses
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
+from tactile_viewgcn.training.replay import Replay
 from tactile_viewgcn.training.whole_batch import share_batches
 
 
@@ -58,7 +59,8 @@ def pretrain_backbone(
     classifier = torch.nn.Linear(backbone.features, len(table.classes), device=compute.device)
     share_batches(backbone)
     joint_loss = distributed.joint_loss(torch.nn.ModuleList([backbone, classifier]))
-    optimiser = build_optimiser(config, [{"params": [*backbone.parameters(), *classifier.parameters()]}])
+    weights = [*backbone.parameters(), *classifier.parameters()]
+    optimiser = build_optimiser(config, [{"params": weights}])
     order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
     checkpoint = Checkpoint(
         checkpoint_path,
@@ -68,19 +70,11 @@ def pretrain_backbone(
         compute.device,
     )
     augment_frames = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
+    loss_of = Replay(frame_loss(backbone, classifier, augment_frames, compute), weights, [on_device])
 
     def losses(_: int) -> Iterator[Tensor]:
         backbone.train()
-        batches = frame_losses(
-            backbone,
-            classifier,
-            inputs[TRAIN],
-            labels[TRAIN],
-            batch=config.batch,
-            augment_frames=augment_frames,
-            compute=compute,
-            order=order,
-        )
+        batches = frame_losses(loss_of, inputs[TRAIN], labels[TRAIN], batch=config.batch, compute=compute, order=order)
         return map(joint_loss, batches)
 
     def validate() -> dict[str, float]:

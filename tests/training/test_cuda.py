@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tactile_viewgcn import device
-from tactile_viewgcn.device import Compute
+from tactile_viewgcn.device import Compute, select_device
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import view_set_logits
 from tactile_viewgcn.training.finetuning import finetune_classifier
@@ -15,7 +15,7 @@ from tests.nn.small_systems import CUBE, built
 from tests.tables import CPU, pretrained, recipe, table, trained, views_of
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA card")
-CUDA = Compute(torch.device("cuda"), "float32")
+CUDA = select_device("cuda", "float32") if torch.cuda.is_available() else CPU
 NETWORKS = ["view_gcn", "stag", "cnn_lstm", "conv_lstm", "mvcnn", "mean", "gvcnn", "rotationnet", "gcn", "vote"]
 
 

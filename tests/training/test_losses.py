@@ -14,7 +14,14 @@ from tactile_viewgcn.params import AugmentParams
 from tactile_viewgcn.randomness import torch_generator
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.feature_bank import FeatureBank
-from tactile_viewgcn.training.losses import error_rate, frame_losses, set_losses
+from tactile_viewgcn.training.losses import (
+    error_rate,
+    first_places,
+    frame_loss,
+    frame_losses,
+    set_loss,
+    set_losses,
+)
 from tests.tables import CPU
 
 
@@ -77,15 +84,14 @@ def test_a_shift_moves_a_frame_whole_and_nothing_moves_in():
 
 
 def losses_of_frames(frames, labels, classifier, *, batch, precision="float32", order=0, backbone=None):
+    compute = Compute(torch.device("cpu"), precision)
     return list(
         frame_losses(
-            backbone or nn.Flatten(),
-            classifier,
+            frame_loss(backbone or nn.Flatten(), classifier, augmentation(), compute),
             frames,
             labels,
             batch=batch,
-            augment_frames=augmentation(),
-            compute=Compute(torch.device("cpu"), precision),
+            compute=compute,
             order=seeded(order),
         )
     )
@@ -140,17 +146,8 @@ class First(ViewSystem):
 
 
 def losses_of_sets(classifier, frames, labels, plan, bank=None):
-    return list(
-        set_losses(
-            classifier,
-            frames,
-            labels,
-            plan,
-            bank=bank,
-            augment_frames=augmentation(),
-            compute=CPU,
-        )
-    )
+    loss_of = set_loss(classifier, bank, augmentation(), CPU)
+    return list(set_losses(loss_of, frames, labels, plan, in_time_order=False, compute=CPU))
 
 
 SETS = np.array([[4, 1, 7], [0, 3, 9], [6, 6, 0], [11, 5, 2]])
@@ -198,8 +195,9 @@ def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fr
     frames = torch.arange(12.0).view(12, 1, 1, 1)
     bank = filled_bank(Modes(), frames)
     features = torch.tensor([[[100.0], [101]], [[102], [103]]], requires_grad=True)
-    sets, fresh = np.array([[4, 1, 7], [0, 4, 9]]), np.array([[0, 2], [1, 2]])
-    nodes = bank.nodes(sets, fresh, features)
+    sets, fresh = torch.tensor([[4, 1, 7], [0, 4, 9]]), torch.tensor([[0, 2], [1, 2]])
+    first = torch.from_numpy(first_places(np.array([4, 7, 4, 9])))
+    nodes = bank.nodes(sets, fresh, features, first)
     assert nodes.squeeze(-1).tolist() == [[100, 1, 101], [0, 102, 103]]
     nodes.square().sum().backward()
     assert torch.equal(features.grad, 2 * features.detach())

@@ -65,7 +65,7 @@ def test_noise_changes_what_is_learnt():
 
 def test_only_anchors_are_learnt_from(monkeypatch):
     seen = []
-    monkeypatch.setattr(pretraining, "frame_losses", lambda *given, **_: seen.append(given[2:4]) or iter([]))
+    monkeypatch.setattr(pretraining, "frame_losses", lambda *given, **_: seen.append(given[1:3]) or iter([]))
     monkeypatch.setattr(pretraining, "fit", lambda epochs, optimiser, factor, losses, *_: losses(0) and {})
     frames = fewer_anchors(table(), 5)
     pretrain_backbone(frames, recipe(), CPU)

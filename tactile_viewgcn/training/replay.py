@@ -1,0 +1,101 @@
+"""Losses that a CUDA card computes, with their gradients, as one graph of kernels instead of launching each of them."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from tactile_viewgcn.training import distributed
+
+Shapes = tuple[torch.Size, ...]
+
+
+class Replay:
+    """A loss function of tensors; a CUDA card records its kernels and its gradient's, and repeats them.
+
+    The kernels of small networks take less time than their launches. Each shape of the arguments is computed as usual
+    at first, recorded the second time, and repeated from then on. Several processes that train together, which talk
+    in between, compute every loss as usual.
+
+    Args:
+        function: tensors -> loss, a scalar. Nothing in it waits for the card; all shapes follow from the arguments'.
+        parameters: whose gradients `loss.backward()` sets.
+        generators: on the device, that `function` draws from, besides torch's default one.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Tensor],
+        parameters: Iterable[torch.nn.Parameter],
+        generators: Iterable[torch.Generator] = (),
+    ):
+        self._function, self._parameters, self._generators = function, list(parameters), list(generators)
+        self._graphs: dict[Shapes, _Recorded | None] = {}
+        self._pool: Any = None
+        self._stream: torch.cuda.Stream | None = None
+
+    def __call__(self, *arguments: Tensor) -> Tensor:
+        """The loss."""
+        shapes = tuple(each.shape for each in arguments)
+        if arguments[0].device.type != "cuda" or not torch.is_grad_enabled() or distributed.size() > 1:
+            return self._function(*arguments)
+        if shapes not in self._graphs:
+            self._graphs[shapes] = None
+            return self._compute(arguments)
+        recorded = self._graphs[shapes]
+        if recorded is None:
+            recorded = self._graphs[shapes] = self._record(arguments)
+        for kept, given in zip(recorded.arguments, arguments, strict=True):
+            kept.copy_(given)
+        recorded.graph.replay()
+        anchor = torch.zeros((), device=recorded.loss.device, requires_grad=True)
+        return _GradientsThatAreThere.apply(anchor, recorded.loss, self._parameters, recorded.gradients)
+
+    def _compute(self, arguments: tuple[Tensor, ...]) -> Tensor:
+        """The loss as it is computed without a graph, on the stream that graphs are recorded on.
+
+        A parameter's gradient belongs to the stream of its first use for as long as that loss lives.
+        """
+        if self._stream is None:
+            self._stream = torch.cuda.Stream()
+        self._stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(self._stream):
+            loss = self._function(*arguments)
+        torch.cuda.current_stream().wait_stream(self._stream)
+        return loss
+
+    def _record(self, arguments: tuple[Tensor, ...]) -> "_Recorded":
+        kept = tuple(each.clone() for each in arguments)
+        for parameter in self._parameters:
+            parameter.grad = None
+        graph = torch.cuda.CUDAGraph()
+        for generator in self._generators:
+            graph.register_generator_state(generator)
+        with torch.cuda.graph(graph, pool=self._pool, stream=self._stream):
+            loss = self._function(*kept)
+            loss.backward()
+        self._pool = graph.pool()
+        return _Recorded(graph, kept, loss.detach(), [parameter.grad for parameter in self._parameters])
+
+
+class _Recorded:
+    """A graph, the tensors that it reads and the ones that it writes."""
+
+    def __init__(self, graph: torch.cuda.CUDAGraph, arguments: tuple[Tensor, ...], loss: Tensor, gradients: list):
+        self.graph, self.arguments, self.loss, self.gradients = graph, arguments, loss, gradients
+
+
+class _GradientsThatAreThere(torch.autograd.Function):
+    """A loss whose gradients have been computed with it: its backward pass hands them to the parameters."""
+
+    @staticmethod
+    def forward(ctx: Any, anchor: Tensor, loss: Tensor, parameters: list, gradients: list) -> Tensor:
+        ctx.pairs = list(zip(parameters, gradients, strict=True))
+        return loss.clone()
+
+    @staticmethod
+    def backward(ctx: Any, _: Tensor) -> tuple[None, ...]:
+        for parameter, gradient in ctx.pairs:
+            parameter.grad = gradient
+        return None, None, None, None
