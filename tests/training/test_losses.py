@@ -153,7 +153,7 @@ def losses_of_sets(classifier, frames, labels, plan, bank=None):
 SETS = np.array([[4, 1, 7], [0, 3, 9], [6, 6, 0], [11, 5, 2]])
 LABELS = torch.arange(12) % 3
 FRAMES = functional.one_hot(LABELS, 3).float().view(12, 1, 1, 3)
-ALL = np.broadcast_to(np.arange(3), (4, 3))
+ALL = np.tile(np.arange(3), (4, 1))
 
 
 def test_set_losses_pair_each_view_set_with_the_class_of_its_frames():
