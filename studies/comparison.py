@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from studies.grid import COLUMNS
 from studies.variants import Variant
@@ -11,6 +12,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.statistics import holm, sign_flip
 from tactile_viewgcn.intervals import group_interval, proportion_interval
 
+MIN_SEEDS = 3  # for an interval over trainings
 ENOUGH = 5.0  # points that a study is to be able to see
 WEIGHTINGS = ("frame", "group")  # what counts once: each anchor, or each split group with the mean of its anchors
 
@@ -59,10 +61,13 @@ def _row(
 def _compared(
     variant: Variant, reference: Variant, protocol: str, weighting: str, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """The paired difference over common seeds and deals; blank for the reference itself, or where none is common."""
+    """The paired difference over common seeds and deals; blank for the reference itself, or where none is common.
+
+    `seeds_low` and `seeds_high` are the interval over trainings, see `_over_trainings`.
+    """
     common = variant.trainings.keys() & reference.trainings.keys()
     if variant is reference or not common:
-        return dict.fromkeys(("more", "low", "high", "p"), "")
+        return dict.fromkeys(("more", "low", "high", "p", "seeds_low", "seeds_high"), "")
     tested = variant.tested(common)
     if not np.array_equal(tested, reference.tested(common)):
         raise UserError(
@@ -71,7 +76,22 @@ def _compared(
     more = reference.correct(protocol, common) - variant.correct(protocol, common)
     values, groups = weighted(more, tested[1], weighting)
     ends = dict(zip(("more", "low", "high"), _percent(values, groups, rng), strict=True))
-    return ends | {"p": sign_flip(values, groups, rng)}
+    seeds = _over_trainings(variant, reference, protocol)
+    return ends | {"p": sign_flip(values, groups, rng)} | seeds
+
+
+def _over_trainings(variant: Variant, reference: Variant, protocol: str) -> dict[str, Any]:
+    """Student's 95 % interval of the mean difference, per frame, that trainings from other seeds would have.
+
+    It needs three seeds; trainings on several deals share their groups, and have none.
+    """
+    seeds = sorted(variant.trainings.keys() & reference.trainings.keys())
+    if len(seeds) < MIN_SEEDS or len({deal for _, deal in seeds}) > 1:
+        return {"seeds_low": "", "seeds_high": ""}
+    errors = [np.array([each.errors(protocol, {seed})[0] for seed in seeds]) for each in (variant, reference)]
+    more = 100 * (errors[0] - errors[1])
+    half = float(student.ppf(0.975, len(more) - 1) * more.std(ddof=1) / len(more) ** 0.5)
+    return {"seeds_low": float(more.mean()) - half, "seeds_high": float(more.mean()) + half}
 
 
 def _percent(values: np.ndarray, groups: np.ndarray, rng: np.random.Generator, interval=group_interval) -> tuple:

@@ -15,6 +15,8 @@ one."""
 COMPARED = """Differences are paired, over the seeds and deals that both were trained on. `p` says how often groups with
 their signs turned differ as much, corrected for all differences of a protocol and a weighting (Holm 1979); before that
 it is never below {least:.2g} with {groups} groups."""
+OVER_TRAININGS = """The same with the 95 % interval over trainings (Student's t): what other seeds would give, not other
+recordings:"""
 PAID = """Costs are medians over the trainings: seconds are summed over folds, milliseconds are per view set, the memory
 is that of the hungriest stage."""
 SEQUENTIAL = """Frames of one recording are taken in random order, one after the other, up to all views or until the
@@ -38,6 +40,8 @@ def tables(rows: list[dict[str, Any]], sequential: list[dict[str, Any]], columns
         for reference in rows[0]["versus"]:
             if any(each[0]["versus"][reference]["more"] != "" for each in variants.values()):
                 parts += [f"Points more than `{reference}`, {protocol} protocol:", _differences(variants, reference)]
+                if any(each[0]["versus"][reference]["seeds_low"] != "" for each in variants.values()):
+                    parts += [paragraph(OVER_TRAININGS), _over_trainings(variants, reference)]
     if columns:
         once = {row["variant"]: row for row in rows}.values()
         lines = [[row["variant"], *(f"{row[key]:.3g}" for key in columns)] for row in once]
@@ -88,7 +92,14 @@ def _differences(variants: dict[str, list[dict[str, Any]]], reference: str) -> s
     return table(["variant", *chain.from_iterable((f"per {weighting}", "p") for weighting in WEIGHTINGS)], lines)
 
 
-def _interval(row: dict[str, Any], key: str = "error") -> str:
-    if row.get("low", "") == "":
-        return f"{row[key]:.1f}"
-    return f"{row[key]:.1f} ({row['low']:.1f} to {row['high']:.1f})"
+def _over_trainings(variants: dict[str, list[dict[str, Any]]], reference: str) -> str:
+    """The differences to a reference per frame, with the interval over trainings."""
+    compared = ((name, of[0]["versus"][reference]) for name, of in variants.items())
+    lines = [[name, _interval(each, "more", "seeds_")] for name, each in compared if each["seeds_low"] != ""]
+    return table(["variant", "per frame"], lines)
+
+
+def _interval(row: dict[str, Any], key: str = "error", ends: str = "") -> str:
+    """A number and its interval, `low` to `high` with `ends` before these names."""
+    low, high = (row.get(f"{ends}{end}", "") for end in ("low", "high"))
+    return f"{row[key]:.1f}" if low == "" else f"{row[key]:.1f} ({low:.1f} to {high:.1f})"

@@ -54,9 +54,10 @@ class Variant:
             ]
         )
 
-    def errors(self, protocol: str) -> list[float]:
-        """The error of each training; every anchor counts once."""
-        right = [np.hstack([each.correct(protocol) for each in folds]) for folds in self.trainings.values()]
+    def errors(self, protocol: str, among: Collection[Training] | None = None) -> list[float]:
+        """The error of each training, of these or of all; every anchor counts once."""
+        trainings = [folds for training, folds in self.trainings.items() if among is None or training in among]
+        right = [np.hstack([each.correct(protocol) for each in folds]) for folds in trainings]
         return [1 - float(each.mean()) for each in right]
 
     def cost(self, name: str) -> float:

@@ -80,6 +80,17 @@ def test_trainings_are_averaged_and_their_spread_told():
     assert row["versus"]["a"]["more"] == pytest.approx(0)  # over seed 0, which both have
 
 
+def test_the_interval_over_trainings_is_students_and_needs_three_seeds_of_one_deal():
+    given = [answers("a", 1, seed=seed) for seed in range(4)]
+    given += [answers("b", wrong, seed=seed) for seed, wrong in enumerate((2, 4, 3))]
+    versus = table(*given)["b", "object", "frame"]["versus"]["a"]
+    half = 4.3027 * 10 / 3**0.5  # the 97.5 % point for two degrees of freedom; 10, 30 and 20 points more
+    assert (versus["seeds_low"], versus["seeds_high"]) == pytest.approx((20 - half, 20 + half), rel=1e-3)
+    assert table(*given[:-1])["b", "object", "frame"]["versus"]["a"]["seeds_low"] == ""
+    dealt = [answers(name, 1, seed=seed, deal=seed % 2) for name in "ab" for seed in range(4)]
+    assert table(*dealt)["b", "object", "frame"]["versus"]["a"]["seeds_low"] == ""
+
+
 def test_several_references_are_compared_with_each_other_too():
     rows = table(answers("a", 1), answers("b", 3), answers("c", 2), references=("a", "b"))
     versus = {name: rows[name, "object", "frame"]["versus"] for name in "abc"}
