@@ -20,6 +20,7 @@ from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.losses import frame_loss, frame_losses, set_loss, set_losses
 from tactile_viewgcn.training.optim import build_optimiser
+from tactile_viewgcn.training.replay import Replay
 from tactile_viewgcn.views.clustering import cluster_pools, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 
@@ -53,7 +54,7 @@ def time_step(sample: Sample, batch: int) -> list[dict]:
     product, product_operations = limits.matrix_product(compute)
     variants = {
         "fast": training_step(sample, backbone, fast_frames, labels, compute),
-        "plain": training_step(sample, slow, frames, labels, Compute(compute.device, "float32")),
+        "plain": training_step(sample, slow, frames, labels, Compute(compute.device, "float32"), launched=True),
         "fast, with a plain stem": training_step(sample, layers, fast_frames, labels, compute),
         "limit: convolutions alone": limits.convolutions(slow, frames, compute.precision),
         "limit: large matrix products": product,
@@ -65,13 +66,20 @@ def time_step(sample: Sample, batch: int) -> list[dict]:
 
 
 def training_step(
-    sample: Sample, backbone: Backbone, frames: Tensor, labels: Tensor, compute: Compute
+    sample: Sample, backbone: Backbone, frames: Tensor, labels: Tensor, compute: Compute, *, launched: bool = False
 ) -> Callable[[], None]:
-    """A step of pretraining a copy of the backbone on a batch of frames (n, 1, H, W)."""
+    """A step of pretraining a copy of the backbone on a batch of frames (n, 1, H, W).
+
+    Args:
+        launched: a CUDA card's kernels are launched one by one, not repeated as a graph.
+    """
     config, copy = sample.params.pretrain, deepcopy(backbone).train()
     linear = nn.Linear(copy.features, len(sample.table.classes), device=compute.device)
     optimiser = build_optimiser(config, [{"params": [*copy.parameters(), *linear.parameters()]}])
-    loss_of = frame_loss(copy, linear, sample.augmentation(config), compute)
+    augment = sample.augmentation(config)
+    loss_of = frame_loss(copy, linear, augment, compute)
+    if not launched:
+        loss_of = Replay(loss_of, [*copy.parameters(), *linear.parameters()], [augment.rng])
     one_batch = {"batch": len(frames), "compute": compute, "order": torch.Generator()}
     return lambda: descend(optimiser, frame_losses(loss_of, frames, labels, **one_batch))
 
