@@ -115,15 +115,21 @@ class DvcQueue:
         return lines[-1]
 
     def results(self, revision: str) -> dict[str, bytes]:
-        """The files that a finished cell is kept as.
+        """The files that a finished cell is kept as, from DVC's cache or else its remote.
 
         Raises:
-            FileNotFoundError: DVC's cache has lost them.
+            FileNotFoundError: neither has them.
+            UserError: the remote does not answer, or refuses.
         """
         from dvc.api import DVCFileSystem
 
         files = DVCFileSystem(rev=revision)
-        return {name: files.cat_file(f"results/{name}") for name in RESULTS}
+        try:
+            return {name: files.cat_file(f"results/{name}") for name in RESULTS}
+        except FileNotFoundError:
+            raise
+        except Exception as error:  # each kind of remote has its own
+            raise UserError(f"DVC's remote: {type(error).__name__}: {error}") from error
 
     def forget(self, name: str) -> None:
         """Remove a finished experiment."""

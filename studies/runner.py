@@ -72,9 +72,11 @@ def run_cells(
                 except FileNotFoundError:
                     if experiment in lost:
                         raise
-                    lost.add(experiment)  # from DVC's cache: it runs once more
-                    queue.forget(experiment)
-                    continue
+                    if experiment in status:
+                        lost.add(experiment)  # from DVC's cache: it runs once more
+                        queue.forget(experiment)
+                        continue
+                    fault = f"its files are in no cache and no remote; to run it again: dvc exp remove {experiment}"
             elif status.get(experiment) == "Failed":
                 fault = queue.last_line(experiment)
             else:

@@ -47,6 +47,16 @@ ELSEWHERE = {
     "mlflow models serve -m models:/glove@best --env-manager local -p 5001": "a server; tests/recognition/"
     "test_mlflow_model.py starts one",
     "curl -H 'Content-Type: application/json' -d @request.json http://127.0.0.1:5001/invocations": "needs that server",
+    "pip install dvc-s3": "installs",
+    "dvc remote add -d store s3://glove/dvc": "changes the checkout",
+    "dvc remote modify store endpointurl https://s3.example.org": "changes the checkout",
+    'git commit -am "DVC remote" && git push': "changes the checkout",
+    "pip install psycopg2-binary": "installs",
+    "createdb mlflow": "needs PostgreSQL",
+    "mlflow server --host 0.0.0.0 --port 5000 --allowed-hosts 'mlflow.example.org:*,localhost:*' --backend-store-uri "
+    "postgresql+psycopg2://localhost/mlflow --artifacts-destination /srv/mlflow": "a server that does not end",
+    "sbatch shard.sh folds": "needs Slurm",
+    "dvc exp pull --no-cache origin": "needs experiments; tests/studies/test_pull.py pulls some",
     "ruff check . && ruff format --check .": "needs the whole checkout to be clean; .ci/run does it",
     "mypy tactile_viewgcn stages": "a minute; .ci/run does it",
     "pytest": "these tests",
@@ -221,6 +231,11 @@ def test_yaml_is_well_formed_and_a_study_s_changes_are_allowed(page, text):
     assert tree
     for changes in tree.get("variants", {}).values():
         load(ROOT / "params.yaml", [f"{key}={value}" for key, value in (tree.get("set", {}) | changes).items()])
+
+
+@pytest.mark.parametrize("page, script", fences("sh"))
+def test_a_shell_script_is_well_formed(page, script):
+    subprocess.run(["bash", "-n"], input=script, text=True, check=True)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

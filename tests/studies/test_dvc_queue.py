@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from studies import dvc_queue
+from tactile_viewgcn.errors import UserError
 
 
 class Celery:
@@ -89,3 +90,15 @@ def test_a_failed_cell_tells_the_stage_s_error_or_else_dvc_s(celery, monkeypatch
     queue = dvc_queue.DvcQueue()
     monkeypatch.setattr(queue, "_dvc", lambda *words, check: log)
     assert queue.last_line("made-dead") == told
+
+
+def test_a_remote_that_does_not_answer_is_an_error_of_the_cell(celery, monkeypatch):
+    class Unreachable(Exception):
+        pass
+
+    def cat_file(path):
+        raise Unreachable("no endpoint")
+
+    monkeypatch.setattr("dvc.api.DVCFileSystem", lambda rev: SimpleNamespace(cat_file=cat_file))
+    with pytest.raises(UserError, match="DVC's remote: Unreachable: no endpoint"):
+        dvc_queue.DvcQueue().results("0123abcd")

@@ -127,6 +127,14 @@ def test_a_finished_cell_that_the_cache_has_lost_runs_again():
     assert sorted(queue.ran) == names(0, 1, 2)
 
 
+def test_a_pulled_cell_whose_files_are_nowhere_is_told_and_neither_removed_nor_run():
+    queue = FakeQueue()
+    queue.done = {names(0)[0]: "lost"}
+    (fault,) = run(queue).values()
+    assert "in no cache and no remote" in fault and f"dvc exp remove {names(0)[0]}" in fault
+    assert queue.ran == names(1, 2) and names(0)[0] in queue.done
+
+
 def test_a_diverged_training_is_no_cell_of_a_study():
     queue = FakeQueue()
     queue.diverged = {f"commit of {names(2)[0]}"}
