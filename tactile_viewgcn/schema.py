@@ -54,7 +54,7 @@ class EndingIn:
         return bool(before) and last == self.word
 
     def __str__(self) -> str:
-        return f"that ends in {self.word}"
+        return f"of several words that ends in {self.word}"
 
 
 def flatten(section: Any, prefix: str = "") -> dict[str, Any]:

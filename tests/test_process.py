@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-from tactile_viewgcn.process import is_running, peak_mb, seconds_since_start, start_ticks
+from tactile_viewgcn.process import first_to_tell, is_running, peak_mb, rank, seconds_since_start, start_ticks
 
 
 def test_a_process_is_running_until_it_is_gone():
@@ -37,3 +37,11 @@ def test_the_peak_of_memory_holds_what_was_held():
     assert peak_mb() > 200 and len(held) == 200_000_000
     del held
     assert peak_mb() > 200
+
+
+def test_of_several_processes_one_tells_why_they_end(tmp_path, monkeypatch):
+    assert rank() == 0 and first_to_tell() and first_to_tell()
+    monkeypatch.setenv("TORCHELASTIC_RUN_ID", "test")
+    monkeypatch.setenv("TORCHELASTIC_ERROR_FILE", str(tmp_path / "1" / "error.json"))
+    monkeypatch.setenv("RANK", "1")
+    assert rank() == 1 and first_to_tell() and not first_to_tell()

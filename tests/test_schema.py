@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.schema import Range, as_change, build, convert, describe, flatten, set_value
+from tactile_viewgcn.schema import EndingIn, Range, as_change, build, convert, describe, flatten, set_value
 
 
 @dataclass(frozen=True)
@@ -222,3 +222,16 @@ def unquoted(value):
 def test_a_value_that_yaml_has_not_is_no_change():
     with pytest.raises(UserError, match="key is <object"):
         as_change("key", object())
+
+
+@pytest.mark.parametrize(
+    "text, allowed", [("python -m", True), ("a b  -m ", True), ("-m", False), ("", False), ("a m", False)]
+)
+def test_a_text_may_have_to_end_in_a_word_after_others(text, allowed):
+    hint = Annotated[str, EndingIn("-m")]
+    assert describe(hint) == "a text of several words that ends in -m"
+    if allowed:
+        assert convert(text, hint) == text
+    else:
+        with pytest.raises(ValueError):
+            convert(text, hint)

@@ -40,7 +40,7 @@ def frame_losses(
 
 
 def frame_loss(
-    backbone: nn.Module, classifier: nn.Module, augment_frames: Augmentation, compute: Compute
+    backbone: nn.Module, classifier: nn.Linear, augment_frames: Augmentation, compute: Compute
 ) -> Callable[[Tensor, Tensor], Tensor]:
     """A function of a batch's frames (B, 1, H, W) and labels (B,): the cross-entropy of this process's part of it."""
 
@@ -48,7 +48,7 @@ def frame_loss(
         inputs, rows = augment_frames(frames), distributed.rows(len(frames))
         with compute.autocast():
             features = backbone(inputs[rows])
-        return functional.cross_entropy(classifier(features.float()), labels[rows])
+        return functional.cross_entropy(classifier(features.to(classifier.weight.dtype)), labels[rows])
 
     return loss
 

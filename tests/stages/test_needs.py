@@ -97,3 +97,16 @@ def test_a_system_with_a_backbone_is_refused_there(place):
     result = run_finetune(place, "mean")
     assert result.exit_code == 1 and "Error: backbone.pt: damaged" in result.output
     assert not (place / "classifier.pt").exists()
+
+
+@pytest.mark.parametrize(
+    "launcher, told",
+    [
+        ("torchrun --nproc-per-node 2", "params.yaml: launcher is 'torchrun --nproc-per-node 2'; expected a text of "),
+        ("OMP_NUM_THREADS=2 torchrn -m", "launcher: no program 'torchrn' here; expected python -m, or torchrun"),
+    ],
+)
+def test_a_launcher_that_starts_nothing_is_told_before_the_trainings(place, launcher, told):
+    result = CliRunner().invoke(needs, ["--set", f"launcher={launcher}", "--out", "needs.json"])
+    assert result.exit_code == 1 and result.output.startswith(f"Error: {told}") and result.output.count("\n") == 1
+    assert not Path("needs.json").exists()

@@ -2,13 +2,16 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from tactile_viewgcn.process import LOST
 from tests.stag_files import metadata, save_matlab5
 
 pytestmark = pytest.mark.slow  # test_checkpoint.py interrupts the same trainings in one process
@@ -24,9 +27,12 @@ RECIPE = (
 )
 
 
-def command(stage, *words):
+TWO = (sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")  # torchrun
+
+
+def command(stage, *words, launcher=(sys.executable,)):
     changes = [word for change in RECIPE for word in ("--set", change)]
-    return [sys.executable, "-m", f"stages.{stage}", "--record", f"{stage}.json", *changes, *words]
+    return [*launcher, "-m", f"stages.{stage}", "--record", f"{stage}.json", *changes, *words]
 
 
 def run(place, stage, *words):
@@ -37,13 +43,17 @@ def run(place, stage, *words):
     return result.stdout
 
 
-def kill_after_an_epoch(place, stage, *words):
-    """SIGKILL, as soon as something is kept."""
-    process = subprocess.Popen(command(stage, *words), cwd=place, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+def wait_for_an_epoch(place, stage, process):
+    """Return as soon as something is kept."""
     deadline = time.monotonic() + 120
     while not list(place.glob(f"checkpoints/{stage}-*.pt")):
         assert process.poll() is None and time.monotonic() < deadline
         time.sleep(0.002)
+
+
+def kill_after_an_epoch(place, stage, *words):
+    process = subprocess.Popen(command(stage, *words), cwd=place, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+    wait_for_an_epoch(place, stage, process)
     process.kill()
     assert process.wait() == -9
 
@@ -103,3 +113,28 @@ def test_another_configuration_starts_anew(place):
     kill_after_an_epoch(place, "pretrain", *words)
     assert "before an interruption" not in run(place, "pretrain", *words, "--set", "pretrain.lr=1e-3")
     assert "before an interruption" in run(place, "pretrain", *words)
+
+
+def second_of(launcher):
+    """The number of the process that `torchrun` started as the second one."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+            if parent == str(launcher) and b"\0RANK=1\0" in (folder / "environ").read_bytes():
+                return int(folder.name)
+    raise AssertionError("no second process")
+
+
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds the process under /proc")
+def test_where_one_of_two_processes_is_killed_all_end_with_a_line_and_the_next_start_goes_on(place):
+    words = ("--needs", "needs.json", "--frames", "frames.h5", "--out", "two.pt", "--set", "pretrain.epochs=5")
+    started = command("pretrain", *words, launcher=TWO)
+    process = subprocess.Popen(started, cwd=place, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    wait_for_an_epoch(place, "pretrain", process)
+    os.kill(second_of(process.pid), signal.SIGKILL)
+    _, told = process.communicate(timeout=200)
+    assert process.returncode == 1 and not (place / "two.pt").exists()
+    assert [line for line in told.splitlines() if line.startswith("Error: ")] == [f"Error: {LOST}"]
+    done = subprocess.run(started, cwd=place, env=ENVIRONMENT, capture_output=True, text=True, check=True, timeout=200)
+    assert done.stdout.count("before an interruption") == 1 and (place / "two.pt").exists()
+    assert done.stdout.splitlines()[-1].startswith("pretrain: 5 epochs")
