@@ -55,14 +55,19 @@ def joined(compute: Compute, alone: bool = False) -> Iterator[None]:
         raise UserError(LOST) from error
 
 
+def together() -> bool:
+    """Whether processes train together here; one that `torchrun` started alone does all that several do."""
+    return dist.is_initialized()
+
+
 def size() -> int:
     """Number of processes that train together."""
-    return dist.get_world_size() if dist.is_initialized() else 1
+    return dist.get_world_size() if together() else 1
 
 
 def wait_for_all() -> None:
     """Return once every process is here."""
-    if size() > 1:
+    if together():
         dist.barrier()
 
 
@@ -82,7 +87,7 @@ def rows(count: int) -> slice:
         )
     ends = [count * number // parts for number in range(parts + 1)]
     _sizes[:] = [end - start for start, end in pairwise(ends)]
-    own = dist.get_rank() if parts > 1 else 0
+    own = dist.get_rank() if together() else 0
     return slice(ends[own], ends[own + 1])
 
 
@@ -111,7 +116,7 @@ def of_each(values: Tensor) -> list[Tensor]:
 def gather(values: Tensor) -> Tensor:
     """Rows (n, ...) of the whole batch, without a gradient, from the rows that each process gives."""
     values = values.detach()
-    if size() == 1:
+    if not together():
         return values
     each = len(values) // _sizes[dist.get_rank()]
     most = max(_sizes) * each
@@ -126,7 +131,7 @@ def in_parts(function: Callable[[Tensor], Tensor], values: Tensor) -> Tensor:
 
 def mean(values: Tensor) -> Tensor:
     """Mean over the processes."""
-    if size() > 1:
+    if together():
         values = values.clone()
         dist.all_reduce(values)
         values /= size()
@@ -152,7 +157,7 @@ def joint_loss(trained: nn.Module, *, some_unused: bool = False) -> Callable[[Te
     Args:
         some_unused: not every batch uses all weights.
     """
-    if size() == 1:
+    if not together():
         return lambda loss: loss
     reduced = nn.parallel.DistributedDataParallel(_Reduced(trained), find_unused_parameters=some_unused)
     return lambda loss: reduced(loss * (_sizes[dist.get_rank()] * size() / sum(_sizes)))

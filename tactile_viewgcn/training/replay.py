@@ -38,7 +38,7 @@ class Replay:
     def __call__(self, *arguments: Tensor) -> Tensor:
         """The loss."""
         shapes = tuple(each.shape for each in arguments)
-        if arguments[0].device.type != "cuda" or not torch.is_grad_enabled() or distributed.size() > 1:
+        if arguments[0].device.type != "cuda" or not torch.is_grad_enabled() or distributed.together():
             return self._function(*arguments)
         if shapes not in self._graphs:
             self._graphs[shapes] = None

@@ -17,7 +17,7 @@ from tactile_viewgcn.training import distributed
 
 def share_batches(network: nn.Module) -> None:
     """Make the layers that depend on a whole batch look at the parts of all processes, where there are several."""
-    if distributed.size() > 1:
+    if distributed.together():
         for layer in network.modules():
             layer.__class__ = COUNTERPARTS.get(type(layer), type(layer))
 
