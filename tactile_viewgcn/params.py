@@ -15,7 +15,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.schema import EndingIn, Range, as_change, build, set_value
 from tactile_viewgcn.systems import Member, OnSensors, System
 
-PRESETS = ("released", "stag", "wang", "stable", "network", "best")
+PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "best")
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
