@@ -11,8 +11,11 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.recordings.stored import StoredCounts
 
-Plan = TypeVar("Plan")  # of a batch
+AHEAD = 8  # batches whose frames the system is asked for before they are read
+Plan = TypeVar("Plan")
+Result = TypeVar("Result")
 
 
 class StoredInputs:
@@ -40,6 +43,11 @@ class StoredInputs:
         inputs = self._table.inputs(self._index[at.numpy()], self._transform)
         return self._compute.layout(torch.from_numpy(inputs))
 
+    def expect(self, at: Tensor) -> None:
+        """Say that the frames at indices (k,) are read next."""
+        if isinstance(self._table.counts, StoredCounts):
+            self._table.counts.expect(self._index[at.numpy()])
+
     def split(self, size: int) -> Iterator[Tensor]:
         """The frames in order, `size` at a time."""
         for part in torch.arange(len(self)).split(size):
@@ -66,7 +74,7 @@ def batches(
 ) -> Iterator[tuple[Plan, Tensor]]:
     """Each plan of a batch, and the frames (B, 1, H, W) of the batch on the device.
 
-    Stored frames are read one batch ahead, by a thread, while the batch before is computed with.
+    Stored frames are read by a thread, one batch ahead of the one that is computed with, and are asked for earlier.
 
     Args:
         frames: what `input_frames` returns.
@@ -80,12 +88,19 @@ def batches(
         for plan in plans:
             yield plan, read(plan)
         return
-    reading: deque[tuple[Plan, Future[Tensor]]] = deque()
     with ThreadPoolExecutor(1) as thread:
-        for plan in plans:
-            reading.append((plan, thread.submit(read, plan)))
-            if len(reading) > 1:
-                first, batch = reading.popleft()
-                yield first, batch.result()
-        for first, batch in reading:
-            yield first, batch.result()
+        expected = _started(plans, lambda plan: thread.submit(lambda: frames.expect(index_of(plan))), AHEAD)
+        for plan, batch in _started((plan for plan, _ in expected), lambda plan: thread.submit(read, plan), 1):
+            yield plan, batch.result()
+
+
+def _started(
+    plans: Iterable[Plan], start: Callable[[Plan], Future[Result]], ahead: int
+) -> Iterator[tuple[Plan, Future[Result]]]:
+    """Each plan with what was started for it, `ahead` plans before its turn."""
+    started: deque[tuple[Plan, Future[Result]]] = deque()
+    for plan in plans:
+        started.append((plan, start(plan)))
+        if len(started) > ahead:
+            yield started.popleft()
+    yield from started

@@ -14,6 +14,7 @@ from tactile_viewgcn.recordings.source import BLOCK_FRAMES
 from tactile_viewgcn.recordings.stored import Counts, StoredCounts, held
 
 CHUNK_BYTES = 2048  # of the file's chunks, a frame of 32 x 32: trainings read single frames in random order
+MAX_PACKED_BYTES = 1 << 30  # of counts; more are not compressed, so that a frame is found and read on its own
 INPUT_BYTES = np.dtype(np.float32).itemsize  # of a sensor's network input
 INPUT_BLOCK = 512  # frames whose network input is computed at once
 
@@ -117,9 +118,10 @@ def write_frames(path: str | Path, frames: Frames) -> None:
         for field in fields(frames):
             value = getattr(frames, field.name)
             if field.name == "counts":
-                each = max(1, CHUNK_BYTES // (value[:1].nbytes or 1))
-                chunks = (min(each, len(value)), *value.shape[1:])
-                counts = file.create_dataset("counts", value.shape, value.dtype, chunks=chunks, **packed)
+                size = value[:1].nbytes
+                chunks = (min(max(1, CHUNK_BYTES // max(1, size)), len(value)), *value.shape[1:])
+                layout = {"chunks": chunks, **packed} if size * len(value) <= MAX_PACKED_BYTES else {}
+                counts = file.create_dataset("counts", value.shape, value.dtype, **layout)
                 for start in range(0, len(value), BLOCK_FRAMES):
                     counts[start : start + BLOCK_FRAMES] = value[start : start + BLOCK_FRAMES]
             elif isinstance(value, np.ndarray):

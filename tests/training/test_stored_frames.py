@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from tactile_viewgcn.evaluation.trials import evaluate_table
-from tactile_viewgcn.frames.inputs import StoredInputs, batches, input_frames
+from tactile_viewgcn.frames import table as frames_table
+from tactile_viewgcn.frames.inputs import AHEAD, StoredInputs, batches, input_frames
 from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.frames.table import read_frames, write_frames
 from tactile_viewgcn.recordings import stored
@@ -43,23 +44,51 @@ def test_inputs_points_and_means_are_those_of_memory(both):
     np.testing.assert_array_equal(both[1].mean_input(index), both[0].inputs(index).mean(axis=0))
 
 
-def test_batches_are_read_one_ahead_by_one_thread(both):
-    frames, asked = input_frames(both[1], both[1].on(TRAIN), CPU), []
+def test_batches_are_asked_for_and_read_ahead_by_one_thread(both, monkeypatch):
+    frames, calls = input_frames(both[1], both[1].on(TRAIN), CPU), []
     assert isinstance(frames, StoredInputs)
 
+    def watched(name):
+        original = getattr(StoredInputs, name)
+
+        def call(self, at):
+            calls.append((name, int(at[0]), threading.get_ident()))
+            return original(self, at)
+
+        monkeypatch.setattr(StoredInputs, name, call)
+
     def index_of(plan):
-        asked.append((plan, threading.get_ident()))
         return torch.tensor([plan, 2 * plan])
 
-    read = batches(frames, iter(range(5)), index_of, CPU)
-    for plan, batch in read:
-        assert torch.equal(batch, frames[torch.tensor([plan, 2 * plan])])
-    assert [plan for plan, _ in asked] == [0, 1, 2, 3, 4]
-    assert {thread for _, thread in asked} - {threading.get_ident()} == {asked[0][1]}
-    again = batches(frames, iter(range(5)), index_of, CPU)
-    next(again)
-    again.close()  # a training that ends in the middle of an epoch
-    assert max(plan for plan, _ in asked[5:]) <= 1
+    expected = [frames[index_of(plan)] for plan in range(20)]
+    watched("expect"), watched("__getitem__")
+    for plan, batch in batches(frames, iter(range(20)), index_of, CPU):
+        assert torch.equal(batch, expected[plan])
+    order = [(name, plan) for name, plan, _ in calls]
+    assert sorted(order) == [(name, plan) for name in ("__getitem__", "expect") for plan in range(20)]
+    assert all(order.index(("expect", plan + AHEAD)) < order.index(("__getitem__", plan)) for plan in range(20 - AHEAD))
+    assert len({thread for _, _, thread in calls} - {threading.get_ident()}) == 1
+    calls.clear()
+    begun = batches(frames, iter(range(20)), index_of, CPU)
+    next(begun)
+    begun.close()  # a training that ends in the middle of an epoch
+    assert max(plan for name, plan, _ in calls if name == "__getitem__") == 1
+
+
+def test_large_tables_are_stored_so_that_the_system_can_be_told_what_is_read_next(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(stored, "fits_memory", lambda size: False)
+    monkeypatch.setattr(stored.os, "posix_fadvise", lambda file, at, size, _: asked.append((at, size)))
+    for limit in (1 << 30, 1000):
+        monkeypatch.setattr(frames_table, "MAX_PACKED_BYTES", limit)
+        write_frames(tmp_path / "frames.h5", table(VALIDATED))
+        counts = read_frames(tmp_path / "frames.h5").counts
+        np.testing.assert_array_equal(counts[:], table(VALIDATED).counts)
+        counts.expect(np.array([3, 5]))
+    (first, size), (second, _) = asked  # of the second table alone
+    assert size == 12 * 12 * 2 and second - first == 2 * size
+    content = (tmp_path / "frames.h5").read_bytes()
+    assert content[first : first + size] == table(VALIDATED).counts[3].tobytes()
 
 
 @pytest.mark.parametrize(
