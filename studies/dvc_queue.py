@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from studies.cells import RESULTS
@@ -87,10 +88,11 @@ class DvcQueue:
         suspects = {revision for revision in running if revision not in held and not self._lives(revision)}
         orphans, self._suspects = suspects & self._suspects, suspects
         if orphans:
-            for revision in orphans & set(queue.proc):  # else DVC kills what has their number now
-                ended = queue.proc[revision]
-                ended.returncode = -1
-                queue.proc[revision] = ended
+            for revision in orphans:
+                with suppress(KeyError):  # one without a process
+                    ended = queue.proc[revision]
+                    ended.returncode = -1  # else DVC kills what has its number now
+                    queue.proc[revision] = ended
             queue.kill(orphans, force=True)
             queue.remove(orphans)
 

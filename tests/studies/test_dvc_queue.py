@@ -29,7 +29,8 @@ class Celery:
         return self.workers
 
     def kill(self, revisions, force):
-        assert all(self.proc[revision].returncode is not None for revision in revisions), "would kill another process"
+        live = [revision for revision in revisions if revision in self.proc and self.proc[revision].returncode is None]
+        assert live == [], "would kill another process"
         self.killed += sorted(revisions)
 
     def remove(self, revisions):
@@ -62,6 +63,14 @@ def test_a_task_whose_number_another_process_has_is_given_up(celery):
     for _ in range(2):
         queue.remove_orphans(["made-reused", "made-alive"])
     assert celery.killed == celery.removed == ["reused"]
+
+
+def test_a_task_whose_worker_died_before_its_process_began_is_given_up(celery):
+    queue = dvc_queue.DvcQueue()
+    celery.status = lambda: [{"rev": "early", "name": "made-early", "status": "Running"}]
+    for _ in range(2):
+        queue.remove_orphans(["made-early"])
+    assert celery.killed == celery.removed == ["early"]
 
 
 def test_a_task_that_a_worker_has_or_that_is_another_study_s_is_left_alone(celery):
