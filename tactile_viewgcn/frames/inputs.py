@@ -80,18 +80,15 @@ def batches(
         frames: what `input_frames` returns.
         index_of: the indices (B,) of the frames that a plan needs.
     """
-
-    def read(plan: Plan) -> Tensor:
-        return compute.gather(frames, index_of(plan))
-
     if isinstance(frames, Tensor):
         for plan in plans:
-            yield plan, read(plan)
+            yield plan, compute.gather(frames, index_of(plan))
         return
     with ThreadPoolExecutor(1) as thread:
         expected = _started(plans, lambda plan: thread.submit(lambda: frames.expect(index_of(plan))), AHEAD)
-        for plan, batch in _started((plan for plan, _ in expected), lambda plan: thread.submit(read, plan), 1):
-            yield plan, batch.result()
+        read = _started((plan for plan, _ in expected), lambda plan: thread.submit(lambda: frames[index_of(plan)]), 1)
+        for plan, batch in read:
+            yield plan, compute.to_device(batch.result())  # not in the thread: a step may be being recorded
 
 
 def _started(
