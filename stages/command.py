@@ -95,7 +95,7 @@ def stage(
                 line = _what_to_mend(error)
                 if debug or line is None:
                     raise
-                signal.signal(signal.SIGTERM, signal.SIG_DFL)  # it ends already
+                signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends already, and is to tell why
                 if not first_to_tell():
                     sys.exit(1)
                 raise click.ClickException(line) from None

@@ -76,7 +76,9 @@ def _compared(
     more = reference.correct(protocol, common) - variant.correct(protocol, common)
     values, groups = weighted(more, tested[1], weighting)
     ends = dict(zip(("more", "low", "high"), _percent(values, groups, rng), strict=True))
-    seeds = _over_trainings(variant, reference, protocol)
+    seeds = dict.fromkeys(("seeds_low", "seeds_high"), "")
+    if weighting == "frame":
+        seeds = _over_trainings(variant, reference, protocol)
     return ends | {"p": sign_flip(values, groups, rng)} | seeds
 
 
@@ -122,13 +124,16 @@ def sequential_rows(variants: list[Variant]) -> list[dict[str, Any]]:
 
 
 def power(rows: list[dict[str, Any]], groups: int) -> str:
-    """A sentence on the smallest difference that could have been seen: the half-width of the widest paired interval."""
+    """A sentence on the smallest difference that could have been seen: half of the widest interval of each kind."""
     protocol, widest = rows[-1]["protocol"], {}
     for weighting in WEIGHTINGS:
         chosen = [row for row in rows if (row["protocol"], row["weighting"]) == (protocol, weighting)]
         compared = [each for row in chosen for each in row["versus"].values() if each["low"] != ""]
         widths = [(each["high"] - each["low"]) / 2 for each in compared]
-        widest |= {weighting: max(widths)} if widths else {}
+        widest |= {f"per {weighting}": max(widths)} if widths else {}
+        of_seeds = [each for each in compared if each["seeds_low"] != ""]
+        if of_seeds:
+            widest["over trainings"] = max((each["seeds_high"] - each["seeds_low"]) / 2 for each in of_seeds)
     if not widest:
         return "Nothing is compared in pairs here, so no smallest difference can be stated."
     verdict = (
@@ -136,9 +141,9 @@ def power(rows: list[dict[str, Any]], groups: int) -> str:
         if max(widest.values()) < ENOUGH
         else f"above {ENOUGH:g} points: where it shows no difference there may be one, and it needs more data"
     )
-    points = " and ".join(f"{width:.1f} points per {weighting}" for weighting, width in widest.items())
+    points = ", ".join(f"{width:.1f} points {of}" for of, width in widest.items())
     return (
-        f"The smallest difference that this study could have seen is {points} ({protocol} protocol, half-width of the "
+        f"The smallest difference that this study could have seen is {points} ({protocol} protocol, half of the "
         f"widest paired interval, {groups} split groups), {verdict}."
     )
 

@@ -1,5 +1,6 @@
 """The report of a study: its table, its picture, and where they are asked for confusion and confused pairs."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,8 @@ def write_report(
     )
     text.append(f"{size} on the {params.evaluate.side} side. {EXPLAINED}")
     text += [DEALT.format(deals=deals)] * (deals > 1)
+    if absent := [] if rehearsal else missing(study, variants, on_top):
+        text.append(f"Trainings that have not been run: {', '.join(absent)}.")
     if references:
         text.append(COMPARED.format(groups=groups, least=max(2.0**-groups * 2, 1e-4)))
     parts = [*map(paragraph, text), *tables(rows, sequential, study.columns)]
@@ -57,6 +60,14 @@ def write_report(
     if study.confusion:
         _write_confusion(data, variants, classes, references, folder)
     return (folder / "results.md").read_text()
+
+
+def missing(study: Study, variants: list[Variant], on_top: tuple[str, ...]) -> list[str]:
+    """Variants of the study with how many of their trainings are not here, `mean 2 of 5`."""
+    cells, here = study.cells(on_top=on_top), {variant.name: len(variant.trainings) for variant in variants}
+    planned = Counter(variant for variant, _ in {(cell.variant, (cell.seed, cell.deal)) for cell in cells})
+    absent = {name: planned[name] - here.get(name, 0) for name in dict.fromkeys(cell.variant for cell in cells)}
+    return [f"{name} {count} of {planned[name]}" for name, count in absent.items() if count]
 
 
 def _flat(rows: list[dict[str, Any]], columns: list[str]) -> list[dict[str, Any]]:

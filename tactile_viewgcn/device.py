@@ -56,7 +56,7 @@ class Compute:
 
 
 def select_device(device: str = "auto", precision: str = "auto") -> Compute:
-    """Device and precision by the names of params.yaml.
+    """Device and precision by the names of params.yaml; with CUDA, TF32 is switched off for the whole process.
 
     Args:
         device: `cpu`, `cuda`, or `auto` (CUDA if available).

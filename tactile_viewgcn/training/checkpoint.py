@@ -17,6 +17,7 @@ from tactile_viewgcn.process import rank
 from tactile_viewgcn.training import distributed
 
 FOLDER = "checkpoints"
+LOCK_SECONDS = 300  # that several processes wait for another training of the same
 PACKAGE = Path(__file__).parents[1]
 #: the package's code that the result of a training depends on
 CODE = ("nn/*.py", "training/*.py", "views/*.py", "frames/*.py", "device.py", "randomness.py")
@@ -35,7 +36,8 @@ def training_checkpoint(stage: str, params: Any, inputs: dict[str, str], compute
         yield path
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(path.with_suffix(".lock")):
+    patience = LOCK_SECONDS if distributed.size() > 1 else -1  # the others wait for this one, and not for ever
+    with FileLock(path.with_suffix(".lock"), timeout=patience):
         distributed.wait_for_all()
         yield path
         path.unlink(missing_ok=True)

@@ -15,8 +15,8 @@ class Replay:
     """A loss function of tensors; a CUDA card records its kernels and its gradient's, and repeats them.
 
     The kernels of small networks take less time than their launches. Each shape of the arguments is computed as usual
-    at first, recorded the second time, and repeated from then on. Several processes that train together, which talk
-    in between, compute every loss as usual.
+    at first, recorded the second time, and repeated from then on. Where several processes train together, every loss is
+    computed as usual, since they exchange values on the way.
 
     Args:
         function: tensors -> loss, a scalar. Nothing in it waits for the card; all shapes follow from the arguments'.
@@ -50,7 +50,7 @@ class Replay:
             kept.copy_(given)
         recorded.graph.replay()
         anchor = torch.zeros((), device=recorded.loss.device, requires_grad=True)
-        return _GradientsThatAreThere.apply(anchor, recorded.loss, self._parameters, recorded.gradients)
+        return _PrecomputedGradients.apply(anchor, recorded.loss, self._parameters, recorded.gradients)
 
     def _compute(self, arguments: tuple[Tensor, ...]) -> Tensor:
         """The loss as it is computed without a graph, on the stream that graphs are recorded on.
@@ -86,8 +86,11 @@ class _Recorded:
         self.graph, self.arguments, self.loss, self.gradients = graph, arguments, loss, gradients
 
 
-class _GradientsThatAreThere(torch.autograd.Function):
-    """A loss whose gradients have been computed with it: its backward pass hands them to the parameters."""
+class _PrecomputedGradients(torch.autograd.Function):
+    """A loss whose gradients have been computed with it: its backward pass hands them to the parameters as they are.
+
+    The loss is not to be scaled before.
+    """
 
     @staticmethod
     def forward(ctx: Any, anchor: Tensor, loss: Tensor, parameters: list, gradients: list) -> Tensor:

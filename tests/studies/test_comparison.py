@@ -173,16 +173,19 @@ def test_other_view_sets_are_not_compared():
 
 def test_power_is_the_half_width_of_the_widest_paired_interval():
     def row(low, high, weighting="frame"):
-        return {"protocol": "recording", "weighting": weighting, "versus": {"a": {"low": low, "high": high}}}
+        ends = {"low": low, "high": high, "seeds_low": "", "seeds_high": ""}
+        return {"protocol": "recording", "weighting": weighting, "versus": {"a": ends}}
 
     rows = [row("", ""), row(-2.0, 4.0), row(1.0, 3.0), row(0.0, 8.0, "group")]
-    assert "3.0 points per frame and 4.0 points per group" in power(rows, 8)
+    assert "3.0 points per frame, 4.0 points per group" in power(rows, 8)
     assert "8 split groups" in power(rows, 8)
     assert "below 5 points" in power(rows, 8)
     rows[1] = row(-2.0, 12.0)
     assert "7.0 points" in power(rows, 8)
     assert "above 5 points" in power(rows, 8)
     assert "no smallest difference" in power(rows[:1], 8)
+    rows[2]["versus"]["a"] |= {"seeds_low": -9.0, "seeds_high": 11.0}
+    assert "10.0 points over trainings" in power(rows, 8)
 
 
 def test_the_pareto_front_holds_what_nothing_beats():

@@ -2,7 +2,6 @@
 
 import os
 import socket
-import sys
 import time
 from contextlib import contextmanager
 
@@ -77,23 +76,23 @@ def free_port():
 def trained(tmp_path_factory):
     """What one process trains alone, and what each of two does."""
     folder = tmp_path_factory.mktemp("ranks")
-    alone = train()
-    fork = sys.platform == "linux" and not torch.cuda.is_initialized()  # modules are loaded once
     both = torch.multiprocessing.start_processes(
         train_with_another,
         (free_port(), folder),
         nprocs=2,
         join=False,
         daemon=True,
-        start_method="fork" if fork else "spawn",
     )
-    deadline = time.monotonic() + 60
-    while not both.join(timeout=1):
-        assert time.monotonic() < deadline
+    try:
+        alone, deadline = train(), time.monotonic() + 180
+        while not both.join(timeout=1):
+            assert time.monotonic() < deadline
+    finally:
+        for process in both.processes:
+            process.kill()
     return alone, *(torch.load(folder / f"{rank}.pt") for rank in range(2))
 
 
-@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork")
 def test_two_processes_come_to_the_weights_of_one(trained):
     alone, *both = trained
     for other in both:
