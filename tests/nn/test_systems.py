@@ -19,7 +19,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.classifier import Classifier, count_weights, system_class, view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.systems import OnBackbone, OnSensors, System
-from tactile_viewgcn.training.losses import in_time_order
+from tactile_viewgcn.training.losses import sort_by_time
 from tests.nn.small_systems import CUBE, built, fill, some_views
 from tests.tables import recipe
 
@@ -131,7 +131,7 @@ def test_a_system_in_time_order_sees_a_set_s_frames_sorted_and_the_others_as_dra
 
 
 def test_view_sets_in_the_order_of_time_by_hand():
-    sets, fresh = in_time_order(np.array([[5, 2, 9, 1], [4, 4, 1, 0]]), np.array([[0, 3], [1, 2]]))
+    sets, fresh = sort_by_time(np.array([[5, 2, 9, 1], [4, 4, 1, 0]]), np.array([[0, 3], [1, 2]]))
     assert sets.tolist() == [[1, 2, 5, 9], [0, 1, 4, 4]]
     assert fresh.tolist() == [[0, 2], [1, 3]]
 
