@@ -48,14 +48,12 @@ def finetune(params, job, frames, views, backbone, out):
         )
         save_classifier(out, classifier, params.model, table, compute.precision, calibration)
     if calibration and max(calibration) > 0.9 * MAX_TEMPERATURE:
-        job.note(
-            "warning: its answers on held-out groups are no better than chance: no confidence threshold is reached"
-        )
-    if not system.trainable:
+        job.note("warning: answers on held-out groups are no better than chance: no confidence threshold is reached")
+    if system.trainable:
+        print(f"finetune: {progress} on {compute.device} in {compute.precision}")
+    else:
         fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
         print(f"finetune: {params.model.system} {fitted}")
-        return {"weights.head": count_weights(classifier.head)}
-    print(f"finetune: {progress} on {compute.device} in {compute.precision}")
     return {"weights.head": count_weights(classifier.head)} | progress.metrics
 
 

@@ -32,8 +32,8 @@ def _cgroup_limits() -> Iterator[tuple[float, float]]:
     """
     lines = OWN_CGROUPS.read_text().splitlines() if OWN_CGROUPS.exists() else []
     for _, kinds, place in (line.split(":", 2) for line in lines):
-        own = CGROUPS / kinds / place.strip("/")
-        for folder in (own, *own.parents):
+        group = CGROUPS / kinds / place.strip("/")
+        for folder in (group, *group.parents):
             for limit, stat, used in CGROUP_FILES:
                 value = (folder / limit).read_text().strip() if (folder / limit).exists() else "max"
                 if value != "max":

@@ -87,8 +87,8 @@ def rows(count: int) -> slice:
         )
     ends = [count * number // parts for number in range(parts + 1)]
     _sizes[:] = [end - start for start, end in pairwise(ends)]
-    own = dist.get_rank() if together() else 0
-    return slice(ends[own], ends[own + 1])
+    number = dist.get_rank() if together() else 0
+    return slice(ends[number], ends[number + 1])
 
 
 def place(own: int) -> tuple[slice, int]:

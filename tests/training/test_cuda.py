@@ -97,7 +97,6 @@ def test_a_trained_classifier_gives_the_same_answers():
     classifier, frames = trained(), torch.from_numpy(table().inputs(range(len(table().counts))))
     sets = torch.randint(len(frames), (64, 4), generator=torch.Generator().manual_seed(3))
     expected = logits(classifier, CPU, frames, sets)
-    found = logits(classifier, CUDA, frames, sets)
-    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(logits(classifier, CUDA, frames, sets), expected, rtol=1e-4, atol=1e-4)
     half = logits(classifier, replace(CUDA, precision="bfloat16"), frames, sets)
     assert (half.argmax(1) == expected.argmax(1)).float().mean() > 0.95
