@@ -82,10 +82,11 @@ class Frames:
 
     def mean_input(self, index: np.ndarray) -> np.ndarray:
         """Mean network input float32 (H, W) of the frames in `index` (k,), one at least."""
-        total = np.zeros((1, *self.counts.shape[1:]), dtype=np.float32)
+        total = np.zeros(self.counts.shape[1:], dtype=np.float32)
         for start in range(0, len(index), BLOCK_FRAMES):
-            total = np.concatenate([total, self.inputs(index[start : start + BLOCK_FRAMES])]).sum(axis=0, keepdims=True)
-        return total[0] / np.float32(len(index))
+            for frame in self.inputs(index[start : start + BLOCK_FRAMES]):  # one by one: the same in blocks of any size
+                total += frame
+        return total / np.float32(len(index))
 
     def on(self, *sides: int) -> np.ndarray:
         """Rising indices of the frames on the given sides."""

@@ -32,7 +32,8 @@ def both(tmp_path, monkeypatch):
     return fewer_anchors(in_memory, 4), fewer_anchors(in_file, 4)
 
 
-def test_inputs_points_and_means_are_those_of_memory(both):
+def test_inputs_points_and_means_are_those_of_memory(both, monkeypatch):
+    monkeypatch.setattr(frames_table, "BLOCK_FRAMES", 50)
     index = np.random.default_rng(0).permutation(both[0].on(TRAIN))
     for of in (
         lambda frames: frames.inputs(index),
