@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tactile_viewgcn.device import Compute
+from tactile_viewgcn.device import Compute, Inputs
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.recordings.stored import StoredCounts
 
@@ -54,9 +54,7 @@ class StoredInputs:
             yield self[part]
 
 
-def input_frames(
-    table: Frames, index: np.ndarray, compute: Compute, transform: str | None = None
-) -> Any:  # a Tensor or StoredInputs, which are used alike
+def input_frames(table: Frames, index: np.ndarray, compute: Compute, transform: str | None = None) -> Inputs:
     """Network input (n, 1, H, W) of the frames in `index` (n,), on the device if it fits its memory.
 
     It is read batch by batch where the table's counts stay in their file.
@@ -70,7 +68,7 @@ def input_frames(
 
 
 def batches(
-    frames: Any, plans: Iterable[Plan], index_of: Callable[[Plan], Tensor], compute: Compute
+    frames: Inputs, plans: Iterable[Plan], index_of: Callable[[Plan], Tensor], compute: Compute
 ) -> Iterator[tuple[Plan, Tensor]]:
     """Each plan of a batch, and the frames (B, 1, H, W) of the batch on the device.
 
@@ -80,7 +78,7 @@ def batches(
         frames: what `input_frames` returns.
         index_of: the indices (B,) of the frames that a plan needs.
     """
-    if isinstance(frames, Tensor):
+    if not isinstance(frames, StoredInputs):
         for plan in plans:
             yield plan, compute.gather(frames, index_of(plan))
         return

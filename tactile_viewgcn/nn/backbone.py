@@ -13,6 +13,7 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
+from tactile_viewgcn.device import Inputs
 from tactile_viewgcn.nn.perceptron import Perceptron
 
 WIDTH = 64
@@ -147,7 +148,7 @@ def build_backbone(
 
 
 @torch.no_grad()
-def extract_features(backbone: nn.Module, frames: Tensor) -> Tensor:
+def extract_features(backbone: nn.Module, frames: Inputs) -> Tensor:
     """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
     backbone.eval()
     device = next(chain(backbone.parameters(), backbone.buffers())).device

@@ -14,7 +14,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
-from tactile_viewgcn.device import Compute
+from tactile_viewgcn.device import Compute, Inputs
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.process import LOST, launched
 
@@ -124,7 +124,7 @@ def gather(values: Tensor) -> Tensor:
     return torch.cat([part[: own * each] for part, own in zip(of_each(padded), _sizes, strict=True)])
 
 
-def in_parts(function: Callable[[Tensor], Tensor], values: Tensor) -> Tensor:
+def in_parts(function: Callable[[Inputs], Tensor], values: Inputs) -> Tensor:
     """function(values), row by row; each process computes its part of the rows."""
     return function(values) if len(values) < size() else gather(function(values[rows(len(values))]))
 
