@@ -106,6 +106,7 @@ class Pretrain:
     step_offset: Annotated[int, Range(0)]
     batch: Annotated[int, Range(2)]
     noise: NotNegative
+    masked_epochs: Annotated[int, Range(0)]
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,7 @@ class Model:
     readout: Literal["max", "mean"]
     assignments: Literal["any", "rotations"]
     members: list[Member]
+    pooled_view: bool
     dropout: Share
 
 
@@ -266,10 +268,7 @@ def _conflicts(params: Params) -> Iterator[str]:
     if evaluate.side == "validation" and not params.split.validation:
         yield "evaluate.side is validation, and split.validation is 0: expected a share of the training groups"
     if params.split.by == "frame" and params.split.validation:
-        yield (
-            f"split.by is frame, which leaks, and split.validation is {params.split.validation:g}: expected 0, "
-            "or another split.by"
-        )
+        yield f"split.by is frame, and split.validation {params.split.validation:g}: expected 0, or another split.by"
     can_calibrate = params.split.validation or model.system in get_args(OnSensors)  # these need no groups for it
     if evaluate.confidence_threshold and not (finetune.num_views == "random" and can_calibrate):
         yield (
@@ -284,12 +283,13 @@ def _conflicts(params: Params) -> Iterator[str]:
         yield f"cluster.assignment is {cluster.assignment}, which needs clusters: expected cluster.method kmeans"
     if model.backbone.kind == "perceptron" and model.system in ("gvcnn", "conv_lstm"):
         yield f"model.system is {model.system}, which needs feature maps: expected model.backbone.kind resnet"
+    if model.backbone.kind == "perceptron" and params.pretrain.masked_epochs:
+        yield "pretrain.masked_epochs is above 0, which needs feature maps: expected model.backbone.kind resnet"
+    if model.pooled_view and model.system not in ("mvcnn", "mean", "vote"):
+        yield f"model.pooled_view is true, and model.system is {model.system}: expected mvcnn, mean or vote"
     cube = params.viewpoints in ("auto", "cube") and params.views == PLACES["cube"]
     if model.system == "rotationnet" and model.assignments == "rotations" and not cube:
-        yield (
-            "model.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube, "
-            "or assignments any"
-        )
+        yield "model.assignments is rotations, which needs the cube: expected any, or views 8 and viewpoints cube"
     places = PLACES.get(params.viewpoints, params.views)
     if params.views != places:
         yield f"viewpoints is {params.viewpoints}, which has {places} places; views is {params.views}"

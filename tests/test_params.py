@@ -174,7 +174,8 @@ def test_the_systems_are_the_files_that_define_one():
         return "ViewSystem" in bases.get(name, ()) or any(map(derives, bases.get(name, ())))
 
     leaves = {name for name in bases if derives(name)} - set().union(*bases.values())
-    assert {of_file[name] for name in leaves} == set(get_args(System))
+    systems = {of_file[name] for name in leaves} - {"pooled_view"}  # which gives another system's head a view more
+    assert systems == set(get_args(System))
 
 
 @pytest.mark.parametrize("system", get_args(System))

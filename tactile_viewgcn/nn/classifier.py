@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.backbone import build_backbone
+from tactile_viewgcn.nn.pooled_view import PooledView, WithFrame
 from tactile_viewgcn.nn.sensor_system import SensorFeatures, SensorSystem
 from tactile_viewgcn.nn.system import ViewSystem, system_class
 from tactile_viewgcn.params import Model
@@ -33,7 +34,7 @@ class Classifier(nn.Module):
             finite, or beyond `MAX_COORDINATE`.
     """
 
-    backbone: Any  # Backbone, Perceptron or SensorFeatures
+    backbone: Any  # Backbone, Perceptron, WithFrame or SensorFeatures
     viewpoints: Tensor
 
     def __init__(self, viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE):
@@ -56,6 +57,10 @@ class Classifier(nn.Module):
         self.head: ViewSystem = system(**{name: arguments[name] for name in signature(system).parameters})
         if isinstance(self.head, SensorSystem):
             self.backbone = SensorFeatures(shape, self.head.of_frames)
+        if model.pooled_view:
+            self.head = PooledView(self.head, self.backbone, shape)
+            self.backbone = WithFrame(self.backbone, shape)
+            self.feature_shape = (self.backbone.features,)
 
     @property
     def views(self) -> int:

@@ -191,8 +191,9 @@ def build_classifier(
     classifier.references = views.references
     if classifier.head.takes == "sensors":
         return classifier
-    classifier.backbone.load_state_dict(pretrained["backbone"])
+    backbone = classifier.backbone.backbone if params.model.pooled_view else classifier.backbone
+    backbone.load_state_dict(pretrained["backbone"])
     classifier.head.load_frame_classifier(pretrained["classifier"])
     if not params.finetune.backbone_dropout:
-        classifier.backbone.dropout.p = 0.0
+        backbone.dropout.p = 0.0
     return classifier

@@ -17,12 +17,14 @@ from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_features
 from tactile_viewgcn.nn.perceptron import Perceptron
 from tactile_viewgcn.params import Params
+from tactile_viewgcn.process import rank
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import error_rate, frame_loss, frame_losses
+from tactile_viewgcn.training.masked import pretrain_masked
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
 from tactile_viewgcn.training.replay import Replay
 from tactile_viewgcn.training.whole_batch import share_batches
@@ -40,13 +42,13 @@ def pretrain_backbone(
     Args:
         params: `seed`, `model.backbone`, `pretrain` and `augment` are read.
         checkpoint_path: where the training is saved after every epoch; a saved one is continued.
-        on_epoch: called after every epoch, see `fit`.
+        on_epoch: called after every epoch, see `fit`; those of `pretrain_masked` come first.
 
     Returns:
         backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
-        UserError: the training diverges in its first epoch.
+        UserError: the training diverges in its first epoch, or the masked one in any.
     """
     config, seed, inputs, labels = params.pretrain, params.seed, {}, {}
     for side in (TRAIN, VALIDATION):
@@ -58,6 +60,10 @@ def pretrain_backbone(
     backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     classifier = torch.nn.Linear(backbone.features, len(table.classes), device=compute.device)
     share_batches(backbone)
+    masked, masked_path = Progress(), checkpoint_path and checkpoint_path.with_suffix(".masked.pt")
+    if config.masked_epochs:
+        given = backbone, table, params, compute, masked_path, on_epoch
+        masked = pretrain_masked(*given)[1]  # type: ignore[arg-type]  # params.py refuses a perceptron
     joint_loss = distributed.joint_loss(torch.nn.ModuleList([backbone, classifier]))
     weights = [*backbone.parameters(), *classifier.parameters()]
     optimiser = build_optimiser(config, [{"params": weights}])
@@ -85,7 +91,14 @@ def pretrain_backbone(
         logits = classifier(features)
         return {"validation_error": error_rate(logits, labels[VALIDATION])}
 
+    def report(epoch: int, values: dict[str, float]) -> None:
+        if on_epoch is not None:
+            on_epoch(config.masked_epochs + epoch, values)
+
     steps = config.epochs * num_batches(len(labels[TRAIN]), config.batch)
     with tqdm(total=steps, desc="pretrain", unit="batch", disable=None) as bar:
-        progress = fit(config.epochs, optimiser, lr_lambda(config), losses, validate, bar, checkpoint, on_epoch)
+        progress = fit(config.epochs, optimiser, lr_lambda(config), losses, validate, bar, checkpoint, report)
+    progress.resumed = progress.resumed[0], masked.resumed[1] + progress.resumed[1]
+    if masked_path and not rank():
+        masked_path.unlink(missing_ok=True)
     return backbone, classifier, progress

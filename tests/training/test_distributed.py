@@ -26,6 +26,8 @@ RECIPE = (
     "model.backbone.readout=grid",
     "split.validation=0.3",
     "augment.drop=0.1",
+    "model.pooled_view=true",
+    "pretrain.masked_epochs=1",
     "pretrain.epochs=1",
     "pretrain.batch=7",
     "finetune.batch=7",
@@ -44,7 +46,7 @@ def in_float64():
 
 
 def train():
-    """Weights and curves of both trainings, with noise, dropout, features that are shared, and measured moments."""
+    """Weights and curves of the trainings, with noise, dropout, features that are shared, and measured moments."""
     params, frames = recipe(*RECIPE), fewer_anchors(table("split.validation=0.3"), 2)
     with in_float64(), distributed.joined(DOUBLE), torch.random.fork_rng():
         backbone, linear, begun = pretrain_backbone(frames, params, DOUBLE)
