@@ -21,16 +21,21 @@ def rows_of(variants: list[Variant], references: Iterable[str], rng: np.random.G
     """A row for each protocol, weighting and variant, in per cent.
 
     Its `versus` has the paired difference to each reference: `more`, `low`, `high` and `p`, which are blank for the
-    reference itself. The p values of a protocol and weighting are corrected together, whatever the reference.
+    reference itself. A reference R of a crossed study is compared with `A / x` as `R / x`. The p values of a protocol
+    and weighting are corrected together, whatever the reference.
 
     Raises:
         UserError: a variant was tested on other view sets than a reference.
     """
     by_name, rows = {variant.name: variant for variant in variants}, []
-    against = [by_name[name] for name in references]
+
+    def against(variant: Variant) -> dict[str, Variant | None]:
+        crossed = variant.name.split(" / ")[1:]
+        return {name: by_name.get(name) or by_name.get(" / ".join([name, *crossed])) for name in references}
+
     for protocol in variants[0].answers[0].predictions.predicted:
         for weighting in WEIGHTINGS:
-            together = [_row(variant, against, protocol, weighting, rng) for variant in variants]
+            together = [_row(variant, against(variant), protocol, weighting, rng) for variant in variants]
             compared = [each for row in together for each in row["versus"].values() if each["p"] != ""]
             for each, p in zip(compared, holm([each["p"] for each in compared]), strict=True):
                 each["p"] = p
@@ -47,26 +52,26 @@ def weighted(values: np.ndarray, groups: np.ndarray, weighting: str) -> tuple[np
 
 
 def _row(
-    variant: Variant, against: list[Variant], protocol: str, weighting: str, rng: np.random.Generator
+    variant: Variant, against: dict[str, Variant | None], protocol: str, weighting: str, rng: np.random.Generator
 ) -> dict[str, Any]:
     row: dict[str, Any] = {"variant": variant.name, "protocol": protocol, "weighting": weighting}
     wrong, groups = weighted(1 - variant.correct(protocol), variant.tested()[1], weighting)
     row |= dict(zip(("error", "low", "high"), _percent(wrong, groups, rng, proportion_interval), strict=True))
     errors = variant.errors(protocol)
     row |= {"trainings": len(errors), "std": 100 * float(np.std(errors, ddof=1)) if len(errors) > 1 else ""}
-    row["versus"] = {each.name: _compared(variant, each, protocol, weighting, rng) for each in against}
+    row["versus"] = {name: _compared(variant, each, protocol, weighting, rng) for name, each in against.items()}
     return row | {name: variant.cost(name) for name in COLUMNS}
 
 
 def _compared(
-    variant: Variant, reference: Variant, protocol: str, weighting: str, rng: np.random.Generator
+    variant: Variant, reference: Variant | None, protocol: str, weighting: str, rng: np.random.Generator
 ) -> dict[str, Any]:
     """The paired difference over common seeds and deals; blank for the reference itself, or where none is common.
 
     `seeds_low` and `seeds_high` are the interval over trainings, see `_over_trainings`.
     """
-    common = variant.trainings.keys() & reference.trainings.keys()
-    if variant is reference or not common:
+    common = variant.trainings.keys() & reference.trainings.keys() if reference else set()
+    if reference is None or variant is reference or not common:
         return dict.fromkeys(("more", "low", "high", "p", "seeds_low", "seeds_high"), "")
     tested = variant.tested(common)
     if not np.array_equal(tested, reference.tested(common)):

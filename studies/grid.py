@@ -54,14 +54,16 @@ class Study:
     Attributes:
         question: 41 characters at most, for the list of studies.
         variants: {name: {key: value}}, what is compared; the key `preset` stands for the changes of that preset.
-        reference: the variants, one or more, that the others are compared with; None: nothing is compared.
+        reference: the variants, one or more, that the others are compared with; None: nothing is compared. A name of
+            `variants` alone in a study with `cross` stands for that variant in the same place of the crossing.
         seeds, folds: every variant is trained from each, on each; folds `all`: as many as `split.folds` says.
         columns: of `COLUMNS`, the costs that the table shows.
         deals: ways of dealing groups to the folds (`split.deal`); every variant is trained on each fold of each.
         set: changes of every cell.
         cross: further mappings like `variants`: every combination is trained, names joined by " / ".
         one_seed, one_deal: variants that are trained from the first seed, or on the first deal, alone.
-        picture: error, or seconds: error against seconds.
+        picture: error, or seconds: error against seconds, or curves: error against the number that the names of the
+            first mapping of `cross` begin with.
         confusion: draw confusion matrices and the objects confused most.
         quick: the variants of a rehearsal, which are trained from the first seed on the first deal.
     """
@@ -78,7 +80,7 @@ class Study:
     cross: list[dict] = field(default_factory=list)
     one_seed: list[str] = field(default_factory=list)
     one_deal: list[str] = field(default_factory=list)
-    picture: Literal["error", "seconds"] = "error"
+    picture: Literal["error", "seconds", "curves"] = "error"
     confusion: bool = False
     quick: list[str] = field(default_factory=list)
 
@@ -158,7 +160,7 @@ def read_study(name: str) -> Study:
     study = Study(**tree)
     variants = list(dict.fromkeys(cell.variant for cell in study.cells()))
     for key, given, allowed in (
-        ("reference", study.references, variants),
+        ("reference", study.references, [*variants, *study.variants]),
         ("one_seed", study.one_seed, variants),
         ("one_deal", study.one_deal, variants),
         ("quick", study.quick, variants),

@@ -1,4 +1,4 @@
-"""The pictures of a study: errors by variant or against seconds, and the most confused pairs."""
+"""The pictures of a study: errors by variant, against seconds or along a crossing, and the most confused pairs."""
 
 from typing import Any
 
@@ -44,6 +44,39 @@ def errors_by_cost(rows: list[dict[str, Any]], sequential: list[dict[str, Any]],
         _front(axes, chosen, np.array(costs))
         axes.set(xlabel=label, ylabel=f"error, % ({protocol} protocol)")
     figure.suptitle(f"{title}; grey: Pareto front", fontsize=10)
+    return figure
+
+
+def error_curves(rows: list[dict[str, Any]], _sequential: list[dict[str, Any]], title: str) -> Figure:
+    """A line for each variant under the last protocol: error along the crossing, against seconds and ms an answer.
+
+    A crossing's names begin with a number, as `8 recordings` does.
+    """
+    protocol = rows[-1]["protocol"]
+    curves: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        if row["protocol"] == protocol:
+            name, row["at"] = row["variant"].split(" / ")[:2]
+            curves.setdefault(name, []).append(row)
+    figure = Figure(figsize=(16, 6), layout="constrained")
+    panels = figure.subplots(1, 3, sharey=True)
+    for name, chosen in curves.items():
+        numbers = [float(row["at"].split()[0]) for row in chosen]
+        seconds = [row["pretrain s"] + row["finetune s"] for row in chosen]
+        errors, style = [row["error"] for row in chosen], "o-" if len(curves) <= 10 or name in [*curves][:10] else "s--"
+        panels[0].errorbar(numbers, errors, yerr=_bars(chosen), fmt=style, ms=4, elinewidth=0.8, label=name)
+        panels[1].plot(seconds, errors, style, ms=4)
+        panels[2].plot([row["ms alone"] for row in chosen], errors, style, ms=4)
+    for axes, label in zip(panels, ("in training", "seconds of both trainings", "ms per view set, alone"), strict=True):
+        axes.set(xscale="log", xlabel=label)
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.grid(alpha=0.3)
+    places = dict.fromkeys(row["at"] for chosen in curves.values() for row in chosen)
+    panels[0].set(xlabel="training data of each object", ylabel=f"error, % ({protocol} protocol)")
+    panels[0].set_xticks([float(place.split()[0]) for place in places], places, rotation=30, fontsize=8)
+    panels[0].minorticks_off()
+    figure.legend(loc="outside lower center", ncols=7, fontsize=8)
+    figure.suptitle(title, fontsize=10)
     return figure
 
 

@@ -11,7 +11,7 @@ from studies.cells import Answers
 from studies.comparison import confused_pairs, power, rows_of, sequential_rows
 from studies.grid import COLUMNS, Study
 from studies.markdown import COMPARED, DEALT, EXPLAINED, paragraph, tables
-from studies.pictures import errors_by_cost, errors_by_variant, side_by_side
+from studies.pictures import error_curves, errors_by_cost, errors_by_variant, side_by_side
 from studies.variants import Variant, pooled
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import load
@@ -32,7 +32,8 @@ def write_report(
     """
     params = load("params.yaml", answers[0].cell.changes)
     data, variants = describe_data(params.data), pooled(answers)
-    references = [name for name in study.references if name in [variant.name for variant in variants]]
+    finished = {part for variant in variants for part in (variant.name, variant.name.split(" / ")[0])}
+    references = [name for name in study.references if name in finished]
     rows = rows_of(variants, references, stream(params.seed, f"study.{study.name}"))
     sequential = sequential_rows(variants)
     classes = list(dict.fromkeys(str(name) for each in answers for name in each.predictions.classes))
@@ -55,7 +56,7 @@ def write_report(
     with atomic_write(folder / "results.md") as part:
         part.write_text("\n\n".join(parts) + "\n")
     title = f"{'Rehearsal. ' if rehearsal else ''}{data}: {study.question}\nBars: 95 % interval over split groups"
-    draw = errors_by_cost if study.picture == "seconds" else errors_by_variant
+    draw = {"error": errors_by_variant, "seconds": errors_by_cost, "curves": error_curves}[study.picture]
     _save(draw([row for row in rows if row["weighting"] == "frame"], sequential, title), folder / "results.png")
     if study.confusion:
         _write_confusion(data, variants, classes, references, folder)
