@@ -53,31 +53,35 @@ def error_curves(rows: list[dict[str, Any]], _sequential: list[dict[str, Any]], 
     A crossing's names begin with a number, as `8 recordings` does.
     """
     protocol = rows[-1]["protocol"]
-    curves: dict[str, list[dict[str, Any]]] = {}
+    curves: dict[str, dict[str, dict[str, Any]]] = {}  # of each variant its rows, by their place in the crossing
     for row in rows:
         if row["protocol"] == protocol:
-            name, row["at"] = row["variant"].split(" / ")[:2]
-            curves.setdefault(name, []).append(row)
+            name, place = row["variant"].split(" / ")[:2]
+            curves.setdefault(name, {})[place] = row
     figure = Figure(figsize=(16, 6), layout="constrained")
-    panels = figure.subplots(1, 3, sharey=True)
-    for name, chosen in curves.items():
-        numbers = [float(row["at"].split()[0]) for row in chosen]
-        seconds = [row["pretrain s"] + row["finetune s"] for row in chosen]
-        errors, style = [row["error"] for row in chosen], "o-" if len(curves) <= 10 or name in [*curves][:10] else "s--"
-        panels[0].errorbar(numbers, errors, yerr=_bars(chosen), fmt=style, ms=4, elinewidth=0.8, label=name)
-        panels[1].plot(seconds, errors, style, ms=4)
-        panels[2].plot([row["ms alone"] for row in chosen], errors, style, ms=4)
-    for axes, label in zip(panels, ("in training", "seconds of both trainings", "ms per view set, alone"), strict=True):
-        axes.set(xscale="log", xlabel=label)
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.grid(alpha=0.3)
-    places = dict.fromkeys(row["at"] for chosen in curves.values() for row in chosen)
-    panels[0].set(xlabel="training data of each object", ylabel=f"error, % ({protocol} protocol)")
-    panels[0].set_xticks([float(place.split()[0]) for place in places], places, rotation=30, fontsize=8)
-    panels[0].minorticks_off()
+    sizes, seconds, latencies = figure.subplots(1, 3, sharey=True)
+    for number, (name, curve) in enumerate(curves.items()):
+        chosen, style = [*curve.values()], "o-" if number < 10 else "s--"  # there are ten colours
+        errors = [row["error"] for row in chosen]
+        places = [_number(place) for place in curve]
+        sizes.errorbar(places, errors, yerr=_bars(chosen), fmt=style, ms=4, elinewidth=0.8, label=name)
+        seconds.plot([row["pretrain s"] + row["finetune s"] for row in chosen], errors, style, ms=4)
+        latencies.plot([row["ms alone"] for row in chosen], errors, style, ms=4)
+    for axes, label in ((seconds, "seconds of both trainings"), (latencies, "ms per view set, alone")):
+        axes.set_xlabel(label)
+        _log_axis(axes, np.concatenate([line.get_xdata() for line in axes.get_lines()]))
+    sizes.set(xscale="log", xlabel="training data of each object", ylabel=f"error, % ({protocol} protocol)")
+    names = dict.fromkeys(place for curve in curves.values() for place in curve)
+    sizes.set_xticks([_number(name) for name in names], names, rotation=30, fontsize=7)
+    sizes.minorticks_off()
+    sizes.grid(alpha=0.3)
     figure.legend(loc="outside lower center", ncols=7, fontsize=8)
     figure.suptitle(title, fontsize=10)
     return figure
+
+
+def _number(name: str) -> float:
+    return float(name.split()[0])
 
 
 def _front(axes: Axes, rows: list[dict[str, Any]], costs: np.ndarray) -> None:
@@ -93,9 +97,14 @@ def _front(axes: Axes, rows: list[dict[str, Any]], costs: np.ndarray) -> None:
         axes.annotate(
             row["variant"], (cost, error), offset, textcoords="offset points", ha=side, fontsize=7, color=colour
         )
+    _log_axis(axes, costs)
+
+
+def _log_axis(axes: Axes, costs: np.ndarray) -> None:
+    """A logarithmic axis over these costs, with so few labels that none touch."""
     axes.set_xscale("log")
     reach = costs.max() / costs.min()
-    steps = range(1, 10) if reach < 5 else (1, 2, 5) if reach < 1e4 else (1,)  # so few that no labels touch
+    steps = range(1, 10) if reach < 5 else (1, 2, 5) if reach < 1e4 else (1,)
     axes.xaxis.set(major_locator=LogLocator(subs=steps), minor_locator=NullLocator(), major_formatter="{x:g}")
     axes.tick_params(axis="x", labelsize=7)
     axes.grid(alpha=0.3)
