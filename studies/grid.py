@@ -158,6 +158,8 @@ def read_study(name: str) -> Study:
                 f"{path}: a set of variants is {axis!r}; expected names with changes, as in {{a: {{views: 8}}}}"
             )
     study = Study(**tree)
+    if study.picture == "curves" and not (study.cross and all(name.split()[0].isdigit() for name in study.cross[0])):
+        raise UserError(f"{path}: picture is 'curves'; expected a `cross` whose names begin with a number")
     variants = list(dict.fromkeys(cell.variant for cell in study.cells()))
     for key, given, allowed in (
         ("reference", study.references, [*variants, *study.variants]),

@@ -85,6 +85,8 @@ def test_a_preset_stands_for_its_changes_and_may_be_changed(tmp_path, monkeypatc
         ({"refrence": "a"}, "refrence"),
         ({"reference": "b"}, "'b'"),
         ({"picture": "pie"}, "pie"),
+        ({"picture": "curves"}, "expected a `cross` whose names begin with a number"),
+        ({"picture": "curves", "cross": [{"many": {"views": 8}}]}, "expected a `cross` whose names"),
         ({"one_seed": ["c"]}, "'c'"),
         ({"one_deal": ["c"]}, "'c'"),
         ({"quick": ["d"]}, "'d'"),
