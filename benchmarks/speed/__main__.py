@@ -11,6 +11,7 @@ import torch
 from benchmarks.command import Result, benchmark
 from benchmarks.speed import measurements
 from benchmarks.speed.agreement import WITHIN, agreement
+from benchmarks.speed.profile import step_profile
 from benchmarks.speed.recipe import recipe_rows
 from benchmarks.speed.sample import take_sample
 from tactile_viewgcn.device import Compute, keep_freed_memory, select_device
@@ -43,6 +44,10 @@ batches of 32 frames and of 20 view sets, every view of every view set through t
 
 {{recipe}}
 
+A training step of the backbone, batch 32, by its operators. Profiling makes a step slower; the shares are what counts.
+
+{{profile}}
+
 Medians of interleaved rounds: `fast` is the rate of the pipeline, `counterpart` that of what it is compared `against`,
 and `ratio` how many times as fast the pipeline is (median of the rounds' ratios), below 1 against a limit."""
 
@@ -66,7 +71,9 @@ def speed(params: Params, quick: bool, frames: Path) -> Result:
         sample = take_sample(read_frames(frames), params, compute, **(QUICK if quick else FULL))
         agreed = agreement(sample)
         rows = [row for measurement in MEASUREMENTS for row in measurement(sample)]
-    tables = {"agreement": markdown(agreed), "recipe": markdown(recipe_rows(rows))}
+        steps = measurements.training_steps(sample, batch=32)
+        profile = step_profile({name: steps[name] for name in ("fast", "plain")})
+    tables = {"agreement": markdown(agreed), "recipe": markdown(recipe_rows(rows)), "profile": markdown(profile)}
     return TEXT.format(machine=machine(compute), **tables), rows, None
 
 

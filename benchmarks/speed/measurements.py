@@ -48,21 +48,34 @@ def comparison(
 def time_step(sample: Sample, batch: int) -> list[dict]:
     """The backbone's training step against plain ones, and against the limits for as many operations."""
     compute, backbone = sample.compute, sample.classifier.backbone
-    frames, labels = (values[torch.arange(batch) % len(values)] for values in sample.tensors(TRAIN))
-    slow, layers = plain.plain_backbone(backbone), plain.plain_backbone(backbone, torch.channels_last)
-    fast_frames, operations = compute.frames(frames.squeeze(1)), limits.training_operations(slow, frames[:1])
-    product, product_operations = limits.matrix_product(compute)
-    variants = {
-        "fast": training_step(sample, backbone, fast_frames, labels, compute),
-        "plain": training_step(sample, slow, frames, labels, Compute(compute.device, "float32"), launched=True),
-        "fast, with a plain stem": training_step(sample, layers, fast_frames, labels, compute),
-        "limit: convolutions alone": limits.convolutions(slow, frames, compute.precision),
+    slow, frames = plain.plain_backbone(backbone), sample.tensors(TRAIN)[0]
+    operations, (product, product_operations) = (
+        limits.training_operations(slow, frames[:1]),
+        limits.matrix_product(compute),
+    )
+    variants = training_steps(sample, batch) | {
+        "limit: convolutions alone": limits.convolutions(
+            slow, frames[torch.arange(batch) % len(frames)], compute.precision
+        ),
         "limit: large matrix products": product,
     }
     work = dict.fromkeys(variants, batch) | {"limit: large matrix products": product_operations / operations}  # frames
     seconds = {name: each / work[name] for name, each in interleaved(variants, sample.rounds).items()}
     fast, size = seconds.pop("fast"), f"batch {batch}, {operations / 1e6:.0f} MFLOP a frame"
     return [comparison("training step", size, "frames", fast, each, name) for name, each in seconds.items()]
+
+
+def training_steps(sample: Sample, batch: int) -> dict[str, Callable[[], None]]:
+    """Steps of pretraining: the pipeline's, a plain one, and the pipeline's with a plain stem."""
+    compute, backbone = sample.compute, sample.classifier.backbone
+    frames, labels = (values[torch.arange(batch) % len(values)] for values in sample.tensors(TRAIN))
+    slow, layers = plain.plain_backbone(backbone), plain.plain_backbone(backbone, torch.channels_last)
+    fast_frames = compute.frames(frames.squeeze(1))
+    return {
+        "fast": training_step(sample, backbone, fast_frames, labels, compute),
+        "plain": training_step(sample, slow, frames, labels, Compute(compute.device, "float32"), launched=True),
+        "fast, with a plain stem": training_step(sample, layers, fast_frames, labels, compute),
+    }
 
 
 def training_step(
