@@ -1,4 +1,4 @@
-"""What every stage's command line shares: parameters, inputs, tracking, errors in one line, the record of its run."""
+"""What every stage's command line shares: parameters, inputs, tracking, errors in one line."""
 
 import json
 import os
@@ -13,12 +13,13 @@ from typing import Any
 import click
 
 from stages.job import Job
+from stages.record import write_record
 from tactile_viewgcn import tracking
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, md5, readable
 from tactile_viewgcn.params import PRESETS, Params, load, preset_changes
-from tactile_viewgcn.process import LOST, first_to_tell, launched, peak_mb, rank
-from tactile_viewgcn.provenance import changes_of, committed_params, origin, run_name
+from tactile_viewgcn.process import LOST, first_to_tell, launched, rank
+from tactile_viewgcn.provenance import changes_of, committed_params, run_name
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run
 
@@ -45,7 +46,7 @@ def stage(
         several: several processes may do it together, see `training.distributed`; the first one tells, logs and writes.
 
     The command ends with exit code 1 and one line where the user can mend what is wrong. It writes the record of the
-    run to `--record`, see `_write_record`, with the counts that the body may return, by name. A stage with the option
+    run to `--record`, see `write_record`, with the counts that the body may return, by name. A stage with the option
     `NEEDS` that is not needed writes the record alone, and a line of text as its output.
     """
 
@@ -90,7 +91,7 @@ def stage(
                     counts = work(given(params, reads), job, **paths) or {}
                     if record:
                         given_params = {"values": values, "changed": changes_of(values, committed)}
-                        _write_record(record, job, inputs, counts, given_params, logged=not row)
+                        write_record(record, job, inputs, counts, given_params, logged=not row)
             except Exception as error:
                 line = _what_to_mend(error)
                 if debug or line is None:
@@ -135,36 +136,6 @@ def _leave_out(params: SimpleNamespace, job: Job, *, out: Path, **paths: Path) -
     with atomic_write(out) as part:
         part.write_text(f"{job.stage} was left out: model.system does not need it\n")
     click.echo(f"{job.stage}: left out, model.system does not need it")
-
-
-def _write_record(
-    path: Path,
-    job: Job,
-    inputs: dict[str, Path],
-    counts: dict[str, float],
-    params: dict[str, dict[str, Any]],
-    *,
-    logged: bool,
-) -> None:
-    """Write what a stage made, from what, where and at what cost; to its run too where it is `logged`.
-
-    Args:
-        params: the `values` by dotted key, and those `changed` from the committed params.yaml.
-    """
-    before = counts.pop("seconds_before_interruption", 0.0)
-    costs = {"seconds": before + job.seconds, "peak_mb": peak_mb()}
-    if logged:
-        job.run.tags({f"md5.{name}": digest for name, digest in job.md5s.items()})
-        job.run.parameters(counts)
-        job.run.metrics(costs)
-    files = {name: {"path": str(path), "md5": job.md5s[name]} for name, path in inputs.items()}
-    content: dict[str, Any] = {"stage": job.stage, "run_id": job.run.id, **costs, "inputs": files, "counts": counts}
-    content |= {"notes": job.notes, "curves": job.curves, "params": params, "origin": origin() | job.computed}
-    with atomic_write(path) as part:
-        part.write_text(json.dumps(content, indent=2) + "\n")
-    job.run.artifacts(path)
-    if job.notes:
-        job.run.text("\n".join(job.notes) + "\n", "notes.txt")
 
 
 def _what_to_mend(error: Exception) -> str | None:
