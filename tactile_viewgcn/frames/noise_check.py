@@ -24,9 +24,9 @@ def noise_warnings(frames: Frames, noise: float) -> list[str]:
     if not len(above) or np.median(above) >= noise * frames.scale:
         return []
     return [
-        f"warning: scale {frames.scale:g} leaves what sensors in contact read, {np.median(above):.3g} counts in the "
-        f"middle, below the noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the "
-        f"same for every object; set preprocess.scale to about {two_digits(np.percentile(above, 99))}"
+        f"warning: at scale {frames.scale:g} the median reading of a sensor in contact, {np.median(above):.3g} counts, "
+        f"is below the noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the same "
+        f"for every object; set preprocess.scale to about {two_digits(np.percentile(above, 99))}"
     ]
 
 

@@ -65,6 +65,16 @@ def fit_temperatures(
     return None
 
 
+def calibration_warnings(temperatures: list[float] | None) -> list[str]:
+    """A warning where a temperature is the largest there is, which makes all classes equally probable; else none."""
+    if not temperatures or max(temperatures) <= 0.9 * MAX_TEMPERATURE:
+        return []
+    return [
+        "warning: answers on held-out groups are no better than chance, so that no confidence threshold is ever "
+        "reached; record each object more often, or raise finetune.epochs"
+    ]
+
+
 def calibrate(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> list[float]:
     """Temperatures for 1 to V frames, fitted on the validation side of the table.
 

@@ -14,7 +14,13 @@ from tactile_viewgcn.evaluation.trials import evaluate_table, sequential_summary
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn.classifier import view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
-from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, MIN_TEMPERATURE, calibrate, fit_temperature
+from tactile_viewgcn.recognition.calibration import (
+    MAX_TEMPERATURE,
+    MIN_TEMPERATURE,
+    calibrate,
+    calibration_warnings,
+    fit_temperature,
+)
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.sequential import SequentialTrials, logits_by_count, sequences, sequential_trials
@@ -227,4 +233,8 @@ def test_what_is_no_probability_is_refused(tmp_path, confidence_threshold):
 def test_answers_that_have_nothing_to_do_with_the_labels_get_a_high_temperature():
     generator = torch.Generator().manual_seed(0)
     logits = 10 * torch.randn(4000, 4, generator=generator)
-    assert fit_temperature(logits, torch.randint(4, (4000,), generator=generator)) > 0.9 * MAX_TEMPERATURE
+    temperature = fit_temperature(logits, torch.randint(4, (4000,), generator=generator))
+    assert temperature > 0.9 * MAX_TEMPERATURE
+    (warning,) = calibration_warnings([1.0, temperature])
+    assert "no better than chance" in warning and warning.endswith("or raise finetune.epochs")
+    assert calibration_warnings(None) == calibration_warnings([1.0, 0.8 * MAX_TEMPERATURE]) == []
