@@ -6,12 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames import baseline as module
 from tactile_viewgcn.frames.baseline import (
     MAX_PASSES,
     OUTLIER_SD,
     ROUNDING_SD,
     constant_baseline,
     empty_hand_baseline,
+    evenly,
     quiet_baseline,
     trimmed_moments,
 )
@@ -130,6 +132,17 @@ def test_five_frames_of_the_empty_hand_are_enough(tmp_path):
     counts = np.array([512, 513, 514, 515, 516, 900, 900], dtype=np.int16)[:, None, None]
     with written(tmp_path / "t", counts, object=np.repeat([0, 1], [5, 2])) as recordings:
         assert empty_hand_baseline(recordings).mean.item() == 514
+
+
+def test_of_a_long_empty_hand_frames_from_its_first_to_its_last_are_measured(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "MOST_FRAMES", 6)
+    counts = np.full(16, 520, dtype=np.int16)
+    counts[[0, 3, 6, 9, 12, 15]] = 514
+    assert evenly(np.arange(16), 6).tolist() == [0, 3, 6, 9, 12, 15]
+    assert evenly(np.arange(100, 106), 6).tolist() == list(range(100, 106))
+    with written(tmp_path / "t", np.tile(counts[:, None, None], (1, 1, 2))) as recordings:
+        measured = empty_hand_baseline(recordings)
+    assert measured.mean.ravel().tolist() == [514, 514]
 
 
 def test_recordings_without_any_empty_hand_are_told_what_to_do(tmp_path):

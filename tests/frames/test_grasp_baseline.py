@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames import grasp_baseline as module
+from tactile_viewgcn.frames.baseline import trimmed_moments
 from tactile_viewgcn.frames.filtering import in_contact
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline, grasps
 from tactile_viewgcn.frames.open_hand import MARGIN
@@ -47,6 +49,22 @@ def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift)
     if not drift.get("within"):  # the empty hand drifts too
         np.testing.assert_allclose(found.noise, SD, rtol=0.25)
     assert (found.mean.dtype, found.noise.dtype) == (np.float32, np.float32)
+
+
+def test_of_a_long_open_hand_frames_from_its_first_to_its_last_are_measured(tmp_path, monkeypatch):
+    glove, counted = drifting(objects=1, grasps=2), []
+    whole = measured(tmp_path / "t", glove)
+
+    def watched(counts):
+        counted.append(len(counts))
+        return trimmed_moments(counts)
+
+    monkeypatch.setattr(module, "trimmed_moments", watched)
+    monkeypatch.setattr(module, "MOST_FRAMES", 5)
+    few = measured(tmp_path / "u", glove)
+    assert counted == [5] * 3  # the empty hand and two grasps, of 8 open-hand frames or more each
+    assert (few.mean != whole.mean).any()
+    np.testing.assert_allclose(few.mean, 514.3, atol=4 * SD / np.sqrt(5))
 
 
 def test_with_it_contact_is_found_that_the_session_s_empty_hand_hides(tmp_path):

@@ -1,14 +1,20 @@
 """Training and answers on a CUDA card beside those on the processor; without a card the tests skip, saying so."""
 
+from collections import Counter
+from copy import deepcopy
 from dataclasses import replace
 
 import pytest
 import torch
+from torch.nn.functional import mse_loss
 
 from tactile_viewgcn import device
 from tactile_viewgcn.device import Compute, select_device
+from tactile_viewgcn.frames.table import read_frames, write_frames
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import view_set_logits
+from tactile_viewgcn.recordings import stored
+from tactile_viewgcn.recordings.stored import StoredCounts
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.training.replay import Replay
@@ -64,6 +70,39 @@ def test_an_interrupted_training_goes_on_as_one_that_was_not(tmp_path):
     assert progress.curves["loss"] == pytest.approx(whole.curves["loss"], rel=0.02)  # some sums have no fixed order
 
 
+@pytest.fixture
+def graphs(monkeypatch):
+    """The graphs that are repeated, once for each time."""
+    repeated, replay = [], torch.cuda.CUDAGraph.replay
+
+    def watched(graph):
+        repeated.append(graph)
+        replay(graph)
+
+    monkeypatch.setattr(torch.cuda.CUDAGraph, "replay", watched)
+    return repeated
+
+
+def test_a_repeated_step_has_the_loss_and_the_gradients_of_a_launched_one(graphs):
+    draw = torch.Generator().manual_seed(4)
+    launched = torch.nn.Sequential(torch.nn.Linear(8, 16), torch.nn.Tanh(), torch.nn.Linear(16, 3)).cuda()
+    repeated = deepcopy(launched)
+    loss_of = Replay(lambda inputs, targets: mse_loss(repeated(inputs), targets), repeated.parameters())
+    for _ in range(4):
+        inputs, targets = (torch.randn(32, width, generator=draw).cuda() for width in (8, 3))
+        expected, loss = mse_loss(launched(inputs), targets), loss_of(inputs, targets)
+        for network, each in ((launched, expected), (repeated, loss)):
+            network.zero_grad(set_to_none=True)
+            each.backward()
+        torch.testing.assert_close(loss, expected, rtol=1e-4, atol=1e-6)
+        for one, other in zip(repeated.parameters(), launched.parameters(), strict=True):
+            torch.testing.assert_close(one.grad, other.grad, rtol=1e-4, atol=1e-6)
+            with torch.no_grad():  # the next step is of other weights
+                other -= 0.1 * other.grad
+                one.copy_(other)
+    assert len(graphs) == 3 and len(set(graphs)) == 1  # the first step is computed as usual
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -74,10 +113,19 @@ def test_an_interrupted_training_goes_on_as_one_that_was_not(tmp_path):
         ("model.system=cnn_lstm",),
     ],
 )
-def test_repeated_kernels_learn_what_launched_ones_do(changes, monkeypatch):
+def test_repeated_kernels_learn_what_launched_ones_do(changes, graphs, monkeypatch):
+    shapes, call = Counter(), Replay.__call__
+
+    def watched(self, *arguments):
+        shapes[tuple(each.shape for each in arguments)] += torch.is_grad_enabled()
+        return call(self, *arguments)
+
+    monkeypatch.setattr(Replay, "__call__", watched)
     params = recipe("finetune.epochs=3", *changes)
     given = table(), views_of(table(), params), pretrained(), params, CUDA
     repeated = finetune_classifier(*given)[1].curves["loss"]
+    assert len(set(graphs)) == sum(count > 1 for count in shapes.values()) > 0
+    assert len(graphs) == sum(count - 1 for count in shapes.values() if count)
     monkeypatch.setattr(Replay, "__call__", lambda self, *arguments: self._function(*arguments))
     assert repeated == pytest.approx(finetune_classifier(*given)[1].curves["loss"], rel=0.02)
 
@@ -91,6 +139,21 @@ def test_frames_that_do_not_fit_the_card_stay_in_the_computers_memory(reuse, mon
     assert CUDA.frames(torch.zeros(3, 12, 12)).device.type == "cpu"
     for name, values in finetune_classifier(*given)[0].state_dict().items():
         torch.testing.assert_close(values, fits[name], rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("reuse", [1, 4])
+def test_frames_in_a_file_are_learnt_as_those_in_memory(reuse, tmp_path, monkeypatch):
+    params, losses = recipe("finetune.epochs=3", f"finetune.feature_reuse={reuse}"), []
+    write_frames(tmp_path / "frames.h5", table())
+    in_memory = read_frames(tmp_path / "frames.h5")
+    monkeypatch.setattr(stored, "fits_memory", lambda size: False)
+    in_file = read_frames(tmp_path / "frames.h5")
+    assert isinstance(in_file.counts, StoredCounts)
+    for frames in (in_memory, in_file):
+        begun = pretrain_backbone(frames, params, CUDA)[2].curves["loss"]
+        ended = finetune_classifier(frames, views_of(frames, params), pretrained(), params, CUDA)[1].curves["loss"]
+        losses.append(begun + ended)
+    assert losses[1] == pytest.approx(losses[0], rel=0.02)
 
 
 def test_a_trained_classifier_gives_the_same_answers():

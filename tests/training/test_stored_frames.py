@@ -1,5 +1,6 @@
 """Frames that stay in their file: read ahead in their order, and trained on with the same result as in memory."""
 
+import os
 import threading
 
 import numpy as np
@@ -76,6 +77,7 @@ def test_batches_are_asked_for_and_read_ahead_by_one_thread(both, monkeypatch):
     assert max(plan for name, plan, _ in calls if name == "__getitem__") == 1
 
 
+@pytest.mark.skipif(not hasattr(os, "posix_fadvise"), reason="this system cannot be told what is read next")
 def test_large_tables_are_stored_so_that_the_system_can_be_told_what_is_read_next(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(stored, "fits_memory", lambda size: False)
