@@ -34,7 +34,7 @@ from tactile_viewgcn.training.replay import Replay
 PATCH = 4  # sensors along a side: a cell of the backbone's maps
 HIDDEN = 0.5  # share of the patches
 CHANNELS = 64  # of the decoder
-TINY = 1e-12  # where all frames of a batch are alike, nothing is to be predicted
+TINY = 1e-6  # of a standard deviation: where all readings of a batch are alike, nothing is to be predicted
 
 
 class Decoder(nn.Sequential):
@@ -112,9 +112,10 @@ def pretrain_masked(
 def masked_loss(
     maps: nn.Module, decoder: nn.Module, live: Tensor, augment_frames: Augmentation, compute: Compute
 ) -> Callable[[Tensor, Tensor], Tensor]:
-    """A function of a batch's frames (B, 1, H, W): the squared error at hidden live sensors, by the batch's variance.
+    """A function of a batch's frames (B, 1, H, W): the mean squared error at hidden live sensors.
 
-    It is of this process's part of the batch; 1 is what the mean reading would have. Labels are given and not read.
+    The decoder predicts standard deviations from the batch's mean reading, so 1 is what the mean has. The loss is of
+    this process's part of the batch. Labels are given and not read.
 
     Args:
         maps: frames to the backbone's maps.
@@ -126,14 +127,15 @@ def masked_loss(
     def loss(frames: Tensor, _: Tensor) -> Tensor:
         frames, rows = augment_frames(frames), distributed.rows(len(frames))
         hidden = hidden_sensors(frames, augment_frames.rng)
+        readings = frames.flatten(1)[:, cells]
+        target = (frames - readings.mean()) / readings.std().clamp(min=TINY)
         counted = hidden & live
         each = counted.sum() / len(frames)  # hidden live sensors of a frame, in the whole batch
         with compute.autocast():
             predicted = decoder(maps(frames.masked_fill(hidden, 0)[rows]))
         height, width = live.shape
-        error = (predicted[..., :height, :width].to(frames.dtype) - frames[rows]).square()
-        variance = frames.flatten(1)[:, cells].var()
-        return (error * counted[rows]).sum() / (each * variance * len(error)).clamp(min=TINY)
+        error = (predicted[..., :height, :width].to(target.dtype) - target[rows]).square()
+        return (error * counted[rows]).sum() / (each * len(error)).clamp(min=1)
 
     return loss
 
