@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from studies.grid import COLUMNS
+from studies.grid import COLUMNS, crossed_name, name_and_place
 from studies.variants import Variant
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.statistics import holm, sign_flip
@@ -30,8 +30,8 @@ def rows_of(variants: list[Variant], references: Iterable[str], rng: np.random.G
     by_name, rows = {variant.name: variant for variant in variants}, []
 
     def against(variant: Variant) -> dict[str, Variant | None]:
-        crossed = variant.name.split(" / ")[1:]
-        return {name: by_name.get(name) or by_name.get(" / ".join([name, *crossed])) for name in references}
+        place = name_and_place(variant.name)[1]
+        return {name: by_name.get(name) or by_name.get(crossed_name(name, place)) for name in references}
 
     for protocol in variants[0].answers[0].predictions.predicted:
         for weighting in WEIGHTINGS:

@@ -60,10 +60,10 @@ class Study:
         columns: of `COLUMNS`, the costs that the table shows.
         deals: ways of dealing groups to the folds (`split.deal`); every variant is trained on each fold of each.
         set: changes of every cell.
-        cross: further mappings like `variants`: every combination is trained, names joined by " / ".
+        cross: further mappings like `variants`: every combination is trained, see `crossed_name`.
         one_seed, one_deal: variants that are trained from the first seed, or on the first deal, alone.
-        picture: error, or seconds: error against seconds, or curves: error against the number that the names of the
-            first mapping of `cross` begin with.
+        picture: error, or seconds: error against seconds, or curves: error against the number that the names in
+            `cross`, one mapping, begin with.
         confusion: draw confusion matrices and the objects confused most.
         quick: the variants of a rehearsal, which are trained from the first seed on the first deal.
     """
@@ -120,7 +120,18 @@ class Study:
 
     def _crossed(self) -> Iterator[tuple[str, list[dict[str, Any]]]]:
         for entries in product(*(axis.items() for axis in [self.variants, *self.cross])):
-            yield " / ".join(name for name, _ in entries), [changes for _, changes in entries]
+            yield crossed_name(*(name for name, _ in entries)), [changes for _, changes in entries]
+
+
+def crossed_name(*names: str) -> str:
+    """The variant `A / x` of A in `variants` and x in `cross`."""
+    return " / ".join(names)
+
+
+def name_and_place(variant: str) -> tuple[str, str]:
+    """A and x of the variant `A / x`; x is empty without `cross`."""
+    name, _, place = variant.partition(" / ")
+    return name, place
 
 
 def names() -> list[str]:
@@ -158,8 +169,13 @@ def read_study(name: str) -> Study:
                 f"{path}: a set of variants is {axis!r}; expected names with changes, as in {{a: {{views: 8}}}}"
             )
     study = Study(**tree)
-    if study.picture == "curves" and not (study.cross and all(name.split()[0].isdigit() for name in study.cross[0])):
-        raise UserError(f"{path}: picture is 'curves'; expected a `cross` whose names begin with a number")
+    crossed = [name for axis in study.cross for name in axis]
+    numbered = all(name.partition(" ")[0].isdecimal() for name in crossed)
+    if study.picture == "curves" and not (len(study.cross) == 1 and numbered):
+        raise UserError(
+            f"{path}: picture is 'curves' and cross has {', '.join(map(repr, crossed)) or 'no names'}; "
+            "expected one mapping in `cross`, whose names begin with a number"
+        )
     variants = list(dict.fromkeys(cell.variant for cell in study.cells()))
     for key, given, allowed in (
         ("reference", study.references, [*variants, *study.variants]),

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from studies.comparison import pareto_front
+from studies.grid import name_and_place
 from studies.variants import Variant
 
 
@@ -50,38 +51,36 @@ def errors_by_cost(rows: list[dict[str, Any]], sequential: list[dict[str, Any]],
 def error_curves(rows: list[dict[str, Any]], _sequential: list[dict[str, Any]], title: str) -> Figure:
     """A line for each variant under the last protocol: error along the crossing, against seconds and ms an answer.
 
-    A crossing's names begin with a number, as `8 recordings` does.
+    A crossing's names begin with a number, as `8 recordings` does; the other words are the first panel's label.
     """
     protocol = rows[-1]["protocol"]
-    curves: dict[str, dict[str, dict[str, Any]]] = {}  # of each variant its rows, by their place in the crossing
+    curves: dict[str, dict[int, dict[str, Any]]] = {}  # of each variant its rows, by the number of their place
+    units: dict[int, str] = {}  # by number
     for row in rows:
         if row["protocol"] == protocol:
-            name, place = row["variant"].split(" / ")[:2]
-            curves.setdefault(name, {})[place] = row
+            name, place = name_and_place(row["variant"])
+            number, _, unit = place.partition(" ")
+            curves.setdefault(name, {})[int(number)] = row
+            units[int(number)] = unit
     figure = Figure(figsize=(16, 6), layout="constrained")
     sizes, seconds, latencies = figure.subplots(1, 3, sharey=True)
-    for number, (name, curve) in enumerate(curves.items()):
-        chosen, style = [*curve.values()], "o-" if number < 10 else "s--"  # there are ten colours
+    for count, (name, curve) in enumerate(curves.items()):
+        chosen, style = [*curve.values()], "o-" if count < 10 else "s--"  # there are ten colours
         errors = [row["error"] for row in chosen]
-        places = [_number(place) for place in curve]
-        sizes.errorbar(places, errors, yerr=_bars(chosen), fmt=style, ms=4, elinewidth=0.8, label=name)
+        sizes.errorbar([*curve], errors, yerr=_bars(chosen), fmt=style, ms=4, elinewidth=0.8, label=name)
         seconds.plot([row["pretrain s"] + row["finetune s"] for row in chosen], errors, style, ms=4)
         latencies.plot([row["ms alone"] for row in chosen], errors, style, ms=4)
     for axes, label in ((seconds, "seconds of both trainings"), (latencies, "ms per view set, alone")):
         axes.set_xlabel(label)
         _log_axis(axes, np.concatenate([line.get_xdata() for line in axes.get_lines()]))
-    sizes.set(xscale="log", xlabel="training data of each object", ylabel=f"error, % ({protocol} protocol)")
-    names = dict.fromkeys(place for curve in curves.values() for place in curve)
-    sizes.set_xticks([_number(name) for name in names], names, rotation=30, fontsize=7)
+    unit = units[max(units)]  # in the plural
+    sizes.set(xscale="log", xlabel=unit, ylabel=f"error, % ({protocol} protocol)")
+    sizes.set_xticks([*units], map(str, units))
     sizes.minorticks_off()
     sizes.grid(alpha=0.3)
     figure.legend(loc="outside lower center", ncols=7, fontsize=8)
     figure.suptitle(title, fontsize=10)
     return figure
-
-
-def _number(name: str) -> float:
-    return float(name.split()[0])
 
 
 def _front(axes: Axes, rows: list[dict[str, Any]], costs: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from studies.cells import Answers
 from studies.comparison import confused_pairs, power, rows_of, sequential_rows
-from studies.grid import COLUMNS, Study
+from studies.grid import COLUMNS, Study, name_and_place
 from studies.markdown import COMPARED, DEALT, EXPLAINED, paragraph, tables
 from studies.pictures import error_curves, errors_by_cost, errors_by_variant, side_by_side
 from studies.variants import Variant, pooled
@@ -32,7 +32,7 @@ def write_report(
     """
     params = load("params.yaml", answers[0].cell.changes)
     data, variants = describe_data(params.data), pooled(answers)
-    finished = {part for variant in variants for part in (variant.name, variant.name.split(" / ")[0])}
+    finished = {part for variant in variants for part in (variant.name, name_and_place(variant.name)[0])}
     references = [name for name in study.references if name in finished]
     rows = rows_of(variants, references, stream(params.seed, f"study.{study.name}"))
     sequential = sequential_rows(variants)

@@ -47,13 +47,11 @@ def comparison(
 
 def time_step(sample: Sample, batch: int) -> list[dict]:
     """The backbone's training step against plain ones, and against the limits for as many operations."""
-    compute, backbone = sample.compute, sample.classifier.backbone
-    slow, frames = plain.plain_backbone(backbone), sample.tensors(TRAIN)[0]
-    operations, (product, product_operations) = (
-        limits.training_operations(slow, frames[:1]),
-        limits.matrix_product(compute),
-    )
-    variants = training_steps(sample, batch) | {
+    compute, frames = sample.compute, sample.tensors(TRAIN)[0]
+    slow = plain.plain_backbone(sample.classifier.backbone)
+    operations = limits.training_operations(slow, frames[:1])
+    product, product_operations = limits.matrix_product(compute)
+    variants = training_steps(sample, slow, batch) | {
         "limit: convolutions alone": limits.convolutions(
             slow, frames[torch.arange(batch) % len(frames)], compute.precision
         ),
@@ -65,11 +63,11 @@ def time_step(sample: Sample, batch: int) -> list[dict]:
     return [comparison("training step", size, "frames", fast, each, name) for name, each in seconds.items()]
 
 
-def training_steps(sample: Sample, batch: int) -> dict[str, Callable[[], None]]:
-    """Steps of pretraining: the pipeline's, a plain one, and the pipeline's with a plain stem."""
+def training_steps(sample: Sample, slow: Backbone, batch: int) -> dict[str, Callable[[], None]]:
+    """Steps of pretraining: the pipeline's, one of the plain backbone `slow`, and the pipeline's with a plain stem."""
     compute, backbone = sample.compute, sample.classifier.backbone
     frames, labels = (values[torch.arange(batch) % len(values)] for values in sample.tensors(TRAIN))
-    slow, layers = plain.plain_backbone(backbone), plain.plain_backbone(backbone, torch.channels_last)
+    layers = plain.plain_backbone(backbone, torch.channels_last)
     fast_frames = compute.frames(frames.squeeze(1))
     return {
         "fast": training_step(sample, backbone, fast_frames, labels, compute),

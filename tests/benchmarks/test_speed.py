@@ -9,7 +9,7 @@ from torch import nn
 
 from benchmarks.speed import limits, measurements, plain
 from benchmarks.speed.agreement import TOLERANCE, agreement, differences
-from benchmarks.speed.profile import step_profile
+from benchmarks.speed.operators import operator_rows
 from benchmarks.speed.recipe import recipe_rows
 from benchmarks.speed.sample import Sample, anchors_of
 from tactile_viewgcn.errors import UserError
@@ -206,14 +206,14 @@ def test_the_sample_is_some_anchors_of_each_class_on_each_side_spread_over_its_r
         assert set(small.recording[on]) == set(table().recording[table().anchor & (table().side == side)])
 
 
-def test_the_profile_finds_the_operator_that_takes_the_time_and_its_shares_add_up():
+def test_the_rows_find_the_operator_that_takes_the_time_and_its_shares_add_up():
     large, small = torch.rand(600, 600), torch.rand(4, 4)
 
     def step():
         (large @ large).add_(1)
         small.exp()
 
-    first, *_, others = rows = step_profile({"a": step, "b": lambda: small.exp()})
+    first, *_, others = rows = operator_rows({"a": step, "b": lambda: small.exp()})
     assert (first["operator"], others["operator"]) == ("mm", "all others")
     assert first["a, %"] > 50 > first["b, %"] == 0
     for name in "ab":

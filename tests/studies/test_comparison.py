@@ -8,7 +8,6 @@ import pytest
 from studies.cells import Answers
 from studies.comparison import confused_pairs, pareto_front, power, rows_of, sequential_rows
 from studies.grid import Cell, Study
-from studies.pictures import error_curves
 from studies.report import write_report
 from studies.variants import pooled
 from tactile_viewgcn.errors import UserError
@@ -270,16 +269,3 @@ def test_a_reference_of_a_crossed_study_stands_for_the_variant_in_the_same_place
     more = {name: row["versus"]["a"]["more"] for (name, _, weighting), row in rows.items() if weighting == "frame"}
     assert more.pop("a / 1 recording") == more.pop("a / 8 recordings") == more.pop("b / 9 recordings") == ""
     assert more == {"b / 1 recording": pytest.approx(-10), "b / 8 recordings": pytest.approx(20)}
-
-
-def test_curves_have_a_line_for_each_variant_along_the_crossing():
-    rows = rows_of(
-        pooled(answers(f"{name} / {n} recordings", wrong) for name, wrong in (("a", 1), ("b", 3)) for n in (2, 8)),
-        [],
-        np.random.default_rng(0),
-    )
-    panels = error_curves([row for row in rows if row["weighting"] == "frame"], [], "title").axes
-    lines = panels[1].get_lines()  # seconds of both trainings
-    assert [[*line.get_ydata()] for line in lines] == [pytest.approx([10, 10]), pytest.approx([30, 30])]
-    assert [*panels[0].get_xticks()] == [2, 8]
-    assert [text.get_text() for text in panels[0].get_xticklabels()] == ["2 recordings", "8 recordings"]

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from studies.pictures import errors_by_cost
+from studies.pictures import error_curves, errors_by_cost
+
+COSTS = ("pretrain s", "finetune s", "ms alone")
 
 
 @pytest.mark.parametrize(("least", "most"), [(24, 90), (2100, 9990), (40, 560), (0.004, 30), (0.03, 12_000)])
@@ -23,3 +25,24 @@ def test_the_labels_of_costs_do_not_touch(least, most):
         labels = [tick.label1.get_window_extent() for tick in ticks]
         assert len(labels) >= 3 and axes.xaxis.get_minorticklabels() == []
         assert all(one.x1 + 2 < next_one.x0 for one, next_one in pairwise(labels))
+
+
+def test_curves_have_a_line_for_each_variant_along_the_crossing():
+    each = {"low": "", "high": ""}
+    rows = [
+        each | {"variant": variant, "protocol": protocol, "error": error} | dict(zip(COSTS, costs, strict=True))
+        for protocol, more in (("object", 50), ("recording", 0))  # the last protocol is drawn
+        for variant, error, *costs in (
+            ("a / 1 recording", 40 + more, 3, 4, 1.0),
+            ("a / 8 recordings", 10 + more, 30, 40, 1.5),
+            ("b / 1 recording", 35 + more, 1, 1, 0.1),
+            ("b / 8 recordings", 20 + more, 5, 6, 0.2),
+        )
+    ]
+    panels = error_curves(rows, [], "title").axes
+    lines = [[(line.get_xdata().tolist(), line.get_ydata().tolist()) for line in axes.get_lines()] for axes in panels]
+    assert lines[0] == [([1, 8], [40, 10]), ([1, 8], [35, 20])]
+    assert lines[1] == [([7, 70], [40, 10]), ([2, 11], [35, 20])]
+    assert lines[2] == [([1.0, 1.5], [40, 10]), ([0.1, 0.2], [35, 20])]
+    assert [axes.get_xlabel() for axes in panels][:2] == ["recordings", "seconds of both trainings"]
+    assert [text.get_text() for text in panels[0].get_xticklabels()] == ["1", "8"]
