@@ -10,7 +10,7 @@ from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.nn.classifier import count_weights, system_class
 from tactile_viewgcn.process import rank
-from tactile_viewgcn.recognition.calibration import calibration_warnings, fit_temperatures
+from tactile_viewgcn.recognition.calibration import calibration_warning, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.training.checkpoint import training_checkpoint
 from tactile_viewgcn.training.distributed import joined
@@ -47,7 +47,7 @@ def finetune(params, job, frames, views, backbone, out):
             classifier, lambda part: finetune_classifier(part, clusters, *given)[0], table, params, compute
         )
         save_classifier(out, classifier, params.model, table, compute.precision, calibration)
-    for warning in calibration_warnings(calibration):
+    if warning := calibration_warning(classifier, calibration):
         job.note(warning)
     if system.trainable:
         print(f"finetune: {progress} on {compute.device} in {compute.precision}")

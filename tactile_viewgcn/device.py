@@ -1,28 +1,14 @@
 """Device and precision of the computation, chosen by what the hardware supports, never by a timing."""
 
 import ctypes
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.memory import MAX_MEMORY_SHARE
-
-
-class Inputs(Protocol):
-    """Network input (n, 1, H, W) of frames: a tensor, or `frames.inputs.StoredInputs`, which reads what is indexed."""
-
-    @property
-    def device(self) -> torch.device: ...
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, at: Tensor | slice, /) -> Any: ...
-
-    def split(self, size: int, /) -> Iterable[Tensor]: ...
 
 
 @dataclass(frozen=True)
@@ -57,7 +43,7 @@ class Compute:
         """Frames (n, H, W) as (n, 1, H, W) in channels-last order, where they are."""
         return inputs.unsqueeze(1).to(self.dtype, memory_format=torch.channels_last)
 
-    def gather(self, values: Inputs, index: Tensor) -> Tensor:
+    def gather(self, values: FrameInputs, index: Tensor) -> Tensor:
         """Rows `index` (k,) of `values` (n, ...) on the device, without waiting for it; `index` is on the processor."""
         if values.device.type == self.device.type:  # device "cuda" holds tensors on "cuda:0"
             return values[self.to_device(index)]

@@ -3,20 +3,19 @@
 A field's type says what it may hold, see `schema`. There are no defaults here: they stand in params.yaml, once.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import yaml
 
+from tactile_viewgcn.conflicts import conflicts
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.schema import EndingIn, Range, as_change, build, set_value
-from tactile_viewgcn.systems import Member, OnSensors, System
+from tactile_viewgcn.systems import Member, System
 
 PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "best")
-PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
 
@@ -232,7 +231,7 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
     mistakes = [mistake for change in changes if (mistake := set_value(tree, change))]
     params = build(Params, tree, mistakes)
     if not mistakes:
-        mistakes = list(_conflicts(params))
+        mistakes = list(conflicts(params))
     if mistakes:
         raise UserError(f"{name or path}: " + "; ".join(mistakes))
     return params
@@ -258,43 +257,3 @@ def preset_changes(name: str) -> list[str]:
     """A preset as `key=value` changes to params.yaml, none with a space in it, so that each is one word of a shell."""
     text = (files("tactile_viewgcn") / "presets" / f"{name}.yaml").read_text()
     return [as_change(key, value) for key, value in yaml.safe_load(text).items()]
-
-
-def _conflicts(params: Params) -> Iterator[str]:
-    """Values that are allowed one by one and not together."""
-    cluster, evaluate, finetune, model = params.cluster, params.evaluate, params.finetune, params.model
-    if params.split.fold >= params.split.folds:
-        yield f"split.fold is {params.split.fold}; expected less than split.folds = {params.split.folds}"
-    if evaluate.side == "validation" and not params.split.validation:
-        yield "evaluate.side is validation, and split.validation is 0: expected a share of the training groups"
-    if params.split.by == "frame" and params.split.validation:
-        yield f"split.by is frame, and split.validation {params.split.validation:g}: expected 0, or another split.by"
-    can_calibrate = params.split.validation or model.system in get_args(OnSensors)  # these need no groups for it
-    if evaluate.confidence_threshold and not (finetune.num_views == "random" and can_calibrate):
-        yield (
-            f"evaluate.confidence_threshold is {evaluate.confidence_threshold:g}, which needs a calibration: "
-            "expected finetune.num_views random and split.validation above 0"
-        )
-    if finetune.num_views == "random" and model.selector == "joint":
-        yield "model.selector is joint, which needs all views, and finetune.num_views is random: expected per_view"
-    if finetune.num_views == "random" and model.system in ("stag", "rotationnet"):
-        yield f"model.system is {model.system}, which needs all views: expected finetune.num_views full"
-    if cluster.method == "none" and cluster.assignment in ("area", "matched"):
-        yield f"cluster.assignment is {cluster.assignment}, which needs clusters: expected cluster.method kmeans"
-    if model.backbone.kind == "perceptron" and model.system in ("gvcnn", "conv_lstm"):
-        yield f"model.system is {model.system}, which needs feature maps: expected model.backbone.kind resnet"
-    if model.backbone.kind == "perceptron" and params.pretrain.masked_epochs:
-        yield "pretrain.masked_epochs is above 0, which needs feature maps: expected model.backbone.kind resnet"
-    if model.pooled_view and model.system not in ("mvcnn", "mean", "vote"):
-        yield f"model.pooled_view is true, and model.system is {model.system}: expected mvcnn, mean or vote"
-    cube = params.viewpoints in ("auto", "cube") and params.views == PLACES["cube"]
-    if model.system == "rotationnet" and model.assignments == "rotations" and not cube:
-        yield "model.assignments is rotations, which needs the cube: expected any, or views 8 and viewpoints cube"
-    places = PLACES.get(params.viewpoints, params.views)
-    if params.views != places:
-        yield f"viewpoints is {params.viewpoints}, which has {places} places; views is {params.views}"
-    if params.preprocess.baseline == "none" and params.preprocess.filter == "contact":
-        yield (
-            "preprocess.filter is contact, which needs the baseline's noise: "
-            "expected preprocess.filter auto, or preprocess.baseline empty_hand, grasp or quiet"
-        )

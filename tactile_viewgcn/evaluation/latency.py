@@ -5,8 +5,9 @@ import time
 import numpy as np
 import torch
 
-from tactile_viewgcn.device import Compute, Inputs
+from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.statistics import median_and_p95
+from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
 
@@ -18,7 +19,7 @@ SHARE = 1 / 8  # of the seconds, that a batch may take: slower hardware gets sma
 
 @torch.inference_mode()
 def latency(
-    classifier: Classifier, frames: Inputs, compute: Compute, *, seconds: float = SECONDS
+    classifier: Classifier, frames: FrameInputs, compute: Compute, *, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
     """Milliseconds per view set from network input to logits, alone and in batches of `sets`.
 

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tactile_viewgcn.device import Compute, Inputs
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.recordings.stored import StoredCounts
 
@@ -54,7 +55,7 @@ class StoredInputs:
             yield self[part]
 
 
-def input_frames(table: Frames, index: np.ndarray, compute: Compute, transform: str | None = None) -> Inputs:
+def input_frames(table: Frames, index: np.ndarray, compute: Compute, transform: str | None = None) -> FrameInputs:
     """Network input (n, 1, H, W) of the frames in `index` (n,), on the device if it fits its memory.
 
     It is read batch by batch where the table's counts stay in their file.
@@ -68,7 +69,7 @@ def input_frames(table: Frames, index: np.ndarray, compute: Compute, transform: 
 
 
 def batches(
-    frames: Inputs, plans: Iterable[Plan], index_of: Callable[[Plan], Tensor], compute: Compute
+    frames: FrameInputs, plans: Iterable[Plan], index_of: Callable[[Plan], Tensor], compute: Compute
 ) -> Iterator[tuple[Plan, Tensor]]:
     """Each plan of a batch, and the frames (B, 1, H, W) of the batch on the device.
 

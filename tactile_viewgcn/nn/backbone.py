@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from tactile_viewgcn.device import Inputs
+from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.perceptron import Perceptron
 
 WIDTH = 64
@@ -123,7 +123,7 @@ class Backbone(nn.Module):
             self.grid = nn.Sequential(join, nn.BatchNorm1d(self.features), nn.ReLU())
 
     def forward(self, frames: Tensor) -> Tensor:
-        maps = self.stage2(self.dropout(self.stage1(self.stem(frames))))  # (B, 128, H / 4, W / 4)
+        maps = self.feature_maps(frames)
         if self.maps:
             return maps
         maps = maps.float() if maps.dtype == torch.bfloat16 else maps
@@ -131,6 +131,10 @@ class Backbone(nn.Module):
             return maps.mean(dim=(2, 3))
         with torch.autocast(maps.device.type, enabled=False):
             return self.grid(functional.adaptive_avg_pool2d(maps, GRID).flatten(1))
+
+    def feature_maps(self, frames: Tensor) -> Tensor:
+        """Maps (B, 2 * width, H / 4, W / 4) of frames (B, 1, H, W), in the precision that they are computed in."""
+        return self.stage2(self.dropout(self.stage1(self.stem(frames))))
 
     def map_shape(self, shape: tuple[int, int]) -> tuple[int, int, int]:
         """Shape of the maps (2 * width, H / 4, W / 4) of a frame (H, W), rounded up."""
@@ -148,7 +152,7 @@ def build_backbone(
 
 
 @torch.no_grad()
-def extract_features(backbone: nn.Module, frames: Inputs) -> Tensor:
+def extract_features(backbone: nn.Module, frames: FrameInputs) -> Tensor:
     """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
     backbone.eval()
     device = next(chain(backbone.parameters(), backbone.buffers())).device

@@ -3,6 +3,8 @@
 A system is one file in this folder, named as `model.system` names it, with one subclass of `ViewSystem`. Its
 constructor asks by name for what it needs and is given only that: `classes`, `features` (C), `maps` (the shape of a
 view's feature maps), `views` (V), `viewpoints` (V, 3) where it has a view-graph, and any key of `model` in params.yaml.
+
+`pooled_view.py` is no system, though its class is a `ViewSystem`: it gives a system one view more.
 """
 
 from importlib import import_module

@@ -65,14 +65,15 @@ def fit_temperatures(
     return None
 
 
-def calibration_warnings(temperatures: list[float] | None) -> list[str]:
-    """A warning where a temperature is the largest there is, which makes all classes equally probable; else none."""
+def calibration_warning(classifier: Classifier, temperatures: list[float] | None) -> str | None:
+    """A warning where a temperature is above 0.9 of the largest there is: all classes are then about as probable."""
     if not temperatures or max(temperatures) <= 0.9 * MAX_TEMPERATURE:
-        return []
-    return [
+        return None
+    remedy = "" if classifier.head.takes == "sensors" else ", or raise finetune.epochs"
+    return (
         "warning: answers on held-out groups are no better than chance, so that no confidence threshold is ever "
-        "reached; record each object more often, or raise finetune.epochs"
-    ]
+        f"reached; record each object more often{remedy}"
+    )
 
 
 def calibrate(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> list[float]:

@@ -14,8 +14,9 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
-from tactile_viewgcn.device import Compute, Inputs
+from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.process import LOST, launched
 
 TIMEOUT = timedelta(minutes=10)  # for one process to wait for another, which then counts as lost
@@ -124,7 +125,7 @@ def gather(values: Tensor) -> Tensor:
     return torch.cat([part[: own * each] for part, own in zip(of_each(padded), _sizes, strict=True)])
 
 
-def in_parts(function: Callable[[Inputs], Tensor], values: Inputs) -> Tensor:
+def in_parts(function: Callable[[FrameInputs], Tensor], values: FrameInputs) -> Tensor:
     """function(values), row by row; each process computes its part of the rows."""
     return function(values) if len(values) < size() else gather(function(values[rows(len(values))]))
 

@@ -6,8 +6,9 @@ from tempfile import NamedTemporaryFile
 import torch
 from torch import Tensor, nn
 
-from tactile_viewgcn.device import Compute, Inputs
+from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import root
+from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.frames.inputs import batches
 from tactile_viewgcn.memory import fits_memory
 from tactile_viewgcn.training import distributed
@@ -35,7 +36,7 @@ class FeatureBank(nn.Module):
         self.register_buffer("values", _zeros((frames, *feature_shape), dtype, compute.device))
 
     @torch.no_grad()
-    def fill(self, backbone: nn.Module, frames: Inputs, *, batch: int, augment_frames: Augmentation) -> None:
+    def fill(self, backbone: nn.Module, frames: FrameInputs, *, batch: int, augment_frames: Augmentation) -> None:
         """Store the features of all frames (n, 1, H, W), in batches in random order, from torch's default generator.
 
         The backbone is left in training mode, and the running moments of its batch normalisation are updated.

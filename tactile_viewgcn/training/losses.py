@@ -8,7 +8,8 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from tactile_viewgcn.device import Compute, Inputs
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.frames.inputs import batches
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
@@ -23,7 +24,7 @@ def error_rate(logits: Tensor, labels: Tensor) -> float:
 
 def frame_losses(
     loss_of: Callable[[Tensor, Tensor], Tensor],
-    frames: Inputs,
+    frames: FrameInputs,
     labels: Tensor,
     *,
     batch: int,
@@ -55,7 +56,7 @@ def frame_loss(
 
 def set_losses(
     loss_of: Callable[..., Tensor],
-    frames: Inputs,
+    frames: FrameInputs,
     labels: Tensor,
     plan: Iterable[tuple[np.ndarray, np.ndarray]],
     *,

@@ -56,7 +56,7 @@ def pretrain_masked(
     compute: Compute,
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
-) -> tuple[Decoder, Progress]:
+) -> Progress:
     """Train the backbone's convolutions on all frames of the training side, those that are no anchors too.
 
     Args:
@@ -65,16 +65,15 @@ def pretrain_masked(
         on_epoch: called after every epoch, see `fit`, with the `masked_loss`.
 
     Returns:
-        decoder, and the progress: per epoch the loss, see `masked_loss`.
+        the progress: per epoch the loss, see `masked_loss`.
 
     Raises:
         UserError: the training diverges.
     """
     config, seed = replace(params.pretrain, epochs=params.pretrain.masked_epochs), params.seed
     frames, live = input_frames(table, table.on(TRAIN), compute), torch.from_numpy(table.live).to(compute.device)
-    maps = nn.Sequential(backbone.stem, backbone.stage1, backbone.dropout, backbone.stage2)
     decoder = Decoder(backbone.features).to(compute.device)
-    trained = nn.ModuleList([maps, decoder])
+    trained = nn.ModuleList([backbone, decoder])
     optimiser = build_optimiser(config, [{"params": trained.parameters()}])
     order = torch_generator(seed, "pretrain.masked.order")
     on_device = torch_generator(seed, "pretrain.masked.noise", compute.device)
@@ -85,9 +84,9 @@ def pretrain_masked(
         {},
         compute.device,
     )
-    joint_loss = distributed.joint_loss(trained)
+    joint_loss = distributed.joint_loss(trained, some_unused=backbone.grid is not None)
     augment_frames = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
-    function = masked_loss(maps, decoder, live, augment_frames, compute)
+    function = masked_loss(backbone.feature_maps, decoder, live, augment_frames, compute)
     loss_of = Replay(function, trained.parameters(), [on_device])
     no_labels = torch.zeros(len(frames), dtype=torch.int64, device=compute.device)
 
@@ -106,11 +105,11 @@ def pretrain_masked(
         progress = fit(config.epochs, optimiser, lr_lambda(config), losses, dict, bar, checkpoint, report)
     if progress.diverged:
         raise UserError(f"pretrain.masked_epochs: {progress.diverged}")
-    return decoder, progress
+    return progress
 
 
 def masked_loss(
-    maps: nn.Module, decoder: nn.Module, live: Tensor, augment_frames: Augmentation, compute: Compute
+    maps: Callable[[Tensor], Tensor], decoder: nn.Module, live: Tensor, augment_frames: Augmentation, compute: Compute
 ) -> Callable[[Tensor, Tensor], Tensor]:
     """A function of a batch's frames (B, 1, H, W): the mean squared error at hidden live sensors.
 

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tactile_viewgcn.device import Compute, Inputs
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
 from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.training import distributed
@@ -18,7 +19,7 @@ from tactile_viewgcn.training.optim import num_batches
 
 @torch.no_grad()
 def measure_moments(
-    classifier: Classifier, frames: Inputs, drawn: np.ndarray, compute: Compute, order: torch.Generator
+    classifier: Classifier, frames: FrameInputs, drawn: np.ndarray, compute: Compute, order: torch.Generator
 ) -> None:
     """Replace the running moments, first the backbone's, then the head's, by those without noise and dropout.
 
@@ -38,7 +39,7 @@ def measure_moments(
 
 
 def _average_moments(
-    module: nn.Module, inputs: Inputs, compute: Compute, order: torch.Generator, features: Tensor | None = None
+    module: nn.Module, inputs: FrameInputs, compute: Compute, order: torch.Generator, features: Tensor | None = None
 ) -> None:
     """Pass `inputs` (n, ...), or the features that they index, through a module whose moments become the mean."""
     norms = [layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)]

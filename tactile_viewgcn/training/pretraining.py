@@ -63,7 +63,7 @@ def pretrain_backbone(
     masked, masked_path = Progress(), checkpoint_path and checkpoint_path.with_suffix(".masked.pt")
     if config.masked_epochs:
         given = backbone, table, params, compute, masked_path, on_epoch
-        masked = pretrain_masked(*given)[1]  # type: ignore[arg-type]  # params.py refuses a perceptron
+        masked = pretrain_masked(*given)  # type: ignore[arg-type]  # conflicts.py refuses a perceptron
     joint_loss = distributed.joint_loss(torch.nn.ModuleList([backbone, classifier]))
     weights = [*backbone.parameters(), *classifier.parameters()]
     optimiser = build_optimiser(config, [{"params": weights}])

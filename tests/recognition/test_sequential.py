@@ -18,7 +18,7 @@ from tactile_viewgcn.recognition.calibration import (
     MAX_TEMPERATURE,
     MIN_TEMPERATURE,
     calibrate,
-    calibration_warnings,
+    calibration_warning,
     fit_temperature,
 )
 from tactile_viewgcn.recognition.model_file import save_classifier
@@ -235,6 +235,19 @@ def test_answers_that_have_nothing_to_do_with_the_labels_get_a_high_temperature(
     logits = 10 * torch.randn(4000, 4, generator=generator)
     temperature = fit_temperature(logits, torch.randint(4, (4000,), generator=generator))
     assert temperature > 0.9 * MAX_TEMPERATURE
-    (warning,) = calibration_warnings([1.0, temperature])
-    assert "no better than chance" in warning and warning.endswith("or raise finetune.epochs")
-    assert calibration_warnings(None) == calibration_warnings([1.0, 0.8 * MAX_TEMPERATURE]) == []
+
+
+@pytest.mark.parametrize(
+    ("takes", "remedy"),
+    [
+        ("features", "record each object more often, or raise finetune.epochs"),
+        ("maps", "record each object more often, or raise finetune.epochs"),
+        ("sensors", "record each object more often"),  # these have no epochs
+    ],
+)
+def test_a_temperature_near_the_largest_is_warned_of_with_a_remedy_that_the_system_has(takes, remedy):
+    classifier = SimpleNamespace(head=SimpleNamespace(takes=takes))
+    warning = calibration_warning(classifier, [1.0, 0.95 * MAX_TEMPERATURE])
+    assert "no better than chance" in warning and warning.endswith(f"; {remedy}")
+    assert calibration_warning(classifier, [1.0, 0.8 * MAX_TEMPERATURE]) is None
+    assert calibration_warning(classifier, None) is None

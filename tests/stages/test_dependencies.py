@@ -40,6 +40,7 @@ def readers(path):
         ("tactile_viewgcn/recordings/stag_reader.py", {"ingest"}),
         ("tactile_viewgcn/systems.py", {"needs"}),
         ("tactile_viewgcn/params.py", set()),
+        ("tactile_viewgcn/conflicts.py", set()),
         ("tactile_viewgcn/tracking.py", set()),
         ("stages/command.py", set()),
     ],
