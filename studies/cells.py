@@ -18,6 +18,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import atomic_folder, md5, source_files
 from tactile_viewgcn.params import load
+from tactile_viewgcn.provenance import committed_params
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables import VIRTUAL
 
@@ -54,12 +55,23 @@ def key_of(cell: Cell, code: str) -> str:
     try:
         params = flatten(load("params.yaml", cell.changes))
     except UserError as error:
-        raise UserError(f"variant {cell.variant}: {error}") from None
+        raise UserError(f"variant {cell.variant}: {error}{_left_changed()}") from None
     contents = []
     if params["data.source"] != VIRTUAL:  # which its parameters describe; files may lie elsewhere on another machine
         contents = _contents(Path(params.pop("data.source")))
     known = (sorted(params.items()), code, contents)
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
+
+
+def _left_changed() -> str:
+    """A remedy for what an experiment has left in params.yaml; empty where that is as in git."""
+    try:
+        values = flatten(load("params.yaml"))
+    except UserError:
+        return ""
+    committed = committed_params(Path("params.yaml"))
+    changed = [key for key, value in values.items() if committed.get(key, value) != value]
+    return f"; {changed[0]} in params.yaml is not as in git: `git checkout params.yaml`" if changed else ""
 
 
 def experiment_of(study: str, key: str) -> str:

@@ -141,6 +141,8 @@ def power(rows: list[dict[str, Any]], groups: int) -> str:
             widest["over trainings"] = max((each["seeds_high"] - each["seeds_low"]) / 2 for each in of_seeds)
     if not widest:
         return "Nothing is compared in pairs here, so no smallest difference can be stated."
+    if not max(widest.values()):
+        return "What is compared here answered alike, so no smallest difference can be stated."
     verdict = (
         f"below {ENOUGH:g} points: where it shows no difference, there is no larger one"
         if max(widest.values()) < ENOUGH

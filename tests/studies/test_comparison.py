@@ -184,6 +184,9 @@ def test_power_is_the_half_width_of_the_widest_paired_interval():
     assert "7.0 points" in power(rows, 8)
     assert "above 5 points" in power(rows, 8)
     assert "no smallest difference" in power(rows[:1], 8)
+    assert "answered alike" in power(
+        rows_of(pooled([answers("a", 1), answers("b", 1)]), ["a"], np.random.default_rng(0)), 8
+    )
     rows[2]["versus"]["a"] |= {"seeds_low": -9.0, "seeds_high": 11.0}
     assert "10.0 points over trainings" in power(rows, 8)
 

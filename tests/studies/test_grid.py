@@ -156,6 +156,12 @@ def test_a_wrong_parameter_is_told_with_its_variant():
         key_of(Cell("b", 0, 0, 0, ("model.sytem=vote",)), "code")
 
 
+def test_what_an_experiment_left_in_params_yaml_is_told_with_the_remedy(monkeypatch):
+    monkeypatch.setattr("studies.cells.committed_params", lambda path: {"views": 4})
+    with pytest.raises(UserError, match="views in params.yaml is not as in git: `git checkout params.yaml`"):
+        key_of(Cell("b", 0, 0, 0, ("model.system=nosuch",)), "code")
+
+
 def test_a_cell_is_known_by_its_parameters_code_and_source(tmp_path):
     default, same = Cell("a", 0, 0, 0, ("views=8",)), Cell("b", 1, 0, 0, ())
     assert key_of(default, "code") == key_of(same, "code")  # params.yaml says 8
