@@ -158,7 +158,7 @@ def test_a_wrong_parameter_is_told_with_its_variant():
 
 def test_what_an_experiment_left_in_params_yaml_is_told_with_the_remedy(monkeypatch):
     monkeypatch.setattr("studies.cells.committed_params", lambda path: {"views": 4})
-    with pytest.raises(UserError, match="views in params.yaml is not as in git: `git checkout params.yaml`"):
+    with pytest.raises(UserError, match=r"views in params\.yaml is not as in git: `git checkout params\.yaml`"):
         key_of(Cell("b", 0, 0, 0, ("model.system=nosuch",)), "code")
 
 
