@@ -74,7 +74,7 @@ def test_it_trains_and_evaluates_with_one_view_more_views_than_frames_and_two_cl
 def test_rotations_without_a_cube_do_not_begin_to_train(views):
     with pytest.raises(
         UserError,
-        match=r"model\.assignments is rotations, which needs the cube: expected any, or views 8 and viewpoints cube",
+        match=r"model\.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube",
     ):
         finetuned("model.system=rotationnet", "model.assignments=rotations", views=views)
 

@@ -9,6 +9,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.split import TEST, VALIDATION
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.training import pretraining
+from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.losses import error_rate
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tests.tables import CPU, fewer_anchors, recipe, table
@@ -54,7 +55,7 @@ def test_one_seed_gives_one_set_of_weights():
 
 
 def test_the_initial_weights_follow_the_seed(monkeypatch):
-    monkeypatch.setattr(pretraining, "fit", lambda *_: {})
+    monkeypatch.setattr(pretraining, "fit", lambda *_: Progress())
     assert alike(brief(3), brief(3))
     assert not alike(brief(3), brief(4))
 
@@ -66,7 +67,7 @@ def test_noise_changes_what_is_learnt():
 def test_only_anchors_are_learnt_from(monkeypatch):
     seen = []
     monkeypatch.setattr(pretraining, "frame_losses", lambda *given, **_: seen.append(given[1:3]) or iter([]))
-    monkeypatch.setattr(pretraining, "fit", lambda epochs, optimiser, factor, losses, *_: losses(0) and {})
+    monkeypatch.setattr(pretraining, "fit", lambda epochs, optimiser, factor, losses, *_: losses(0) and Progress())
     frames = fewer_anchors(table(), 5)
     pretrain_backbone(frames, recipe(), CPU)
     index = np.flatnonzero(frames.anchor & (frames.side == 0))
@@ -81,7 +82,7 @@ def test_the_recipe_reaches_the_optimiser(monkeypatch):
 
     def fit(epochs, optimiser, factor, *_):
         given.update(epochs=epochs, group=optimiser.param_groups[0], factors=[factor(e) for e in (0, 9, 10, 20)])
-        return {}
+        return Progress()
 
     monkeypatch.setattr(pretraining, "fit", fit)
     params = recipe("pretrain.epochs=30", "pretrain.step_offset=1")
