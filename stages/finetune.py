@@ -49,11 +49,9 @@ def finetune(params, job, frames, views, backbone, out):
         save_classifier(out, classifier, params.model, table, compute.precision, calibration)
     if warning := calibration_warning(classifier, calibration):
         job.note(warning)
-    if system.trainable:
-        print(f"finetune: {progress} on {compute.device} in {compute.precision}")
-    else:
-        fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
-        print(f"finetune: {params.model.system} {fitted}")
+    trained = f"{progress} on {compute.device} in {compute.precision}"
+    fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
+    print(f"finetune: {trained if system.trainable else f'{params.model.system} {fitted}'}")
     return {"weights.head": count_weights(classifier.head)} | progress.metrics
 
 

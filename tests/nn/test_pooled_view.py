@@ -67,10 +67,10 @@ def test_it_has_no_weights_of_its_own_and_leaves_the_moments_of_frames_alone():
 @pytest.mark.parametrize(("name", "reuse"), [("mvcnn", 1), ("mean", 3), ("vote", 1)])
 def test_it_is_trained_saved_and_loaded(name, reuse, tmp_path):
     params = recipe(NARROW, POOLED, f"model.system={name}", f"finetune.feature_reuse={reuse}", "finetune.moments=clean")
-    data = fewer_anchors(table(), 4)
-    classifier, progress = finetune_classifier(data, views_of(data, params), pretrained(NARROW), params, CPU)
+    anchors = fewer_anchors(table(), 4)
+    classifier, progress = finetune_classifier(anchors, views_of(anchors, params), pretrained(NARROW), params, CPU)
     assert np.isfinite(progress.curves.get("loss", [])).all() and len(progress.curves) == (name != "vote")
-    save_classifier(tmp_path / "classifier.pt", classifier, params.model, data)
+    save_classifier(tmp_path / "classifier.pt", classifier, params.model, anchors)
     loaded = load_classifier(tmp_path / "classifier.pt")[0]
     given, sets = frames(8), torch.arange(8).view(2, 4)
     answer, expected = (
