@@ -57,7 +57,7 @@ and `ratio` how many times as fast the pipeline is (median of the rounds' ratios
 def speed(params: Params, quick: bool, frames: Path) -> Result:
     """Time each fast path and its plain counterpart, round by round, and see that they agree.
 
-    Reads the frames of `dvc repro preprocess`. Takes about six minutes on two cores; --quick is one round on less data.
+    Reads the frames of `dvc repro preprocess`. Takes up to ten minutes on two cores; --quick is one round on less data.
     """
     keep_freed_memory()
     system, kind = params.model.system, params.model.backbone.kind
