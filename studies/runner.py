@@ -49,7 +49,8 @@ def run_cells(
         What went wrong, by the key of the cell.
     """
     missing = {experiment_of(name, key): key for key in cells if not stored(key)}
-    before, begin, faults = len(cells) - len(missing), time.monotonic(), {}
+    before, begin, faults, begun = len(cells) - len(missing), time.monotonic(), {}, set()
+    texts = {key: f"{number} of {len(cells)}: {cell}" for number, (key, cell) in enumerate(cells.items(), start=1)}
 
     def line(running: int) -> str:
         done = len(cells) - before - len(missing) - len(faults)
@@ -82,15 +83,18 @@ def run_cells(
             else:
                 continue
             del missing[experiment]
-            text = f"  {cells[key]}"
             if fault:
                 faults[key] = fault
-                text += f" failed: {fault}"
-            show(line(running), text)
+                show(line(running), f"{texts[key]} failed: {fault}")
+            elif experiment not in begun:
+                show(line(running), texts[key])
         if missing and time.monotonic() - checked > ORPHANS:
             queue.remove_orphans(missing)
             _put(queue, {experiment: cells[key] for experiment, key in missing.items()}, jobs)
             checked = time.monotonic()
+        for experiment in [each for each in missing if status.get(each) == "Running" and each not in begun]:
+            begun.add(experiment)
+            show(line(running), f"{texts[missing[experiment]]} ...")
         show(line(running))
         if missing:
             wait(POLL)

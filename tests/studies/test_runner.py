@@ -90,10 +90,37 @@ def test_every_cell_runs_once_and_none_a_second_time(capsys):
     assert queue.ran == names(0, 1, 2)
     assert all(stored(key) for key in CELLS)
     told = capsys.readouterr().out.splitlines()
-    assert [line for line in told if "variant" in line] == [f"  variant {i}, seed 0, deal 0, fold 0" for i in range(3)]
+    assert [line for line in told if "of 3" in line] == [
+        f"{number + 1} of 3: variant {number}, seed 0, deal 0, fold 0" for number in range(3)
+    ]
     again = FakeQueue()
     run(again)
     assert again.ran == []
+
+
+class SlowQueue(FakeQueue):
+    """The same, in which a cell runs at one look and has ended at the next."""
+
+    def work(self, seconds):
+        if "Running" in self.tasks.values():
+            self.tasks = {name: "Queued" if state == "Running" else state for name, state in self.tasks.items()}
+            super().work(seconds)
+        else:
+            self.tasks[next(name for name, state in self.tasks.items() if state == "Queued")] = "Running"
+
+
+def test_what_runs_is_told_as_soon_as_it_runs(capsys):
+    cells = {key: Cell(cell.variant, 3, 1, 2, ()) for key, cell in CELLS.items()}
+    run(SlowQueue(), cells)
+    told = [line.partition(" |")[0] for line in capsys.readouterr().out.splitlines()]
+    assert told == [
+        "1 of 3: variant 0, seed 3, deal 1, fold 2 ...",
+        "made: 0 done, 1 running, 2 waiting",
+        "2 of 3: variant 1, seed 3, deal 1, fold 2 ...",
+        "made: 1 done, 1 running, 1 waiting",
+        "3 of 3: variant 2, seed 3, deal 1, fold 2 ...",
+        "made: 2 done, 1 running, 0 waiting",
+    ]
 
 
 def test_a_failed_cell_is_named_with_its_error_and_the_others_go_on(capsys):
