@@ -11,7 +11,7 @@ from tactile_viewgcn.recordings.stag_folder import read_folder
 from tactile_viewgcn.recordings.stag_reader import read_metadata
 from tactile_viewgcn.recordings.table import is_table, read_table
 
-REMEDY = "set data.source to a STAG metadata.mat, a STAG folder, or HDF5 recordings (see the manual's page on data)"
+EXPECTED = "expected a STAG metadata.mat, a STAG folder, or HDF5 recordings (see the manual's page on data)"
 
 
 def open_source(path: str | Path, *, labelled: bool = True) -> Source:
@@ -26,22 +26,22 @@ def open_source(path: str | Path, *, labelled: bool = True) -> Source:
     """
     path = Path(path)
     if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file or folder; {REMEDY}")
+        raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
     if path.is_dir():
         if next(path.glob("*/*/pressuredata.mat"), None):
             return read_folder(path)
         if any(file.suffix in SUFFIXES for file in path.rglob("*")):
             return read_hdf5(path, labelled=labelled)
-        raise UserError(f"{path}: neither [batch]/[recording]/pressuredata.mat nor .h5 recordings in it; {REMEDY}")
+        raise UserError(f"{path}: neither [batch]/[recording]/pressuredata.mat nor .h5 recordings in it; {EXPECTED}")
     if not path.stat().st_size:
-        raise UserError(f"{path}: an empty file; {REMEDY}")
+        raise UserError(f"{path}: an empty file; {EXPECTED}")
     if is_table(path):
-        raise UserError(f"{path}: the table that ingest writes, not what it reads; {REMEDY}")
+        raise UserError(f"{path}: the table that ingest writes, not what it reads; {EXPECTED}")
     if path.suffix in SUFFIXES or _names_object(path):
         return read_hdf5(path, labelled=labelled)
     if path.suffix == ".mat" or h5py.is_hdf5(path):
         return read_metadata(path)
-    raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {REMEDY}")
+    raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {EXPECTED}")
 
 
 def open_recordings(path: str | Path, *, labelled: bool = True) -> Source:

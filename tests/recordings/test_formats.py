@@ -13,7 +13,7 @@ TREE = metadata(objects=3, recordings=2, sessions=2, frames=8, blank=2)
 RAW = {"object": "objectId", "recording": "recordingId", "session": "batchId", "frame": "frame", "time": "ts"}
 HDF5 = RAW | {"split": "splitId", "valid": "hasValidLabel"}
 ALL = HDF5 | {"balanced": "isBalanced", "transition": "isTransition", "grip": "isGrap"}
-REMEDY = r".*; set data\.source to "
+EXPECTED = r".*; expected a STAG metadata\.mat"
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_a_recording_without_its_object_is_told_so(tmp_path):
 @pytest.mark.parametrize("name", ["recordings.h5", "recordings.dat"])
 def test_the_pipelines_own_table_is_no_source(tmp_path, name):
     write_recordings(tmp_path / name, open_source(save_matlab5(tmp_path / "m.mat", TREE)), "0" * 32)
-    with pytest.raises(UserError, match=rf"{name}: the table that ingest writes{REMEDY}"):
+    with pytest.raises(UserError, match=rf"{name}: the table that ingest writes{EXPECTED}"):
         open_source(tmp_path / name)
 
 
@@ -78,26 +78,26 @@ def test_the_path_may_be_given_as_text(tmp_path):
 
 
 def test_a_path_with_nothing_there_is_refused(tmp_path):
-    with pytest.raises(FileNotFoundError, match=rf"nowhere\.mat: no such file or folder{REMEDY}"):
+    with pytest.raises(FileNotFoundError, match=rf"nowhere\.mat: no such file or folder{EXPECTED}"):
         open_source(tmp_path / "nowhere.mat")
 
 
 def test_an_empty_file_is_refused(tmp_path):
     (tmp_path / "metadata.mat").touch()
-    with pytest.raises(UserError, match=rf"metadata\.mat: an empty file{REMEDY}"):
+    with pytest.raises(UserError, match=rf"metadata\.mat: an empty file{EXPECTED}"):
         open_source(tmp_path / "metadata.mat")
 
 
 def test_a_folder_of_other_things_is_refused(tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "000000.jpg").write_bytes(b"\xff\xd8")
-    with pytest.raises(UserError, match=rf"photos: neither{REMEDY}"):
+    with pytest.raises(UserError, match=rf"photos: neither{EXPECTED}"):
         open_source(tmp_path / "photos")
 
 
 def test_another_kind_of_file_is_refused(tmp_path):
     (tmp_path / "table.csv").write_text("time,pressure\n0,513\n" * 50)
-    with pytest.raises(UserError, match=rf"table\.csv: neither a MAT-file.* nor an HDF5 file{REMEDY}"):
+    with pytest.raises(UserError, match=rf"table\.csv: neither a MAT-file.* nor an HDF5 file{EXPECTED}"):
         open_source(tmp_path / "table.csv")
 
 
