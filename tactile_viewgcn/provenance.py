@@ -19,16 +19,20 @@ from tactile_viewgcn.process import processor, start_ticks, usable_cores
 from tactile_viewgcn.schema import as_change
 
 MOST_FILES = 20  # changed files that are named
+LOCK = "dvc.lock"  # DVC writes it after every stage: no change of the code
 PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # whose versions a run keeps
 
 
 def git_revision() -> dict[str, str]:
-    """The commit of the code that runs, whether files of it were changed, and which, a line each; empty outside git."""
+    """The commit of the code that runs, whether files of it were changed, and which, a line each; empty outside git.
+
+    DVC's own `LOCK` files do not count.
+    """
     commit = _git("rev-parse", "HEAD")
     status = _git("status", "--porcelain", "-z", "--no-renames", "--untracked-files=no")
     if commit is None or status is None:
         return {}
-    changed = [entry[3:] for entry in status.split("\0") if entry]
+    changed = [entry[3:] for entry in status.split("\0") if entry and Path(entry[3:]).name != LOCK]
     told = {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(changed)).lower()}
     if len(changed) > MOST_FILES:
         changed[MOST_FILES:] = [f"and {len(changed) - MOST_FILES} more"]

@@ -60,6 +60,24 @@ def test_the_revision_says_whether_files_were_changed(tmp_path, monkeypatch):
     assert git_revision() == clean | {"git.dirty": "true", "git.changed": "a"}
 
 
+def test_a_lock_file_that_dvc_has_written_is_no_change(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    locks = [tmp_path / "dvc.lock", tmp_path / "data" / "dvc.lock", tmp_path / "new" / "dvc.lock"]
+    for lock in locks:
+        lock.parent.mkdir(exist_ok=True)
+        lock.write_text("1")
+    (tmp_path / "dvc.yaml").write_text("1")
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "add", "dvc.yaml", "dvc.lock", "data/dvc.lock")
+    git(tmp_path, "commit", "-qm", "first")
+    for lock in locks[:2]:
+        lock.write_text("2")
+    git(tmp_path, "add", "new/dvc.lock")  # as an experiment does
+    assert git_revision()["git.dirty"] == "false" and "git.changed" not in git_revision()
+    (tmp_path / "dvc.yaml").write_text("2")
+    assert git_revision()["git.changed"] == "dvc.yaml"
+
+
 def test_changed_files_are_named_whole_whatever_their_names(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = ["a, b", "moved -> here", "öl"]

@@ -34,7 +34,7 @@ from tactile_viewgcn.provenance import PACKAGES
 from tactile_viewgcn.schema import as_change
 
 CHOICE = re.compile(r"(preprocess\.\w+) (\S+): (.*)")  # of a value in place of `auto`
-TOLD_BY_COMMAND = ("params.yaml", "dvc.lock")  # changed files that `dvc exp run -S` brings back
+TOLD_BY_COMMAND = "params.yaml"  # a changed file that `dvc exp run -S` brings back
 
 
 def run_page(run: FinishedRun) -> str:
@@ -159,7 +159,7 @@ def _uncommitted(origin: dict[str, str]) -> str:
         return ""
     if "git.changed" not in origin:
         return "some files"
-    return ", ".join(name for name in origin["git.changed"].split("\n") if name not in TOLD_BY_COMMAND)
+    return ", ".join(name for name in origin["git.changed"].split("\n") if name != TOLD_BY_COMMAND)
 
 
 def _lineage(run: FinishedRun) -> dict[str, str]:
