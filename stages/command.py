@@ -17,7 +17,7 @@ from stages.record import write_record
 from tactile_viewgcn import tracking
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, md5, readable
-from tactile_viewgcn.params import PRESETS, Params, load, preset_changes
+from tactile_viewgcn.params import Params, load
 from tactile_viewgcn.process import LOST, first_to_tell, launched, rank
 from tactile_viewgcn.provenance import changes_of, committed_params, run_name
 from tactile_viewgcn.schema import flatten
@@ -52,15 +52,13 @@ def stage(
 
     def wrap(body: Callable[..., dict[str, float] | None]) -> click.Command:
         @click.option("--params", "params_path", type=OUTPUT, default="params.yaml", show_default=True)
-        @click.option("--preset", type=click.Choice(PRESETS), help="Put on top of params.yaml.")
-        @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of both.")
+        @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of params.yaml.")
         @click.option("--record", type=OUTPUT, required=tracked, help="Where the run's id and its costs are written.")
         @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
         @click.pass_context
         def command(
             context: click.Context,
             params_path: Path,
-            preset: str | None,
             changes: tuple[str, ...],
             record: Path | None,
             debug: bool,
@@ -70,7 +68,7 @@ def stage(
             try:
                 if launched() and not several:
                     raise UserError(f"{body.__name__} runs in one process; expected python -m stages.{body.__name__}")
-                params = load(params_path, (*(preset_changes(preset) if preset else ()), *changes))
+                params = load(params_path, changes)
                 inputs = _inputs(context, paths)
                 values = flatten(params) if row else declared(params, reads)
                 head = f"{params.model.system} V={params.views}" if row else body.__name__
