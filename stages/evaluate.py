@@ -5,8 +5,8 @@ import click
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.evaluation import report, row
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import predictions_of, write_predictions
-from tactile_viewgcn.evaluation.trials import evaluate_table
 from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.process import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier

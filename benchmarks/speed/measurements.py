@@ -13,7 +13,7 @@ from benchmarks.interleaved import interleaved, median_ratio
 from benchmarks.speed import limits, plain
 from benchmarks.speed.sample import Sample
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.evaluation.trials import evaluate_table
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.randomness import stream

@@ -6,7 +6,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from tactile_viewgcn.evaluation.trials import Evaluation
+from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.frames.table import Frames

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.evaluation.trials import Evaluation
+from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.frames.table import Frames

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.evaluation.report import flat_numbers, intervals
-from tactile_viewgcn.evaluation.trials import Evaluation
 
 DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest
 Records = dict[str, dict[str, Any]]  # of the earlier stages, see `report.read_records`

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import predictions_of, read_predictions, write_predictions
 from tactile_viewgcn.evaluation.report import metrics_tree
-from tactile_viewgcn.evaluation.trials import evaluate_table
 from tactile_viewgcn.frames.split import TEST, VALIDATION
 from tests.tables import CPU, recipe, table, trained
 

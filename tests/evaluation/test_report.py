@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation import trials as evaluation
+from tactile_viewgcn.evaluation.evaluate import Evaluation, evaluate_table, summary
 from tactile_viewgcn.evaluation.report import (
     costs,
     flat_numbers,
@@ -19,7 +19,7 @@ from tactile_viewgcn.evaluation.report import (
 )
 from tactile_viewgcn.evaluation.row import counts, dataset, divergences, row_metrics, row_tags
 from tactile_viewgcn.evaluation.row import summary as summary_of
-from tactile_viewgcn.evaluation.trials import Evaluation, Trials, evaluate_table, summary
+from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.frames.split import TEST, TRAIN
 from tests.tables import CPU, fewer_anchors, recipe, table, trained
 
@@ -114,7 +114,7 @@ def test_metrics_count_anchors_and_kept_frames_of_both_sides():
 
 
 def test_metrics_report_the_clusters_that_had_no_frames(monkeypatch):
-    monkeypatch.setattr(evaluation, "latency", lambda *_: LATENCY)
+    monkeypatch.setattr("tactile_viewgcn.evaluation.evaluate.latency", lambda *_: LATENCY)
     params, frames = recipe("evaluate.trials=2"), table()
     kept = np.flatnonzero((frames.side == TRAIN) | (np.arange(len(frames)) % 12 < 3))  # 3 test frames a recording
     few = type(frames)(

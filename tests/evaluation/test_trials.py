@@ -1,137 +1,145 @@
-"""Trials on the test side: what is drawn, and what is counted."""
+"""Trials of made-up systems, whose answers are known: what the system sees, and what it adds up to."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
+from tqdm import tqdm
 
-from tactile_viewgcn.evaluation import trials as evaluation
-from tactile_viewgcn.evaluation.trials import evaluate_table
-from tactile_viewgcn.frames.split import TEST
-from tests.tables import CPU, fewer_anchors, recipe, table, trained
-
-
-@pytest.fixture
-def untimed(monkeypatch):
-    """No latency is measured."""
-    monkeypatch.setattr(evaluation, "latency", lambda *_: {})
+from tactile_viewgcn.evaluation.trials import run_trials
+from tactile_viewgcn.nn.system import ViewSystem
+from tests.tables import recipe
 
 
-@pytest.fixture
-def drawn(monkeypatch, untimed):
-    """The view sets of each trial, in order; logits are made up, 0.0 for every class but the first."""
-    result = []
+class MadeUp(ViewSystem):
+    """A system that answers view sets as it is told."""
 
-    def view_set_logits(head, features, sets):
-        result.append(sets.numpy())
-        return torch.eye(4)[:1].expand(len(sets), 4)
+    def __init__(self, answer, in_time_order=False):
+        super().__init__()
+        self.answer, self.in_time_order = answer, in_time_order
 
-    monkeypatch.setattr(evaluation, "view_set_logits", view_set_logits)
-    return result
+    def forward(self, views):
+        return self.answer(views)
 
 
-def evaluated(*changes, seed=0, classifier=None, frames=None):
-    params = recipe(*changes)
-    return evaluate_table(classifier or trained(), frames or table(), params.cluster, params.evaluate, CPU, seed)
+def run_made_up(
+    answer,
+    *,
+    labels,
+    views,
+    features,
+    points=None,
+    pool=None,
+    anchors=None,
+    changes=(),
+    trials=2,
+    references=None,
+    in_time_order=False,
+):
+    classifier = SimpleNamespace(views=views, head=MadeUp(answer, in_time_order), references=references)
+    return run_trials(
+        classifier,
+        features,
+        np.random.default_rng(0).random((len(labels), 5)) if points is None else points,
+        labels,
+        labels if pool is None else pool,
+        np.arange(len(labels)) if anchors is None else anchors,
+        recipe(*changes).cluster,
+        threshold=0.5,
+        trials=[np.random.default_rng(number) for number in range(trials)],
+        bar=tqdm(disable=True),
+    )
 
 
-def test_each_test_frame_passes_the_backbone_once(untimed):
-    classifier, passed = trained(), []
-    classifier.backbone.register_forward_hook(lambda _, inputs, __: passed.append(inputs[0].clone()))
-    evaluated("evaluate.trials=4", classifier=classifier)
-    frames = table()
-    np.testing.assert_array_equal(torch.cat(passed)[:, 0], frames.inputs(frames.on(TEST)))
+def test_right_and_near_follow_the_logits_and_ties_the_lowest_class():
+    labels = np.array([0, 1, 2, 3, 4])
+    result = run_made_up(
+        lambda nodes: (torch.tensor([[1.0, 1, 1, 1, 2]]).expand(len(nodes), 5), []),
+        labels=labels,
+        views=2,
+        features=torch.zeros(5, 3),
+    )
+    assert result.predicted.tolist() == [[4] * 5] * 2
+    assert result.correct.tolist() == [[False, False, False, False, True]] * 2
+    assert result.in_top3.tolist() == [[True, True, False, False, True]] * 2
 
 
-def test_each_trial_draws_one_view_set_around_each_anchor(drawn):
-    frames = fewer_anchors(table(), 3)
-    evaluated("evaluate.trials=3", "cluster.assignment=anchor", frames=frames)
-    assert len(drawn) == 6
-    anchors = np.flatnonzero(frames.anchor[frames.on(TEST)])
-    for sets in drawn:
-        assert sets.shape == (len(anchors), 4)
-        np.testing.assert_array_equal(sets[:, 0], anchors)
+def test_the_head_sees_the_features_of_each_view_set():
+    labels = np.repeat([2, 0, 1], 8)
+    result = run_made_up(
+        lambda nodes: (nodes.mean(dim=1), []),
+        labels=labels,
+        views=4,
+        features=torch.eye(3)[labels],
+        anchors=np.arange(0, 24, 5),
+    )
+    assert result.predicted.tolist() == [labels[::5].tolist()] * 2
+    assert result.correct.all()
 
 
-def test_the_object_protocol_draws_from_all_recordings_of_a_class(drawn):
-    evaluated("evaluate.protocols=[object]")
-    frames = table()
-    index = frames.on(TEST)
-    label, recording = frames.label[index], frames.recording[index]
-    for sets in drawn:
-        assert (label[sets] == label[sets[:, :1]]).all()
-    assert any((recording[sets] != recording[sets[:, :1]]).any() for sets in drawn)
+AREAS = np.repeat([3, 1, 4, 2], 6)  # sensors touched in each of 24 frames of one pool: four clusters
 
 
-@pytest.mark.parametrize("method", ["kmeans", "none"])
-def test_the_recording_protocol_never_mixes_recordings(drawn, method):
-    evaluated("evaluate.protocols=[recording]", f"cluster.method={method}")
-    frames = table()
-    recording = frames.recording[frames.on(TEST)]
-    assert len(drawn) == 3
-    for sets in drawn:
-        assert (recording[sets] == recording[sets[:, :1]]).all()
+def columns(*changes, labels=None, **given):
+    """The area of each view that the system saw, (sets, V), over two trials."""
+    seen = []
+
+    def answer(nodes):
+        seen.append(nodes[..., 0].int().numpy())
+        return torch.zeros(len(nodes), 3), []
+
+    run_made_up(
+        answer,
+        labels=np.zeros(24, dtype=int) if labels is None else labels,
+        pool=np.zeros(24, dtype=int),
+        points=(np.arange(5) < AREAS[:, None]).astype(np.float32),
+        views=4,
+        features=torch.from_numpy(AREAS[:, None]).float(),
+        changes=changes,
+        **given,
+    )
+    return np.concatenate(seen)
 
 
-def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
-    for seed in (0, 0, 1):
-        evaluated("evaluate.trials=2", seed=seed)
-    first, again, other = drawn[:4], drawn[4:8], drawn[8:]
-    for one, same, different in zip(first, again, other, strict=True):
-        np.testing.assert_array_equal(one, same)
-        assert (one != different).any()
-    for one, another in ((0, 1), (2, 3), (0, 2)):
-        assert (first[one] != first[another]).any()
+def test_clusters_numbered_by_area_stand_in_that_order_in_every_view_set():
+    seen = columns("cluster.assignment=area")
+    assert seen.shape == (48, 4)
+    assert (seen == [1, 2, 3, 4]).all()
 
 
-def test_one_seed_gives_one_result(untimed):
-    first, again = evaluated(), evaluated()
-    assert first.scores == again.scores
-    for protocol in ("object", "recording"):
-        np.testing.assert_array_equal(first.protocols[protocol].predicted, again.protocols[protocol].predicted)
+def test_matched_clusters_stand_where_the_classifier_s_references_do():
+    wanted = np.array([4, 2, 1, 3])
+    references = (np.arange(5) < wanted[:, None]) / np.sqrt(wanted)[:, None]
+    seen = columns("cluster.assignment=matched", references=references)
+    assert seen.shape == (48, 4)
+    assert (seen == wanted).all()
 
 
-def test_a_trained_classifier_is_far_above_chance(untimed):
-    result = evaluated()
-    for protocol in ("object", "recording"):
-        assert result.scores[protocol]["error"]["mean"] < 0.4  # chance: 0.75
-    assert result.trials == 3
-    assert result.seconds > 0
+@pytest.mark.parametrize("assignment", ["area", "matched"])
+def test_clusters_are_numbered_without_a_look_at_the_labels(assignment):
+    references = np.eye(5)[:4]
+    by_label, by_others = (
+        columns(f"cluster.assignment={assignment}", references=references, labels=labels)
+        for labels in (np.zeros(24, dtype=int), np.random.default_rng(0).integers(3, size=24))
+    )
+    np.testing.assert_array_equal(by_label, by_others)
 
 
-def test_the_same_is_found_whatever_mode_the_classifier_comes_in(untimed):
-    expected = evaluated().scores
-    assert evaluated(classifier=trained().train()).scores == expected
+def test_a_system_in_time_order_sees_the_earliest_frame_first():
+    seen = columns("cluster.assignment=random", in_time_order=True)
+    assert (seen == [3, 1, 4, 2]).all()
+    assert (columns("cluster.assignment=random") != [3, 1, 4, 2]).any()
 
 
-def test_the_counts_agree_with_one_another(untimed):
-    frames, result = table(), evaluated()
-    anchors = int((frames.anchor & (frames.side == TEST)).sum())
-    for protocol, trials in result.protocols.items():
-        counts, score = result.confusion(protocol, 4), result.scores[protocol]
-        assert trials.predicted.shape == trials.correct.shape == trials.in_top3.shape == (3, anchors)
-        assert counts.sum() == 3 * anchors
-        assert np.trace(counts) == trials.correct.sum()
-        np.testing.assert_array_equal(trials.correct, trials.predicted == result.labels)
-        assert (trials.in_top3 >= trials.correct).all()
-        assert score["top3"]["mean"] >= score["top1"]["mean"]
-        assert score["error"]["mean"] == pytest.approx(1 - score["top1"]["mean"], abs=1e-12)
-        low, high = score["top1"]["ci95"].values()
-        assert 0 <= low <= score["top1"]["mean"] <= high <= 1
-
-
-def test_only_the_protocols_asked_for_are_run(untimed):
-    result = evaluated("evaluate.protocols=[recording]", "evaluate.trials=1")
-    assert list(result.protocols) == list(result.scores) == ["recording"]
-
-
-def test_a_protocol_s_result_does_not_depend_on_the_other(untimed):
-    both, alone = evaluated("evaluate.trials=1"), evaluated("evaluate.trials=1", "evaluate.protocols=[recording]")
-    assert both.scores["recording"] == alone.scores["recording"]
-
-
-def test_latency_is_measured_on_the_test_frames(monkeypatch):
-    given = []
-    monkeypatch.setattr(evaluation, "latency", lambda *them: given.append(them) or {"single": {}})
-    result = evaluated("evaluate.trials=1", "evaluate.protocols=[object]")
-    assert result.latency_ms == {"single": {}}
-    assert given[0][1].shape == (96, 1, 12, 12)
+@pytest.mark.parametrize(("changes", "each"), [((), 2), (("cluster.method=none",), 2)])
+def test_clusters_without_frames_are_counted_over_the_trials(changes, each):
+    result = run_made_up(
+        lambda nodes: (torch.zeros(len(nodes), 2), []),
+        labels=np.array([0, 0, 0, 1, 1, 1, 1, 1, 1, 1]),
+        views=5,
+        features=torch.zeros(10, 3),
+        changes=changes,
+        trials=3,
+    )
+    assert result.empty == 3 * each

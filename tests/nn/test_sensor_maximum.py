@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import softmax
 from sklearn.linear_model import LogisticRegression
 
-from tactile_viewgcn.evaluation.trials import evaluate_table
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn import max_network
 from tactile_viewgcn.nn.classifier import Classifier

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation.trials import evaluate_table
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.systems import OnBackbone, System
 from tactile_viewgcn.training.finetuning import finetune_classifier

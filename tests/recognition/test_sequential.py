@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation import trials
-from tactile_viewgcn.evaluation.trials import evaluate_table, sequential_summary
+from tactile_viewgcn.evaluation.evaluate import evaluate_table, sequential_summary
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn.classifier import view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
@@ -137,7 +136,7 @@ def evaluated(confidence_threshold, temperatures):
 
 
 def test_evaluation_reports_sequential_trials_where_asked_and_the_rest_unchanged(monkeypatch):
-    monkeypatch.setattr(trials, "latency", lambda *_: {})
+    monkeypatch.setattr("tactile_viewgcn.evaluation.evaluate.latency", lambda *_: {})
     plain, sequential = evaluated(0, None).scores, evaluated(0.9, [1.0] * 4).scores
     assert set(sequential) - set(plain) == {"sequential"}
     assert plain["object"] == sequential["object"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.evaluation.trials import evaluate_table
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.frames import table as frames_table
 from tactile_viewgcn.frames.inputs import AHEAD, StoredInputs, batches, input_frames
 from tactile_viewgcn.frames.split import TRAIN
