@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import click
 import numpy as np
 
-from benchmarks.calibration.frame_statistics import Excess, all_statistics, read_excess
+from benchmarks.calibration.frame_statistics import Excess, all_statistics, load_map, read_excess
 from benchmarks.calibration.picture import DRAWN, frames_on_hand
 from benchmarks.command import Result, benchmark
 from tactile_viewgcn.glove.objects import select_objects
@@ -34,9 +34,12 @@ def calibration(params: Params, quick: bool, beside: tuple[Path, ...]) -> Result
     if quick:
         recipe, seeds = replace(recipe, objects=select_objects(list(DRAWN[:-1])), tolerance=0.2), SEEDS[:1]
     samples = [sample(replace(recipe, seed=seed, **SAMPLE)) for seed in seeds]
-    real = {str(path): all_statistics(read_excess(path)) for path in beside}
+    real = {str(path): read_excess(path) for path in beside}
     text = f"Virtual glove version {VERSION}, seeds {', '.join(map(str, seeds))}: simulated data."
-    return text, compare([all_statistics(excess) for excess in samples], real), frames_on_hand(samples[0])
+    for path, excess in real.items():
+        text += f" Mean loads of the sensors correlate with those of {path} by {correlation(samples, excess):.2f}."
+    rows = compare([all_statistics(one) for one in samples], {path: all_statistics(one) for path, one in real.items()})
+    return text, rows, frames_on_hand(samples[0])
 
 
 def sample(recipe: Recipe) -> Excess:
@@ -58,6 +61,12 @@ def compare(simulated: list[dict[str, float]], real: dict[str, dict[str, float]]
         row |= {"lowest": min(values), "highest": max(values), "deviation": mean - float(np.clip(mean, low, high))}
         rows.append(row | {path: statistics[name] for path, statistics in real.items()})
     return rows
+
+
+def correlation(samples: list[Excess], other: Excess) -> float:
+    """Correlation of the sensors' mean loads with those of another source, mean over the samples."""
+    loads = [load_map(excess)[other.sensors] for excess in (other, *samples)]
+    return float(np.corrcoef(loads)[0, 1:].mean())
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.model_selection import KFold, LeaveOneGroupOut, cross_val_predict, cross_val_score
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.glove.hand import LINK_PATCHES, stag_hand
 from tactile_viewgcn.recordings.formats import open_source
 from tactile_viewgcn.recordings.source import EMPTY_HAND
 
@@ -52,17 +53,17 @@ def read_excess(path: str | Path) -> Excess:
             raise UserError(f"{path}: session {source.sessions[session]} has no frames of the empty hand; add some")
         baseline.append(values[in_session & empty].mean(axis=0))
         values[in_session] -= np.median(values[in_session & empty], axis=0)
-    recording, held = column["recording"].astype(int), column["valid"]
+    recording = column["recording"].astype(int)
     if "grasp_valid" in column:
-        recording, held = recording * (1 + int(column["grasp"].max())) + column["grasp"], column["grasp_valid"]
-    held = ~empty & held.astype(bool)
+        recording = recording * (1 + int(column["grasp"].max())) + column["grasp"]
+    held = ~empty & column["grasp_valid" if "grasp_valid" in column else "valid"].astype(bool)
     grams = np.full(len(source.objects), np.nan) if source.weights is None else source.weights
     return Excess(values, sensors, np.array(baseline), column["object"], recording, empty, held, source.objects, grams)
 
 
 def all_statistics(excess: Excess) -> dict[str, float]:
     """Every statistic by name."""
-    return frame_statistics(excess) | cosines(excess) | accuracies(excess, 0)
+    return frame_statistics(excess) | load_shares(excess) | cosines(excess) | accuracies(excess, 0)
 
 
 def frame_statistics(excess: Excess) -> dict[str, float]:
@@ -88,6 +89,26 @@ def frame_statistics(excess: Excess) -> dict[str, float]:
         "correlation along rows": along_rows,
         "correlation along columns": along_columns,
         "correlation with weight": _correlation_with_weight(excess),
+    }
+
+
+def load_map(excess: Excess) -> np.ndarray:
+    """Mean load (H, W) of the held frames: counts above the baseline where these are more than CONTACT_COUNTS."""
+    held = excess.values[excess.held]
+    load = np.zeros(excess.sensors.shape)
+    load[excess.sensors] = np.where(held > CONTACT_COUNTS, held, 0).mean(axis=0)
+    return load
+
+
+def load_shares(excess: Excess) -> dict[str, float]:
+    """Shares of the load on the thumb, on the last links of the other fingers, and on the palm."""
+    hand, load = stag_hand(), load_map(excess)
+    shares = 100 * np.bincount(hand.patch, load[hand.row, hand.column]) / load.sum()
+    finger, tip = shares[:LINK_PATCHES].reshape(5, 3), 2
+    return {
+        "load on the thumb, %": float(finger[4].sum()),
+        "load on the fingertips, %": float(finger[:4, tip].sum()),
+        "load on the palm, %": float(shares[LINK_PATCHES:].sum()),
     }
 
 

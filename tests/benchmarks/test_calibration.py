@@ -44,6 +44,29 @@ def test_frame_statistics_of_four_cells(square):
     assert rows["correlation with weight"] == pytest.approx(-1)  # 36 counts of 50 g, 32 of 100 g
 
 
+def loaded(thumb, tip, palm, proximal):
+    """One held frame with counts on a cell of each part of the hand, and one of the empty hand."""
+    cells = np.array([(20, 26), (7, 1), (3, 20), (11, 12)])
+    values = np.zeros((2, len(cells)))
+    order = np.lexsort(cells.T[::-1])
+    values[0] = np.array([thumb, tip, palm, proximal])[order]
+    return excess(values, [1, 0], [0, 1], cells=tuple(cells.T))
+
+
+def test_load_shares_by_hand():
+    rows = statistics.load_shares(loaded(thumb=10, tip=20, palm=6, proximal=14))
+    assert rows == pytest.approx(
+        {"load on the thumb, %": 20, "load on the fingertips, %": 40, "load on the palm, %": 12}
+    )
+    assert statistics.load_shares(loaded(10, 5, 10, 0))["load on the fingertips, %"] == 0  # 5 counts are no load
+
+
+def test_the_correlation_of_mean_loads_is_the_mean_over_the_samples():
+    same, opposite, other = loaded(10, 20, 30, 40), loaded(40, 30, 20, 10), loaded(20, 40, 60, 80)
+    assert command.correlation([same], other) == pytest.approx(1)
+    assert command.correlation([same, opposite], other) == pytest.approx(0, abs=1e-12)
+
+
 def test_cosines_of_four_frames(square):
     within, of_object, of_two = statistics.cosines(square).values()
     assert (within, of_object, of_two) == pytest.approx((0.8, 0, 1.5 / np.sqrt(5)))
@@ -69,6 +92,16 @@ def test_the_baseline_is_each_sessions_median_of_the_empty_hand(tmp_path):
         counts = tree["pressure"][of_session & frames.held][:, frames.sensors] - np.median(counts, axis=0)
         np.testing.assert_array_equal(frames.values[of_session & frames.held], counts)
     assert frames.empty.sum() == frames.held.sum() == 20 and (frames.sensors & SENSORS == frames.sensors).all()
+
+
+def test_a_source_may_say_of_grasps_instead_of_frames_when_the_object_is_held(tmp_path):
+    tree = metadata(objects=2, recordings=1, frames=6)
+    del tree["hasValidLabel"]
+    column = np.tile([0, 0, 0, 1, 1, 1], 2)[:, None]
+    tree |= {"graspIndex": column.astype(np.uint8), "graspValid": np.tile([0, 1, 1], 4)[:, None].astype(np.uint8)}
+    frames = statistics.read_excess(save_matlab5(tmp_path / "metadata.mat", tree))
+    assert np.flatnonzero(frames.held).tolist() == [7, 8, 10, 11]
+    assert frames.recording.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3]
 
 
 def test_a_session_without_an_empty_hand_is_refused(tmp_path):
