@@ -34,7 +34,7 @@ def _split(seen: Inspection) -> list[Recommendation]:
         folds = min(MOST_FOLDS, fewest)
         return [
             Recommendation("split.by", by, reason),
-            Recommendation("split.folds", folds, f"1 in {folds} {what} is tested; split.fold says which"),
+            Recommendation("split.folds", folds, f"{what} in {folds} parts; split.fold says which is tested"),
         ]
     reason = "one recording an object: nothing can be held out. Frames beside each other are on both sides, and the "
     return [Recommendation("split.by", "frame", f"{reason}error says nothing about a new recording: record each twice")]
