@@ -92,9 +92,10 @@ def run_cells(
             queue.remove_orphans(missing)
             _put(queue, {experiment: cells[key] for experiment, key in missing.items()}, jobs)
             checked = time.monotonic()
-        for experiment in [each for each in missing if status.get(each) == "Running" and each not in begun]:
-            begun.add(experiment)
-            show(line(running), f"{texts[missing[experiment]]} ...")
+        for experiment, key in missing.items():
+            if status.get(experiment) == "Running" and experiment not in begun:
+                begun.add(experiment)
+                show(line(running), f"{texts[key]} ...")
         show(line(running))
         if missing:
             wait(POLL)

@@ -8,7 +8,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.model_selection import KFold, LeaveOneGroupOut, cross_val_predict, cross_val_score
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.glove.hand import LINK_PATCHES, stag_hand
+from tactile_viewgcn.glove.hand import LINK_PATCHES, SHAPE, stag_hand
 from tactile_viewgcn.recordings.formats import open_source
 from tactile_viewgcn.recordings.source import EMPTY_HAND
 
@@ -38,9 +38,11 @@ def read_excess(path: str | Path) -> Excess:
     """Frames of a source minus each session's baseline: per sensor, the median over the empty hand's frames.
 
     Raises:
-        UserError: a session without an empty hand; and as `open_source`.
+        UserError: another glove than STAG's; a session without an empty hand; and as `open_source`.
     """
     source = open_source(path)
+    if source.shape != SHAPE:
+        raise UserError(f"{path}: frames of {source.shape[0]} x {source.shape[1]}; expected 32 x 32, STAG's glove")
     blocks = list(source.blocks)
     column = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     empty = column["object"] == source.objects.index(EMPTY_HAND)

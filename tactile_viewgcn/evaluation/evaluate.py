@@ -1,4 +1,8 @@
-"""The evaluation of a classifier: all trials of both protocols, their scores and their cost."""
+"""The evaluation of a classifier: all trials of both protocols, their scores and their cost.
+
+In evaluation mode a frame's feature does not depend on the frames beside it, so each distinct frame passes the backbone
+once, and all trials of both protocols gather features.
+"""
 
 import time
 from dataclasses import dataclass

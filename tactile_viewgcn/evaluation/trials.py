@@ -1,8 +1,4 @@
-"""Trials on the evaluated side: each clusters it anew and classifies one view set per anchor frame.
-
-In evaluation mode a frame's feature does not depend on the frames beside it, so each distinct frame goes through the
-backbone once, and all trials of both protocols only gather features.
-"""
+"""Trials on the evaluated side: each clusters it anew and classifies one view set per anchor frame."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -48,7 +48,8 @@ class Stem(nn.Module):
     normalisation becomes part of the convolution's nine weights. ReLU comes after the pooling, with which it commutes.
 
     Against the four layers a training step of the whole backbone takes 4 to 6 % less processor time in float32 and
-    6 to 10 % less in bfloat16 (AMX, one thread, batches of 32 and 160), and no less on an AMD EPYC.
+    6 to 10 % less in bfloat16 (AMX, one thread, batches of 32 and 160). On an AMD EPYC with AVX-512, in bfloat16,
+    it takes as long (`python -m benchmarks.speed`).
     """
 
     def __init__(self, outputs: int):

@@ -8,6 +8,7 @@ from benchmarks.calibration import frame_statistics as statistics
 from benchmarks.calibration.frame_statistics import Excess
 from benchmarks.calibration.picture import DRAWN, frames_on_hand
 from tactile_viewgcn.errors import UserError
+from tests import small_glove
 from tests.stag_files import SENSORS, metadata, save_matlab5
 
 
@@ -109,6 +110,12 @@ def test_a_session_without_an_empty_hand_is_refused(tmp_path):
     tree["objectId"][tree["batchId"] == 1] = 1
     with pytest.raises(UserError, match="session 001 has no frames of the empty hand"):
         statistics.read_excess(save_matlab5(tmp_path / "metadata.mat", tree))
+
+
+def test_another_glove_is_refused(tmp_path):
+    small_glove.write(tmp_path / "a.h5", np.zeros((3, 16, 24), dtype=np.int16), object="cup", session="0")
+    with pytest.raises(UserError, match="frames of 16 x 24; expected 32 x 32"):
+        statistics.read_excess(tmp_path / "a.h5")
 
 
 def test_a_row_says_how_far_the_mean_over_the_seeds_is_outside_of_the_target(tmp_path, monkeypatch):

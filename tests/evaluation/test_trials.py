@@ -52,7 +52,7 @@ def run_made_up(
     )
 
 
-def test_right_and_near_follow_the_logits_and_ties_the_lowest_class():
+def test_correct_and_in_top3_follow_the_logits_and_ties_go_to_the_lowest_class():
     labels = np.array([0, 1, 2, 3, 4])
     result = run_made_up(
         lambda nodes: (torch.tensor([[1.0, 1, 1, 1, 2]]).expand(len(nodes), 5), []),
