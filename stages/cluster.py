@@ -5,10 +5,10 @@ import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
-from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.tables.frames import read_frames
+from tactile_viewgcn.tables.views import write_views
 from tactile_viewgcn.views.clustering import cluster_frames
-from tactile_viewgcn.views.table import write_views
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 

@@ -28,9 +28,9 @@ EXCEPTED = (
         for name in ("conflicts", "errors", "params", "plots", "process", "provenance", "schema", "tracking")
     ),
 )
-SYSTEMS = "tactile_viewgcn/nn/classifier.py"  # imports the one system that `model.system` names
+SYSTEMS = "tactile_viewgcn/systems/classifier.py"  # imports the one system that `model.system` names
 PLACE = "${model.system}"
-SYSTEM = f"tactile_viewgcn/nn/{PLACE}.py"
+SYSTEM = f"tactile_viewgcn/systems/{PLACE}.py"
 
 
 @click.command()

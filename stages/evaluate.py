@@ -7,9 +7,9 @@ from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.evaluation import report, row
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import predictions_of, write_predictions
-from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.process import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier
+from tactile_viewgcn.tables.frames import read_frames
 
 CLUSTERING = "cluster.method", "cluster.components", "cluster.restarts", "cluster.assignment"  # not its scope and seed
 

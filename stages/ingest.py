@@ -4,8 +4,8 @@ import click
 import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
-from tactile_viewgcn.recordings.formats import open_source
-from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 
 
 @stage("data.source")

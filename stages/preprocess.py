@@ -12,8 +12,8 @@ from tactile_viewgcn.frames.leak import describe
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
 from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.frames.table import write_frames
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.tables.frames import write_frames
+from tactile_viewgcn.tables.recordings import Recordings
 
 
 @stage("preprocess", "split")

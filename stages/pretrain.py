@@ -4,8 +4,8 @@ import click
 
 from stages.command import INPUT, NEEDS, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.table import read_frames
 from tactile_viewgcn.process import rank
+from tactile_viewgcn.tables.frames import read_frames
 
 
 @stage("seed", "device", "precision", "augment", "model.backbone", "pretrain", several=True)

@@ -17,10 +17,10 @@ from studies.grid import FOLDER, Cell
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import atomic_folder, md5, source_files
+from tactile_viewgcn.markdown_tables import VIRTUAL
 from tactile_viewgcn.params import load
 from tactile_viewgcn.provenance import committed_params
 from tactile_viewgcn.schema import flatten
-from tactile_viewgcn.tables import VIRTUAL
 
 STORE, LAST = FOLDER / ".cells", Path("results/timing.json")
 RESULTS = ("predictions.npz", "metrics.json", "timing.json")

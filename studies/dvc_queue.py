@@ -12,8 +12,8 @@ from pathlib import Path
 from studies.cells import RESULTS
 from studies.grid import Cell
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.markdown_tables import VIRTUAL
 from tactile_viewgcn.params import load
-from tactile_viewgcn.tables import VIRTUAL
 
 
 def settings(cell: Cell) -> list[str]:

@@ -14,10 +14,10 @@ from studies.markdown import COMPARED, DEALT, EXPLAINED, paragraph, tables
 from studies.pictures import error_curves, errors_by_cost, errors_by_variant, side_by_side
 from studies.variants import Variant, pooled
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.markdown_tables import describe_data, write_csv, write_table
 from tactile_viewgcn.params import load
 from tactile_viewgcn.plots import confusions
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables import describe_data, write_csv, write_table
 
 REHEARSAL = "**A rehearsal on tiny data: it shows that the study runs, and nothing else.**"
 

@@ -21,9 +21,9 @@ def cli() -> None:
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of the file.")
 def check(path: Path, changes: tuple[str, ...]) -> None:
     """Check params.yaml, list every mistake, and look for data.source."""
+    from tactile_viewgcn.markdown_tables import VIRTUAL
     from tactile_viewgcn.params import load
     from tactile_viewgcn.schema import flatten
-    from tactile_viewgcn.tables import VIRTUAL
 
     params = load(path, changes)
     click.echo(f"{path}: {len(flatten(params))} values, all allowed")
@@ -43,15 +43,15 @@ def inspect(source: Path, page: Path | None) -> None:
     SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, or the recordings.h5 of `ingest`. Every mistake in
     it is listed.
     """
-    from tactile_viewgcn.frames.inspection_text import inspection_lines
-    from tactile_viewgcn.frames.recommendation import recommend
-    from tactile_viewgcn.frames.source_inspection import inspect_source
+    from tactile_viewgcn.pages.inspection_text import inspection_lines
+    from tactile_viewgcn.pages.recommendation import recommend
+    from tactile_viewgcn.pages.source_inspection import inspect_source
 
     inspection = inspect_source(source)
     click.echo("\n".join(inspection_lines(inspection, recommend(inspection))))
     if page:
-        from tactile_viewgcn.frames.inspection_page import inspection_page
-        from tactile_viewgcn.html import write
+        from tactile_viewgcn.pages.html import write
+        from tactile_viewgcn.pages.inspection_page import inspection_page
 
         click.echo(write(page, inspection_page(inspection)))
 
@@ -64,8 +64,8 @@ def convert(source: Path, out: Path) -> None:
 
     All frames are in memory at once.
     """
-    from tactile_viewgcn.recordings.formats import open_recordings
-    from tactile_viewgcn.recordings.stag_writer import write_metadata
+    from tactile_viewgcn.readers.formats import open_recordings
+    from tactile_viewgcn.readers.stag_writer import write_metadata
 
     if out.exists():
         raise FileExistsError(f"{out}: exists; name a new file, or delete it first")
@@ -104,9 +104,9 @@ def predict(**options: Any) -> None:
 @click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
 def report(run: str, out: Path) -> None:
     """Write one HTML page of the workspace's last run, or of RUN: a DVC experiment's name, or an MLflow run's id."""
-    from tactile_viewgcn.evaluation.finished_run import read_run
-    from tactile_viewgcn.evaluation.run_page import run_page
-    from tactile_viewgcn.html import write
+    from tactile_viewgcn.pages.finished_run import read_run
+    from tactile_viewgcn.pages.html import write
+    from tactile_viewgcn.pages.run_page import run_page
 
     click.echo(write(out, run_page(read_run(run))))
 

@@ -8,10 +8,10 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.params import load, preset_changes
+from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.training import train
-from tactile_viewgcn.recordings.array_table import ArrayRecordings
-from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 
 ROOT = Path(__file__).parents[1]
 OBJECTS = ("ball", "cup", "pen")

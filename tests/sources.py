@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.recordings.source import Source
-from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tactile_viewgcn.readers.source import Source
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 
 DEFAULTS = {"object": 0, "recording": 0, "session": 0, "time": 0.0}
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import load, preset_changes
-from tactile_viewgcn.recordings.formats import open_source
-from tactile_viewgcn.recordings.table import write_recordings
+from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.schema import flatten
+from tactile_viewgcn.tables.recordings import write_recordings
 from tests.stag_files import metadata, save_hdf5, save_matlab5
 
 ROOT = Path(__file__).parents[1]

@@ -18,7 +18,7 @@ import yaml
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tests import small_glove
-from tests.tables import recipe, table, trained
+from tests.small_tables import recipe, table, trained
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

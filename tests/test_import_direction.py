@@ -33,7 +33,7 @@ BENCHMARKS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "bench
 
 
 def folder_of(module: str) -> str:
-    """`recordings` of tactile_viewgcn.recordings.table, `root` of tactile_viewgcn.files."""
+    """`recordings` of tactile_viewgcn.tables.recordings, `root` of tactile_viewgcn.files."""
     words = module.split(".")
     return words[1] if len(words) > 1 and words[1] in ALLOWED else "root"
 

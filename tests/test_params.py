@@ -189,7 +189,7 @@ def test_the_systems_are_the_files_that_define_one():
 
 @pytest.mark.parametrize("system", get_args(System))
 def test_fewer_views_go_with_the_systems_that_take_them(system):
-    from tactile_viewgcn.nn.classifier import system_class
+    from tactile_viewgcn.systems import system_class
 
     changes = ("finetune.num_views=random", f"model.system={system}")
     if system_class(system).takes_fewer:

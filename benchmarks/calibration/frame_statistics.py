@@ -9,8 +9,8 @@ from sklearn.model_selection import KFold, LeaveOneGroupOut, cross_val_predict, 
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.hand import LINK_PATCHES, SHAPE, stag_hand
-from tactile_viewgcn.recordings.formats import open_source
-from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.source import EMPTY_HAND
 
 CONTACT_CELLS, CONTACT_COUNTS = 13, 5.0  # in contact: more cells than this are above the baseline by more than this
 COSINE_COUNTS = 3.0  # smaller excesses count as 0 in cosines

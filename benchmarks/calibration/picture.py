@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.calibration.frame_statistics import Excess
 from tactile_viewgcn.glove.hand import Hands, stag_hand
-from tactile_viewgcn.recordings.source import EMPTY_HAND
+from tactile_viewgcn.readers.source import EMPTY_HAND
 
 DRAWN, EACH = ("coin", "mug", "ball", EMPTY_HAND), 3  # objects, and recordings of each
 MAX_EXCESS = 30  # counts above the baseline at the end of the colour scale

@@ -16,10 +16,10 @@ from benchmarks.speed.recipe import recipe_rows
 from benchmarks.speed.sample import take_sample
 from tactile_viewgcn.device import Compute, keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.table import read_frames
+from tactile_viewgcn.markdown_tables import markdown
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.process import processor
-from tactile_viewgcn.tables import markdown
+from tactile_viewgcn.tables.frames import read_frames
 
 MEASUREMENTS = (
     partial(measurements.time_step, batch=160),

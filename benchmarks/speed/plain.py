@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.nn.backbone import Backbone
-from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.systems.classifier import Classifier
 
 SETS = 20  # view sets in a batch, the released code's
 

@@ -8,17 +8,17 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frames.split import TEST, TRAIN
-from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.frames.transform import full_scale
-from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.params import Finetune, Params, Pretrain
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
-from tactile_viewgcn.views.table import Views
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 PRETRAIN_EPOCHS, FINETUNE_EPOCHS = 8, 4  # of the short training, for logits that mean something

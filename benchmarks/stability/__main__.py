@@ -22,10 +22,10 @@ from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, no_outcom
 from benchmarks.stability.subject import Subject
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.table import read_frames
+from tactile_viewgcn.markdown_tables import describe_data, write_table
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.tables import describe_data, write_table
+from tactile_viewgcn.tables.frames import read_frames
 
 ROOT = Path(__file__).parents[2]
 CHECKS = (*network.CHECKS, *invariance.CHECKS)

@@ -9,7 +9,7 @@ import numpy as np
 from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.tables.frames import Frames
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.tables.frames import Frames
 
 RECORD = ("stage", "run_id", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
 

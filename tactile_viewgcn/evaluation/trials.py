@@ -9,10 +9,10 @@ from torch import Tensor
 from tqdm import tqdm
 
 from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.frames.table import Frames, Points
-from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.tables.frames import Frames, Points
 from tactile_viewgcn.views.assignment import assigned_viewpoints, contact_threshold
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets

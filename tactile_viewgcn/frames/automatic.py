@@ -8,7 +8,7 @@ from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.frames.baseline_leaks import with_deciding_leaks
 from tactile_viewgcn.frames.inspection import Inspection, inspect_recordings
 from tactile_viewgcn.params import Preprocess, PreprocessSection
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.tables.recordings import Recordings
 
 AUTO = ("baseline", "filter", "contact_sensors", "scale")  # keys that may be `auto`
 RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove

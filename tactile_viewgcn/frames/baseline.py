@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.recordings.source import EMPTY_HAND
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.readers.source import EMPTY_HAND
+from tactile_viewgcn.tables.recordings import Recordings
 
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
 OUTLIER_SD = 3.0  # standard deviations beyond which a frame does not count: the empty hand bumps into objects

@@ -10,7 +10,7 @@ from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.leak import Leak, check_first_frames, check_leak
 from tactile_viewgcn.params import Split
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.tables.recordings import Recordings
 
 
 def with_every_leak(recordings: Recordings, seen: Inspection) -> Inspection:

@@ -5,8 +5,8 @@ import numpy as np
 from tactile_viewgcn.frames.baseline import quiet_frames
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.noise_check import two_digits
-from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.params import PreprocessSection
+from tactile_viewgcn.tables.frames import Frames
 
 MOST_FRAMES = 1000  # that are looked at
 MOST_CLIPPED = 0.2  # of the readings of sensors in contact

@@ -4,8 +4,8 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.recordings.source import EMPTY_HAND
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.readers.source import EMPTY_HAND
+from tactile_viewgcn.tables.recordings import Recordings
 
 
 def flagged(recordings: Recordings) -> np.ndarray:

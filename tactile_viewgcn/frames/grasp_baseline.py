@@ -5,8 +5,8 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, Baseline, evenly, exact_float, trimmed_moments
 from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording, of_empty_hand
-from tactile_viewgcn.recordings.source import EMPTY_HAND, listed
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.readers.source import EMPTY_HAND, listed
+from tactile_viewgcn.tables.recordings import Recordings
 
 EMPTY, OPEN, KNOWN = "their session's empty hand", "their session's open hand", "the training's baseline"
 

@@ -10,7 +10,7 @@ from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording, of_empty_hand
 from tactile_viewgcn.frames.split import TEST, fold_sides, split_groups
 from tactile_viewgcn.intervals import proportion_interval
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.tables.recordings import Recordings
 
 MAX_FRAMES = 2000
 FOLDS = 3

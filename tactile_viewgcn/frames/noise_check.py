@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.frames.table import Frames
+from tactile_viewgcn.tables.frames import Frames
 
 MOST_FRAMES = 1000  # that are looked at
 OF_STRONGEST = 0.1  # of the strongest hundredth of the readings: contact, where the noise of sensors is unknown

@@ -16,10 +16,10 @@ from tactile_viewgcn.frames.checks import preprocessing_warnings
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.selection import Selection, select
-from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.params import Preprocess, PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.recordings import Recordings
 
 
 @dataclass(frozen=True)

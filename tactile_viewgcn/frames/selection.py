@@ -22,9 +22,9 @@ from tactile_viewgcn.frames.split import (
     validation_sides,
 )
 from tactile_viewgcn.params import Preprocess, Split
-from tactile_viewgcn.recordings.source import EMPTY_HAND, listed
-from tactile_viewgcn.recordings.source import TEST as PUBLISHED_TEST
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.readers.source import EMPTY_HAND, listed
+from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
+from tactile_viewgcn.tables.recordings import Recordings
 
 LOOSEN = "lower preprocess.contact_sensors or contact_sigmas, or choose another preprocess.filter"
 

@@ -7,8 +7,6 @@ view's feature maps), `views` (V), `viewpoints` (V, 3) where it has a view-graph
 `pooled_view.py` is no system, though its class is a `ViewSystem`: it gives a system one view more.
 """
 
-from importlib import import_module
-
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
@@ -50,10 +48,3 @@ def shape_classifier(inputs: int, features: int, classes: int, dropout: float) -
     return nn.Sequential(
         nn.Linear(inputs, features), nn.Dropout(dropout), nn.LeakyReLU(0.2), nn.Linear(features, classes)
     )
-
-
-def system_class(name: str) -> type[ViewSystem]:
-    """The class of the system in the file of nn/ that `model.system` names; no other system's code is loaded."""
-    module = import_module(f"tactile_viewgcn.nn.{name}")
-    defined = (value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__)
-    return next(value for value in defined if isinstance(value, type) and issubclass(value, ViewSystem))

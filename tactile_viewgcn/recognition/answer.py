@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
 from tactile_viewgcn.recognition.contact import find_contact
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.recordings.array_table import ArrayRecordings
-from tactile_viewgcn.recordings.source import UNLABELLED
+from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 

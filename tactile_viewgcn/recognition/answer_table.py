@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.readers.source import EMPTY_HAND, UNLABELLED
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.unlabelled import Row
-from tactile_viewgcn.recordings.source import EMPTY_HAND, UNLABELLED
 
 TOP = 3
 WIDTH = 80  # of a terminal

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.recordings.source import MAX_PRESSURE, check_shape, storage_type
+from tactile_viewgcn.readers.source import MAX_PRESSURE, check_shape, storage_type
 
 RECORDINGS, VIEW_SETS, ROWS = "recordings", "view sets", "rows"
 FORMS = (

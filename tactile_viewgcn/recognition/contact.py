@@ -12,9 +12,9 @@ from tactile_viewgcn.frames.filtering import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand, of_empty_hand
 from tactile_viewgcn.frames.preprocessing import measure_baseline
+from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
-from tactile_viewgcn.recordings.source import Source
-from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 
 
 @contextmanager

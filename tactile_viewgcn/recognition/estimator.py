@@ -16,10 +16,10 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
+from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of
-from tactile_viewgcn.recordings.array_table import ArrayRecordings
-from tactile_viewgcn.recordings.source import EMPTY_HAND
 from tactile_viewgcn.schema import as_change
+from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 
 NO_LABELS = "no_validation"  # scikit-learn's word for y where there is none
 #: view sets and rows are chosen frames above baseline

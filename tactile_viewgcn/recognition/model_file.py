@@ -1,7 +1,7 @@
 """The file of a trained classifier: its weights and all that is needed to use them on raw counts.
 
 It holds tensors and plain values alone, so that it loads with `weights_only=True`. The weights of a system without a
-network are a pickled estimator, which runs code when it is loaded, see `nn/frame_estimator.py`.
+network are a pickled estimator, which runs code when it is loaded, see `sensors/sensor_system.py`.
 """
 
 from dataclasses import asdict
@@ -13,11 +13,11 @@ import torch
 
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.frames.split import TRAIN
-from tactile_viewgcn.frames.table import Frames
-from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.params import Backbone, Model
 from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.frames import Frames
 
 STRONG_FRAMES = 2000
 

@@ -9,11 +9,11 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import trimmed_moments
 from tactile_viewgcn.frames.open_hand import Follower, is_contact
+from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.answer import UNKNOWN, Answer, answer_contact
 from tactile_viewgcn.recognition.frame_lines import read_frame
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.unlabelled import Row
-from tactile_viewgcn.recordings.source import UNLABELLED
 
 OPEN_FRAMES = 20  # at the start, of the open hand
 GAP_FRAMES = 3  # without contact, after which it has ended

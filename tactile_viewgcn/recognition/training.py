@@ -9,13 +9,14 @@ import torch
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.frames.table import Frames
-from tactile_viewgcn.nn.classifier import Classifier, system_class
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.systems import system_class
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.recordings import Recordings
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers.source import UNLABELLED, Source
 from tactile_viewgcn.recognition.answer import Answer, answer_contact
 from tactile_viewgcn.recognition.contact import as_table, find_contact
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.recordings.source import UNLABELLED, Source
-from tactile_viewgcn.recordings.table import Recordings
+from tactile_viewgcn.tables.recordings import Recordings
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,17 @@ FOLDER = "checkpoints"
 LOCK_SECONDS = 300  # that several processes wait for another training of the same
 PACKAGE = Path(__file__).parents[1]
 #: the package's code that the result of a training depends on
-CODE = ("nn/*.py", "training/*.py", "views/*.py", "frames/*.py", "device.py", "randomness.py")
+CODE = (
+    "nn/*.py",
+    "systems/*.py",
+    "sensors/*.py",
+    "tables/*.py",
+    "training/*.py",
+    "views/*.py",
+    "frames/*.py",
+    "device.py",
+    "randomness.py",
+)
 
 
 @contextmanager

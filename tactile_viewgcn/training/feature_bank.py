@@ -9,11 +9,11 @@ from torch import Tensor, nn
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import root
 from tactile_viewgcn.frame_inputs import FrameInputs
-from tactile_viewgcn.frames.inputs import batches
 from tactile_viewgcn.memory import fits_memory
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import FOLDER
+from tactile_viewgcn.training.inputs import batches
 from tactile_viewgcn.training.optim import num_batches
 
 

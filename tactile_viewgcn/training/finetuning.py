@@ -11,18 +11,19 @@ from torch import Tensor
 from tqdm import tqdm
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frames.inputs import input_frames
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
-from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
+from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.feature_bank import FeatureBank
+from tactile_viewgcn.training.inputs import input_frames
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import error_rate, set_loss, set_losses
 from tactile_viewgcn.training.moments import measure_moments
@@ -30,7 +31,6 @@ from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batch
 from tactile_viewgcn.training.replay import Replay
 from tactile_viewgcn.training.sensor_fitting import fit_sensor_system
 from tactile_viewgcn.training.whole_batch import share_batches
-from tactile_viewgcn.views.table import Views
 
 
 class SideViewSets:

@@ -10,10 +10,10 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frame_inputs import FrameInputs
-from tactile_viewgcn.frames.inputs import batches
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.feature_bank import FeatureBank
+from tactile_viewgcn.training.inputs import batches
 from tactile_viewgcn.training.optim import num_batches
 
 

@@ -16,16 +16,16 @@ from tqdm import tqdm
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.inputs import input_frames
 from tactile_viewgcn.frames.split import TRAIN
-from tactile_viewgcn.frames.table import Frames
 from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.nn.backbone import Backbone
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator
+from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
+from tactile_viewgcn.training.inputs import input_frames
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import frame_losses
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches

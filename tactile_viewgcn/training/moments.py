@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
-from tactile_viewgcn.nn.classifier import Classifier
+from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.optim import num_batches
 

@@ -5,9 +5,9 @@ import time
 import numpy as np
 
 from tactile_viewgcn.frames.split import TRAIN
-from tactile_viewgcn.frames.table import Frames
-from tactile_viewgcn.nn.classifier import Classifier
-from tactile_viewgcn.nn.sensor_system import SensorData, SensorFeatures, SensorSystem, contact_unit
+from tactile_viewgcn.sensors.sensor_system import SensorData, SensorFeatures, SensorSystem, contact_unit
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.training.checkpoint import Progress
 
 MOST_PAIRS = 1000  # of successive frames that are compared

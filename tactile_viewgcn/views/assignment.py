@@ -10,9 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tactile_viewgcn.frames.table import Points
 from tactile_viewgcn.frames.transform import network_input
-from tactile_viewgcn.recordings.source import BLOCK_FRAMES
+from tactile_viewgcn.readers.source import BLOCK_FRAMES
+from tactile_viewgcn.tables.frames import Points
 
 CONTACT_COUNTS = 5.0  # above baseline, of a sensor in contact
 MAX_ROUNDS = 100  # of matching

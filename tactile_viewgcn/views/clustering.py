@@ -10,11 +10,11 @@ import numpy as np
 from tqdm import tqdm
 
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
-from tactile_viewgcn.frames.table import Frames, Points
 from tactile_viewgcn.params import Cluster
+from tactile_viewgcn.tables.frames import Frames, Points
+from tactile_viewgcn.tables.views import NO_CLUSTER, Views
 from tactile_viewgcn.views.assignment import assigned_viewpoints, contact_threshold, reference_views
 from tactile_viewgcn.views.sampling import random_clusters
-from tactile_viewgcn.views.table import NO_CLUSTER, Views
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController

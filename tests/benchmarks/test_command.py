@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.command import benchmark
 from tactile_viewgcn.errors import UserError
-from tests.tables import ROOT
+from tests.small_tables import ROOT
 
 
 @benchmark

@@ -15,9 +15,9 @@ from benchmarks.speed.sample import Sample, anchors_of
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
-from tactile_viewgcn.nn.classifier import Classifier, view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.tables import CPU, recipe, table, views_of
+from tests.small_tables import CPU, recipe, table, views_of
 
 
 def frames_of(side):

@@ -21,12 +21,12 @@ from benchmarks.stability.rows import (
     share_not_finite,
 )  # fmt: skip
 from benchmarks.stability.subject import Subject
-from tactile_viewgcn.frames.table import write_frames
-from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.frames import write_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.small_tables import CPU, ROOT, SMALL, recipe, table, trained
 from tests.stability import refusal
-from tests.tables import CPU, ROOT, SMALL, recipe, table, trained
 
 CHECKS = {check.__name__: check for part in (network, invariance) for check in part.CHECKS}
 

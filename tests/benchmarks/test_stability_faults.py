@@ -13,7 +13,7 @@ import tests.evaluation.test_statistics as evaluation
 import tests.frames.test_stability as frames
 import tests.glove.test_stability as glove
 import tests.nn.test_stability as graph
-import tests.nn.test_view_gcn as equations
+import tests.systems.test_view_gcn as equations
 import tests.test_intervals as intervals
 import tests.training.test_pretraining as pretraining
 import tests.views.test_stability as clusters
@@ -113,7 +113,7 @@ FAULTS = {
         frames.test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact, ("counts", np.int16, 1),
     ),
     "clipping that wraps": (
-        "tactile_viewgcn.frames.table.network_input", wrapped,
+        "tactile_viewgcn.tables.frames.network_input", wrapped,
         frames.test_network_input_of_frames_that_no_hand_makes, (),
     ),
     "k-means of near duplicates": (

@@ -11,7 +11,7 @@ from tactile_viewgcn.evaluation import trials as trials_module
 from tactile_viewgcn.evaluation.evaluate import Evaluation, evaluate_table, summary
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.frames.split import TEST
-from tests.tables import CPU, fewer_anchors, recipe, table, trained
+from tests.small_tables import CPU, fewer_anchors, recipe, table, trained
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import torch
 
 from tactile_viewgcn.evaluation import latency as module
 from tactile_viewgcn.evaluation.latency import latency
-from tests.tables import CPU, trained
+from tests.small_tables import CPU, trained
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from tactile_viewgcn.evaluation.row import counts, dataset, divergences, row_met
 from tactile_viewgcn.evaluation.row import summary as summary_of
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.frames.split import TEST, TRAIN
-from tests.tables import CPU, fewer_anchors, recipe, table, trained
+from tests.small_tables import CPU, fewer_anchors, recipe, table, trained
 
 CLASSES = ["cup", "pen, red", "tape"]
 LABELS = np.array([0, 0, 1, 1], dtype=np.int16)

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.evaluation.trials import run_trials
 from tactile_viewgcn.nn.system import ViewSystem
-from tests.tables import recipe
+from tests.small_tables import recipe
 
 
 class MadeUp(ViewSystem):

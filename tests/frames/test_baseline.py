@@ -17,7 +17,7 @@ from tactile_viewgcn.frames.baseline import (
     quiet_baseline,
     trimmed_moments,
 )
-from tactile_viewgcn.recordings.stag_reader import read_metadata
+from tactile_viewgcn.readers.stag_metadata import read_metadata
 from tests.sources import written
 from tests.stag_files import SENSORS
 

@@ -9,8 +9,8 @@ from tactile_viewgcn.frames.checks import preprocessing_warnings
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import Preprocess, load
-from tactile_viewgcn.recordings.formats import open_source
-from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.grips import COLUMNS, COUNTS, FILE
 from tests.sources import written
 from tests.unknown_gloves import OBJECTS, RECORDINGS, all_contact, drifting_array, floats

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.filtering import flagged, in_contact
-from tactile_viewgcn.recordings import table as module
+from tactile_viewgcn.tables import recordings as module
 from tests.sources import written
 
 FRAMES, SHAPE = 60, (3, 4)

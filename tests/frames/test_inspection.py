@@ -11,12 +11,12 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.automatic import decide
 from tactile_viewgcn.frames.baseline_leaks import with_every_leak
 from tactile_viewgcn.frames.inspection import inspect_recordings, sensors_in_contact
-from tactile_viewgcn.frames.inspection_text import WIDTH, inspection_lines
-from tactile_viewgcn.frames.recommendation import _split, recommend
-from tactile_viewgcn.frames.source_inspection import inspect_source
+from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
+from tactile_viewgcn.pages.recommendation import _split, recommend
+from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import load
-from tactile_viewgcn.recordings.formats import open_source
-from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.drifting import drifting
 from tests.grips import COLUMNS, COUNTS, FILE
 from tests.sources import written

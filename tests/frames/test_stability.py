@@ -16,8 +16,8 @@ from tactile_viewgcn.frames.filtering import in_contact
 from tactile_viewgcn.frames.preprocessing import prepare
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.small_tables import recipe, table
 from tests.sources import written
-from tests.tables import recipe, table
 
 ROUNDING = 2.0**-22  # of single precision, twice over
 BASELINE = 500

@@ -12,11 +12,11 @@ from tactile_viewgcn.glove.recipe import EFFECTS, VERSION
 from tactile_viewgcn.glove.scene import schedule
 from tactile_viewgcn.glove.simulation import Simulation
 from tactile_viewgcn.glove.writer import simulate
-from tactile_viewgcn.recordings.formats import open_source
-from tactile_viewgcn.recordings.source import TEST, TRAIN
-from tactile_viewgcn.recordings.stag_reader import read_metadata
-from tactile_viewgcn.recordings.stag_writer import write_metadata
-from tactile_viewgcn.recordings.table import Recordings, write_recordings
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.source import TEST, TRAIN
+from tactile_viewgcn.readers.stag_metadata import read_metadata
+from tactile_viewgcn.readers.stag_writer import write_metadata
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.gloves import LAYER, recipe, simulated_counts
 from tests.sources import read
 

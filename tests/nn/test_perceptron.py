@@ -7,7 +7,7 @@ from torch import nn
 from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_features
 from tactile_viewgcn.nn.perceptron import Perceptron
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.tables import CPU, recipe, table
+from tests.small_tables import CPU, recipe, table
 
 OPTIONS = {"width": 2, "blocks": 2, "dropout": 0.5, "readout": "average"}
 

@@ -8,12 +8,12 @@ import torch
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.nn.classifier import count_weights, view_set_logits
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.systems import System
+from tactile_viewgcn.systems.classifier import count_weights, view_set_logits
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tests.nn.small_systems import NARROW, built
-from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tests.systems.small_systems import NARROW, built
 
 POOLED = "model.pooled_view=true"
 TAKEN = {"mvcnn", "mean", "vote"}

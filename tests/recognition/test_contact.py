@@ -8,7 +8,7 @@ from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.contact import find_contact
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import session_baselines, strong_reading
-from tactile_viewgcn.recordings.array_table import ArrayRecordings
+from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tests.grips import FILE
 
 NOISE, WEAK, HELD = 20.0, 7.0, np.arange(90) // 15 % 2 == 1  # counts; standard deviations; frames of three grasps

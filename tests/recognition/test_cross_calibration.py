@@ -8,7 +8,7 @@ import torch
 from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, MIN_TEMPERATURE, cross_calibrate
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tests.tables import CPU, recipe, table, views_of
+from tests.small_tables import CPU, recipe, table, views_of
 
 
 def fit_and_remember(tables: list, system: str = "lda"):

@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from tactile_viewgcn import tracking
-from tactile_viewgcn.frames.table import Frames
-from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.mlflow_stores import runs_of
 

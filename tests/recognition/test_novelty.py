@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from tactile_viewgcn.frames.split import TEST, TRAIN
-from tactile_viewgcn.nn.classifier import Classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty, sensor_map
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_glove import OBJECTS, SHAPE, pressed, recogniser
-from tests.tables import recipe, table
+from tests.small_tables import recipe, table
 
 # maps of the recordings of three classes on two sensors; the strongest reading is 4, which makes the unit 1
 MAPS = {"a": [(1.0, 0.0), (1.0, 0.5)], "b": [(0.0, 1.0), (0.0, np.log(4))], "c": [(np.log(4), np.log(4))]}

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from tactile_viewgcn.frames.table import write_frames
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tests.tables import SMALL, recipe, table, trained
+from tactile_viewgcn.tables.frames import write_frames
+from tests.small_tables import SMALL, recipe, table, trained
 
 ROOT = Path(__file__).parents[2]
 

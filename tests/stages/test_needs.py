@@ -14,9 +14,9 @@ from click.testing import CliRunner
 from stages.cluster import cluster
 from stages.finetune import finetune
 from stages.needs import needs
-from tactile_viewgcn.frames.table import write_frames
 from tactile_viewgcn.systems import OnBackbone, OnSensors
-from tests.tables import ROOT, SMALL, fewer_anchors, table
+from tactile_viewgcn.tables.frames import write_frames
+from tests.small_tables import ROOT, SMALL, fewer_anchors, table
 
 LEFT_OUT = "pretrain was left out: model.system does not need it\n"
 

@@ -11,14 +11,14 @@ import pytest
 
 from tactile_viewgcn import cli
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation import error_sections
-from tactile_viewgcn.evaluation.finished_run import read_run
-from tactile_viewgcn.evaluation.run_page import run_page
-from tactile_viewgcn.html import Picture
+from tactile_viewgcn.pages import error_sections
+from tactile_viewgcn.pages.finished_run import read_run
+from tactile_viewgcn.pages.html import Picture
+from tactile_viewgcn.pages.run_page import run_page
+from tests.pages.test_html import parsed
+from tests.small_tables import SMALL
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import run_stage
-from tests.tables import SMALL
-from tests.test_html import parsed
 
 ROOT = Path(__file__).parents[2]
 RECORDS = [f"runs/{stage}.json" for stage in ("ingest", "preprocess", "cluster", "pretrain", "finetune")]

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tactile_viewgcn.recordings.formats import open_source
+from tactile_viewgcn.readers.formats import open_source
+from tests.small_tables import ROOT
 from tests.stages.running import refused, run_stage
-from tests.tables import ROOT
 
 TINY = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}
 CUP = {"name": "cup", "weight": 90, "stiffness": 1e9, "parts": [{"sphere": {"radius": 0.03}}]}

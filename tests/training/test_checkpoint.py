@@ -22,7 +22,7 @@ from tactile_viewgcn.training.checkpoint import (
 )
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
 
 
 class Interrupted(Exception):

@@ -10,16 +10,16 @@ from torch.nn.functional import mse_loss
 
 from tactile_viewgcn import device
 from tactile_viewgcn.device import Compute, select_device
-from tactile_viewgcn.frames.table import read_frames, write_frames
 from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.nn.classifier import view_set_logits
-from tactile_viewgcn.recordings import stored
-from tactile_viewgcn.recordings.stored import StoredCounts
+from tactile_viewgcn.systems.classifier import view_set_logits
+from tactile_viewgcn.tables import stored
+from tactile_viewgcn.tables.frames import read_frames, write_frames
+from tactile_viewgcn.tables.stored import StoredCounts
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.training.replay import Replay
-from tests.nn.small_systems import CUBE, built
-from tests.tables import CPU, pretrained, recipe, table, trained, views_of
+from tests.small_tables import CPU, pretrained, recipe, table, trained, views_of
+from tests.systems.small_systems import CUBE, built
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA card")
 CUDA = select_device("cuda", "float32") if torch.cuda.is_available() else CPU

@@ -14,7 +14,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.tables import fewer_anchors, recipe, table, views_of
+from tests.small_tables import fewer_anchors, recipe, table, views_of
 
 DOUBLE = Compute(torch.device("cpu"), "float64")
 WHOLE = "tactile_viewgcn.training.whole_batch"

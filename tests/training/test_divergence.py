@@ -7,9 +7,9 @@ from click.testing import CliRunner
 
 from stages.evaluate import evaluate
 from stages.pretrain import pretrain
-from tactile_viewgcn.frames.table import write_frames
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tests.tables import ROOT, SMALL, fewer_anchors, recipe, table, trained
+from tactile_viewgcn.tables.frames import write_frames
+from tests.small_tables import ROOT, SMALL, fewer_anchors, recipe, table, trained
 
 CHANGES = [word for change in (*SMALL, "precision=float32", "device=cpu") for word in ("--set", change)]
 

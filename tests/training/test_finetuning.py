@@ -12,7 +12,7 @@ from tactile_viewgcn.training import finetuning
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.finetuning import SideViewSets, finetune_classifier
 from tactile_viewgcn.views.sampling import ViewSets
-from tests.tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
 
 VALIDATED = "split.validation=0.25"
 

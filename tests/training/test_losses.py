@@ -22,7 +22,7 @@ from tactile_viewgcn.training.losses import (
     set_loss,
     set_losses,
 )
-from tests.tables import CPU
+from tests.small_tables import CPU
 
 
 def seeded(seed=0):

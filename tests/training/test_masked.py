@@ -13,7 +13,7 @@ from tactile_viewgcn.training import masked, pretraining
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.masked import hidden_sensors, masked_loss, pretrain_masked
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.tables import CPU, fewer_anchors, recipe, table
+from tests.small_tables import CPU, fewer_anchors, recipe, table
 
 NARROW = ("model.backbone.width=8", "pretrain.epochs=1", "pretrain.masked_epochs=2")
 

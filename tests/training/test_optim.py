@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from tactile_viewgcn.training.optim import build_optimiser, compounding_cosine, lr_lambda, num_batches, step_decay
-from tests.tables import recipe
+from tests.small_tables import recipe
 
 
 @pytest.mark.parametrize(("offset", "factors"), [(0, [1, 1, 0.5, 0.25]), (1, [1, 0.5, 0.5, 0.25])])

@@ -12,7 +12,7 @@ from tactile_viewgcn.training import pretraining
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.losses import error_rate
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.tables import CPU, fewer_anchors, recipe, table
+from tests.small_tables import CPU, fewer_anchors, recipe, table
 
 
 def brief(seed, *changes):

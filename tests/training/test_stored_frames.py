@@ -8,16 +8,16 @@ import pytest
 import torch
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.frames import table as frames_table
-from tactile_viewgcn.frames.inputs import AHEAD, StoredInputs, batches, input_frames
 from tactile_viewgcn.frames.split import TRAIN
-from tactile_viewgcn.frames.table import read_frames, write_frames
-from tactile_viewgcn.recordings import stored
-from tactile_viewgcn.recordings.stored import StoredCounts
+from tactile_viewgcn.tables import frames as frames_table
+from tactile_viewgcn.tables import stored
+from tactile_viewgcn.tables.frames import read_frames, write_frames
+from tactile_viewgcn.tables.stored import StoredCounts
 from tactile_viewgcn.training import feature_bank
 from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.inputs import AHEAD, StoredInputs, batches, input_frames
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.tables import CPU, fewer_anchors, recipe, table, views_of
+from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
 
 VALIDATED = "split.validation=0.25"
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
-from tactile_viewgcn.views.table import NO_CLUSTER
-from tests.tables import recipe, table, views_of
+from tactile_viewgcn.tables.views import NO_CLUSTER
+from tests.small_tables import recipe, table, views_of
 
 VALIDATED = "split.validation=0.25"
 

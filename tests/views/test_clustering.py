@@ -18,7 +18,7 @@ from tactile_viewgcn.views.clustering import (
     pool_scores,
     principal_components,
 )
-from tests.tables import recipe
+from tests.small_tables import recipe
 
 KMEANS = recipe().cluster
 

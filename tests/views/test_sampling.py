@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactile_viewgcn.tables.views import NO_CLUSTER, Views, read_views, write_views
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
-from tactile_viewgcn.views.table import NO_CLUSTER, Views, read_views, write_views
 
 DRAWS = 6000
 

@@ -1,0 +1,106 @@
+"""Self-contained HTML pages from the templates in `templates/`: no script, and no request leaves a page.
+
+Jinja2 escapes whatever a template is given.
+"""
+
+import base64
+import re
+import warnings
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from tactile_viewgcn.files import atomic_write
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NARROWEST = 0.7  # of its width that a picture keeps on a phone; it scrolls sideways then
+PIXELS = 96 / 72  # of a point
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawn figure as an SVG: what it shows, for those who do not see it; its address; its width in pixels."""
+
+    alt: str
+    address: str
+    width: int
+
+    @property
+    def narrowest(self) -> int:
+        return round(NARROWEST * self.width)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether something is good: `good`, `unsure` or `bad`, the answer in a sentence, and the reasons for it."""
+
+    kind: str
+    answer: str
+    reasons: list[str]
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something to do next: what, why, and the command, which may be empty."""
+
+    what: str
+    why: str
+    command: str = ""
+
+
+def picture(figure: "Figure", alt: str) -> Picture:
+    """A figure as a template takes it."""
+    from matplotlib import rc_context
+
+    buffer = BytesIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "page"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # the browser has the letters that matplotlib's font lacks
+        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None})
+    data = base64.b64encode(buffer.getvalue()).decode()
+    width = round(float(re.findall(rb'width="([\d.]+)pt"', buffer.getvalue())[0]) * PIXELS)
+    return Picture(alt, f"data:image/svg+xml;base64,{data}", width)
+
+
+def render(template: str, **content: Any) -> str:
+    """The whole page; a name that the template uses and is not given is an error."""
+    return environment().get_template(template).render(content)
+
+
+def environment() -> Environment:
+    """Of the templates."""
+    made = Environment(
+        loader=PackageLoader("tactile_viewgcn.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {"anchor": _anchor, "headings": _headings, "several": several}
+    return made
+
+
+def several(count: int, thing: str) -> str:
+    """1 frame, 1,701 frames."""
+    return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+def write(path: Path, text: str) -> str:
+    """Write a page, and say so in a line."""
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8")
+    return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
+
+
+def _anchor(name: str) -> str:
+    return re.sub(r"\W+", "-", name.lower()).strip("-")
+
+
+def _headings(body: Markup) -> list[tuple[str, Markup]]:
+    """Anchor and title of each section of a page's body."""
+    return [(anchor, Markup(title)) for anchor, title in re.findall(r'<section id="(.+?)">\s*<h2>(.+?)</h2>', body)]

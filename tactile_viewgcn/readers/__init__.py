@@ -1,0 +1,1 @@
+"""Recordings as they come: one file a format, each checked as it is read."""

@@ -1,1 +1,0 @@
-"""Recordings of any source as one table of raw counts."""

@@ -1,0 +1,1 @@
+"""Building blocks on what the sensors read: unit, maximum, kernels."""

@@ -1,0 +1,1 @@
+"""What stands between the stages, as tables of columns: recordings, frames, views."""

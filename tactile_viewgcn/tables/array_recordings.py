@@ -1,0 +1,51 @@
+"""The table of raw counts of recordings that are given as arrays."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tactile_viewgcn.tables.recordings import Recordings
+
+
+class ArrayRecordings(Recordings):
+    """The table of raw counts of n recordings in memory; the recordings are named X[0], X[1] and so on.
+
+    Args:
+        arrays: (T_i, H, W) each, of one type.
+        objects: names; labels: (n,) index of each recording's object.
+        sessions: (n,) number of each recording's session, from 0.
+    """
+
+    def __init__(
+        self,
+        arrays: Sequence[np.ndarray],
+        objects: list[str],
+        labels: np.ndarray,
+        sessions: np.ndarray,
+    ):
+        self.path = Path("X")
+        self._pressure = pressure = np.concatenate(arrays)
+        lengths = [len(array) for array in arrays]
+        row = np.repeat(np.arange(len(arrays)), lengths)
+        self.objects = objects
+        self.recordings = [f"X[{number}]" for number in range(len(arrays))]
+        self.sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
+        self.columns = {
+            "object": labels[row],
+            "recording": row,
+            "session": sessions[row],
+            "frame": np.concatenate([np.arange(length) for length in lengths]),
+            "time": np.full(len(row), np.nan),
+        }
+        self.live = pressure.min(axis=0) < pressure.max(axis=0)
+        self.weights = self.action = None
+
+    def kept_counts(self, index: np.ndarray) -> np.ndarray:
+        return self.frames(index)
+
+    def live_counts(self) -> np.ndarray:
+        return self._pressure[:][:, self.live]
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing is open."""

@@ -1,0 +1,155 @@
+"""The table of kept frames, data/frames.h5: counts, baseline, class, side and group of each."""
+
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import h5py
+import numpy as np
+
+from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.frames.transform import network_input
+from tactile_viewgcn.readers.source import BLOCK_FRAMES
+from tactile_viewgcn.tables.stored import Counts, StoredCounts, held
+
+CHUNK_BYTES = 8192  # of the file's chunks, four frames of 32 x 32: quick to read whole, and in random order too
+MAX_PACKED_BYTES = 1 << 30  # of counts; more are not compressed, so that a frame is found and read on its own
+INPUT_BYTES = np.dtype(np.float32).itemsize  # of a sensor's network input
+INPUT_BLOCK = 512  # frames whose network input is computed at once
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The n kept frames in the order of their recordings, with R baselines and C classes.
+
+    Attributes:
+        counts: (n, H, W) raw counts, an array or what is read from their file.
+        label: (n,) class, index into `classes`.
+        recording, session: (n,) index into `recordings` and `sessions`.
+        group: (n,) split group.
+        side: (n,) split.TRAIN, VALIDATION or TEST.
+        anchor: bool (n,) view sets are drawn around it; the anchors are balanced over the classes.
+        baseline: (n,) index into `baseline_mean`.
+        time: (n,) seconds since the recording's first frame.
+        baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
+        live: bool (H, W) sensors whose counts vary.
+        classes, recordings, sessions, baseline_names: names, by index.
+        transform, scale: of counts above baseline to network input, see `network_input`.
+        noise: (H, W) mean standard deviation of the baselines in counts, NaN where it was not measured.
+        preprocess: the section of params.yaml that it was made by; new recordings are treated by the same.
+        kept_share: of the recordings' frames, how many the filter keeps.
+    """
+
+    counts: Counts
+    label: np.ndarray
+    recording: np.ndarray
+    session: np.ndarray
+    group: np.ndarray
+    side: np.ndarray
+    anchor: np.ndarray
+    baseline: np.ndarray
+    time: np.ndarray
+    baseline_mean: np.ndarray
+    live: np.ndarray
+    classes: list[str]
+    recordings: list[str]
+    sessions: list[str]
+    baseline_names: list[str]
+    transform: str
+    scale: float
+    noise: np.ndarray
+    preprocess: dict[str, Any]
+    kept_share: float
+
+    def __len__(self) -> int:
+        return len(self.label)
+
+    def inputs(self, index: np.ndarray, transform: str | None = None) -> np.ndarray:
+        """Network input float32 (k, H, W) of the frames in `index` (k,), by the table's transform or another."""
+        inputs = np.empty((len(index), *self.counts.shape[1:]), dtype=np.float32)
+        for start in range(0, len(index), INPUT_BLOCK):
+            part = index[start : start + INPUT_BLOCK]
+            excess = self.counts[part].astype(self.baseline_mean.dtype)
+            excess -= self.baseline_mean[self.baseline[part]]
+            inputs[start : start + len(part)] = network_input(excess, transform or self.transform, self.scale)
+        return inputs
+
+    def points(self, index: np.ndarray) -> "np.ndarray | Points":
+        """Network input float32 (k, S) of the frames in `index` (k,) at the live sensors: read where counts are."""
+        points = Points(self, index)
+        return points if isinstance(self.counts, StoredCounts) else points[np.arange(len(index))]
+
+    def mean_input(self, index: np.ndarray) -> np.ndarray:
+        """Mean network input float32 (H, W) of the frames in `index` (k,), one at least."""
+        total = np.zeros(self.counts.shape[1:], dtype=np.float32)
+        for start in range(0, len(index), BLOCK_FRAMES):
+            for frame in self.inputs(index[start : start + BLOCK_FRAMES]):  # one by one: the same in blocks of any size
+                total += frame
+        return total / np.float32(len(index))
+
+    def on(self, *sides: int) -> np.ndarray:
+        """Rising indices of the frames on the given sides."""
+        return np.flatnonzero(np.isin(self.side, sides))
+
+
+class Points:
+    """Network input of frames at the live sensors, computed when it is indexed.
+
+    Args:
+        index: (n,) of the frames in the table.
+    """
+
+    def __init__(self, table: Frames, index: np.ndarray):
+        self._table, self._index = table, index
+        self.shape = len(index), int(table.live.sum())
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def __getitem__(self, at: np.ndarray) -> np.ndarray:
+        """float32 (k, S) of the frames at indices (k,), or where a mask (n,) is True."""
+        return self._table.inputs(self._index[at])[:, self._table.live]
+
+
+def write_frames(path: str | Path, frames: Frames) -> None:
+    """Write the table as HDF5: arrays and names as datasets, the transform as attributes."""
+    packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+    with atomic_write(path) as part, h5py.File(part, "w") as file:
+        for field in fields(frames):
+            value = getattr(frames, field.name)
+            if field.name == "counts":
+                size = value[:1].nbytes
+                chunks = (min(max(1, CHUNK_BYTES // max(1, size)), len(value)), *value.shape[1:])
+                layout = {"chunks": chunks, **packed} if size * len(value) <= MAX_PACKED_BYTES else {}
+                counts = file.create_dataset("counts", value.shape, value.dtype, **layout)
+                for start in range(0, len(value), BLOCK_FRAMES):
+                    counts[start : start + BLOCK_FRAMES] = value[start : start + BLOCK_FRAMES]
+            elif isinstance(value, np.ndarray):
+                file.create_dataset(field.name, data=value, **(packed if value.ndim == 3 else {}))
+            elif isinstance(value, list):
+                file[field.name] = np.array(value, dtype=h5py.string_dtype())
+            else:
+                file.attrs[field.name] = json.dumps(value) if isinstance(value, dict) else value
+
+
+def read_frames(path: str | Path | BinaryIO) -> Frames:
+    """Read the table that `write_frames` wrote; counts that take too much of the free memory stay in the file."""
+    with readable(path):
+        file = h5py.File(path, "r")
+        values: dict[str, Any] = {}
+        for field in fields(Frames):
+            if field.name == "counts":
+                values["counts"] = held(StoredCounts(Path(str(path)), file["counts"]), more=INPUT_BYTES)
+            elif field.name in file.attrs:
+                value = file.attrs[field.name]
+                values[field.name] = value if isinstance(value, str) else float(value)
+                if field.name == "preprocess":
+                    values[field.name] = json.loads(value)
+            elif h5py.check_string_dtype(file[field.name].dtype):
+                values[field.name] = [text.decode() for text in file[field.name][()]]
+            else:
+                values[field.name] = file[field.name][()]
+        if isinstance(values["counts"], np.ndarray):
+            file.close()
+    return Frames(**values)

@@ -1,0 +1,129 @@
+"""Telling what a path holds, and opening it."""
+
+import h5py
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
+
+TREE = metadata(objects=3, recordings=2, sessions=2, frames=8, blank=2)
+RAW = {"object": "objectId", "recording": "recordingId", "session": "batchId", "frame": "frame", "time": "ts"}
+HDF5 = RAW | {"split": "splitId", "valid": "hasValidLabel"}
+ALL = HDF5 | {"balanced": "isBalanced", "transition": "isTransition", "grip": "isGrap"}
+EXPECTED = r".*; expected a STAG metadata\.mat"
+
+
+@pytest.mark.parametrize(
+    ("save", "name", "fields"),
+    [
+        (save_matlab5, "metadata.mat", ALL),
+        (save_matlab73, "metadata.mat", ALL),
+        (save_folder, "raw", RAW),
+        (save_hdf5, "lab", HDF5),
+    ],
+)
+def test_every_form_gives_the_same_frames_and_columns(tmp_path, save, name, fields):
+    write_recordings(tmp_path / "t", open_source(save(tmp_path / name, TREE)), "0" * 32)
+    with Recordings(tmp_path / "t") as table:
+        np.testing.assert_array_equal(table.frames(np.arange(len(table))), TREE["pressure"])
+        assert (len(table), table.shape, table.dtype) == (96, (32, 32), np.int16)
+        assert table.columns.keys() == fields.keys()
+        for column, field in fields.items():
+            np.testing.assert_allclose(table.columns[column], TREE[field].ravel(), atol=1e-9, err_msg=column)
+        assert table.objects == ["empty_hand", "object1", "object2"]
+        assert [text.rpartition("/")[2] for text in table.recordings[:3]] == [
+            "000-empty_hand",
+            "001-empty_hand",
+            "002-object1",
+        ]
+        assert table.sessions == ["000", "001"]
+        assert table.live.sum() == 548
+
+
+@pytest.mark.parametrize("name", ["grip.h5", "grip.hdf5", "grip.dat"])
+def test_a_single_recording_in_hdf5_is_known_whatever_its_name(tmp_path, name):
+    path = save_hdf5(tmp_path / "lab", TREE) / "002-object1.h5"
+    path = path.rename(tmp_path / name)
+    source = open_source(path)
+    assert (source.objects, source.recordings, source.sessions) == (["object1"], ["grip"], ["000"])
+    np.testing.assert_array_equal(next(source.blocks)["pressure"], TREE["pressure"][16:24])
+
+
+def test_a_recording_without_its_object_is_told_so(tmp_path):
+    with h5py.File(tmp_path / "grip.h5", "w") as file:
+        file["pressure"] = np.zeros((2, 3, 4))
+    with pytest.raises(UserError, match=r"grip\.h5: no attribute 'object'"):
+        open_source(tmp_path / "grip.h5")
+
+
+@pytest.mark.parametrize("name", ["recordings.h5", "recordings.dat"])
+def test_the_pipelines_own_table_is_no_source(tmp_path, name):
+    write_recordings(tmp_path / name, open_source(save_matlab5(tmp_path / "m.mat", TREE)), "0" * 32)
+    with pytest.raises(UserError, match=rf"{name}: the table that ingest writes{EXPECTED}"):
+        open_source(tmp_path / name)
+
+
+def test_the_pipelines_own_table_in_a_folder_of_recordings_is_named(tmp_path):
+    path = save_hdf5(tmp_path / "lab", TREE)
+    write_recordings(path / "recordings.h5", open_source(path), "0" * 32)
+    with pytest.raises(UserError, match=r"recordings\.h5: the table that ingest writes"):
+        open_source(path)
+
+
+def test_the_path_may_be_given_as_text(tmp_path):
+    assert len(open_source(str(save_matlab5(tmp_path / "m.mat", TREE))).recordings) == 12
+
+
+def test_a_path_with_nothing_there_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match=rf"nowhere\.mat: no such file or folder{EXPECTED}"):
+        open_source(tmp_path / "nowhere.mat")
+
+
+def test_an_empty_file_is_refused(tmp_path):
+    (tmp_path / "metadata.mat").touch()
+    with pytest.raises(UserError, match=rf"metadata\.mat: an empty file{EXPECTED}"):
+        open_source(tmp_path / "metadata.mat")
+
+
+def test_a_folder_of_other_things_is_refused(tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "000000.jpg").write_bytes(b"\xff\xd8")
+    with pytest.raises(UserError, match=rf"photos: neither{EXPECTED}"):
+        open_source(tmp_path / "photos")
+
+
+def test_another_kind_of_file_is_refused(tmp_path):
+    (tmp_path / "table.csv").write_text("time,pressure\n0,513\n" * 50)
+    with pytest.raises(UserError, match=rf"table\.csv: neither a MAT-file.* nor an HDF5 file{EXPECTED}"):
+        open_source(tmp_path / "table.csv")
+
+
+def test_hdf5_of_another_kind_is_refused(tmp_path):
+    with h5py.File(tmp_path / "weights.mat", "w") as file:
+        file["layer"] = np.zeros(3)
+    with pytest.raises(UserError, match=r"weights\.mat: no field pressure, .*; found layer; expected STAG's metadata"):
+        open_source(tmp_path / "weights.mat")
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
+@pytest.mark.parametrize("form", ["matlab5", "matlab73", "folder", "hdf5 folder", "hdf5 file"])
+def test_a_source_cut_short_is_one_sentence_that_names_the_file(tmp_path, form, share):
+    if form == "matlab5":
+        path = cut = save_matlab5(tmp_path / "cut.mat", TREE)
+    elif form == "matlab73":
+        path = cut = save_matlab73(tmp_path / "cut.mat", TREE)
+    elif form == "folder":
+        path = save_folder(tmp_path / "raw", TREE)
+        cut = path / "001" / "011-object2" / "pressuredata.mat"
+    else:
+        path = save_hdf5(tmp_path / "lab", TREE)
+        cut = path / "011-object2.h5"
+        path = cut if form == "hdf5 file" else path
+    content = cut.read_bytes()
+    cut.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(UserError, match=rf"{cut.name}: .*cut short"):
+        write_recordings(tmp_path / "t", open_source(path), "0" * 32)
+    assert not list(tmp_path.glob("t*"))

@@ -1,0 +1,286 @@
+"""The project's own recordings, for gloves other than STAG."""
+
+import re
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers import hdf5 as module
+from tactile_viewgcn.readers.hdf5 import read_hdf5
+from tactile_viewgcn.readers.source import TEST, TRAIN
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tests.stag_files import metadata, save_hdf5
+
+COUNTS = np.arange(4 * 5 * 7, dtype=np.int16).reshape(4, 5, 7)
+
+
+def record(path, *, pressure=COUNTS, attributes=(), **datasets):
+    """A recording of a mug in session s1, unless the attributes say otherwise; None takes a thing out."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with h5py.File(path, "w") as file:
+        for name, values in {"pressure": pressure, **datasets}.items():
+            if values is not None:
+                file[name] = values
+        for name, value in ({"object": "mug", "session": "s1"} | dict(attributes)).items():
+            if value is not None:
+                file.attrs[name] = value
+    return path
+
+
+def ingested(path, source):
+    """All frames of the table that the source gives, and the table, closed."""
+    out = path.parent / "ingested.table"
+    write_recordings(out, source, "0" * 32)
+    with Recordings(out) as table:
+        return table.frames(np.arange(len(table))), table
+
+
+def test_a_folder_is_read_recording_by_recording(tmp_path):
+    tree = metadata(objects=3, recordings=2, sessions=2, frames=10, blank=3)
+    source = read_hdf5(save_hdf5(tmp_path / "lab", tree))
+    counts, table = ingested(tmp_path / "lab", source)
+    np.testing.assert_array_equal(counts, tree["pressure"])
+    fields = {
+        "object": "objectId",
+        "recording": "recordingId",
+        "session": "batchId",
+        "frame": "frame",
+        "time": "ts",
+        "split": "splitId",
+        "valid": "hasValidLabel",
+    }
+    assert table.columns.keys() == fields.keys()
+    for column, field in fields.items():
+        np.testing.assert_array_equal(table.columns[column], tree[field].ravel(), err_msg=column)
+    assert table.objects == ["empty_hand", "object1", "object2"]
+    assert table.recordings[::5] == ["000-empty_hand", "005-object2", "010-object2"]
+    assert table.sessions == ["000", "001"]
+
+
+def test_a_single_file_is_one_recording(tmp_path):
+    source = read_hdf5(record(tmp_path / "grip.h5"))
+    counts, table = ingested(tmp_path / "grip.h5", source)
+    np.testing.assert_array_equal(counts, COUNTS)
+    assert (table.objects, table.recordings, table.sessions) == (["mug"], ["grip"], ["s1"])
+    assert table.columns["frame"].tolist() == [0, 1, 2, 3]
+    assert np.isnan(table.columns["time"]).all()
+    assert table.columns.keys() == {"object", "recording", "session", "frame", "time"}
+    assert table.weights is None
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    shape=st.sampled_from([(1, 1), (5, 7), (7, 5), (1, 64), (64, 64)]),
+    kind=st.sampled_from(["uint8", "int16", "uint16", "int64", "float32", "float64"]),
+    frames=st.integers(1, 6),
+)
+def test_gloves_of_every_shape_and_number_type_keep_their_values(tmp_path_factory, shape, kind, frames):
+    path = tmp_path_factory.mktemp("glove") / "grip.h5"
+    rng = np.random.default_rng(frames)
+    pressure = rng.random((frames, *shape)) if kind.startswith("f") else rng.integers(0, 250, (frames, *shape))
+    source = read_hdf5(record(path, pressure=pressure.astype(kind)))
+    counts, table = ingested(path, source)
+    assert table.shape == shape
+    assert counts.dtype.kind == ("f" if kind.startswith("f") else "i")
+    np.testing.assert_array_equal(counts, pressure.astype(kind))
+    np.testing.assert_array_equal(table.live, np.ptp(pressure, axis=0) > 0)
+
+
+def test_counts_beyond_16_bits_are_kept(tmp_path):
+    path = record(tmp_path / "grip.h5", pressure=COUNTS.astype(np.uint16) + 65000)
+    assert ingested(path, read_hdf5(path))[0].max() == 65000 + 139
+
+
+def test_integers_and_real_numbers_in_one_folder_are_kept_in_single_precision(tmp_path):
+    record(tmp_path / "lab" / "a.h5")
+    record(tmp_path / "lab" / "b.h5", pressure=COUNTS / np.float32(8))
+    counts, _ = ingested(tmp_path / "lab", read_hdf5(tmp_path / "lab"))
+    assert counts.dtype == np.float32
+    np.testing.assert_array_equal(counts, np.concatenate([COUNTS, COUNTS / 8]))
+
+
+def test_files_are_found_at_any_depth_in_the_order_of_their_paths(tmp_path):
+    for name in ("lab/s2/a.h5", "lab/s1/b.hdf5", "lab/s1/deep/c.h5"):
+        record(tmp_path / name)
+    (tmp_path / "lab" / "notes.txt").write_text("not a recording")
+    assert read_hdf5(tmp_path / "lab").recordings == ["s1/b", "s1/deep/c", "s2/a"]
+
+
+def test_objects_are_numbered_by_name_with_the_empty_hand_first(tmp_path):
+    for name in ("pen", "empty_hand", "cup"):
+        record(tmp_path / "lab" / f"{name}-file.h5", attributes={"object": name})
+    source = read_hdf5(tmp_path / "lab")
+    assert source.objects == ["empty_hand", "cup", "pen"]
+    assert source.recordings == ["cup-file", "empty_hand-file", "pen-file"]
+    assert [block["object"][0] for block in source.blocks] == [1, 0, 2]
+
+
+def test_attributes_name_the_recording_and_its_side_and_the_objects_weight(tmp_path):
+    attributes = {"recording": "first", "weight": 55, "split": "train"}
+    record(tmp_path / "lab" / "a.h5", attributes=attributes)
+    record(tmp_path / "lab" / "b.h5", attributes={"object": "pen", "session": 2, "split": "test"})
+    table = ingested(tmp_path / "lab", read_hdf5(tmp_path / "lab"))[1]
+    assert (table.recordings, table.sessions) == (["first", "b"], ["2", "s1"])
+    assert table.columns["split"].tolist() == [TRAIN] * 4 + [TEST] * 4
+    np.testing.assert_array_equal(table.weights, [55, np.nan])
+
+
+def test_grasps_and_flags_are_columns(tmp_path):
+    path = record(
+        tmp_path / "a.h5",
+        grasp=np.array([0, 0, 1, 1]),
+        grasp_valid=np.array([False, True, False, True]),
+        valid=np.array([0, 1, 1, 1], dtype=np.uint8),
+    )
+    columns = ingested(path, read_hdf5(path))[1].columns
+    assert columns["grasp"].tolist() == [0, 0, 1, 1]
+    assert columns["grasp_valid"].tolist() == [False, True, False, True]
+    assert columns["valid"].tolist() == [False, True, True, True]
+
+
+def test_flags_and_grasps_may_be_stored_as_real_numbers(tmp_path):
+    path = record(tmp_path / "a.h5", valid=np.array([0.0, 1, 1, 0]), grasp=np.array([0.0, 0, 1, 1]))
+    columns = ingested(path, read_hdf5(path))[1].columns
+    assert columns["valid"].tolist() == [False, True, True, False]
+    assert columns["grasp"].tolist() == [0, 0, 1, 1]
+
+
+def test_times_are_counted_from_the_first_frame(tmp_path):
+    path = record(tmp_path / "a.h5", time=1.7e9 + np.array([0, 0.25, 0.5, 0.75]))
+    assert ingested(path, read_hdf5(path))[1].columns["time"].tolist() == [0, 0.25, 0.5, 0.75]
+
+
+def test_attributes_of_fixed_length_are_text_too(tmp_path):
+    attributes = {
+        name: np.bytes_(text) for name, text in {"object": "empty_hand", "session": "s", "split": "test"}.items()
+    }
+    source = read_hdf5(record(tmp_path / "a.h5", attributes=attributes))
+    assert (source.objects, source.sessions) == (["empty_hand"], ["s"])
+    assert next(source.blocks)["split"].tolist() == [TEST] * 4
+
+
+def test_a_long_recording_comes_in_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "BLOCK_FRAMES", 3)
+    blocks = list(read_hdf5(record(tmp_path / "a.h5", time=np.arange(4.0))).blocks)
+    assert [len(block["pressure"]) for block in blocks] == [3, 1]
+    np.testing.assert_array_equal(np.concatenate([block["pressure"] for block in blocks]), COUNTS)
+    assert [block["frame"].tolist() for block in blocks] == [[0, 1, 2], [3]]
+    assert [block["time"].tolist() for block in blocks] == [[0, 1, 2], [3]]
+
+
+BAD = {
+    "no pressure": ({"pressure": None, "force": COUNTS}, r"no dataset /pressure; found force"),
+    "nothing at all": ({"pressure": None}, r"no dataset /pressure; found nothing"),
+    "no object": ({"attributes": {"object": None}}, r"no attribute 'object'; expected a text on the file's root"),
+    "no session": ({"attributes": {"session": None}}, r"no attribute 'session'; expected a text"),
+    "one number": ({"pressure": 3}, r"pressure has shape \(\); expected \(frames, rows, columns\)"),
+    "rank 2": ({"pressure": COUNTS[0]}, r"pressure has shape \(5, 7\); expected \(frames, rows, columns\)"),
+    "rank 4": ({"pressure": COUNTS[None]}, r"pressure has shape \(1, 4, 5, 7\); expected \(frames, rows, columns\)"),
+    "too large": ({"pressure": np.zeros((4, 5, 65))}, r"frames of 5 x 65; expected 1 x 1 to 64 x 64"),
+    "flags as pressure": ({"pressure": COUNTS > 9}, r"pressure is of type bool; expected integer counts or real"),
+    "counts too large": (
+        {"pressure": COUNTS + np.int64(2**40)},
+        r"pressure from 1099511627776 to .*; expected counts from",
+    ),
+    "short time": ({"time": np.arange(3.0)}, r"/time has shape \(3,\); expected \(4,\)"),
+    "flat flags": ({"valid": np.ones((4, 1), bool)}, r"/valid has shape \(4, 1\); expected \(4,\)"),
+    "another split": ({"attributes": {"split": "exam"}}, r"attribute split is 'exam'; expected train or test"),
+    "no weight": ({"attributes": {"weight": "heavy"}}, r"attribute weight is 'heavy'; expected"),
+    "text as flags": ({"valid": np.array([b"y"] * 4)}, r"/valid .*; expected"),
+    "broken grasp": ({"grasp": np.array([0, 1.5, 1, 1])}, r"grasp .*; expected"),
+    "grasp not finite": ({"grasp": np.array([0, np.nan, 1, 1])}, r"grasp .*; expected"),
+    "large grasp": ({"grasp": np.array([0, 0, 70000, 1])}, r"grasp 70000.*; expected"),
+}
+
+
+@pytest.mark.parametrize("mistake", BAD)
+def test_a_mistake_is_one_sentence_and_nothing_is_left(tmp_path, mistake):
+    content, sentence = BAD[mistake]
+    path = record(tmp_path / "bad.h5", **content)
+    with pytest.raises(UserError, match=rf"bad\.h5: {sentence}"):
+        write_recordings(tmp_path / "t", read_hdf5(path), "0" * 32)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_group_in_the_place_of_pressure_is_refused(tmp_path):
+    path = record(tmp_path / "bad.h5", pressure=None)
+    with h5py.File(path, "r+") as file:
+        file.create_group("pressure")
+    with pytest.raises(UserError, match=r"bad\.h5: .*pressure"):
+        read_hdf5(path)
+
+
+@pytest.mark.parametrize(
+    ("second", "sentence"),
+    [
+        ({"pressure": COUNTS[:, :3]}, r"b\.h5: shape \(3, 7\); expected \(5, 7\) as in .*a\.h5"),
+        ({"valid": np.ones(4, bool)}, r"b\.h5: columns \['valid'\]; expected \[\] as in .*a\.h5"),
+        ({"attributes": {"split": "test"}}, r"b\.h5: columns \['split'\]; expected \[\] as in .*a\.h5"),
+        ({"attributes": {"recording": "a"}}, r"lab: two recordings are named 'a'; .*`recording` attribute"),
+    ],
+)
+def test_files_that_do_not_go_together_are_refused(tmp_path, second, sentence):
+    record(tmp_path / "lab" / "a.h5")
+    record(tmp_path / "lab" / "b.h5", **second)
+    with pytest.raises(UserError, match=sentence):
+        read_hdf5(tmp_path / "lab")
+
+
+def refusal(folder) -> str:
+    """Message of `read_hdf5` on a folder that it refuses, without the folder's name."""
+    with pytest.raises(UserError, match=r"lab") as caught:
+        read_hdf5(folder)
+    return str(caught.value).replace(f"{folder}/", "").replace(str(folder), "lab")
+
+
+def test_the_mistakes_of_all_files_are_listed_at_once(tmp_path):
+    record(tmp_path / "lab" / "a.h5", attributes={"session": None, "weight": "heavy"}, time=np.arange(3.0))
+    record(tmp_path / "lab" / "b.h5")
+    record(tmp_path / "lab" / "c.h5", pressure=COUNTS[0])
+    (tmp_path / "lab" / "d.h5").write_text("no recording")
+    record(tmp_path / "lab" / "e.h5", pressure=COUNTS[:, :3], attributes={"recording": "b"})
+    text = refusal(tmp_path / "lab")
+    for part in (
+        "a.h5: /time has shape (3,)",
+        "a.h5: no attribute 'session'",
+        "a.h5: attribute weight is 'heavy'",
+        "c.h5: pressure has shape (5, 7)",
+        "d.h5: not a readable HDF5 file",
+        "e.h5: shape (3, 7)",
+        "lab: two recordings are named 'b'",
+    ):
+        assert text.count(part) == 1, part
+
+
+def test_after_ten_bad_files_the_others_are_counted(tmp_path):
+    for number in range(13):
+        record(tmp_path / "lab" / f"{number:02d}.h5", attributes={"object": None})
+    text = refusal(tmp_path / "lab")
+    assert re.findall(r"\d\d\.h5", text) == [f"{number:02d}.h5" for number in range(10)]
+    assert text.endswith("; and 3 more")
+
+
+def test_ten_bad_files_are_all_named(tmp_path):
+    for number in range(10):
+        record(tmp_path / "lab" / f"{number}.h5", attributes={"object": None})
+    text = refusal(tmp_path / "lab")
+    assert text.count(".h5: no attribute 'object'") == 10 and "more" not in text
+
+
+@pytest.mark.parametrize("share", [0, 0.01, 0.5, 0.99])
+def test_a_file_cut_short_is_named(tmp_path, share):
+    record(tmp_path / "lab" / "a.h5")
+    path = record(tmp_path / "lab" / "b.h5")
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(UserError, match=r"b\.h5: not a readable HDF5 file, or cut short"):
+        read_hdf5(tmp_path / "lab")
+
+
+def test_a_folder_without_recordings_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"no \.h5 or \.hdf5 recordings in it"):
+        read_hdf5(tmp_path)

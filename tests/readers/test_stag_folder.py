@@ -1,0 +1,146 @@
+"""Reading folders of STAG's raw recordings."""
+
+import numpy as np
+import pytest
+from scipy import io
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers import stag_folder as module
+from tactile_viewgcn.readers.stag_folder import read_folder
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tests.sources import read
+from tests.stag_files import metadata, save_folder, save_matlab73
+
+TREE = metadata(objects=3, recordings=2, sessions=2, frames=20, blank=3)
+
+
+def test_a_folder_is_read_recording_by_recording(tmp_path):
+    source = read_folder(save_folder(tmp_path / "raw", TREE))
+    found = read(source)
+    np.testing.assert_array_equal(found["pressure"], TREE["pressure"])
+    for column, field in (("object", "objectId"), ("recording", "recordingId"), ("session", "batchId")):
+        np.testing.assert_array_equal(found[column], TREE[field].ravel(), err_msg=column)
+    np.testing.assert_array_equal(found["frame"], TREE["frame"].ravel())
+    np.testing.assert_allclose(found["time"], TREE["ts"].ravel(), atol=1e-9)
+    assert found.keys() == {"pressure", "object", "recording", "session", "frame", "time"}
+    assert source.objects == ["empty_hand", "object1", "object2"]
+    assert source.recordings[::6] == ["000/000-empty_hand", "001/006-empty_hand"]
+    assert (source.sessions, source.shape, source.dtype) == (["000", "001"], (32, 32), np.int16)
+
+
+def _raw(folder, name, **fields):
+    path = folder / name / "pressuredata.mat"
+    path.parent.mkdir(parents=True)
+    io.savemat(path, fields)
+    return path
+
+
+def test_a_recording_is_named_by_its_session_and_holds_what_its_name_says(tmp_path):
+    counts = np.arange(2 * 3 * 4, dtype=np.int16).reshape(2, 3, 4)
+    for name in ("b/000-tea_box", "a/000-tea_box", "a/12-empty_hand", "b/001-can-2"):
+        _raw(tmp_path, name, pressure=counts)
+    source = read_folder(tmp_path)
+    assert source.recordings == ["a/000-tea_box", "a/12-empty_hand", "b/000-tea_box", "b/001-can-2"]
+    assert source.objects == ["empty_hand", "can-2", "tea_box"]
+    found = read(source)
+    assert found["object"].tolist() == [2, 2, 0, 0, 2, 2, 1, 1]
+    assert found["session"].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+    assert found["frame"].tolist() == [0, 1] * 4
+    assert np.isnan(found["time"]).all()
+
+
+def test_a_long_recording_comes_in_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "BLOCK_FRAMES", 4)
+    _raw(tmp_path, "000/000-mug", pressure=np.arange(10, dtype=np.int16)[:, None, None] * np.ones((2, 3), np.int16))
+    blocks = list(read_folder(tmp_path).blocks)
+    assert [len(block["pressure"]) for block in blocks] == [4, 4, 2]
+    assert np.concatenate([block["pressure"][:, 0, 0] for block in blocks]).tolist() == list(range(10))
+    assert np.concatenate([block["frame"] for block in blocks]).tolist() == list(range(10))
+
+
+def test_real_numbers_of_a_raw_recording_keep_their_fractions(tmp_path):
+    _raw(tmp_path, "000/000-mug", pressure=np.full((3, 4, 4), 514.5))
+    write_recordings(tmp_path / "t.h5", read_folder(tmp_path), "0" * 32)
+    with Recordings(tmp_path / "t.h5") as table:
+        assert table.frames(np.arange(3)).mean() == 514.5
+
+
+COUNTS = np.full((3, 4, 5), 510, dtype=np.int16)
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"frame": np.arange(3)}, r"no field pressure; expected STAG's pressuredata\.mat"),
+        ({"pressure": COUNTS[0]}, r"pressure has shape \(4, 5\); expected \(frames, rows, columns\)"),
+        ({"pressure": COUNTS[:, :3]}, r"frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"),
+        ({"pressure": COUNTS, "frame": np.arange(4)}, r"frame has 4 values for 3 frames"),
+        ({"pressure": COUNTS, "tStamp": np.arange(2.0)}, r"tStamp has 2 values for 3 frames"),
+        ({"pressure": np.full((3, 4, 5), "a")}, r"pressure is of type .*; expected integer counts or real numbers"),
+    ],
+)
+def test_a_mistake_in_a_raw_recording_names_its_file(tmp_path, fields, sentence):
+    _raw(tmp_path, "raw/000/000-mug", pressure=COUNTS)
+    _raw(tmp_path, "raw/000/001-pen", **fields)
+    with pytest.raises(UserError, match=rf"001-pen.pressuredata\.mat: {sentence}"):
+        write_recordings(tmp_path / "t.h5", read_folder(tmp_path / "raw"), "0" * 32)
+    assert not list(tmp_path.glob("t.h5*"))
+
+
+def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_path, monkeypatch):
+    raw = tmp_path / "raw"
+    _raw(raw, "000/000-mug", frame=np.arange(3))
+    _raw(raw, "000/001-pen", pressure=COUNTS, frame=np.arange(4))
+    _raw(raw, "000/002-cup", pressure=COUNTS)
+    _raw(raw, "001/003-can", pressure=COUNTS[:, :3])
+    _raw(raw, "001/004-ball", pressure=np.full((3, 4, 5), "a"))
+    monkeypatch.setattr(io, "loadmat", lambda *_, **__: pytest.fail("a recording was read"))
+    with pytest.raises(UserError, match="000-mug") as caught:
+        read_folder(raw)
+    assert str(caught.value).replace(f"{raw}/", "").replace("/pressuredata.mat", "") == (
+        "000/000-mug: no field pressure; expected STAG's pressuredata.mat; "
+        "000/001-pen: frame has 4 values for 3 frames; expected one for each frame; "
+        "001/004-ball: pressure is of type char; expected integer counts or real numbers; "
+        "001/003-can: frames of (3, 5); expected (4, 5) as in 000/002-cup"
+    )
+
+
+@pytest.mark.parametrize("save", [io.savemat, save_matlab73])
+def test_raw_recordings_are_compared_in_both_forms_of_matlab(tmp_path, save):
+    for name, counts in (("000-mug", COUNTS), ("001-pen", COUNTS[:, :3])):
+        (tmp_path / "000" / name).mkdir(parents=True)
+        save(tmp_path / "000" / name / "pressuredata.mat", {"pressure": counts})
+    with pytest.raises(UserError, match=r"001-pen.*: frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"):
+        read_folder(tmp_path)
+
+
+def test_a_raw_recording_of_another_type_is_named_when_it_is_read(tmp_path):
+    _raw(tmp_path, "000/000-mug", pressure=COUNTS)
+    _raw(tmp_path, "000/001-pen", pressure=COUNTS / 8)
+    blocks = read_folder(tmp_path).blocks
+    assert len(next(blocks)["pressure"]) == 3
+    with pytest.raises(UserError, match=r"001-pen.*: pressure is of type float64; expected int16 as in .*000-mug"):
+        next(blocks)
+
+
+def test_a_raw_recording_cut_short_is_named(tmp_path):
+    _raw(tmp_path, "raw/000/000-mug", pressure=COUNTS)
+    path = _raw(tmp_path, "raw/000/001-pen", pressure=COUNTS)
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(UserError, match=r"001-pen.pressuredata\.mat: not a readable MAT-file, or cut short"):
+        write_recordings(tmp_path / "t.h5", read_folder(tmp_path / "raw"), "0" * 32)
+    assert not list(tmp_path.glob("t.h5*"))
+
+
+def test_a_raw_recording_may_be_saved_as_matlab_7(tmp_path):
+    tree = {"pressure": np.arange(2 * 3 * 4, dtype=np.int16).reshape(2, 3, 4), "tStamp": np.array([[7.0], [7.25]])}
+    (tmp_path / "000/000-mug").mkdir(parents=True)
+    save_matlab73(tmp_path / "000/000-mug/pressuredata.mat", tree)
+    found = read(read_folder(tmp_path))
+    np.testing.assert_array_equal(found["pressure"], tree["pressure"])
+    assert found["time"].tolist() == [0, 0.25]
+
+
+def test_a_folder_without_raw_recordings_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"no \[batch\]/\[recording\]/pressuredata\.mat in it"):
+        read_folder(tmp_path)

@@ -1,0 +1,270 @@
+"""Reading STAG's metadata.mat."""
+
+import struct
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers import stag_metadata as module
+from tactile_viewgcn.readers.source import TEST, TRAIN
+from tactile_viewgcn.readers.stag_metadata import read_metadata
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tests.sources import read
+from tests.stag_files import SENSORS, as_weights, metadata, save_matlab5, save_matlab73
+
+FORMS = pytest.mark.parametrize("save", [save_matlab5, save_matlab73])
+FRAMES = 20
+TREE = metadata(objects=3, recordings=2, sessions=2, frames=FRAMES, blank=3)
+TOTAL = 3 * 2 * 2 * FRAMES
+PER_FRAME = [name for name, values in TREE.items() if len(values) == TOTAL]
+
+
+@FORMS
+def test_every_field_of_the_metadata_is_read(tmp_path, save):
+    source = read_metadata(save(tmp_path / "metadata.mat", TREE))
+    found = read(source)
+    assert (source.shape, source.dtype) == ((32, 32), np.int16)
+    np.testing.assert_array_equal(found.pop("pressure"), TREE["pressure"])
+    fields = {
+        "object": "objectId",
+        "recording": "recordingId",
+        "session": "batchId",
+        "frame": "frame",
+        "time": "ts",
+        "split": "splitId",
+        "valid": "hasValidLabel",
+        "balanced": "isBalanced",
+        "transition": "isTransition",
+        "grip": "isGrap",
+    }
+    assert found.keys() == fields.keys()
+    for column, field in fields.items():
+        np.testing.assert_array_equal(found[column], TREE[field].ravel(), err_msg=column)
+    assert source.objects == ["empty_hand", "object1", "object2"]
+    assert source.recordings[:3] == ["000-empty_hand", "001-empty_hand", "002-object1"]
+    assert (len(source.recordings), source.sessions) == (12, ["000", "001"])
+
+
+@FORMS
+def test_the_sensors_of_a_file_are_those_that_vary(tmp_path, save):
+    source = read_metadata(save(tmp_path / "metadata.mat", TREE))
+    write_recordings(tmp_path / "t.h5", source, "0" * 32)
+    with Recordings(tmp_path / "t.h5") as table:
+        assert table.live.sum() == 548
+        np.testing.assert_array_equal(table.live, SENSORS)
+
+
+@FORMS
+def test_a_weights_file_has_grasps_and_grams_and_no_split(tmp_path, save):
+    tree = as_weights(TREE)
+    source = read_metadata(save(tmp_path / "metadata.mat", tree))
+    found = read(source)
+    assert found.keys() == {"pressure", "object", "recording", "session", "frame", "time", "grasp", "grasp_valid"}
+    assert found["grasp"][:FRAMES].tolist() == [0] * 5 + [1] * 5 + [2] * 5 + [3] * 5
+    assert found["grasp_valid"].sum() == 12 * (FRAMES - 3)
+    assert source.weights.tolist() == [0, 1, 2]
+
+
+@FORMS
+def test_a_blindfolded_file_has_the_interval_of_each_manipulation(tmp_path, save):
+    starts, ends = np.arange(12.0)[:, None] - 1, np.arange(12.0)[:, None] + 5
+    source = read_metadata(save(tmp_path / "m.mat", TREE | {"actionStartTS": starts, "actionEndTS": ends}))
+    assert source.action.shape == (12, 2)
+    assert source.action[[0, 11]].tolist() == [[-1, 5], [10, 16]]
+
+
+@FORMS
+def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save):
+    turned = TREE | {"splitId": 1 - TREE["splitId"], "splits": TREE["splits"][:, ::-1]}
+    found = read(read_metadata(save(tmp_path / "metadata.mat", turned)))["split"]
+    np.testing.assert_array_equal(found == TEST, TREE["splitId"].ravel() == 1)
+    np.testing.assert_array_equal(found == TRAIN, TREE["splitId"].ravel() == 0)
+
+
+@FORMS
+def test_frames_come_in_blocks(tmp_path, save, monkeypatch):
+    monkeypatch.setattr(module, "BLOCK_FRAMES", 100)
+    blocks = list(read_metadata(save(tmp_path / "metadata.mat", TREE)).blocks)
+    assert [block["pressure"].shape for block in blocks] == [(100, 32, 32), (100, 32, 32), (40, 32, 32)]
+    np.testing.assert_array_equal(np.concatenate([block["pressure"] for block in blocks]), TREE["pressure"])
+
+
+@FORMS
+def test_real_valued_pressure_is_kept_as_such(tmp_path, save):
+    source = read_metadata(save(tmp_path / "metadata.mat", TREE | {"pressure": TREE["pressure"] / 8}))
+    assert source.dtype == np.float64
+    np.testing.assert_array_equal(read(source)["pressure"], TREE["pressure"] / 8)
+
+
+@FORMS
+def test_frame_numbers_and_times_may_be_missing(tmp_path, save):
+    tree = {name: values for name, values in TREE.items() if name not in ("frame", "ts")}
+    found = read(read_metadata(save(tmp_path / "metadata.mat", tree)))
+    np.testing.assert_array_equal(found["frame"], np.arange(TOTAL))
+    assert np.isnan(found["time"]).all()
+
+
+BAD = {
+    "no pressure": ({"pressure": None}, r"no field pressure; found .*objectId.*; expected STAG's metadata\.mat"),
+    "two fields missing": ({"objects": None, "batchId": None}, r"no field objects, batchId; found .*pressure"),
+    "flat pressure": (
+        {"pressure": TREE["pressure"].reshape(TOTAL, 1024)},
+        r"pressure has shape \(240, 1024\); expected \(frames, rows, columns\)",
+    ),
+    "pressure of rank 4": (
+        {"pressure": TREE["pressure"][None]},
+        r"pressure has shape \(1, 240, 32, 32\); expected \(frames, rows, columns\)",
+    ),
+    "large frames": (
+        {"pressure": np.zeros((TOTAL, 2, 65), np.int16)},
+        r"frames of 2 x 65; expected 1 x 1 to 64 x 64",
+    ),
+    "complex pressure": ({"pressure": TREE["pressure"] * 1j}, r"pressure is of type complex128; expected integer"),
+    "pressure that is not finite": (
+        {"pressure": np.where(np.arange(TOTAL)[:, None, None] == 17, np.nan, TREE["pressure"])},
+        r"pressure of frame 17 of recording .* is nan; expected a number from every sensor, up to",
+    ),
+    "object out of range": (
+        {"objectId": TREE["objectId"] + 1},
+        r"object id 3 of frame 80 is out of range; expected 0 to 2 \(3 objects\)",
+    ),
+    "recording out of range": (
+        {"recordings": TREE["recordings"][:, :11]},
+        r"recording id 11 of frame 220 is out of range; expected 0 to 10 \(11 recordings\)",
+    ),
+    "session out of range": (
+        {"batchId": TREE["batchId"].astype(np.int16) - 1},
+        r"session id -1 of frame 0 is out of range; expected 0 to 1 \(2 sessions\)",
+    ),
+    "broken index": ({"objectId": TREE["objectId"] + 0.5}, r"objectId holds values that are no whole numbers"),
+    "index that is not finite": ({"objectId": TREE["objectId"] * np.nan}, r"objectId holds values that are no whole"),
+    "split out of range": ({"splitId": TREE["splitId"] + 1}, r"splitId is \[1, 2\]; expected 0 to 1"),
+    "short column": ({"hasValidLabel": TREE["hasValidLabel"][:-1]}, r"hasValidLabel has 239 values for 240 frames"),
+    "short time": ({"ts": TREE["ts"][:7]}, r"ts has 7 values for 240 frames"),
+    "long column": ({"objectId": np.tile(TREE["objectId"], (2, 1))}, r"objectId has 480 values for 240 frames"),
+    "no frames": ({name: TREE[name][:0] for name in PER_FRAME}, r"no frames; expected at least one recording"),
+    "weights of too few objects": ({"weights": np.zeros((2, 1))}, r"weights has 2 values for 3 objects"),
+    "interval of too few recordings": (
+        {"actionStartTS": np.zeros((7, 1)), "actionEndTS": np.zeros((7, 1))},
+        r"actionStartTS has 7 values for 12 recordings",
+    ),
+    "intervals of two lengths": (
+        {"actionStartTS": np.zeros((12, 1)), "actionEndTS": np.zeros((7, 1))},
+        r"actionEndTS has 7 values for 12 recordings",
+    ),
+}
+
+
+@FORMS
+@pytest.mark.parametrize("mistake", BAD)
+def test_a_mistake_in_the_metadata_is_one_sentence_and_nothing_is_left(tmp_path, save, mistake):
+    changes, sentence = BAD[mistake]
+    tree = {name: values for name, values in (TREE | changes).items() if values is not None}
+    path = save(tmp_path / "bad.mat", tree)
+    with pytest.raises(UserError, match=rf"bad\.mat: {sentence}"):
+        write_recordings(tmp_path / "t.h5", read_metadata(path), "0" * 32)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@FORMS
+def test_a_split_of_other_names_is_refused(tmp_path, save):
+    names = np.array([["train", "unseen"]], dtype=object)
+    path = save(tmp_path / "bad.mat", TREE | {"splits": names})
+    with pytest.raises(UserError, match=r"bad\.mat: splits has unseen; expected train and test"):
+        read_metadata(path)
+
+
+def test_names_that_are_no_cell_array_are_refused_in_hdf5(tmp_path):
+    path = save_matlab73(tmp_path / "bad.mat", TREE)
+    with h5py.File(path, "r+") as file:
+        del file["objects"]
+        file["objects"] = np.array([[ord(letter)] for letter in "mug"], dtype=np.uint16)
+    with pytest.raises(UserError, match=r"bad\.mat: objects .*; expected"):
+        read_metadata(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"time,pressure\n0,513\n" * 50, bytes(2000), b"hi", np.random.default_rng(0).bytes(3000)],
+    ids=["text", "zeros", "two bytes", "random"],
+)
+def test_another_kind_of_file_is_refused(tmp_path, content):
+    (tmp_path / "a.mat").write_bytes(content)
+    with pytest.raises(UserError, match=r"a\.mat: not a readable MAT-file, or cut short .*; expected MATLAB 5 or 7\.3"):
+        read_metadata(tmp_path / "a.mat")
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cut")
+    tree = metadata(objects=2, recordings=1, frames=3)
+    return save_matlab5(folder / "whole.mat", tree), save_matlab73(folder / "whole73.mat", tree)
+
+
+@settings(max_examples=40, deadline=None)
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_a_matlab_5_file_cut_anywhere_inside_an_array_is_refused(complete, share):
+    content, ends = complete[0].read_bytes(), [128]
+    while ends[-1] < len(content):
+        ends.append(ends[-1] + 8 + struct.unpack_from("<I", content, ends[-1] + 4)[0])
+    cut = int(share * len(content))
+    assume(cut not in ends)
+    path = complete[0].with_name("cut.mat")
+    path.write_bytes(content[:cut])
+    with pytest.raises(UserError, match=r"cut\.mat: (not a readable MAT-file, or cut short|no field)"):
+        read_metadata(path)
+
+
+@settings(max_examples=20, deadline=None)
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_a_matlab_7_file_cut_anywhere_is_refused(complete, share):
+    content = complete[1].read_bytes()
+    path = complete[1].with_name("cut73.mat")
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(UserError, match=r"cut73\.mat: not a readable MAT-file, or cut short"):
+        read_metadata(path)
+
+
+@pytest.mark.stag
+@pytest.mark.parametrize(
+    ("name", "frames", "recordings", "flag", "flagged"),
+    [("blindfolded_lite", 6686, 105, "valid", 525), ("weights_lite", 11682, 27, "grasp_valid", 2301)],
+)
+def test_the_real_files_have_the_frames_that_their_authors_state(stag_data, name, frames, recordings, flag, flagged):
+    source = read_metadata(stag_data / name / "metadata.mat")
+    found = read(source)
+    assert found["pressure"].shape == (frames, 32, 32)
+    assert (len(source.recordings), len(source.objects)) == (recordings, 27)
+    assert len(np.unique(found["recording"])) == recordings
+    assert source.objects[0] == "empty_hand"
+    assert found[flag].sum() == flagged
+    live = found["pressure"].min(axis=0) < found["pressure"].max(axis=0)
+    np.testing.assert_array_equal(live, SENSORS)
+    assert (found["pressure"][:, ~SENSORS] == 510).all()
+
+
+@pytest.mark.stag
+def test_the_real_blindfolded_file_is_all_test_and_its_empty_hand_has_no_interval(stag_data):
+    source = read_metadata(stag_data / "blindfolded_lite" / "metadata.mat")
+    found = read(source)
+    assert (found["split"] == TEST).all()
+    empty = np.unique(found["recording"][found["object"] == 0])
+    assert len(empty) == 1
+    assert source.action.shape == (105, 2)
+    assert source.action[empty[0]].tolist() == [-1, -1]
+    assert (source.action[np.delete(np.arange(105), empty)] >= 0).all()
+
+
+@pytest.mark.stag
+def test_the_real_weights_file_has_grams_and_grasps(stag_data):
+    source = read_metadata(stag_data / "weights_lite" / "metadata.mat")
+    grams = dict(zip(source.objects, source.weights.tolist(), strict=True))
+    assert (grams["empty_hand"], grams["cat"], grams["mug"], grams["tea_box"]) == (0, 679, 509, 188)
+    found = read(source)
+    assert "split" not in found
+    grasps = [len(np.unique(found["grasp"][found["recording"] == i])) for i in range(27)]
+    assert 6 <= min(grasps) <= max(grasps) <= 7

@@ -1,0 +1,37 @@
+"""Small systems with known weights, and views for them."""
+
+import torch
+
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.small_tables import recipe
+
+NARROW = "model.backbone.width=8"
+LINE = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
+CUBE = torch.from_numpy(viewpoints(8, "cube"))
+
+
+def fill(parameter, values):
+    with torch.no_grad():
+        parameter.copy_(torch.as_tensor(values, dtype=parameter.dtype).view_as(parameter))
+
+
+def only_leaky(system):
+    """The system in evaluation mode with a shape classifier that does nothing but the LeakyReLU."""
+    for layer in (system.classifier[0], system.classifier[3]):
+        fill(layer.weight, torch.eye(len(layer.weight)))
+        fill(layer.bias, torch.zeros(len(layer.bias)))
+    return system.eval()
+
+
+def built(name, *changes, places=LINE, classes=5):
+    """A classifier with features of 16 and maps of 16 x 3 x 3, in evaluation mode."""
+    torch.manual_seed(0)
+    model = recipe(f"model.system={name}", NARROW, *changes).model
+    return Classifier(places, classes, model, (12, 12)).eval()
+
+
+def some_views(classifier, count=None):
+    """What the classifier's system takes of three sets of `count` views, or of V."""
+    shape = (3, classifier.views if count is None else count, *classifier.feature_shape)
+    return torch.randn(shape, generator=torch.Generator().manual_seed(1))

@@ -1,0 +1,51 @@
+"""GCN by hand."""
+
+import math
+
+import pytest
+import torch
+
+from tactile_viewgcn.systems import gcn
+from tactile_viewgcn.systems.gcn import GCN, normalised_adjacency
+from tests.systems.small_systems import LINE, built, fill, only_leaky, some_views
+
+
+def test_the_normalised_adjacency_by_hand():
+    root6 = math.sqrt(6)
+    expected = [[1 / 2, 1 / root6, 0], [1 / root6, 1 / 3, 1 / root6], [0, 1 / root6, 1 / 2]]
+    found = normalised_adjacency(LINE[:3], 2)  # 0 - 1 - 3: the middle one is among the nearest of both
+    torch.testing.assert_close(found, torch.tensor(expected))
+    torch.testing.assert_close(normalised_adjacency(LINE[:3], 1), torch.eye(3))
+    torch.testing.assert_close(normalised_adjacency(LINE[:3], 9), torch.full((3, 3), 1 / 3))
+
+
+@pytest.mark.parametrize("readout", ["max", "mean"])
+def test_two_layers_of_gcn_by_hand(readout):
+    head = only_leaky(GCN(viewpoints=LINE[:3], features=1, classes=1, neighbours=2, readout=readout, dropout=0.5))
+    fill(head.layers[0].weight, [2])
+    fill(head.layers[0].bias, [-1])
+    fill(head.layers[1].weight, [1])
+    fill(head.layers[1].bias, [-1])
+    r = 1 / math.sqrt(6)
+    # first layer: [-3, 3, 5] -> ReLU[-1.5 + 3r, -3r + 1 + 5r, 3r + 2.5] = [0, 1 + 2r, 2.5 + 3r]
+    # second: [-1, 2r, 1.5 + 3r] -> ReLU[-1/2 + 2r², -r + 2r/3 + 1.5r + 3r², 2r² + 0.75 + 1.5r], r² = 1/6
+    nodes = [0, 1 / 2 + 7 * r / 6, 13 / 12 + 3 * r / 2]
+    expected = max(nodes) if readout == "max" else sum(nodes) / 3
+    assert head(torch.tensor([[[-1.0], [2], [3]]]))[0].item() == pytest.approx(expected)
+
+
+def test_gcn_takes_the_first_of_listed_neighbours():
+    one, listed = (built("gcn", f"model.neighbours={near}") for near in ("2", "[2, 4, 4]"))
+    views = some_views(one)
+    assert torch.equal(one.head(views)[0], listed.head(views)[0])
+    assert (one.head(views)[0] - built("gcn", "model.neighbours=4").head(views)[0]).abs().max() > 1e-3
+
+
+def test_fewer_views_of_gcn_sit_where_furthest_point_sampling_comes_first(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        gcn, "normalised_adjacency", lambda places, near: seen.append(places) or normalised_adjacency(places, near)
+    )
+    classifier = built("gcn")
+    classifier.head(some_views(classifier, count=3))
+    assert torch.equal(seen[0], LINE[[0, 3, 2]])

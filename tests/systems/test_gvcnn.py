@@ -1,0 +1,72 @@
+"""GVCNN by hand."""
+
+import math
+
+import pytest
+import torch
+
+from tactile_viewgcn.systems.gvcnn import GVCNN, grouped_mean, squash
+from tests.systems.small_systems import fill, only_leaky
+
+
+def test_a_score_is_sigma_of_log_of_the_absolute_value():
+    x = torch.tensor([-1e4, -3, -1, -1e-6, 1e-6, 0.5, 1, 7, 1e4], dtype=torch.float64)
+    torch.testing.assert_close(squash(x), x.abs().log().sigmoid())
+    assert squash(torch.tensor([-3.0, 0, 1])).tolist() == [0.75, 0, 0.5]
+
+
+def test_the_grouped_mean_by_hand():
+    features = torch.tensor([[[1.0, 0], [3, 4], [5, 10]]])
+    scores = torch.tensor([[0.2, 0.4, 0.9]])
+    # two groups: means [2, 2] and [5, 10], weights 0.3 and 0.9
+    torch.testing.assert_close(grouped_mean(features, scores, 2), torch.tensor([[4.25, 8]]))
+    # four groups, the third without a view: each view is a group of its own
+    expected = torch.tensor([[(0.2 * 1 + 0.4 * 3 + 0.9 * 5) / 1.5, (0.4 * 4 + 0.9 * 10) / 1.5]])
+    torch.testing.assert_close(grouped_mean(features, scores, 4), expected)
+    torch.testing.assert_close(grouped_mean(features, scores, 1), features.mean(dim=1))
+
+
+def test_a_group_without_views_adds_nothing():
+    features, scores = torch.randn(2, 3, 4, generator=torch.Generator().manual_seed(0)), torch.tensor([0.11, 0.5, 1.0])
+    own = grouped_mean(features, scores.expand(2, 3), 10)
+    torch.testing.assert_close(grouped_mean(features, scores.expand(2, 3), 1000), own)
+    torch.testing.assert_close(own, (scores @ features) / scores.sum())
+
+
+def test_scores_of_0_stay_finite_and_so_do_their_gradients():
+    values = torch.zeros(2, 3, requires_grad=True)
+    features = 1e3 * torch.randn(2, 3, 64, generator=torch.Generator().manual_seed(0))
+    found = grouped_mean(features, squash(values), 3)
+    found.sum().backward()
+    assert found.isfinite().all()
+    assert values.grad.isfinite().all()
+
+
+def test_the_scores_gradient_is_that_of_the_groups_weights():
+    scores = torch.tensor([[0.2, 0.4, 0.9]], dtype=torch.float64, requires_grad=True)
+    features = torch.tensor([[[1.0], [3], [5]]], dtype=torch.float64)
+    grouped_mean(features, scores, 2).sum().backward()
+    # (2a + 5b) / (a + b) with a = (s1 + s2) / 2 = 0.3 and b = s3 = 0.9: slopes -3b / (a + b)² and 3a / (a + b)²
+    expected = [[-1.35 / 1.44, -1.35 / 1.44, 0.9 / 1.44]]
+    torch.testing.assert_close(scores.grad, torch.tensor(expected, dtype=torch.float64))
+
+
+def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
+    system = only_leaky(GVCNN(maps=(1, 1, 2), views=2, classes=1, dropout=0.5))
+    fill(system.score.weight, [1, -1])
+    fill(system.score.bias, [0])
+    # the two maps [1, 4] and [2, 1]: scores 3/4 and 1/2, both in the upper half; [2, 2.25]: 1/5, in the lower
+    views = torch.tensor([[1.0, 4], [2, 1], [2, 2.25]]).view(1, 3, 1, 1, 2)
+    expected = ((3 / 4 + 1 / 2) / 2 * (2.5 + 1.5) / 2 + 1 / 5 * 2.125) / ((3 / 4 + 1 / 2) / 2 + 1 / 5)
+    assert system(views)[0].item() == pytest.approx(expected)
+    assert system(views.bfloat16())[0].item() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_score_that_is_not_finite_makes_the_logits_of_its_view_set_nan(bad):
+    torch.manual_seed(0)
+    system = GVCNN(maps=(2, 1, 1), views=3, classes=4, dropout=0.0)
+    maps = torch.randn(2, 3, 2, 1, 1)
+    maps[1, 0, 0] = bad
+    logits, _ = system(maps)
+    assert logits[0].isfinite().all() and logits[1].isnan().all()

@@ -1,0 +1,81 @@
+"""CNN-LSTM and ConvLSTM against plain loops."""
+
+import math
+
+import pytest
+import torch
+import torch.nn.functional as functional
+
+from tactile_viewgcn.systems.conv_lstm import ConvLSTM
+from tests.systems.small_systems import built, fill, some_views
+
+
+def test_cnn_lstm_classifies_the_last_state_of_the_plain_loop():
+    head = built("cnn_lstm").head
+    views = some_views(built("cnn_lstm"))
+    memory, hidden, cell, states = head.memory, torch.zeros(3, 16), torch.zeros(3, 16), []
+    for view in views.unbind(dim=1):
+        gates = view @ memory.weight_ih_l0.T + memory.bias_ih_l0 + hidden @ memory.weight_hh_l0.T + memory.bias_hh_l0
+        inward, forget, candidate, outward = gates.chunk(4, dim=1)
+        cell = forget.sigmoid() * cell + inward.sigmoid() * candidate.tanh()
+        hidden = outward.sigmoid() * cell.tanh()
+        states.append(hidden)
+    found = head(views)[0]
+    torch.testing.assert_close(found, head.classifier(states[-1]))
+    assert (found - head.classifier(states[-2])).abs().max() > 1e-3
+
+
+def plain_conv_lstm(system, views):
+    """Logits by a loop over views and gates, each gate a convolution of the view and one of the hidden state."""
+    batch, _, channels, height, width = views.shape
+    weight, bias = system.gates.weight, system.gates.bias
+    hidden, cell = torch.zeros(2, batch, channels, height, width)
+    for number in range(views.shape[1]):
+        gates = []
+        for gate in range(4):
+            rows = slice(gate * channels, (gate + 1) * channels)
+            of_view = functional.conv2d(views[:, number], weight[rows, :channels], padding=1)
+            of_hidden = functional.conv2d(hidden, weight[rows, channels:], padding=1)
+            gates.append(of_view + of_hidden + bias[rows, None, None])
+        cell = torch.sigmoid(gates[1]) * cell + torch.sigmoid(gates[0]) * torch.tanh(gates[3])
+        hidden = torch.sigmoid(gates[2]) * torch.tanh(cell)
+    return system.classifier(hidden.flatten(2).sum(dim=2) / (height * width))
+
+
+def test_conv_lstm_equals_the_plain_loop_over_views_and_gates():
+    torch.manual_seed(0)
+    system = ConvLSTM(features=3, classes=4)
+    views = torch.randn(2, 5, 3, 4, 6)
+    torch.testing.assert_close(system(views)[0], plain_conv_lstm(system, views))
+
+
+def test_conv_lstm_of_one_pixel_and_one_view_by_hand():
+    system = ConvLSTM(features=1, classes=1)
+    fill(system.gates.weight, torch.zeros(4, 2, 3, 3))
+    fill(system.gates.bias, [0, 0, 0, 0])
+    fill(system.gates.weight[3, 0, 1, 1], 1)  # the candidate is tanh of the map, every gate is half open
+    fill(system.classifier.weight, [1])
+    fill(system.classifier.bias, [0])
+    first, second = 0.5 * math.tanh(2), 0.5 * math.tanh(-1)
+    views = torch.tensor([2.0, -1]).view(1, 2, 1, 1, 1)
+    assert system(views[:, :1])[0].item() == pytest.approx(0.5 * math.tanh(first))
+    assert system(views)[0].item() == pytest.approx(0.5 * math.tanh(0.5 * first + second))
+
+
+def test_bfloat16_maps_give_nearly_the_same_and_leave_the_memory_in_float32(monkeypatch):
+    torch.manual_seed(0)
+    system, kinds, step = ConvLSTM(features=3, classes=4), [], ConvLSTM.step
+
+    def watched(self, view, hidden, cell):
+        after = step(self, view, hidden, cell)
+        kinds.append((view.dtype, cell.dtype, *(state.dtype for state in after)))
+        return after
+
+    monkeypatch.setattr(ConvLSTM, "step", watched)
+    maps = torch.randn(2, 5, 3, 4, 6).bfloat16()
+    narrow, wide = system(maps)[0], system(maps.float())[0]
+    assert set(kinds[:5]) == {(torch.bfloat16, torch.float32, torch.bfloat16, torch.float32)}
+    assert set(kinds[5:]) == {(torch.float32,) * 4}
+    assert narrow.dtype == torch.float32
+    assert 0 < (narrow - wide).abs().max() < 0.01
+    torch.testing.assert_close(wide, plain_conv_lstm(system, maps.float()))

@@ -1,0 +1,52 @@
+"""MVCNN, mean and vote: systems that pool views."""
+
+import math
+
+import torch
+from torch import nn
+
+from tactile_viewgcn.systems.mean import MeanViews
+from tactile_viewgcn.systems.mvcnn import MVCNN
+from tactile_viewgcn.systems.vote import Vote
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tests.systems.small_systems import NARROW, fill, only_leaky
+
+
+def test_mvcnn_takes_the_maximum_and_mean_the_mean_by_hand():
+    views = torch.tensor([[[1.0, -2], [0.5, -4], [-3, -3]]])
+    for system_class, expected in ((MVCNN, [1, 0.2 * -2]), (MeanViews, [0.2 * -0.5, 0.2 * -3])):
+        system = only_leaky(system_class(features=2, classes=2, dropout=0.5))
+        torch.testing.assert_close(system(views)[0], torch.tensor([expected]))
+
+
+def test_vote_averages_probabilities_by_hand():
+    system = Vote(features=2, classes=2)
+    fill(system.classifier.weight, torch.eye(2))
+    fill(system.classifier.bias, [0, 0])
+    log3 = math.log(3)  # probabilities 3/4 and 1/4, then 1/2 and 1/2, then 1/10 and 9/10
+    views = torch.tensor([[[log3, 0], [5, 5], [0, 2 * log3]]])
+    found = system(views)[0]
+    torch.testing.assert_close(found.exp(), torch.tensor([[1.35 / 3, 1.65 / 3]]))
+    torch.testing.assert_close(found.softmax(dim=-1), found.exp())
+
+
+def test_vote_begins_as_the_pretrained_classifier_and_is_not_trained():
+    config, frames = recipe("model.system=vote", NARROW), fewer_anchors(table(), 12)
+    classifier, progress = finetune_classifier(frames, views_of(frames, config), pretrained(NARROW), config, CPU)
+    assert progress.curves == {}
+    alone, own = nn.Linear(16, 4), pretrained(NARROW)["classifier"]
+    alone.load_state_dict(own)
+    for name, weight in classifier.backbone.state_dict().items():
+        assert torch.equal(weight, pretrained(NARROW)["backbone"][name])
+    feature = torch.randn(5, 16, generator=torch.Generator().manual_seed(0))
+    with torch.inference_mode():
+        torch.testing.assert_close(classifier.head(feature[:, None])[0], alone(feature).log_softmax(dim=-1))
+
+
+def test_certain_views_do_not_overflow_the_vote():
+    system = Vote(features=2, classes=2)
+    fill(system.classifier.weight, torch.eye(2))
+    fill(system.classifier.bias, [0, 0])
+    found = system(torch.tensor([[[1000.0, 0], [1000, 0]]]))[0]
+    torch.testing.assert_close(found, torch.tensor([[0.0, -1000]]))

@@ -1,0 +1,138 @@
+"""RotationNet against brute force."""
+
+import math
+from functools import cache
+from itertools import permutations
+
+import numpy as np
+import pytest
+import torch
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.systems.rotationnet import RotationNet, best_permutation, cube_rotations
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.systems.small_systems import CUBE, LINE
+
+
+@cache
+def turns():
+    """The rotations of the cube by brute force: permutations of its vertices that keep distances and handedness."""
+    places = [tuple(place) for place in CUBE.long().tolist()]
+    gap = [[sum((a - b) ** 2 for a, b in zip(p, q, strict=True)) for q in places] for p in places]
+    hand = np.linalg.det(CUBE[:3].numpy())
+    return {
+        turn
+        for turn in permutations(range(8))
+        if all(gap[turn[i]][turn[j]] == gap[i][j] for i in range(8) for j in range(i))
+        and np.linalg.det(CUBE[list(turn[:3])].numpy()) * hand > 0
+    }
+
+
+def brute_force(ratio, possible):
+    """The highest sum of a matrix (V, V) over permutations, and the permutation."""
+    return max((sum(float(ratio[i, j]) for i, j in enumerate(turn)), turn) for turn in possible)
+
+
+def test_the_rotations_of_the_cube_are_all_24():
+    found = cube_rotations(CUBE)
+    assert found.shape == (24, 8)
+    assert {tuple(turn) for turn in found.tolist()} == turns()
+    gaps = torch.cdist(CUBE, CUBE)
+    for turn in found:
+        assert sorted(turn.tolist()) == list(range(8))
+        torch.testing.assert_close(gaps[turn][:, turn], gaps)
+
+
+def test_vertices_in_another_order_have_the_same_rotations():
+    order = torch.tensor([3, 0, 6, 1, 7, 2, 5, 4])
+    found = cube_rotations(CUBE[order])
+    back = {tuple(order[turn][order.argsort()].tolist()) for turn in found}
+    assert back == turns()
+
+
+@pytest.mark.parametrize(("kind", "views"), [("auto", 1), ("auto", 4), ("auto", 12), ("auto", 20), ("circle", 8),
+                                             ("sphere", 8), ("random", 8)])  # fmt: skip
+def test_rotations_of_viewpoints_that_are_no_cube_are_refused_in_one_line(kind, views):
+    places = torch.from_numpy(viewpoints(views, kind))
+    with pytest.raises(UserError, match=f"model.assignments is rotations.* found {views} others: set views 8") as found:
+        RotationNet(viewpoints=places, features=2, classes=2, assignments="rotations")
+    assert "\n" not in str(found.value)
+
+
+def test_the_best_rotation_and_its_score_are_those_of_brute_force():
+    torch.manual_seed(0)
+    head = RotationNet(viewpoints=CUBE, features=4, classes=3, assignments="rotations")
+    scores, (log_p,) = head(torch.randn(2, 8, 4))
+    ratio = (log_p[..., :3] - log_p[..., 3:]).permute(0, 3, 1, 2).detach()
+    place = head._best_assignment(ratio)
+    for b in range(2):
+        for label in range(3):
+            best, turn = brute_force(ratio[b, label], turns())
+            assert tuple(place[b, label].tolist()) == turn
+            assert scores[b, label].item() == pytest.approx(best, abs=1e-5)
+
+
+def test_the_best_permutation_and_its_score_are_those_of_brute_force():
+    torch.manual_seed(0)
+    head = RotationNet(viewpoints=LINE, features=4, classes=3, assignments="any")
+    scores, (log_p,) = head(torch.randn(5, 4, 4))
+    torch.testing.assert_close(log_p.exp().sum(dim=-1), torch.ones(5, 4, 4))
+    ratio = (log_p[..., :3] - log_p[..., 3:]).permute(0, 3, 1, 2).detach()
+    place, involutions = best_permutation(ratio), 0
+    for b in range(5):
+        for label in range(3):
+            best, turn = brute_force(ratio[b, label], permutations(range(4)))
+            assert tuple(place[b, label].tolist()) == turn
+            assert scores[b, label].item() == pytest.approx(best, abs=1e-5)
+            involutions += all(turn[turn[i]] == i for i in range(4))
+    assert involutions < 15  # where it is not its own inverse, views and viewpoints cannot be mistaken
+
+
+def test_turning_the_views_of_a_cube_changes_nothing_and_exchanging_two_does():
+    torch.manual_seed(0)
+    head = RotationNet(viewpoints=CUBE, features=4, classes=3, assignments="rotations")
+    views = torch.randn(2, 8, 4)
+    for turn in head.possible:
+        torch.testing.assert_close(head(views[:, turn])[0], head(views)[0])
+    assert (head(views[:, [1, 0, 2, 3, 4, 5, 6, 7]])[0] - head(views)[0]).abs().max() > 1e-3
+
+
+def test_rotationnet_s_loss_by_hand():
+    head = RotationNet(viewpoints=LINE[:2], features=1, classes=2, assignments="any")
+    # (views, viewpoints, [class 0, class 1, not there])
+    straight = [[[1 / 2, 1 / 4, 1 / 4], [1 / 4, 1 / 4, 1 / 2]], [[1 / 8, 1 / 8, 3 / 4], [3 / 4, 1 / 8, 1 / 8]]]
+    crossed = [[[1 / 2, 1 / 4, 1 / 4], [1 / 8, 3 / 8, 1 / 2]], [[1 / 8, 3 / 4, 1 / 8], [3 / 4, 1 / 8, 1 / 8]]]
+    log_p = torch.tensor([straight, crossed]).log()
+    # class 0 of the first: ratios [[2, 1/2], [1/6, 6]], each view at its own viewpoint
+    first = 2 * math.log(2) + 2 * math.log(4 / 3)
+    # class 1 of the second: ratios [[1, 3/4], [6, 1]], the views exchanged; those of class 0 would not be
+    second = math.log(4) + math.log(8 / 3) + math.log(4 / 3) + math.log(8)
+    loss = head.loss(torch.zeros(2, 2), [log_p], torch.tensor([0, 1]))
+    assert loss.item() == pytest.approx((first + second) / 4)
+
+
+def test_rotationnet_s_loss_of_more_views_equals_the_plain_loop():
+    torch.manual_seed(0)
+    head = RotationNet(viewpoints=LINE, features=4, classes=3, assignments="any")
+    labels = torch.tensor([2, 0, 1, 2, 0])
+    logits, (log_p,) = head(3 * torch.randn(5, 4, 4))
+    total = 0
+    for own, label in zip(log_p.detach(), labels.tolist(), strict=True):
+        _, turn = brute_force(own[..., label] - own[..., 3], permutations(range(4)))
+        for i in range(4):
+            for j in range(4):
+                total -= own[i, j, label if turn[i] == j else 3].item() / (5 * 4)
+    assert head.loss(logits, [log_p], labels).item() == pytest.approx(total)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(("views", "assignments"), [(4, "any"), (8, "rotations")])
+def test_scores_and_loss_of_views_that_are_not_finite_are_nan(bad, views, assignments):
+    torch.manual_seed(0)
+    places = CUBE if assignments == "rotations" else LINE
+    head = RotationNet(viewpoints=places, features=4, classes=3, assignments=assignments)
+    features = torch.randn(2, views, 4)
+    features[1, 2, 0] = bad
+    scores, aux = head(features)
+    assert scores[0].isfinite().all() and scores[1].isnan().all()
+    assert head.loss(scores, aux, torch.tensor([0, 1])).isnan()

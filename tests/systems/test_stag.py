@@ -1,0 +1,27 @@
+"""STAG's network."""
+
+import torch
+from torch import nn
+
+from tactile_viewgcn.systems.stag import STAGNet
+from tests.systems.small_systems import fill
+
+
+def test_it_is_the_convolution_of_all_maps_then_the_average_then_a_linear_layer():
+    torch.manual_seed(0)
+    system = STAGNet(views=3, features=4, classes=5)
+    maps = torch.randn(2, 3, 4, 6, 5)
+    join = nn.Conv2d(3 * 4, 4, 1)
+    fill(join.weight, system.join.weight.detach())
+    fill(join.bias, system.join.bias.detach())
+    literal = system.classifier(join(torch.cat(maps.unbind(dim=1), dim=1)).mean(dim=(2, 3)))
+    torch.testing.assert_close(system(maps.mean(dim=(3, 4)))[0], literal)
+
+
+def test_each_place_in_stag_s_set_has_its_own_weights_by_hand():
+    system = STAGNet(views=2, features=1, classes=2)
+    fill(system.join.weight, [10, 1])
+    fill(system.join.bias, [0.5])
+    fill(system.classifier.weight, [1, -1])
+    fill(system.classifier.bias, [0, 100])
+    torch.testing.assert_close(system(torch.tensor([[[2.0], [3]]]))[0], torch.tensor([[23.5, 76.5]]))

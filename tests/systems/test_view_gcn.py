@@ -1,0 +1,201 @@
+"""Equations 1, 2 and 6, worked by hand on a graph of four nodes, and the network that all six make."""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import torch
+import torch.nn.functional as functional
+from torch import nn
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.nn.graph import furthest_points
+from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
+from tactile_viewgcn.params import load, preset_changes
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN, level_sizes, shape_and_view_loss
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.nn.four_nodes import NODES, POSITIONS, fill, plain_norm
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_equations_1_and_2_by_hand():
+    convolution = plain_norm(LocalGraphConvolution(1, neighbours=2, edge_distance="squared"))
+    for layer in (0, 2, 4):  # S_ij = squared distance + 1
+        nn.init.zeros_(convolution.relation[layer].weight)
+        nn.init.zeros_(convolution.relation[layer].bias)
+    with torch.no_grad():
+        convolution.relation[0].weight[0, 9] = 1
+        convolution.relation[2].weight[0, 0] = 1
+        convolution.relation[4].weight[0, 0] = 1
+        convolution.relation[4].bias[0] = 1
+    fill(convolution.linear.weight, [2])
+    fill(convolution.linear.bias, [-10])
+    # node 0: 1*1 + 2*2 = 5; node 1: 1*2 + 2*1 = 4; node 2: 1*3 + 5*1 = 8; node 3: 1*4 + 10*1 = 14
+    expected = torch.tensor([0.0, 0.2 * -2, 6, 18])
+    torch.testing.assert_close(convolution(NODES, POSITIONS).flatten(), expected)
+
+
+def test_equation_6_by_hand():
+    label, ln = torch.tensor([0]), math.log
+    view_logits = [torch.tensor([[[[0.0, 0], [ln(3), 0]]]])]
+    shape = torch.zeros(1, 2)
+    assert shape_and_view_loss(shape, [], label).item() == pytest.approx(ln(2))
+    assert shape_and_view_loss(shape, view_logits, label).item() == pytest.approx(ln(2) + ln(2) + ln(4 / 3))
+    assert shape_and_view_loss(shape, view_logits, label, "mean").item() == pytest.approx(
+        ln(2) + (ln(2) + ln(4 / 3)) / 2
+    )
+
+
+def test_local_convolution_equals_the_plain_loop():
+    torch.manual_seed(0)
+    convolution = LocalGraphConvolution(4, neighbours=3, edge_distance="squared").eval()
+    nodes, positions = torch.randn(2, 6, 4), torch.randn(2, 6, 3)
+    out = convolution(nodes, positions)
+    for b in range(2):
+        for i in range(6):
+            gaps = [(positions[b, i] - positions[b, j]).square().sum().item() for j in range(6)]
+            total = torch.zeros(4)
+            for j in sorted(range(6), key=gaps.__getitem__)[:3]:
+                here, there = positions[b, i], positions[b, j]
+                edge = torch.cat([here, there, here - there, torch.tensor([gaps[j]])])
+                total += convolution.relation(edge) * nodes[b, j]
+            row = functional.leaky_relu(convolution.norm(convolution.linear(total)[None]), SLOPE)[0]
+            torch.testing.assert_close(out[b, i], row, rtol=1e-4, atol=1e-6)
+
+
+def test_the_released_preset_has_the_released_number_of_weights():
+    params = load(ROOT / "params.yaml", tuple(preset_changes("released")))
+    head = Classifier(torch.from_numpy(viewpoints(8)), 27, params.model).head
+    assert sum(weight.numel() for weight in head.parameters()) == 305_138
+
+
+def test_the_paper_s_head_differs_by_its_selectors():
+    head = Classifier(torch.from_numpy(viewpoints(8)), 27, load(ROOT / "params.yaml").model).head
+    assert sum(weight.numel() for weight in head.parameters()) == 305_138 - 69_282 + 6 * (128 * 27 + 27)
+
+
+def test_the_levels_that_a_number_of_views_allows():
+    assert [level_sizes(views) for views in (1, 2, 3, 4, 8, 12, 20)] == [
+        [], [2], [3], [4, 2], [8, 4, 2], [12, 6, 3], [20, 10, 5]]  # fmt: skip
+
+
+@pytest.mark.parametrize("views", [1, 2, 3, 4, 5, 8, 12, 20, 50])
+@pytest.mark.parametrize("joint", [False, True])
+def test_any_number_of_views_gives_logits_and_gradients(views, joint):
+    torch.manual_seed(0)
+    head = ViewGCN(
+        torch.from_numpy(viewpoints(views)),
+        5,
+        features=16,
+        selector="joint" if joint else "per_view",
+        selector_hidden=3,
+    )
+    features = torch.randn(4, views, 16, requires_grad=True)
+    logits, view_logits = head(features)
+    assert logits.shape == (4, 5)
+    sizes = level_sizes(views)
+    assert [tuple(out.shape) for out in view_logits] == [
+        (4, small, min(4, large), 5) for large, small in pairwise(sizes)]  # fmt: skip
+    shape_and_view_loss(logits, view_logits, torch.tensor([0, 1, 2, 3])).backward()
+    assert features.grad.isfinite().all()
+    assert all(weight.grad is not None and weight.grad.isfinite().all() for weight in head.parameters())
+
+
+@pytest.mark.parametrize("views", [1, 3, 8])
+def test_a_start_at_the_maximum_is_the_pretrained_classifier_s_answer_to_it(views):
+    logits = []
+    frame = {"weight": torch.randn(5, 16), "bias": torch.randn(5)}
+    features = torch.randn(6, views, 16)
+    for seed in range(2):
+        torch.manual_seed(seed)
+        head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16, start="max").eval()
+        head.load_frame_classifier(frame)
+        logits.append(head(features)[0])
+    assert torch.equal(*logits)
+    torch.testing.assert_close(logits[0], features.amax(dim=1) @ frame["weight"].T + frame["bias"])
+
+
+def test_what_the_graph_adds_to_the_start_is_trained():
+    torch.manual_seed(0)
+    head = ViewGCN(torch.from_numpy(viewpoints(4)), 3, features=8, start="max", dropout=0.0)
+    head.load_frame_classifier({"weight": torch.zeros(3, 8), "bias": torch.zeros(3)})
+    head.frame_classifier.requires_grad_(False)
+    features, labels = torch.randn(12, 4, 8), torch.arange(12) % 3
+    optimiser = torch.optim.Adam(head.parameters(), 0.01)
+    assert head.loss(*head(features), labels).item() > math.log(3)
+    for _ in range(60):
+        optimiser.zero_grad()
+        head.loss(*head(features), labels).backward()
+        optimiser.step()
+    assert (head(features)[0].argmax(dim=-1) == labels).all()
+
+
+@pytest.mark.parametrize("views", [2, 5, 8, 12])
+def test_a_network_for_v_views_takes_any_number_of_them(views):
+    torch.manual_seed(0)
+    head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16).eval()
+    for count in range(1, views + 1):
+        logits, view_logits = head(torch.randn(3, count, 16))
+        assert logits.shape == (3, 5)
+        assert logits.isfinite().all()
+        sizes = [max(1, count >> level) for level in range(len(level_sizes(views)))]
+        assert [out.shape[1:3] for out in view_logits] == [
+            (small, min(4, large, views >> level)) for level, (large, small) in enumerate(pairwise(sizes))]  # fmt: skip
+
+
+def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
+    torch.manual_seed(0)
+    places = torch.from_numpy(viewpoints(8))
+    head = ViewGCN(places, 5, features=16).eval()
+    views, seen = torch.randn(2, 4, 16), []
+    head.convolutions[0].register_forward_hook(lambda _, inputs, __: seen.append(inputs[1][0]))
+    head(views)
+    assert torch.equal(seen[0], places[furthest_points(places, 4)].float())
+
+
+@pytest.mark.stability("a graph of one view")
+def test_one_view_has_no_graph(row):
+    head = ViewGCN(torch.zeros(1, 3), 5)
+    row("layers of a graph", len(head.convolutions) + len(head.messages) + len(head.samplers))
+
+
+def test_the_head_computes_in_float32_under_autocast():
+    head = ViewGCN(torch.from_numpy(viewpoints(4)), 5, features=16).eval()
+    features = torch.randn(2, 4, 16)
+    plain = head(features)[0]
+    with torch.autocast("cpu", torch.bfloat16):
+        under = head(features)[0]
+    assert under.dtype == torch.float32
+    assert torch.equal(plain, under)
+
+
+@pytest.mark.stability("gradients")
+def test_gradients_equal_finite_differences(row):
+    torch.manual_seed(0)
+    passing, convolution = NonLocalMessagePassing(3).double(), LocalGraphConvolution(3, 3, "squared").double()
+    positions = torch.randn(2, 5, 3, dtype=torch.float64)
+    nodes = torch.randn(2, 5, 3, dtype=torch.float64, requires_grad=True)
+    for name, layer in (("sum", passing), ("convolution", lambda x: convolution(x, positions))):
+        equation = {"sum": 4, "convolution": 2}[name]
+        row(f"of equation {equation}'s {name}, every entry", 1.0 - torch.autograd.gradcheck(layer, nodes))
+
+
+def test_too_few_neighbours_listed_is_refused():
+    with pytest.raises(UserError, match=r"model.neighbours \[3, 3\] has 2 entries.*3 levels of 8 views"):
+        ViewGCN(torch.from_numpy(viewpoints(8)), 5, neighbours=[3, 3])
+
+
+@pytest.mark.parametrize(("views", "count"), [(1, 3), (4, 5), (4, 0)])
+def test_more_views_than_the_network_is_for_and_none_are_refused(views, count):
+    head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16)
+    with pytest.raises(UserError, match=f"view sets of {count} views; the network takes 1 to {views}"):
+        head(torch.zeros(2, count, 16))
+
+
+def test_the_order_of_points_is_that_of_the_coordinates_a_checkpoint_keeps():
+    places = torch.from_numpy(viewpoints(40, "random", 3))
+    network = ViewGCN(places, 3, features=8)
+    assert torch.equal(network.order, ViewGCN(network.viewpoints, 3, features=8).order)

@@ -1,0 +1,156 @@
+"""The table of kept frames and the transform to network input."""
+
+from dataclasses import fields
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.files import md5
+from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
+from tactile_viewgcn.frames.transform import full_scale, network_input
+from tactile_viewgcn.tables.frames import Frames, read_frames, write_frames
+
+
+def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
+    """A table of 10 frames of 3 x 4, two baselines, three sides."""
+    rng = np.random.default_rng(seed)
+    baseline = np.arange(frames) % 2
+    return Frames(
+        counts=rng.integers(500, 700, size=(frames, 3, 4)).astype(dtype),
+        label=(np.arange(frames) % 3).astype(np.int16),
+        recording=np.arange(frames) // 2,
+        session=baseline,
+        group=np.arange(frames, dtype=np.int64) // 2,
+        side=np.array([TRAIN, TRAIN, TEST, VALIDATION, TRAIN, TEST, TRAIN, TRAIN, VALIDATION, TEST], np.int8)[:frames],
+        anchor=np.arange(frames) % 2 == 0,
+        baseline=baseline,
+        time=np.arange(frames) * 0.136,
+        baseline_mean=rng.uniform(510, 516, size=(2, 3, 4)).astype(np.float32),
+        live=rng.random((3, 4)) < 0.8,
+        classes=["cup", "мяч", "pen"],
+        recordings=[f"recording {i}" for i in range(5)],
+        sessions=["000", "001"],
+        baseline_names=["000", "001"],
+        transform=transform,
+        scale=scale,
+        noise=np.ones((3, 4)),
+        preprocess={"baseline": "quiet", "quiet_share": 0.1},
+        kept_share=0.5,
+    )
+
+
+def test_clip_scales_and_cuts_at_both_ends():
+    excess = np.array([[-75, 0], [15, 75], [150, 151], [1000, -0.5]])
+    read = network_input(excess, "clip", 150)
+    np.testing.assert_allclose(read, [[0, 0], [0.1, 0.5], [1, 1], [1, 0]], rtol=1e-6)
+    assert read.dtype == np.float32
+
+
+def test_log_is_the_logarithm_of_one_more_than_what_lies_above_rest():
+    excess = np.array([[-75, 0], [np.e - 1, 1], [np.e**2 - 1, 149]])
+    read = network_input(excess, "log", 150)
+    np.testing.assert_allclose(read, [[0, 0], [1, 0.693147], [2, 5.010635]], rtol=1e-6)
+    assert read.dtype == np.float32
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.floats(-600, 600, width=32), min_size=1, max_size=8), st.floats(1, 1000, width=32))
+def test_the_transform_of_many_is_that_of_each(excess, scale):
+    np.testing.assert_allclose(
+        network_input(np.array(excess), "clip", scale),
+        [min(max(x / scale, 0), 1) for x in excess],
+        rtol=1e-5,
+        atol=1e-7,
+    )
+    np.testing.assert_allclose(
+        network_input(np.array(excess), "log", scale), [np.log(1 + max(x, 0)) for x in excess], rtol=1e-5, atol=1e-6
+    )
+
+
+def test_counts_at_the_ends_of_their_type_stay_finite():
+    excess = np.array([-(2.0**31), 0, 2.0**31])
+    assert network_input(excess, "clip", 1e-3).tolist() == [0, 0, 1]
+    np.testing.assert_allclose(network_input(excess, "log", 1e-3), [0, 0, 31 * np.log(2)], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("transform", "value"), [("clip", 1.0), ("log", 5.017280)])
+def test_full_scale_is_the_input_of_a_sensor_at_the_scale(transform, value):
+    assert full_scale(transform, 150.0) == pytest.approx(value, abs=1e-6)
+
+
+@pytest.mark.parametrize("transform", ["clip", "log"])
+def test_inputs_are_counts_above_the_frames_own_rest_transformed(transform):
+    frames = made(transform=transform)
+    index = np.array([7, 0, 4, 7])
+    read = frames.inputs(index)
+    assert (read.shape, read.dtype) == ((4, 3, 4), np.float32)
+    for row, i in enumerate(index):
+        for at in np.ndindex(3, 4):
+            excess = float(frames.counts[i, *at]) - float(frames.baseline_mean[i % 2, *at])
+            naive = min(max(excess / 150, 0), 1) if transform == "clip" else np.log(1 + max(excess, 0))
+            assert read[row, *at] == pytest.approx(naive, rel=1e-4, abs=1e-6)
+
+
+def test_inputs_leave_the_counts_as_they_are():
+    for dtype in (np.int16, np.float32):
+        frames = made(dtype=dtype)
+        before = frames.counts.copy()
+        frames.inputs(np.arange(10))
+        np.testing.assert_array_equal(frames.counts, before)
+
+
+def test_frames_on_a_side_are_given_in_rising_order():
+    frames = made()
+    assert len(frames) == 10
+    assert frames.on(TEST).tolist() == [2, 5, 9]
+    assert frames.on(TRAIN, VALIDATION).tolist() == [0, 1, 3, 4, 6, 7, 8]
+    assert frames.on().tolist() == []
+
+
+@pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float32])
+@pytest.mark.parametrize(("transform", "scale"), [("clip", 150.0), ("log", 0.1)])
+def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, transform, scale):
+    frames = made(dtype=dtype, transform=transform, scale=scale)
+    write_frames(tmp_path / "frames.h5", frames)
+    read = read_frames(tmp_path / "frames.h5")
+    for field in fields(Frames):
+        before, after = getattr(frames, field.name), getattr(read, field.name)
+        if isinstance(before, np.ndarray):
+            np.testing.assert_array_equal(after, before, err_msg=field.name)
+            assert after.dtype == before.dtype, field.name
+        else:
+            assert after == before, field.name
+            assert type(after) is type(before), field.name
+
+
+def test_a_single_frame_is_written_and_read(tmp_path):
+    write_frames(tmp_path / "frames.h5", made(frames=1))
+    read = read_frames(tmp_path / "frames.h5")
+    assert (len(read), read.counts.shape) == (1, (1, 3, 4))
+
+
+def test_two_writes_give_equal_bytes_and_other_frames_give_others(tmp_path):
+    for name, seed in (("a.h5", 0), ("b.h5", 0), ("c.h5", 1)):
+        write_frames(tmp_path / name, made(seed=seed))
+    digests = [md5(tmp_path / name) for name in ("a.h5", "b.h5", "c.h5")]
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
+    frames = made()
+    frames.classes.append("\ud800")  # half a letter: no file can hold it
+    with pytest.raises(UnicodeEncodeError):
+        write_frames(tmp_path / "frames.h5", frames)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_file_uses_the_projects_words(tmp_path):
+    write_frames(tmp_path / "frames.h5", made())
+    with h5py.File(tmp_path / "frames.h5") as file:
+        arrays = {"counts", "label", "recording", "session", "group", "side", "anchor", "time", "live", "noise"}
+        names = {"classes", "recordings", "sessions", "baseline_names"}
+        assert set(file) == arrays | names | {"baseline", "baseline_mean"}
+        assert set(file.attrs) == {"transform", "scale", "preprocess", "kept_share"}

@@ -1,0 +1,278 @@
+"""The table of raw counts."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import md5
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.source import COLUMNS, check_shape, storage_type
+from tactile_viewgcn.tables import recordings as module
+from tactile_viewgcn.tables.recordings import Recordings, is_table, read_table, write_recordings
+from tests.sources import source, written
+from tests.stag_files import metadata, save_matlab5
+
+RNG = np.random.default_rng(0)
+COUNTS = RNG.integers(500, 600, size=(50, 4, 6)).astype(np.int16)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("table") / "recordings.h5", COUNTS)
+
+
+def test_what_is_written_in_blocks_is_read_back_whole(tmp_path):
+    columns = {
+        "object": np.repeat([0, 1], 25),
+        "recording": np.repeat(np.arange(5), 10),
+        "session": np.repeat([1, 0], 25),
+        "frame": np.tile(np.arange(10), 5),
+        "time": np.arange(50) * 0.136,
+        "grasp": np.arange(50) // 4,
+        "valid": np.arange(50) % 3 == 0,
+    }
+    with written(tmp_path / "t.h5", COUNTS, cuts=(7, 7, 30), weights=np.array([0, 55.5]), **columns) as found:
+        assert (len(found), found.shape, found.dtype) == (50, (4, 6), np.int16)
+        np.testing.assert_array_equal(found.frames(np.arange(50)), COUNTS)
+        assert found.columns.keys() == columns.keys()
+        for name, values in columns.items():
+            np.testing.assert_array_equal(found.columns[name], values, err_msg=name)
+            assert found.columns[name].dtype == COLUMNS[name], name
+        assert found.objects == ["empty_hand", "object1"]
+        assert found.recordings == ["recording0", "recording1", "recording2", "recording3", "recording4"]
+        assert found.sessions == ["session0", "session1"]
+        assert found.weights.tolist() == [0, 55.5]
+
+
+def test_a_table_without_weights_has_none(kept):
+    assert kept.weights is None
+
+
+def test_a_table_is_read_as_the_source_that_it_was_written_from(tmp_path, monkeypatch):
+    columns = {"object": np.repeat([0, 1], 25), "valid": np.arange(50) % 3 == 0, "time": np.arange(50) * 0.136}
+    given = source(COUNTS, weights=np.array([0, np.nan]), **columns)
+    write_recordings(tmp_path / "t.h5", replace(given, action=np.array([[-1.0, 2.5]])), "0" * 32)
+    monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
+    found = read_table(tmp_path / "t.h5")
+    assert (found.objects, found.recordings, found.sessions) == (given.objects, given.recordings, given.sessions)
+    assert (found.shape, found.dtype) == (given.shape, given.dtype)
+    assert found.action.tolist() == [[-1.0, 2.5]]
+    np.testing.assert_array_equal(found.weights, [0, np.nan])
+    blocks = list(found.blocks)
+    assert [len(block["pressure"]) for block in blocks] == [20, 20, 10]
+    for name, values in ({"pressure": COUNTS} | columns).items():
+        np.testing.assert_array_equal(np.concatenate([block[name] for block in blocks]), values, err_msg=name)
+
+
+def test_a_table_is_known_by_its_mark(tmp_path, kept):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["pressure"] = COUNTS
+    (tmp_path / "text.h5").write_text("no table")
+    assert is_table(kept.path)
+    assert not any(is_table(tmp_path / name) for name in ("other.h5", "text.h5", "nowhere.h5", "."))
+
+
+@pytest.mark.parametrize("name", ["objects", "live"])
+def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
+    written(tmp_path / "t.h5", COUNTS).__exit__()
+    with h5py.File(tmp_path / "t.h5", "r+") as file:
+        del file[name]
+    with pytest.raises(UserError, match=r"t\.h5: damaged, or not written by this version .*dvc repro"):
+        read_table(tmp_path / "t.h5")
+
+
+def test_names_may_hold_any_letters(tmp_path):
+    with written(tmp_path / "t.h5", COUNTS, objects=["пустая", "mug (große)"], sessions=["二"]) as found:
+        assert (found.objects, found.sessions) == (["пустая", "mug (große)"], ["二"])
+
+
+def test_live_sensors_are_those_that_ever_vary(tmp_path):
+    counts = np.full((20, 3, 4), 510, dtype=np.int16)
+    counts[13, 0, 1] = 511
+    counts[0, 2, 3] = 509
+    with written(tmp_path / "t.h5", counts, cuts=(5, 10)) as found:
+        assert np.argwhere(found.live).tolist() == [[0, 1], [2, 3]]
+
+
+def test_a_sensor_that_varies_only_between_blocks_is_live(tmp_path):
+    counts = np.repeat([510, 511], 5)[:, None, None].astype(np.int16)
+    with written(tmp_path / "t.h5", counts, cuts=(5,)) as found:
+        assert found.live.tolist() == [[True]]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.integers(0, 49), unique=True).map(sorted), st.integers(1, 60))
+def test_frames_read_block_by_block_are_those_of_the_index(kept, index, block):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "BLOCK_FRAMES", block)
+        found = kept.frames(np.array(index, dtype=np.int64))
+    np.testing.assert_array_equal(found, np.array([COUNTS[i] for i in index]).reshape(-1, 4, 6))
+    assert found.dtype == np.int16
+
+
+def test_blocks_cover_the_table_in_order(kept, monkeypatch):
+    monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
+    starts, blocks = zip(*kept.blocks(), strict=True)
+    assert starts == (0, 20, 40)
+    assert [len(block) for block in blocks] == [20, 20, 10]
+    np.testing.assert_array_equal(np.concatenate(blocks), COUNTS)
+
+
+def test_small_counts_are_kept_in_the_wider_type(tmp_path):
+    counts = RNG.integers(0, 256, size=(6, 2, 2)).astype(np.uint8)
+    with written(tmp_path / "t.h5", counts, dtype=np.int16) as found:
+        assert found.dtype == np.int16
+        np.testing.assert_array_equal(found.frames(np.arange(6)), counts)
+
+
+def test_real_numbers_are_kept_to_single_precision(tmp_path):
+    values = RNG.normal(size=(6, 5, 7)) * 1e-3
+    with written(tmp_path / "t.h5", values, dtype=np.float32) as found:
+        np.testing.assert_array_equal(found.frames(np.arange(6)), values.astype(np.float32))
+
+
+def test_two_writes_give_equal_bytes(tmp_path):
+    for name in ("a.h5", "b.h5"):
+        write_recordings(tmp_path / name, source(COUNTS, cuts=(9,)), "0" * 32)
+    assert md5(tmp_path / "a.h5") == md5(tmp_path / "b.h5")
+
+
+@pytest.mark.parametrize(
+    ("given_type", "kept"),
+    [
+        (np.int8, np.int16),
+        (np.uint8, np.int16),
+        (np.int16, np.int16),
+        (np.uint16, np.int32),
+        (np.int64, np.int32),
+        (np.float16, np.float32),
+        (np.float32, np.float32),
+        (np.float64, np.float64),
+    ],
+)
+def test_counts_are_kept_as_integers_and_other_numbers_in_their_precision(given_type, kept):
+    assert storage_type(np.dtype(given_type), "a.mat") == kept
+
+
+@pytest.mark.parametrize("kind", [bool, complex, "U3", object])
+def test_pressure_that_is_no_number_is_refused(kind):
+    with pytest.raises(UserError, match=r"a\.mat: pressure is of type .*; expected integer counts or real numbers"):
+        storage_type(np.dtype(kind), "a.mat")
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7), (32, 32), (64, 64)])
+def test_frames_up_to_64_x_64_are_allowed(shape):
+    assert check_shape((3, *shape), "a.mat") == shape
+
+
+@pytest.mark.parametrize(
+    ("shape", "sentence"),
+    [
+        ((), r"a\.mat: pressure has shape \(\); expected \(frames, rows, columns\)"),
+        ((9, 1024), r"a\.mat: pressure has shape \(9, 1024\); expected \(frames, rows, columns\)"),
+        ((1, 9, 32, 32), r"a\.mat: pressure has shape \(1, 9, 32, 32\); expected \(frames, rows, columns\)"),
+        ((9, 65, 3), r"a\.mat: frames of 65 x 3; expected 1 x 1 to 64 x 64"),
+        ((9, 0, 3), r"a\.mat: frames of 0 x 3; expected 1 x 1 to 64 x 64"),
+    ],
+)
+def test_pressure_of_another_shape_is_refused(shape, sentence):
+    with pytest.raises(UserError, match=sentence):
+        check_shape(shape, "a.mat")
+
+
+def _with(values, at, value):
+    values = np.array(values)
+    values[at] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("counts", "how", "sentence"),
+    [
+        (COUNTS[:0], {}, r"glove: no frames; expected at least one recording with frames in it"),
+        (
+            _with(COUNTS.astype(np.float32), (33, 1, 2), np.nan),
+            {},
+            r"glove: pressure of frame .* of recording .* is nan; expected a number from every sensor, up to",
+        ),
+        (
+            _with(COUNTS.astype(np.float32), (2, 0, 0), -np.inf),
+            {},
+            r"glove: pressure of frame 2 of recording .* is -inf; expected a number from every sensor, up to",
+        ),
+        (
+            _with(COUNTS.astype(np.float64), (7, 0, 0), 1e300),
+            {"dtype": np.float32},
+            r"glove: pressure of frame 7 of recording .* is 1e\+300; expected",
+        ),
+        (
+            _with(COUNTS.astype(np.int64), (40, 0, 0), 40000),
+            {"dtype": np.int16},
+            r"glove: pressure from 5\d\d to 40000; expected counts from -32768 to 32767",
+        ),
+        (
+            COUNTS,
+            {"object": _with(np.zeros(50, int), 41, 2), "objects": ["empty_hand", "mug"]},
+            r"glove: object id 2 of frame 41 is out of range; expected 0 to 1 \(2 objects\)",
+        ),
+        (
+            COUNTS,
+            {"recording": _with(np.zeros(50, int), 3, -1)},
+            r"glove: recording id -1 of frame 3 is out of range; expected 0 to 0 \(1 recordings\)",
+        ),
+        (
+            COUNTS,
+            {"session": 5, "sessions": ["000"]},
+            r"glove: session id 5 of frame 0 is out of range; expected 0 to 0 \(1 sessions\)",
+        ),
+    ],
+)
+def test_a_source_with_a_mistake_is_refused_and_nothing_is_left(tmp_path, counts, how, sentence):
+    with pytest.raises(UserError, match=sentence):
+        write_recordings(tmp_path / "t.h5", source(counts, cuts=(10, 30), **how), "0" * 32)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_source_that_fails_halfway_leaves_the_old_table(tmp_path):
+    path = tmp_path / "t.h5"
+    write_recordings(path, source(COUNTS), "0" * 32)
+    before, second = md5(path), source(COUNTS[:20])
+
+    def blocks():
+        yield from second.blocks
+        raise UserError("b.mat: cut short")
+
+    broken = type(second)(**{**vars(second), "blocks": blocks()})
+    with pytest.raises(UserError, match=r"^b\.mat: cut short$"):
+        write_recordings(path, broken, "0" * 32)
+    assert md5(path) == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_closed_table_can_be_written_again(tmp_path):
+    path = tmp_path / "t.h5"
+    with written(path, COUNTS) as found:
+        pass
+    with h5py.File(path, "r+") as file:
+        file["pressure"][0] = 0
+    assert found.columns["frame"].sum() == 49 * 50 // 2
+
+
+def test_the_table_opens_by_its_name_as_text(tmp_path):
+    write_recordings(tmp_path / "t.h5", source(COUNTS), "0" * 32)
+    with Recordings(str(tmp_path / "t.h5")) as found:
+        assert len(found) == 50
+
+
+def test_the_file_uses_the_projects_words(tmp_path):
+    source = open_source(save_matlab5(tmp_path / "m.mat", metadata(objects=2, recordings=1, frames=4)))
+    write_recordings(tmp_path / "recordings.h5", source, "0" * 32)
+    with h5py.File(tmp_path / "recordings.h5") as file:
+        assert set(file) - set(COLUMNS) == {"pressure", "live", "objects", "recordings", "sessions"}
+        assert {"object", "recording", "session", "frame", "time"} <= set(file)
+        assert dict(file.attrs) == {"source_md5": "0" * 32}
