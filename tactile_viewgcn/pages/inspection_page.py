@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn import html, plots
+from tactile_viewgcn import plots
 from tactile_viewgcn.frames.automatic import Recommendation
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.readings import SATURATED
 from tactile_viewgcn.markdown_tables import VIRTUAL
+from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.html import Picture, Step, Verdict, picture, several
 from tactile_viewgcn.pages.inspection_text import command_lines
 from tactile_viewgcn.pages.recommendation import recommend

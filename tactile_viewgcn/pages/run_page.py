@@ -5,7 +5,7 @@ from datetime import datetime
 from itertools import starmap
 from typing import Any
 
-from tactile_viewgcn import html
+from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.error_sections import (
     clusters,
     confusion,

@@ -1,0 +1,33 @@
+"""What there is to say of a result, as data: programs read the fields, people the text."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+@dataclass(frozen=True)
+class Note:
+    """A remark on a result.
+
+    Attributes:
+        text: a sentence for people; nothing parses it.
+        level: `info`, a `choice` that `auto` made, or a `warning`.
+        topic: what it is about in a word or two, such as `baseline`, `filter`, `split`, `leak check`.
+        key, value: of params.yaml: what was chosen, or of a warning its remedy; an empty key where there is none.
+        stage: that made it; empty outside the stages.
+    """
+
+    text: str
+    level: Literal["info", "choice", "warning"] = "info"
+    topic: str = ""
+    key: str = ""
+    value: Any = None
+    stage: str = ""
+
+    def __str__(self) -> str:
+        """The line on a terminal."""
+        return f"{'warning: ' if self.level == 'warning' else ''}{self.topic and f'{self.topic}: '}{self.text}"
+
+
+def warnings_of(notes: list[Note]) -> list[Note]:
+    """The warnings among notes."""
+    return [note for note in notes if note.level == "warning"]
