@@ -41,8 +41,6 @@ ELSEWHERE = {
     "tests/recognition/test_prediction.py runs it",
     "git checkout params.yaml": "changes the checkout",
     "mlflow ui": "a server that does not end",
-    "git clone https://github.com/clear-nus/icub_grasp_dataset": "needs the network",
-    "python convert_icub.py": "the program of docs/readers.md, which runs here on readings made up",
     "export MLFLOW_TRACKING_URI=sqlite:///mlflow.db": "sets a variable",
     "mlflow models serve -m models:/glove@best --env-manager local -p 5001": "a server; tests/recognition/"
     "test_mlflow_model.py starts one",
@@ -154,8 +152,6 @@ def place(tmp_path_factory) -> Path:
     small_glove.write(folder / "data" / "new" / "1.h5", recording)
     np.save(folder / "empty_hand.npy", (514 + rng.poisson(1, (20, 12, 12))).astype(np.int16))
     run_program("mug_1.h5", folder)
-    write_icub_trials(folder / "icub_grasp_dataset")
-    run_program("iCubGraspDataset", folder)
     write_own_recordings(folder / "data" / "raw" / "my_recordings")
     run_program("data/raw", folder)
     (folder / "data" / "my_glove").mkdir(parents=True)
@@ -176,18 +172,6 @@ def write_own_recordings(folder: Path) -> None:
         (folder / name).mkdir(parents=True)
     np.save(folder / "mug" / "1.npy", counts)
     np.savetxt(folder / "pen" / "1.csv", counts.reshape(2, -1), fmt="%d", delimiter=",")
-
-
-def write_icub_trials(folder: Path) -> None:
-    """Two trials of 12 frames for three names, in the form of the iCub's grasps, of readings made up here."""
-    (folder / "iCubGraspDataset").mkdir(parents=True)
-    (folder / "README.txt").write_text("Copyright\n")
-    for number, name in enumerate(("none", "book", "full_coke")):
-        for trial in (1, 2):
-            readings = np.full((12, 5, 12), 244) - number * np.arange(12)
-            frames = [[np.zeros(9), np.zeros(5), *frame] for frame in readings]
-            lines = ["-10000", *(" ".join(f"{value:.1f}" for value in line) for frame in frames for line in frame)]
-            (folder / "iCubGraspDataset" / f"{name}_{trial}.txt").write_text("\n".join(lines) + "\n")
 
 
 @pytest.mark.parametrize("command", those("run"))
@@ -212,17 +196,6 @@ def test_converted_arrays_are_whole_counts_of_the_object_that_their_folder_names
             assert file["pressure"].dtype.kind == "i" and file.attrs["object"] == name
             np.testing.assert_array_equal(file["pressure"], np.arange(2048).reshape(2, 32, 32))
             np.testing.assert_allclose(file["time"], [0, 1 / 30])
-
-
-def test_the_converted_trials_have_one_row_a_finger_and_rise_with_pressure(place):
-    written = {path.stem: path for path in (place / "data" / "icub").glob("*.h5")}
-    assert sorted(written) == ["book_1", "book_2", "none_1", "none_2"]
-    with h5py.File(written["book_2"]) as book, h5py.File(written["none_1"]) as none:
-        assert (book.attrs["object"], none.attrs["object"]) == ("book", "empty_hand")
-        assert book["pressure"].shape == (12, 5, 12) and book["pressure"].dtype == np.int16 and book["valid"][:].all()
-        np.testing.assert_array_equal(book["pressure"][7, 4], 11 + np.arange(12))
-        np.testing.assert_array_equal(none["pressure"][0, 0], np.full(12, 11))
-    assert (place / "data" / "icub" / "README.txt").read_text() == "Copyright\n"
 
 
 @pytest.mark.parametrize("page, text", fences("yaml"))
