@@ -4,7 +4,7 @@ import click
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.device import keep_freed_memory, select_device
-from tactile_viewgcn.evaluation import report, row
+from tactile_viewgcn.evaluation import report
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import predictions_of, write_predictions
 from tactile_viewgcn.process import peak_mb
@@ -28,22 +28,21 @@ def evaluate(params, job, frames, classifier, after, out):
     evaluation = evaluate_table(
         model, table, params.cluster, params.evaluate, compute, params.seed, content["temperatures"]
     )
-    metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side) | row.divergences(records)
-    report.write_results(out, metrics, evaluation, table.classes)
+    metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side, records)
     write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
-    job.run.dataset(*row.dataset(records, str(frames), job.md5s["frames"]))
+    job.run.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
     job.computed_on(compute.device, compute.precision)
-    job.run.tags(row.row_tags(metrics, records))
-    job.run.parameters(row.counts(metrics, records))
+    job.run.tags(report.row_tags(metrics, records))
+    job.run.parameters(report.row_constants(metrics, records))
     job.run.figure("confusion.png", lambda: _picture(evaluation, table.classes))
     signature = model.views, table.live.shape, table.counts.dtype, table.classes
     address = job.run.model(classifier, *signature, model.head.packages)
     timing = report.costs(evaluation, records, job.seconds, peak_mb())
-    report.write_costs(out, timing, row.summary(metrics, timing))
+    report.write_results(out, metrics, timing, evaluation, table.classes)
     for path in (out, *after):
         job.run.artifacts(path)
-    job.run.metrics(row.row_metrics(metrics, timing))
-    job.run.series(row.trial_errors(evaluation))
+    job.run.metrics(report.row_metrics(metrics, timing))
+    job.run.series(report.trial_errors(evaluation))
     print("\n".join(report.summary_lines(metrics, timing)))
     if address:
         print(f"  use it: mlflow.pyfunc.load_model({address!r})")
