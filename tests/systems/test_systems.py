@@ -13,7 +13,7 @@ import pytest
 import torch
 import torch.nn.functional as functional
 
-from stages.dependencies import imported_modules
+from tests.imports import imported_modules
 from tactile_viewgcn import params
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
