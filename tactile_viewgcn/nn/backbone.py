@@ -6,14 +6,14 @@ trained from scratch.
 """
 
 import math
+from collections.abc import Iterable
 from itertools import chain
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.perceptron import Perceptron
 
 WIDTH = 64
@@ -152,8 +152,14 @@ def build_backbone(
     return Backbone(width, dropout, blocks, readout, maps=maps)
 
 
+class Batched(Protocol):
+    """A tensor (n, ...), or what gives one in parts."""
+
+    def split(self, size: int, /) -> Iterable[Tensor]: ...
+
+
 @torch.no_grad()
-def extract_features(backbone: nn.Module, frames: FrameInputs) -> Tensor:
+def extract_features(backbone: nn.Module, frames: Batched) -> Tensor:
     """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
     backbone.eval()
     device = next(chain(backbone.parameters(), backbone.buffers())).device

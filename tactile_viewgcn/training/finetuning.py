@@ -23,7 +23,7 @@ from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.feature_bank import FeatureBank
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import error_rate, set_loss, set_losses
 from tactile_viewgcn.training.moments import measure_moments
@@ -46,7 +46,7 @@ class SideViewSets:
         self._index, self._views, self._assignment = table.on(side), views, assignment
         self.rng = stream(seed, "finetune.draw", side)
         self.anchors = np.flatnonzero(table.anchor[self._index])
-        self.frames = input_frames(table, self._index, compute)
+        self.frames = FrameInputs(table, self._index, compute)
         self.labels = torch.from_numpy(table.label[self._index].astype(np.int64)).to(compute.device)
 
     def draw(self) -> np.ndarray:

@@ -25,7 +25,7 @@ from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import frame_losses
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
@@ -71,7 +71,7 @@ def pretrain_masked(
         UserError: the training diverges.
     """
     config, seed = replace(params.pretrain, epochs=params.pretrain.masked_epochs), params.seed
-    frames, live = input_frames(table, table.on(TRAIN), compute), torch.from_numpy(table.live).to(compute.device)
+    frames, live = FrameInputs(table, table.on(TRAIN), compute), torch.from_numpy(table.live).to(compute.device)
     decoder = Decoder(backbone.features).to(compute.device)
     trained = nn.ModuleList([backbone, decoder])
     optimiser = build_optimiser(config, [{"params": trained.parameters()}])

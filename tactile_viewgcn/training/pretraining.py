@@ -21,7 +21,7 @@ from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import error_rate, frame_loss, frame_losses
 from tactile_viewgcn.training.masked import pretrain_masked
@@ -53,7 +53,7 @@ def pretrain_backbone(
     config, seed, inputs, labels = params.pretrain, params.seed, {}, {}
     for side in (TRAIN, VALIDATION):
         index = np.flatnonzero(table.anchor & (table.side == side))
-        inputs[side] = input_frames(table, index, compute)
+        inputs[side] = FrameInputs(table, index, compute)
         labels[side] = torch.from_numpy(table.label[index].astype(np.int64)).to(compute.device)
     torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
     backbone = build_backbone(table.counts.shape[1:], **asdict(params.model.backbone))

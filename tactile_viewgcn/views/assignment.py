@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tactile_viewgcn.frames.transform import network_input
 from tactile_viewgcn.readers.source import BLOCK_FRAMES
-from tactile_viewgcn.tables.frames import Points
+from tactile_viewgcn.tables.counts import Counts
 
 CONTACT_COUNTS = 5.0  # above baseline, of a sensor in contact
 MAX_ROUNDS = 100  # of matching
@@ -26,7 +26,7 @@ def contact_threshold(transform: str, scale: float) -> float:
 def assigned_viewpoints(
     cluster: np.ndarray,
     pool: np.ndarray,
-    points: np.ndarray | Points,
+    points: Counts,
     views: int,
     assignment: str,
     *,
@@ -52,7 +52,7 @@ def assigned_viewpoints(
     return cluster
 
 
-def reference_views(points: np.ndarray | Points, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
+def reference_views(points: Counts, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
     """Reference views float64 (V, d): mean directions of the clusters of all pools after their alignment.
 
     They start as the clusters of the first pool. Then two steps alternate until no assignment changes: the clusters
@@ -75,12 +75,12 @@ def _matching(directions: np.ndarray, references: np.ndarray) -> np.ndarray:
     return np.stack([linear_sum_assignment(views @ references.T, maximize=True)[1] for views in directions])
 
 
-def _directions(points: np.ndarray | Points, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
+def _directions(points: Counts, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
     """Mean frame (P, V, d) of each cluster at unit length; zeros for an empty cluster."""
     return _unit(_means(points, cluster, pool, views))
 
 
-def _means(values: np.ndarray | Points, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
+def _means(values: Counts, cluster: np.ndarray, pool: np.ndarray, views: int) -> np.ndarray:
     """Mean (P, V, d) of the values (n, d) in each cluster; zeros for an empty cluster."""
     cells = (int(pool.max()) + 1) * views
     cell = pool * views + cluster
@@ -91,7 +91,7 @@ def _means(values: np.ndarray | Points, cluster: np.ndarray, pool: np.ndarray, v
     return (total / np.maximum(count, 1)[:, None]).reshape(-1, views, values.shape[1])
 
 
-def _blocks(values: np.ndarray | Points) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _blocks(values: Counts) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Pairs of indices (k,), in order, and the values (k, d) there."""
     for at in np.array_split(np.arange(len(values)), len(values) // BLOCK_FRAMES + 1):
         yield at, values[at]
