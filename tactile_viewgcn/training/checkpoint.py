@@ -13,7 +13,6 @@ from filelock import FileLock
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, readable, root
-from tactile_viewgcn.memory import fits_memory
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.training import distributed
 
@@ -151,8 +150,7 @@ class Checkpoint:
         if self.path is None or not self.path.exists():
             return Progress()
         with readable(self.path):
-            mapped = not fits_memory(self.path.stat().st_size)  # a bank's features are then copied from the file
-            content = torch.load(self.path, map_location="cpu", weights_only=True, mmap=mapped)
+            content = torch.load(self.path, map_location="cpu", weights_only=True, mmap=True)
             for name, item in self._state.items():
                 item.load_state_dict(content["state"][name])
             for name, generator in self._generators.items():
