@@ -7,11 +7,11 @@ from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.noise_check import noise_warnings
+from tactile_viewgcn.nn.network import count_weights
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.calibration import calibration_warning, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.systems import system_class
-from tactile_viewgcn.systems.classifier import count_weights
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 from tactile_viewgcn.training.checkpoint import training_checkpoint

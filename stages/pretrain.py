@@ -25,7 +25,7 @@ def pretrain(params, job, frames, out):
     compute, table = select_device(params.device, params.precision), read_frames(frames)
     job.computed_on(compute.device, compute.precision)
     with distributed.joined(compute), training_checkpoint("pretrain", params, job.md5s, compute) as checkpoint_path:
-        on_epoch = job.on_epoch(params.pretrain.masked_epochs + params.pretrain.epochs)
+        on_epoch = job.on_epoch(params.pretrain.epochs)
         backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, on_epoch)
         if rank():
             return None

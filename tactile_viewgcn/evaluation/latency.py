@@ -9,7 +9,8 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.statistics import median_and_p95
 from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.nn.network import view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier
 
 SECONDS = 1.0  # for each of the two measurements
 MAX_REPEATS = 50

@@ -14,7 +14,7 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.frame_inputs import FrameInputs
-from tactile_viewgcn.nn.perceptron import Perceptron
+from tactile_viewgcn.params import Backbone as BackboneParams
 
 WIDTH = 64
 DROPOUT = 0.2
@@ -143,13 +143,9 @@ class Backbone(nn.Module):
         return 2 * self.width, height, width
 
 
-def build_backbone(
-    shape: tuple[int, int], *, kind: str, width: int, blocks: int, dropout: float, readout: str, maps: bool = False
-) -> Backbone | Perceptron:
-    """The backbone that `model.backbone` describes, for frames (H, W); weights come from torch's own generator."""
-    if kind == "perceptron":
-        return Perceptron(shape, width, dropout)
-    return Backbone(width, dropout, blocks, readout, maps=maps)
+def build_backbone(options: BackboneParams, *, maps: bool = False) -> Backbone:
+    """The backbone of `model.backbone`; its weights are drawn from torch's default generator."""
+    return Backbone(options.width, options.dropout, options.blocks, options.readout, maps=maps)
 
 
 @torch.no_grad()
