@@ -10,21 +10,22 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts, median_and_p95
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials
-from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.views.clustering import pool_ids
 
 SECONDS = 1.0  # for each of the two measurements of latency
@@ -85,7 +86,7 @@ def evaluate_table(
     begin = time.perf_counter()
     index = table.on(SIDES.index(evaluate.side))
     anchors = np.flatnonzero(table.anchor[index])
-    frames = input_frames(table, index, compute, classifier.head.transform)
+    frames = FrameInputs(table, index, compute, classifier.head.transform)
     classifier.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     with compute.autocast():
         features = extract_features(classifier.backbone, frames)
@@ -154,7 +155,7 @@ def sequential_scores(
 
 @torch.inference_mode()
 def latency(
-    classifier: Classifier, frames: FrameInputs, compute: Compute, *, seconds: float = SECONDS
+    classifier: Classifier, frames: Tensor | FrameInputs, compute: Compute, *, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
     """Milliseconds per view set from network input to logits, alone and in batches of `sets`.
 
@@ -168,8 +169,9 @@ def latency(
 
     def timed(sets: int, seconds: float) -> np.ndarray:
         """Milliseconds per view set of each repeat, one at least, until the seconds are spent."""
-        index = torch.arange(sets * classifier.views, device=frames.device)
+        index = torch.arange(sets * classifier.views)
         inputs, end = frames[index % len(frames)], time.perf_counter() + seconds
+        index = index.to(inputs.device)
         taken: list[float] = []
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()

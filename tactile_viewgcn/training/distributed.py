@@ -16,8 +16,8 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.process import LOST, launched
+from tactile_viewgcn.training.inputs import FrameInputs
 
 TIMEOUT = timedelta(minutes=10)  # for one process to wait for another, which then counts as lost
 _sizes = [1]  # how many examples of the latest batch each process has, see `rows`
@@ -125,9 +125,12 @@ def gather(values: Tensor) -> Tensor:
     return torch.cat([part[: own * each] for part, own in zip(of_each(padded), _sizes, strict=True)])
 
 
-def in_parts(function: Callable[[FrameInputs], Tensor], values: FrameInputs) -> Tensor:
+def in_parts(function: Callable[[FrameInputs | Tensor], Tensor], values: FrameInputs) -> Tensor:
     """function(values), row by row; each process computes its part of the rows."""
-    return function(values) if len(values) < size() else gather(function(values[rows(len(values))]))
+    if not together() or len(values) < size():
+        return function(values)
+    part = rows(len(values))
+    return gather(function(values[torch.arange(part.start, part.stop)]))
 
 
 def mean(values: Tensor) -> Tensor:

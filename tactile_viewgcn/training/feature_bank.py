@@ -1,19 +1,12 @@
 """Features of frames that view sets share between optimiser steps."""
 
-import math
-from tempfile import NamedTemporaryFile
-
 import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.files import root
-from tactile_viewgcn.frame_inputs import FrameInputs
-from tactile_viewgcn.memory import fits_memory
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
-from tactile_viewgcn.training.checkpoint import FOLDER
-from tactile_viewgcn.training.inputs import batches
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 
 
@@ -33,7 +26,7 @@ class FeatureBank(nn.Module):
         super().__init__()
         self._compute = compute
         dtype = torch.bfloat16 if len(feature_shape) > 1 and compute.precision == "bfloat16" else compute.dtype
-        self.register_buffer("values", _zeros((frames, *feature_shape), dtype, compute.device))
+        self.register_buffer("values", torch.zeros((frames, *feature_shape), dtype=dtype, device=compute.device))
 
     @torch.no_grad()
     def fill(self, backbone: nn.Module, frames: FrameInputs, *, batch: int, augment_frames: Augmentation) -> None:
@@ -44,8 +37,8 @@ class FeatureBank(nn.Module):
         backbone.train()
         parts = torch.randperm(len(frames)).tensor_split(num_batches(len(frames), batch))
         with self._compute.autocast():
-            for index, inputs in batches(frames, parts, lambda part: part, self._compute):
-                features = backbone(augment_frames(inputs)[distributed.rows(len(index))])
+            for index in parts:
+                features = backbone(augment_frames(frames[index])[distributed.rows(len(index))])
                 self.values[self._compute.to_device(index)] = distributed.gather(features)
 
     def nodes(self, sets: Tensor, fresh: Tensor, features: Tensor, first: Tensor) -> Tensor:
@@ -65,13 +58,3 @@ class FeatureBank(nn.Module):
         nodes = self.values[sets[part]].index_put((rows, fresh[part]), features)
         self.values[sets.gather(1, fresh).flatten()] = distributed.gather(features).flatten(0, 1)[first]
         return nodes
-
-
-def _zeros(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Zeros on the device; where they take too much of the processor's free memory, in a file that has no name."""
-    if device.type != "cpu" or fits_memory(math.prod(shape) * dtype.itemsize):
-        return torch.zeros(shape, dtype=dtype, device=device)
-    folder = root() / FOLDER
-    folder.mkdir(exist_ok=True)
-    with NamedTemporaryFile(dir=folder) as file:  # a mapping outlives its file's name
-        return torch.from_file(file.name, shared=True, size=math.prod(shape), dtype=dtype).view(shape)

@@ -14,16 +14,18 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier as build
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.feature_bank import FeatureBank
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, fit
 from tactile_viewgcn.training.losses import error_rate, set_loss, set_losses
 from tactile_viewgcn.training.moments import measure_moments
@@ -46,7 +48,7 @@ class SideViewSets:
         self._index, self._views, self._assignment = table.on(side), views, assignment
         self.rng = stream(seed, "finetune.draw", side)
         self.anchors = np.flatnonzero(table.anchor[self._index])
-        self.frames = input_frames(table, self._index, compute)
+        self.frames = FrameInputs(table, self._index, compute)
         self.labels = torch.from_numpy(table.label[self._index].astype(np.int64)).to(compute.device)
 
     def draw(self) -> np.ndarray:
@@ -187,13 +189,11 @@ def build_classifier(
 ) -> Classifier:
     """The classifier before its training, see `finetune_classifier`."""
     viewpoints = torch.from_numpy(views.viewpoints)
-    classifier = Classifier(viewpoints, len(table.classes), params.model, table.counts.shape[1:])
-    classifier.references = views.references
+    classifier = build(viewpoints, len(table.classes), params.model, table.counts.shape[1:])
     if classifier.head.takes == "sensors":
         return classifier
-    backbone = classifier.backbone.backbone if params.model.pooled_view else classifier.backbone
-    backbone.load_state_dict(pretrained["backbone"])
+    classifier.backbone.load_state_dict(pretrained["backbone"])
     classifier.head.load_frame_classifier(pretrained["classifier"])
     if not params.finetune.backbone_dropout:
-        backbone.dropout.p = 0.0
+        classifier.backbone.dropout.p = 0.0
     return classifier

@@ -9,11 +9,10 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.feature_bank import FeatureBank
-from tactile_viewgcn.training.inputs import batches
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 
 
@@ -36,8 +35,8 @@ def frame_losses(
     Batches differ by one frame at most, and every frame is in one.
     """
     parts = torch.randperm(len(frames), generator=order).tensor_split(num_batches(len(frames), batch))
-    for index, inputs in batches(frames, parts, lambda part: part, compute):
-        yield loss_of(inputs, compute.gather(labels, index))
+    for index in parts:
+        yield loss_of(frames[index], compute.gather(labels, index))
 
 
 def frame_loss(
@@ -73,10 +72,10 @@ def set_losses(
     """
     if in_time_order:
         plan = (sort_by_time(*sets_and_fresh) for sets_and_fresh in plan)
-    for (sets, fresh), inputs in batches(frames, plan, _fresh_frames, compute):
-        first = first_places(np.take_along_axis(sets, fresh, axis=1).ravel())
-        places = (compute.to_device(torch.from_numpy(each)) for each in (sets, fresh, first))
-        yield loss_of(inputs, compute.gather(labels, torch.from_numpy(sets[:, 0])), *places)
+    for sets, fresh in plan:
+        index = np.take_along_axis(sets, fresh, axis=1).ravel()
+        places = (compute.to_device(torch.from_numpy(each)) for each in (sets, fresh, first_places(index)))
+        yield loss_of(frames[torch.from_numpy(index)], compute.gather(labels, torch.from_numpy(sets[:, 0])), *places)
 
 
 def set_loss(
@@ -101,11 +100,6 @@ def set_loss(
         return classifier.head.loss(logits, aux, labels[rows])
 
     return loss
-
-
-def _fresh_frames(batch: tuple[np.ndarray, np.ndarray]) -> Tensor:
-    """Indices (B * f,) of the frames in the columns (B, f) of view sets (B, k)."""
-    return torch.from_numpy(np.take_along_axis(*batch, axis=1).ravel())
 
 
 def first_places(index: np.ndarray) -> np.ndarray:

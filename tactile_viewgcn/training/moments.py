@@ -10,10 +10,10 @@ import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.training import distributed
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 
 
@@ -39,7 +39,11 @@ def measure_moments(
 
 
 def _average_moments(
-    module: nn.Module, inputs: FrameInputs, compute: Compute, order: torch.Generator, features: Tensor | None = None
+    module: nn.Module,
+    inputs: Tensor | FrameInputs,
+    compute: Compute,
+    order: torch.Generator,
+    features: Tensor | None = None,
 ) -> None:
     """Pass `inputs` (n, ...), or the features that they index, through a module whose moments become the mean."""
     norms = [layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)]
@@ -55,6 +59,6 @@ def _average_moments(
         for norm in norms:
             norm.momentum = 1 / number
         index = index[distributed.rows(len(index))]
-        module(compute.gather(inputs, index) if features is None else compute.gather(features, inputs[index]))
+        module(inputs[index] if features is None else compute.gather(features, inputs[index]))
     for norm, momentum in zip(norms, momenta, strict=True):
         norm.momentum = momentum

@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 
-DEAD_ZONE = 2.0  # units; below it is noise
 BLOCKS = (2, 4, 8)  # rows and columns
 LIVE_SHARE = 0.5  # of a block's cells, at least
 WIDTH, RIDGE, SHARPNESS = 2.0, 0.3, 8.0
@@ -13,20 +13,11 @@ MAX_POINTS = 4000  # beyond it the kernel's matrix is approximated
 LANDMARKS = 2000  # of the approximation
 
 
-def kernel_estimator(live: np.ndarray) -> Any:
-    """The estimator for readings of live sensors (H, W): blocks tell neighbouring sensors from distant ones."""
-    from sklearn.pipeline import make_pipeline
-
-    return make_pipeline(BlockMeans(live), KernelClassifier())
-
-
-def above_dead_zone(sensors: np.ndarray) -> np.ndarray:
-    """log(1 + max(x - 2, 0)) of readings x in units."""
-    return np.log1p(np.maximum(sensors - DEAD_ZONE, 0))
-
-
 class BlockMeans(TransformerMixin, BaseEstimator):
-    """Readings (n, S) of live sensors (H, W) to these and their means over square blocks, (n, S + blocks)."""
+    """Readings (n, S) of live sensors (H, W) to these and their means over square blocks, (n, S + blocks).
+
+    Blocks distinguish neighbouring sensors from distant ones.
+    """
 
     def __init__(self, live: np.ndarray):
         self.live = live
@@ -65,8 +56,6 @@ class KernelClassifier(ClassifierMixin, BaseEstimator):
         return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        from scipy.special import softmax
-
         return softmax(SHARPNESS * self.regression_.predict(points), axis=1)
 
 
