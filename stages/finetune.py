@@ -37,7 +37,7 @@ def finetune(params, job, frames, views, backbone, out):
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
         for warning in noise_warnings(table, params.finetune.noise):
-            job.note(warning)
+            job.note(str(warning))
     clusters, on_epoch = read_views(views), job.on_epoch(params.finetune.epochs)
     with joined(compute, alone), training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
         given = pretrained, params, compute

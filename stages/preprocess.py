@@ -7,8 +7,7 @@ import numpy as np
 
 from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.baseline_leaks import leak_of_split
-from tactile_viewgcn.frames.leak import describe
+from tactile_viewgcn.frames.leak import leak_of_split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
 from tactile_viewgcn.frames.split import SIDES
@@ -24,9 +23,11 @@ def preprocess(params, job, recordings, out, kept):
     """Subtract the baseline, filter, split and balance the frames."""
     with Recordings(recordings) as table:
         made = preprocess_recordings(table, params.preprocess, params.split)
-        frames, selection, seen, kind = made.frames, made.selection, made.inspection, made.params.baseline
+        frames, selection, inspection, kind = made.frames, made.selection, made.inspection, made.params.baseline
         rows = selection_counts(table, selection)
-        leak = leak_of_split(table, seen, made.baseline, kind, params.split) if seen else None
+        leak, leak_notes = None, []
+        if inspection:
+            leak, leak_notes = leak_of_split(table, inspection, made.leaks, made.baseline, kind, params.split)
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
@@ -40,10 +41,9 @@ def preprocess(params, job, recordings, out, kept):
     for side in SIDES:
         number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
         print("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
-    checked = [describe(leak, kind, all_contact=seen.all_contact)] if seen else []
-    for note in (*map(str, made.choices), *made.notes, *checked):
-        job.note(note)
-    resolved = {f"resolved.{one.key}": one.value for one in made.choices}
+    for note in (*made.notes, *leak_notes):
+        job.note(str(note))
+    resolved = {f"resolved.{note.key}": note.value for note in made.notes if note.level == "choice"}
     sizes = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
     sizes |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
     return sizes | counts | leaked | resolved
