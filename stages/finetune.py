@@ -56,7 +56,7 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
             )
             save_classifier(out, classifier, params.model, table, compute.precision, calibration)
         if warning := calibration_warning(classifier, calibration):
-            job.note(Note(warning))
+            job.note(Note(warning, "warning", "calibration"))
         fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
         trained = f"{progress} on {compute.device} in {compute.precision}"
         click.echo(f"finetune: {trained if system.trainable else f'{params.model.system} {fitted}'}")

@@ -71,7 +71,7 @@ def calibration_warning(classifier: Classifier, temperatures: list[float] | None
         return None
     remedy = "" if classifier.head.takes == "sensors" else ", or raise finetune.epochs"
     return (
-        "warning: answers on held-out groups are no better than chance, so that no confidence threshold is ever "
+        "answers on held-out groups are no better than chance, so that no confidence threshold is ever "
         f"reached; record each object more often{remedy}"
     )
 
