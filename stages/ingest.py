@@ -23,8 +23,8 @@ def ingest(source: Path, out: Path, **common: Any) -> None:
             job.counts = {"frames": len(table), "sensors": int(table.live.sum())}
             job.counts |= {f"{name}s": count for name, count in used.items()}
             click.echo(
-                f"ingest: {len(table):,} frames of {table.shape[0]} x {table.shape[1]}, {job.counts['sensors']} sensors, "
-                f"{used['object']} objects, {used['recording']} recordings, {used['session']} sessions"
+                f"ingest: {len(table):,} frames of {table.shape[0]} x {table.shape[1]}, "
+                f"{job.counts['sensors']} sensors, {used['object']} objects, {used['recording']} recordings, {used['session']} sessions"
             )
 
 
