@@ -43,8 +43,8 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
         if not alone:
             with readable(backbone):
                 pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
-            for text in noise_warnings(table, params.finetune.noise):
-                job.note(Note(text))
+            for note in noise_warnings(table, params.finetune.noise):
+                job.note(note)
         key = job.checkpoint_key()
         with joined(compute, alone), training_checkpoint("finetune", key, compute) as checkpoint_path:
             arguments = pretrained, params, compute

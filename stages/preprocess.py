@@ -9,12 +9,10 @@ import numpy as np
 
 from stages.command import PATH, options, started
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.baseline_leaks import leak_of_split
-from tactile_viewgcn.frames.leak import describe
+from tactile_viewgcn.frames.leak import leak_of_split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
 from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.notes import Note
 from tactile_viewgcn.tables.frames import write_frames
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -31,7 +29,9 @@ def preprocess(recordings: Path, out: Path, kept: Path, **common: Any) -> None:
             made = preprocess_recordings(table, job.params.preprocess, split)
             frames, selection, inspection, kind = made.frames, made.selection, made.inspection, made.params.baseline
             rows = selection_counts(table, selection)
-            leak = leak_of_split(table, inspection, made.baseline, kind, split) if inspection else None
+            leak, leak_notes = None, []
+            if inspection:
+                leak, leak_notes = leak_of_split(table, inspection, made.leaks, made.baseline, kind, split)
         write_frames(out, frames)
         with atomic_write(kept) as part, part.open("w", newline="") as file:
             writer = csv.DictWriter(file, rows[0])
@@ -45,12 +45,12 @@ def preprocess(recordings: Path, out: Path, kept: Path, **common: Any) -> None:
         for side in SIDES:
             number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
             click.echo("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
-        checked = [describe(leak, kind, all_contact=inspection.all_contact)] if inspection else []
-        for text in (*map(str, made.choices), *made.notes, *checked):
-            job.note(Note(text))
+        for note in (*made.notes, *leak_notes):
+            job.note(note)
         job.counts = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
         job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
-        job.counts |= counts | leaked | {f"resolved.{choice.key}": choice.value for choice in made.choices}
+        job.counts |= counts | leaked
+        job.counts |= {f"resolved.{note.key}": note.value for note in made.notes if note.level == "choice"}
 
 
 if __name__ == "__main__":

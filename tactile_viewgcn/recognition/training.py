@@ -58,13 +58,13 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
     """
     seed, compute = params.seed, select_device(params.device, params.precision)
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
-    frames, notes = made.frames, [*map(str, made.choices), *made.notes]
+    frames, notes = made.frames, [str(note) for note in made.notes]
     on_sensors = system_class(params.model.system).takes == "sensors"
     clustering = replace(params.cluster, method="none") if on_sensors else params.cluster  # they know no clusters
     places = viewpoints(params.views, params.viewpoints, seed)
     views = cluster_frames(frames, places, clustering, stream(seed + clustering.seed, "cluster"))
     if not on_sensors:
-        notes += noise_warnings(frames, params.finetune.noise)
+        notes += map(str, noise_warnings(frames, params.finetune.noise))
     with torch.random.fork_rng():
         pretrained = {}
         if not on_sensors:

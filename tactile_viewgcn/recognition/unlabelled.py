@@ -61,7 +61,7 @@ def answer_source(
             used.append(excess[spread_sets(len(held), recogniser.classifier.views)[0]] if len(held) else excess)
             rows.append(_row(recordings, index, answer_contact(recogniser, excess, stop_at=stop_at)))
     recogniser.preprocessing.check_strength(np.concatenate(used), str(source.path))
-    return rows, baseline.notes
+    return rows, [str(note) for note in baseline.notes]
 
 
 def _parts(recordings: Recordings, window: float | None) -> Iterator[np.ndarray]:
