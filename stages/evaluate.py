@@ -7,7 +7,7 @@ import click
 
 from stages.command import PATH, options, started
 from tactile_viewgcn.device import keep_freed_memory, select_device
-from tactile_viewgcn.evaluation import report, row
+from tactile_viewgcn.evaluation import report
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import predictions_of, write_predictions
 from tactile_viewgcn.process import peak_mb, seconds_since_start
@@ -32,13 +32,12 @@ def evaluate(frames: Path, classifier: Path, after: tuple[Path, ...], out: Path,
         evaluation = evaluate_table(
             model, table, params.cluster, params.evaluate, compute, params.seed, content["temperatures"]
         )
-        metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side) | row.divergences(records)
-        report.write_results(out, metrics, evaluation, table.classes)
+        metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side, records)
         write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
-        run.dataset(*row.dataset(records, str(frames), job.md5s["frames"]))
+        run.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
         job.computed_on(compute)
-        run.tags(row.row_tags(metrics, records))
-        run.parameters(row.counts(metrics, records))
+        run.tags(report.row_tags(metrics, records))
+        run.parameters(report.row_constants(metrics, records))
         if run.id:
             from tactile_viewgcn.plots import confusions
 
@@ -48,11 +47,11 @@ def evaluate(frames: Path, classifier: Path, after: tuple[Path, ...], out: Path,
         signature = model.views, table.live.shape, table.counts.dtype, table.classes
         address = run.model(classifier, *signature, model.head.packages)
         timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
-        report.write_costs(out, timing, row.summary(metrics, timing))
+        report.write_results(out, metrics, timing, evaluation, table.classes)
         for path in (out, *after):
             run.artifacts(path)
-        run.metrics(row.row_metrics(metrics, timing))
-        for name, errors in row.trial_errors(evaluation).items():
+        run.metrics(report.row_metrics(metrics, timing))
+        for name, errors in report.trial_errors(evaluation).items():
             for trial, error in enumerate(errors, start=1):
                 run.metrics({name: error}, trial)
         click.echo("\n".join(report.summary_lines(metrics, timing)))

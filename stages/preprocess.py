@@ -50,7 +50,6 @@ def preprocess(recordings: Path, out: Path, kept: Path, **common: Any) -> None:
         job.counts = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
         job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
         job.counts |= counts | leaked
-        job.counts |= {f"resolved.{note.key}": note.value for note in made.notes if note.level == "choice"}
 
 
 if __name__ == "__main__":

@@ -21,8 +21,7 @@ def cli() -> None:
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of the file.")
 def check(path: Path, changes: tuple[str, ...]) -> None:
     """Check params.yaml, list every mistake, and look for data.source."""
-    from tactile_viewgcn.markdown_tables import VIRTUAL
-    from tactile_viewgcn.params import load
+    from tactile_viewgcn.params import VIRTUAL, load
     from tactile_viewgcn.schema import flatten
 
     params = load(path, changes)

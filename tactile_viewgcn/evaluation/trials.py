@@ -57,10 +57,8 @@ def all_trials(
             if protocol not in evaluate.protocols:
                 continue
             pool = pool_ids(label, table.recording[index], table.side[index], protocol)
-            trials = (stream(seed, "trial", number, trial) for trial in range(evaluate.trials))
-            protocols[protocol] = run_trials(
-                classifier, features, points, label, pool, anchors, cluster, trials=trials, bar=bar
-            )
+            rngs = (stream(seed, "trial", number, trial) for trial in range(evaluate.trials))
+            protocols[protocol] = run_trials(classifier, features, points, label, pool, anchors, cluster, rngs, bar)
     return protocols
 
 
@@ -73,8 +71,7 @@ def run_trials(
     pool: np.ndarray,
     anchors: np.ndarray,
     cluster: Cluster,
-    *,
-    trials: Iterable[np.random.Generator],
+    rngs: Iterable[np.random.Generator],
     bar: tqdm,
 ) -> Trials:
     """Classify one view set per anchor in each trial, each with its own generator and clustering.
@@ -82,14 +79,14 @@ def run_trials(
     Args:
         features: (n, C) of the frames; points: (n, d) network input that is clustered; labels, pool: (n,).
         anchors: (A,) indices of the frames that view sets are drawn around.
+        rngs: a generator for each trial.
     """
     views, scores, empty = classifier.views, None, 0
     if cluster.method == "kmeans" and views > 1:
         scores = pool_scores(points, pool, cluster.components)
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
-    for rng in trials:
-        clusters = cluster_pools(points, pool, views, cluster, rng, scores)
-        sets = ViewSets(clusters, pool, views)
+    for rng in rngs:
+        sets = ViewSets(cluster_pools(points, pool, views, cluster, rng, scores), pool, views)
         drawn = torch.from_numpy(sets.draw(anchors, rng, cluster.assignment)).to(features.device)
         logits = view_set_logits(classifier.head, features, drawn)
         order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class
