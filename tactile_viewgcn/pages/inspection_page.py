@@ -9,11 +9,11 @@ from tactile_viewgcn.frames.automatic import Recommendation
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.readings import SATURATED
-from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.html import Picture, Step, Verdict, picture, several
 from tactile_viewgcn.pages.inspection_text import command_lines
 from tactile_viewgcn.pages.recommendation import recommend
+from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.readers.source import EMPTY_HAND, listed
 
 MOST_LINES = 12  # recordings whose time lines are drawn
