@@ -7,12 +7,12 @@ import click
 import numpy as np
 
 from stages.command import PATH, options, started
-from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import read_frames
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, read_frames
 from tactile_viewgcn.tables.views import write_views
 from tactile_viewgcn.views.clustering import cluster_frames
+from tactile_viewgcn.views.sampling import sets_of
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 
@@ -26,7 +26,7 @@ def cluster(frames: Path, out: Path, **common: Any) -> None:
         count, rng = params.views, stream(params.seed + params.cluster.seed, "cluster")
         views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), params.cluster, rng)
         index = table.on(TRAIN, VALIDATION)
-        pools, empty = len(np.unique(views.pool[index])), int(views.on(index, rng).empty.sum())
+        pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
         if not views.clustered:
             click.echo(f"cluster: none; view sets are drawn at random from each of {pools} pools")
         else:

@@ -62,7 +62,7 @@ class Job:
     """
 
     stage: str
-    params: SimpleNamespace
+    params: Any
     md5s: dict[str, str]
     needed: bool = True
     run: tracking.Run = field(default_factory=tracking.Run)
@@ -127,12 +127,18 @@ def started(
     """
     signal.signal(signal.SIGTERM, _end)  # `dvc queue kill`: the run is closed as KILLED
     try:
-        params, committed, reads = load(params_path, changes), committed_params(params_path), pipeline_entry(stage)["params"]
+        params, committed, reads = (
+            load(params_path, changes),
+            committed_params(params_path),
+            pipeline_entry(stage)["params"],
+        )
         values = flatten(params)
         if row:
             name = run_name(f"{params.model.system} V={params.views}", values, committed, ("model.system", "views"))
         else:
-            values = {key: value for key, value in values.items() if f"{key}.".startswith(tuple(f"{r}." for r in reads))}
+            values = {
+                key: value for key, value in values.items() if f"{key}.".startswith(tuple(f"{r}." for r in reads))
+            }
             name = run_name(stage, values, committed)
         job = Job(stage, _only(params, reads), _md5s(inputs), _is_needed(stage, needs))
         logged = record is not None and job.needed and not rank()

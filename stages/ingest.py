@@ -19,12 +19,11 @@ def ingest(source: Path, out: Path, **common: Any) -> None:
     with started("ingest", {"source": source}, **common) as job:
         write_recordings(out, open_source(source), job.md5s["source"])
         with Recordings(out) as table:
-            used = {name: len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
-            job.counts = {"frames": len(table), "sensors": int(table.live.sum())}
-            job.counts |= {f"{name}s": count for name, count in used.items()}
+            used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
+            job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
             click.echo(
-                f"ingest: {len(table):,} frames of {table.shape[0]} x {table.shape[1]}, {job.counts['sensors']} sensors, "
-                f"{used['object']} objects, {used['recording']} recordings, {used['session']} sessions"
+                "ingest: {frames:,} frames of {shape[0]} x {shape[1]}, {sensors} sensors, {objects} objects, "
+                "{recordings} recordings, {sessions} sessions".format(shape=table.shape, **job.counts)
             )
 
 

@@ -12,8 +12,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.leak import leak_of_split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
-from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.tables.frames import write_frames
+from tactile_viewgcn.tables.frames import SIDES, write_frames
 from tactile_viewgcn.tables.recordings import Recordings
 
 

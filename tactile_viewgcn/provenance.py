@@ -14,8 +14,8 @@ from typing import Any
 
 import yaml
 
-from tactile_viewgcn.process import processor, start_ticks, usable_cores
 from tactile_viewgcn.params import as_change
+from tactile_viewgcn.process import processor, start_ticks, usable_cores
 
 MOST_FILES = 20  # changed files that are named
 WRITTEN = "dvc.lock", "results/summary.json"  # by every run, which is no change of the code

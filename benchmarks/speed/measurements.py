@@ -14,9 +14,9 @@ from benchmarks.speed import limits, plain
 from benchmarks.speed.sample import Sample
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.losses import frame_loss, frame_losses, set_loss, set_losses
 from tactile_viewgcn.training.optim import build_optimiser

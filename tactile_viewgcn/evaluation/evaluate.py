@@ -16,7 +16,6 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts, median_and_p95
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials
-from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.network import view_set_logits
@@ -24,7 +23,7 @@ from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.views.clustering import pool_ids
 

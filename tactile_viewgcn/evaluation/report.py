@@ -11,10 +11,9 @@ import numpy as np
 from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import SIDES, Frames
 
 RECORD = ("stage", "run_id", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
 DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest

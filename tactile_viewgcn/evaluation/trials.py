@@ -8,13 +8,12 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.counts import Counts
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets
 

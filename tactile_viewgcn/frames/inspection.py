@@ -12,7 +12,6 @@ from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by
 from tactile_viewgcn.frames.quiet import all_in_contact, quiet_means
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.readers.source import EMPTY_HAND
-from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings
 
 SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548

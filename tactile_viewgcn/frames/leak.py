@@ -11,11 +11,12 @@ from tactile_viewgcn.frames.baseline import Baseline, empty_hand_baseline
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording, of_empty_hand
-from tactile_viewgcn.frames.split import TEST, fold_sides, split_groups
+from tactile_viewgcn.frames.split import fold_sides, split_groups
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Split
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import Recordings
 
 MAX_FRAMES = 2000
@@ -211,9 +212,7 @@ def _last_contact(recordings: Recordings, contact: np.ndarray) -> np.ndarray:
     return last
 
 
-def _answers(
-    excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def _answers(excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool) -> tuple[np.ndarray, np.ndarray]:
     """Object and group (C, 2) of each object's frames in each group, and the object (C,) they are given to, held out.
 
     That is the one with the largest sum of decision values over the frames.

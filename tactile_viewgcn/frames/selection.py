@@ -8,10 +8,6 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.filtering import passing
 from tactile_viewgcn.frames.split import (
-    SIDES,
-    TEST,
-    TRAIN,
-    VALIDATION,
     balanced_anchors,
     fold_sides,
     frame_sides,
@@ -25,6 +21,7 @@ from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Preprocess, Split
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
+from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 from tactile_viewgcn.tables.recordings import Recordings
 
 

@@ -10,9 +10,7 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.randomness import stream
-
-TRAIN, VALIDATION, TEST = 0, 1, 2
-SIDES = ("train", "validation", "test")
+from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 
 
 def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:

@@ -12,13 +12,13 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION, fold_sides, spans_classes
+from tactile_viewgcn.frames.split import fold_sides, spans_classes
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import logits_by_count, sequences
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames
 from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.views.clustering import pool_ids
 

@@ -12,12 +12,11 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.params import Backbone, Model
 from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 STRONG_FRAMES = 2000
 

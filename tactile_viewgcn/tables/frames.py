@@ -9,10 +9,12 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.frames.transform import network_input
-from tactile_viewgcn.readers.source import BLOCK_FRAMES
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
+from tactile_viewgcn.tables.transform import network_input
 
+TRAIN, VALIDATION, TEST = 0, 1, 2
+SIDES = ("train", "validation", "test")
+BLOCK_FRAMES = 4096  # read or written at once
 INPUT_BLOCK = 512  # frames whose network input is computed at once
 
 
@@ -25,7 +27,7 @@ class Frames:
         label: (n,) class, index into `classes`.
         recording, session: (n,) index into `recordings` and `sessions`.
         group: (n,) split group.
-        side: (n,) split.TRAIN, VALIDATION or TEST.
+        side: (n,) TRAIN, VALIDATION or TEST.
         anchor: bool (n,) view sets are drawn around it; the anchors are balanced over the classes.
         baseline: (n,) index into `baseline_mean`.
         time: (n,) seconds since the recording's first frame.

@@ -8,9 +8,7 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.frames.split import TRAIN
-from tactile_viewgcn.tables.frames import Frames
-from tactile_viewgcn.views.sampling import ViewSets, random_clusters
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 NO_CLUSTER = -1
 
@@ -46,12 +44,6 @@ class Views:
             if len(index):
                 means[label, column] = table.mean_input(index)
         return means
-
-    def on(self, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
-        """Clusters of the frames in `index` (k,), at random if nothing is clustered; view sets count them from 0."""
-        pool, views = np.unique(self.pool[index], return_inverse=True)[1].ravel(), len(self.viewpoints)
-        cluster = self.cluster[index].astype(np.int64) if self.clustered else random_clusters(pool, views, rng)
-        return ViewSets(cluster, pool, views)
 
 
 def write_views(path: str | Path, views: Views) -> None:

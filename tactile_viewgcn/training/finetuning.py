@@ -11,15 +11,14 @@ from torch import Tensor
 from tqdm import tqdm
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frames.split import TRAIN, VALIDATION
-from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.systems.classifier import build_classifier as build
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
+from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
@@ -33,6 +32,7 @@ from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batch
 from tactile_viewgcn.training.replay import Replay
 from tactile_viewgcn.training.sensor_fitting import fit_sensor_system
 from tactile_viewgcn.training.whole_batch import share_batches
+from tactile_viewgcn.views.sampling import sets_of
 
 
 class SideViewSets:
@@ -53,7 +53,7 @@ class SideViewSets:
 
     def draw(self) -> np.ndarray:
         """View sets (A, V) of indices into `frames`, one per anchor."""
-        return self._views.on(self._index, self.rng).draw(self.anchors, self.rng, self._assignment)
+        return sets_of(self._views, self._index, self.rng).draw(self.anchors, self.rng, self._assignment)
 
     def batches(self, drawn: np.ndarray, config: Finetune) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Batches of the drawn view sets (A, V) in random order; their sizes differ by one at most.

@@ -4,10 +4,9 @@ import time
 
 import numpy as np
 
-from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.unit import successive_noise
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.checkpoint import Progress
 
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.tables.counts import Counts
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.views import NO_CLUSTER, Views
 from tactile_viewgcn.views.sampling import random_clusters
 

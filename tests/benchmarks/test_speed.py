@@ -13,10 +13,10 @@ from benchmarks.speed.operators import operator_rows
 from benchmarks.speed.recipe import recipe_rows
 from benchmarks.speed.sample import Sample, anchors_of
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.systems.classifier import build_classifier
+from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import CPU, recipe, table, views_of
 

@@ -11,7 +11,7 @@ from tactile_viewgcn.evaluation import evaluate as module
 from tactile_viewgcn.evaluation import trials as trials_module
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_of
 from tactile_viewgcn.evaluation.trials import Trials
-from tactile_viewgcn.frames.split import TEST
+from tactile_viewgcn.tables.frames import TEST
 from tests.small_tables import CPU, fewer_anchors, recipe, table, trained
 
 

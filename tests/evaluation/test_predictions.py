@@ -7,7 +7,7 @@ import torch
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import predictions_of, read_predictions, write_predictions
 from tactile_viewgcn.evaluation.report import metrics_tree
-from tactile_viewgcn.frames.split import TEST, VALIDATION
+from tactile_viewgcn.tables.frames import TEST, VALIDATION
 from tests.small_tables import CPU, recipe, table, trained
 
 

@@ -22,7 +22,7 @@ from tactile_viewgcn.evaluation.report import (
     write_results,
 )
 from tactile_viewgcn.evaluation.trials import Trials
-from tactile_viewgcn.frames.split import TEST, TRAIN
+from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.small_tables import fewer_anchors, table
 
 CLASSES = ["cup", "pen, red", "tape"]

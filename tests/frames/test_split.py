@@ -7,9 +7,6 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.split import (
-    TEST,
-    TRAIN,
-    VALIDATION,
     balanced_anchors,
     fold_sides,
     frame_sides,
@@ -18,6 +15,7 @@ from tactile_viewgcn.frames.split import (
     surplus_groups,
     validation_sides,
 )
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 WAYS = pytest.mark.parametrize("by", ["recording", "grasp", "session"])
 

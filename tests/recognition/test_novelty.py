@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty, sensor_map
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.systems.classifier import build_classifier
+from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_glove import OBJECTS, SHAPE, pressed, recogniser
 from tests.small_tables import recipe, table

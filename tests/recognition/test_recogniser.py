@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.systems import classifier as module
 from tactile_viewgcn.systems.classifier import build_classifier
+from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import CPU, recipe, table, trained
 

@@ -1,7 +1,5 @@
 """What DVC watches for each stage, in dvc.yaml: the code that it imports, and the parameters that it reads."""
 
-from pathlib import Path
-
 import pytest
 import yaml
 

@@ -4,12 +4,12 @@ import csv
 
 import numpy as np
 import pytest
+from studies.variants import pooled
 
 from studies.cells import Answers
 from studies.comparison import confused_pairs, pareto_front, power, rows_of, sequential_rows
 from studies.grid import Cell, Study
 from studies.report import write_report
-from studies.variants import pooled
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions
 

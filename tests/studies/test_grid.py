@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from click.testing import CliRunner
+from studies.dvc_queue import settings
 
 from studies import __main__ as main_module
 from studies import cells as cells_module
 from studies import grid
 from studies.__main__ import list_studies, main
 from studies.cells import key_of
-from studies.dvc_queue import settings
 from studies.grid import Cell, names, read_study
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import load

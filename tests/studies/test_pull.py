@@ -5,10 +5,10 @@ import subprocess
 import sys
 
 import pytest
+from studies.dvc_queue import DvcQueue
 
 from studies import cells as cells_module
 from studies.cells import RESULTS, experiment_of
-from studies.dvc_queue import DvcQueue
 from studies.grid import Cell
 from studies.runner import run_cells
 

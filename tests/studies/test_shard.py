@@ -6,13 +6,13 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from studies.shard import read_shard, shards
 
 from studies import __main__ as main_module
 from studies import cells as cells_module
 from studies.__main__ import main
 from studies.cells import code_of_stages, key_of
 from studies.grid import Cell, read_study
-from studies.shard import read_shard, shards
 from tactile_viewgcn.errors import UserError
 
 SYSTEMS = ("view_gcn", "mvcnn", "trees", "lda")

@@ -13,7 +13,6 @@ import pytest
 import torch
 import torch.nn.functional as functional
 
-from tests.imports import imported_modules
 from tactile_viewgcn import params
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.network import count_weights, view_set_logits
@@ -21,6 +20,7 @@ from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.systems import OnBackbone, OnSensors, System, system_class
 from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.training.losses import sort_by_time
+from tests.imports import imported_modules
 from tests.small_tables import recipe
 from tests.systems.small_systems import CUBE, built, fill, some_views
 

@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.files import md5
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
-from tactile_viewgcn.frames.transform import full_scale, network_input
-from tactile_viewgcn.tables.frames import Frames, read_frames, write_frames
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, read_frames, write_frames
+from tactile_viewgcn.tables.transform import full_scale, network_input
 
 
 def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.nn.backbone import Backbone
 from tactile_viewgcn.recognition.sequential import sequential_trials
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.training import finetuning
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.finetuning import SideViewSets, finetune_classifier

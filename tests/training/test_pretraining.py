@@ -6,8 +6,8 @@ import torch
 
 from benchmarks.stability.rows import max_rel_error
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST, VALIDATION
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.tables.frames import TEST, VALIDATION
 from tactile_viewgcn.training import pretraining
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.losses import error_rate

@@ -11,8 +11,8 @@ import torch
 from benchmarks.stability.logits import rms, some_sets, without_dropout
 from benchmarks.stability.rows import Quantity, max_rel_error, share_not_finite
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.systems.classifier import build_classifier
+from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.viewpoints import viewpoints
