@@ -37,7 +37,7 @@ def evaluate(params, job, frames, classifier, after, out):
     job.run.parameters(row.counts(metrics, records))
     job.run.figure("confusion.png", lambda: _picture(evaluation, table.classes))
     signature = model.views, table.live.shape, table.counts.dtype, table.classes
-    address = job.run.model(classifier, *signature, model.head.packages)
+    address = job.run.model(classifier, *signature, model.packages)
     timing = report.costs(evaluation, records, job.seconds, peak_mb())
     report.write_costs(out, timing, row.summary(metrics, timing))
     for path in (out, *after):

@@ -11,7 +11,7 @@ from tactile_viewgcn.nn.network import count_weights
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.calibration import calibration_warning, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.systems import system_class
+from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
@@ -29,8 +29,7 @@ def finetune(params, job, frames, views, backbone, out):
     keep_freed_memory()
     compute, table = select_device(params.device, params.precision), read_frames(frames)
     job.computed_on(compute.device, compute.precision)
-    system, pretrained = system_class(params.model.system), {}
-    alone = system.takes == "sensors"  # one process fits it
+    alone, pretrained = on_sensors(params.model.system), {}  # one process fits a system on the sensors
     if alone and rank():
         return None
     if not alone:
@@ -49,11 +48,11 @@ def finetune(params, job, frames, views, backbone, out):
         )
         save_classifier(out, classifier, params.model, table, compute.precision, calibration)
     if warning := calibration_warning(classifier, calibration):
-        job.note(warning)
+        job.note(str(warning))
     trained = f"{progress} on {compute.device} in {compute.precision}"
     fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
-    print(f"finetune: {trained if system.trainable else f'{params.model.system} {fitted}'}")
-    return {"weights.head": count_weights(classifier.head)} | progress.metrics
+    print(f"finetune: {f'{params.model.system} {fitted}' if alone or not classifier.head.trainable else trained}")
+    return {"weights.head": 0 if alone else count_weights(classifier.head)} | progress.metrics
 
 
 if __name__ == "__main__":

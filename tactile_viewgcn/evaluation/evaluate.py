@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
@@ -18,7 +17,6 @@ from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_c
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials
 from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.intervals import proportion_interval
-from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials
@@ -84,10 +82,10 @@ def evaluate_table(
     begin = time.perf_counter()
     index = table.on(SIDES.index(evaluate.side))
     anchors = np.flatnonzero(table.anchor[index])
-    frames = input_frames(table, index, compute, classifier.head.transform)
-    classifier.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
+    frames = input_frames(table, index, compute, classifier.transform)
+    classifier.prepare(compute)
     with compute.autocast():
-        features = extract_features(classifier.backbone, frames)
+        features = classifier.frame_values(frames)
     groups = table.group[index][anchors]
     protocols = all_trials(classifier, features, table, cluster, evaluate, seed)
     scores = {

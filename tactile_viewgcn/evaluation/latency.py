@@ -8,8 +8,6 @@ import torch
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.statistics import median_and_p95
 from tactile_viewgcn.frame_inputs import FrameInputs
-from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.systems.classifier import Classifier
 
 SECONDS = 1.0  # for each of the two measurements
@@ -40,8 +38,8 @@ def latency(
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()
             with compute.autocast():
-                features = extract_features(classifier.backbone, inputs)
-            view_set_logits(classifier.head, features, index.view(sets, -1)).sum().item()  # waits for the device
+                values = classifier.frame_values(inputs)
+            classifier.logits(values, index.view(sets, -1).to(values.device)).sum().item()  # waits for the device
             taken.append((time.perf_counter() - begin) * 1e3 / sets)
         return np.array(taken[1:])  # the first one warms up
 

@@ -8,13 +8,13 @@ import torch
 from scipy.spatial.distance import cdist
 from scipy.special import softmax
 from sklearn.linear_model import LogisticRegression
+from tactile_viewgcn.sensors.kernel import KernelClassifier, block_weights, ridge_regression
+from tactile_viewgcn.sensors.sensor_system import MOST_SETS, SensorData, contact_unit
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.sensors.kernel import KernelClassifier, block_weights, ridge_regression
-from tactile_viewgcn.sensors.sensor_system import MOST_SETS, SensorData, contact_unit
 from tactile_viewgcn.systems import max_network
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.systems.ensemble import FLOOR, Ensemble
