@@ -12,9 +12,10 @@ from tqdm import tqdm
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.nn.network import view_set_logits
+from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
+from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.systems.classifier import build_classifier as build
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
@@ -108,9 +109,9 @@ def finetune_classifier(
     config, seed = params.finetune, params.seed
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
     classifier = build_classifier(table, views, pretrained, params)
-    classifier.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
-    if classifier.head.takes == "sensors":
+    if isinstance(classifier, SensorClassifier):
         return classifier, fit_sensor_system(classifier, table, config.num_views, seed)
+    classifier.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     share_batches(classifier)
     drawn_from = views.unclustered() if config.draw == "random" else views
     train, held_out = (
@@ -127,7 +128,7 @@ def finetune_classifier(
 
 
 def _train(
-    classifier: Classifier,
+    classifier: ViewNetwork,
     train: SideViewSets,
     held_out: SideViewSets,
     noise: float,
@@ -190,7 +191,7 @@ def build_classifier(
     """The classifier before its training, see `finetune_classifier`."""
     viewpoints = torch.from_numpy(views.viewpoints)
     classifier = build(viewpoints, len(table.classes), params.model, table.counts.shape[1:])
-    if classifier.head.takes == "sensors":
+    if isinstance(classifier, SensorClassifier):
         return classifier
     classifier.backbone.load_state_dict(pretrained["backbone"])
     classifier.head.load_frame_classifier(pretrained["classifier"])

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
@@ -19,7 +19,7 @@ from tactile_viewgcn.training.optim import num_batches
 
 @torch.no_grad()
 def measure_moments(
-    classifier: Classifier, frames: FrameInputs, drawn: np.ndarray, compute: Compute, order: torch.Generator
+    classifier: ViewNetwork, frames: FrameInputs, drawn: np.ndarray, compute: Compute, order: torch.Generator
 ) -> None:
     """Replace the running moments, first the backbone's, then the head's, by those without noise and dropout.
 
