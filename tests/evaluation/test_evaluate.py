@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from tactile_viewgcn.evaluation import evaluate as module
-from tactile_viewgcn.evaluation import trials as trials_module
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_of
 from tactile_viewgcn.evaluation.trials import Trials
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.tables.frames import TEST
 from tests.small_tables import CPU, fewer_anchors, recipe, table, trained
 
@@ -20,11 +20,11 @@ def drawn(monkeypatch):
     """The view sets of each trial, in order; logits are made up, 0.0 for every class but the first."""
     result = []
 
-    def view_set_logits(head, features, sets):
+    def logits(classifier, features, sets):
         result.append(sets.numpy())
         return torch.eye(4)[:1].expand(len(sets), 4)
 
-    monkeypatch.setattr(trials_module, "view_set_logits", view_set_logits)
+    monkeypatch.setattr(ViewNetwork, "logits", logits)
     return result
 
 
@@ -133,9 +133,9 @@ def sizes(monkeypatch):
     """The number of view sets of each pass, on a clock that goes on by a second each time it is looked at."""
     ticks, sizes = count(), []
     monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: float(next(ticks))))
-    logits = module.view_set_logits
+    logits = ViewNetwork.logits
     monkeypatch.setattr(
-        module, "view_set_logits", lambda head, features, sets: sizes.append(len(sets)) or logits(head, features, sets)
+        ViewNetwork, "logits", lambda model, values, sets: sizes.append(len(sets)) or logits(model, values, sets)
     )
     return sizes
 

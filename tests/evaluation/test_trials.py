@@ -8,6 +8,7 @@ import torch
 from tqdm import tqdm
 
 from tactile_viewgcn.evaluation.trials import run_trials
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
 from tests.small_tables import recipe
 
@@ -34,7 +35,8 @@ def run_made_up(
     trials=2,
     in_time_order=False,
 ):
-    classifier = SimpleNamespace(views=views, head=MadeUp(answer, in_time_order))
+    head = MadeUp(answer, in_time_order)
+    classifier = SimpleNamespace(views=views, logits=lambda values, sets: view_set_logits(head, values, sets))
     return run_trials(
         classifier,
         features,
