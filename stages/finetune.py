@@ -19,7 +19,7 @@ from tactile_viewgcn.systems import system_class
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
-from tactile_viewgcn.training.distributed import joined
+from tactile_viewgcn.training.distributed import process_group
 from tactile_viewgcn.training.finetuning import finetune_classifier
 
 
@@ -46,7 +46,7 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
             for note in noise_warnings(table, params.finetune.noise):
                 job.note(note)
         key = job.checkpoint_key()
-        with joined(compute, alone), training_checkpoint("finetune", key, compute) as checkpoint_path:
+        with process_group(compute, alone), training_checkpoint("finetune", key, compute) as checkpoint_path:
             arguments = pretrained, params, compute
             classifier, progress = finetune_classifier(table, clusters, *arguments, checkpoint_path, job.epoch)
             if rank():
