@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -161,9 +160,7 @@ def _train(
         if bank is not None and epoch == 0:
             bank.fill(classifier.backbone, train.frames, batch=config.batch, augment_frames=augment_frames)
         drawn = first if config.resample_views == "never" or epoch == 0 else train.draw()
-        plan = islice(
-            train.batches(drawn, config), 1 if epoch == config.epochs else None
-        )  # more would be read ahead, and drawn
+        plan = train.batches(drawn, config)
         in_time_order = classifier.head.in_time_order
         losses = set_losses(loss_of, train.frames, train.labels, plan, in_time_order=in_time_order, compute=compute)
         return map(joint_loss, losses)
