@@ -12,7 +12,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.readers import stag_metadata as module
 from tactile_viewgcn.readers.source import TEST, TRAIN
 from tactile_viewgcn.readers.stag_metadata import read_metadata
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tactile_viewgcn.tables.recordings import write_recordings
 from tests.sources import read
 from tests.stag_files import SENSORS, as_weights, metadata, save_matlab5, save_matlab73
 
@@ -21,41 +21,6 @@ FRAMES = 20
 TREE = metadata(objects=3, recordings=2, sessions=2, frames=FRAMES, blank=3)
 TOTAL = 3 * 2 * 2 * FRAMES
 PER_FRAME = [name for name, values in TREE.items() if len(values) == TOTAL]
-
-
-@FORMS
-def test_every_field_of_the_metadata_is_read(tmp_path, save):
-    source = read_metadata(save(tmp_path / "metadata.mat", TREE))
-    found = read(source)
-    assert (source.shape, source.dtype) == ((32, 32), np.int16)
-    np.testing.assert_array_equal(found.pop("pressure"), TREE["pressure"])
-    fields = {
-        "object": "objectId",
-        "recording": "recordingId",
-        "session": "batchId",
-        "frame": "frame",
-        "time": "ts",
-        "split": "splitId",
-        "valid": "hasValidLabel",
-        "balanced": "isBalanced",
-        "transition": "isTransition",
-        "grip": "isGrap",
-    }
-    assert found.keys() == fields.keys()
-    for column, field in fields.items():
-        np.testing.assert_array_equal(found[column], TREE[field].ravel(), err_msg=column)
-    assert source.objects == ["empty_hand", "object1", "object2"]
-    assert source.recordings[:3] == ["000-empty_hand", "001-empty_hand", "002-object1"]
-    assert (len(source.recordings), source.sessions) == (12, ["000", "001"])
-
-
-@FORMS
-def test_the_sensors_of_a_file_are_those_that_vary(tmp_path, save):
-    source = read_metadata(save(tmp_path / "metadata.mat", TREE))
-    write_recordings(tmp_path / "t.h5", source, "0" * 32)
-    with Recordings(tmp_path / "t.h5") as table:
-        assert table.live.sum() == 548
-        np.testing.assert_array_equal(table.live, SENSORS)
 
 
 @FORMS
