@@ -45,7 +45,7 @@ def evaluate(frames: Path, classifier: Path, after: tuple[Path, ...], out: Path,
             counts = {title: evaluation.confusion(name, len(table.classes)) for title, name in protocols.items()}
             run.figure("confusion.png", confusions(counts, table.classes))
         signature = model.views, table.live.shape, table.counts.dtype, table.classes
-        address = run.model(classifier, *signature, model.head.packages)
+        address = run.model(classifier, *signature, model.packages)
         timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
         report.write_results(out, metrics, timing, evaluation, table.classes)
         for path in (out, *after):

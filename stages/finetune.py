@@ -11,11 +11,10 @@ from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.nn.network import count_weights
-from tactile_viewgcn.notes import Note
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.calibration import calibration_warning, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.systems import system_class
+from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
@@ -36,8 +35,7 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
         params, table, clusters, pretrained = job.params, read_frames(frames), read_views(views), {}
         compute, job.epochs = select_device(params.device, params.precision), params.finetune.epochs
         job.computed_on(compute)
-        system = system_class(params.model.system)
-        alone = system.takes == "sensors"  # one process fits it
+        alone = on_sensors(params.model.system)  # one process fits it
         if alone and rank():
             return
         if not alone:
@@ -56,11 +54,12 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
             )
             save_classifier(out, classifier, params.model, table, compute.precision, calibration)
         if warning := calibration_warning(classifier, calibration):
-            job.note(Note(warning))
+            job.note(warning)
         fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
         trained = f"{progress} on {compute.device} in {compute.precision}"
-        click.echo(f"finetune: {trained if system.trainable else f'{params.model.system} {fitted}'}")
-        job.counts = {"weights.head": count_weights(classifier.head)} | progress.metrics
+        untrained = alone or not classifier.head.trainable
+        click.echo(f"finetune: {f'{params.model.system} {fitted}' if untrained else trained}")
+        job.counts = {"weights.head": 0 if alone else count_weights(classifier.head)} | progress.metrics
 
 
 if __name__ == "__main__":

@@ -28,9 +28,9 @@ def preprocess(recordings: Path, out: Path, kept: Path, **common: Any) -> None:
             made = preprocess_recordings(table, job.params.preprocess, split)
             frames, selection, inspection, kind = made.frames, made.selection, made.inspection, made.params.baseline
             rows = selection_counts(table, selection)
-            leak, leak_notes = None, []
-            if inspection:
-                leak, leak_notes = leak_of_split(table, inspection, made.leaks, made.baseline, kind, split)
+            leak, leak_notes = (
+                leak_of_split(table, inspection, made.leaks, made.baseline, kind, split) if inspection else (None, [])
+            )
         write_frames(out, frames)
         with atomic_write(kept) as part, part.open("w", newline="") as file:
             writer = csv.DictWriter(file, rows[0])
@@ -48,7 +48,8 @@ def preprocess(recordings: Path, out: Path, kept: Path, **common: Any) -> None:
             job.note(note)
         job.counts = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
         job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
-        job.counts |= counts | leaked
+        chosen = {f"resolved.{note.key}": note.value for note in made.notes if note.level == "choice"}
+        job.counts |= counts | leaked | chosen
 
 
 if __name__ == "__main__":

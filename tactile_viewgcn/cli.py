@@ -86,7 +86,6 @@ def preset(name: str) -> None:
 @click.option("--stop-at", type=float, metavar="P", help="Take frames one by one until a class has this probability.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers here too.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")
-@click.option("--follow", "frames_come", is_flag=True, help="SOURCE is lines of frames as they come: a file, or -.")
 def predict(**options: Any) -> None:
     """Tell what is held in the recordings SOURCE, labelled or not, by MODEL.
 

@@ -17,8 +17,6 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts, median_and_p95
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials
 from tactile_viewgcn.intervals import proportion_interval
-from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials
@@ -85,10 +83,10 @@ def evaluate_table(
     begin = time.perf_counter()
     index = table.on(SIDES.index(evaluate.side))
     anchors = np.flatnonzero(table.anchor[index])
-    frames = FrameInputs(table, index, compute, classifier.head.transform)
-    classifier.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
+    frames = FrameInputs(table, index, compute, classifier.transform)
+    classifier.prepare(compute)
     with compute.autocast():
-        features = extract_features(classifier.backbone, frames)
+        features = classifier.frame_values(frames)
     groups = table.group[index][anchors]
     protocols = all_trials(classifier, features, table, cluster, evaluate, seed)
     scores = {
@@ -170,13 +168,13 @@ def latency(
         """Milliseconds per view set of each repeat, one at least, until the seconds are spent."""
         index = torch.arange(sets * classifier.views)
         inputs, end = frames[index % len(frames)], time.perf_counter() + seconds
-        index = index.to(inputs.device)
+        index = index.to(compute.device)
         taken: list[float] = []
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()
             with compute.autocast():
-                features = extract_features(classifier.backbone, inputs)
-            view_set_logits(classifier.head, features, index.view(sets, -1)).sum().item()  # waits for the device
+                values = classifier.frame_values(inputs)
+            classifier.logits(values, index.view(sets, -1)).sum().item()  # waits for the device
             taken.append((time.perf_counter() - begin) * 1e3 / sets)
         return np.array(taken[1:])  # the first one warms up
 

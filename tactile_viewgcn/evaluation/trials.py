@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.systems.classifier import Classifier
@@ -44,8 +43,8 @@ def all_trials(
     """The trials of each protocol in `evaluate.protocols`; the view sets are the same for all classifiers of V views.
 
     Args:
-        classifier: its `head` and `views` are used.
-        features: (n, ...) of the evaluated side's frames, as the head takes them.
+        classifier: its `logits` and `views` are used.
+        features: (n, ...) of the evaluated side's frames, see `Classifier`.
     """
     index = table.on(SIDES.index(evaluate.side))
     protocols: dict[str, Trials] = {}
@@ -87,7 +86,7 @@ def run_trials(
     for rng in rngs:
         sets = ViewSets(cluster_pools(points, pool, views, cluster, rng, scores), pool, views)
         drawn = torch.from_numpy(sets.draw(anchors, rng, cluster.assignment)).to(features.device)
-        logits = view_set_logits(classifier.head, features, drawn)
+        logits = classifier.logits(features, drawn)
         order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class
         top.append(order[:, :TOP].cpu())
         empty += int(sets.empty.sum())

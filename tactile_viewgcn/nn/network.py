@@ -3,8 +3,10 @@
 import torch
 from torch import Tensor, nn
 
+from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.nn.backbone import build_backbone
+from tactile_viewgcn.frame_inputs import FrameInputs
+from tactile_viewgcn.nn.backbone import build_backbone, extract_features
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model
 
@@ -33,6 +35,8 @@ class ViewNetwork(nn.Module):
             finite, or beyond `MAX_COORDINATE`.
     """
 
+    transform: str | None = None  # of frames: the table's
+    packages: tuple[str, ...] = ()  # that it needs besides torch and NumPy
     viewpoints: Tensor
 
     def __init__(
@@ -60,6 +64,28 @@ class ViewNetwork(nn.Module):
     def views(self) -> int:
         """V."""
         return len(self.viewpoints)
+
+    @property
+    def takes_fewer(self) -> bool:
+        """Whether it also answers sets of fewer views."""
+        return self.head.takes_fewer
+
+    @property
+    def in_time_order(self) -> bool:
+        """Whether it reads views from the earliest frame to the latest."""
+        return self.head.in_time_order
+
+    def prepare(self, compute: Compute) -> None:
+        """Ready for answers: in evaluation mode, on the device and in the type of `compute`."""
+        self.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
+
+    def frame_values(self, frames: FrameInputs) -> Tensor:
+        """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W)."""
+        return extract_features(self.backbone, frames)
+
+    def logits(self, values: Tensor, sets: Tensor) -> Tensor:
+        """Logits (A, classes) of view sets (A, k) of indices into `frame_values` (n, ...)."""
+        return view_set_logits(self.head, values, sets)
 
 
 def count_weights(module: nn.Module) -> int:

@@ -40,21 +40,16 @@ class ViewSystem(nn.Module):
     A subclass is built from `Sizes` and the section `model` of params.yaml.
 
     Attributes:
-        takes: the backbone's `features` (B, k, C), its `maps` (B, k, C, H, W), or what `sensors` read, see
-            `sensor_system.py`.
+        takes: the backbone's `features` (B, k, C), or its `maps` (B, k, C, H, W).
         in_time_order: views are sorted from the earliest frame to the latest, whatever their viewpoints.
         takes_fewer: a system for V views also takes fewer.
         trainable: it has weights to fine-tune.
-        transform: of frames, where the system needs another than `preprocess.transform`.
-        packages: that the system needs besides torch and NumPy.
     """
 
     takes = "features"
     in_time_order = False
     takes_fewer = False
     trainable = True
-    transform: str | None = None
-    packages: tuple[str, ...] = ()
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Logits (B, classes), and what `loss` needs besides."""

@@ -22,10 +22,10 @@ class Forest(ExtraTreesClassifier):
         if not hasattr(self, "estimators_"):
             return super().__getstate__()
         trees = [tree.tree_ for tree in self.estimators_]
-        state = {name: np.concatenate([getattr(tree, name) for tree in trees]) for name in ARRAYS}
+        nodes = np.concatenate([tree.__getstate__()["nodes"] for tree in trees])
+        state = {name: np.ascontiguousarray(nodes[name]) for name in ARRAYS}
         leaf = state["left_child"] == LEAF
         return state | {
-            "params": self.get_params(),
             "classes": self.classes_,
             "features": self.n_features_in_,
             "node_counts": np.array([tree.node_count for tree in trees]),
@@ -36,7 +36,7 @@ class Forest(ExtraTreesClassifier):
         if "node_counts" not in state:
             super().__setstate__(state)
             return
-        self.set_params(**state["params"])
+        super().__init__(len(state["node_counts"]))
         self.classes_, self.n_features_in_ = state["classes"], state["features"]
         self.n_classes_, self.n_outputs_ = len(self.classes_), 1
         check_trees(state)

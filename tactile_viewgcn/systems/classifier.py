@@ -1,31 +1,17 @@
-"""The classifier of view sets that `model.system` names: a network on the backbone, or a system on the sensors."""
+"""The classifier of view sets that `model.system` names: a network on the backbone, or a system on the sensors.
 
-from torch import Tensor, nn
+Both kinds have the same face. `frame_values` makes values (n, ...) of frames (n, 1, H, W), each alone; `logits` the
+logits (A, classes) of view sets (A, k) of indices into these. `views` is V, `takes_fewer` says whether k may be less,
+`in_time_order` whether frames are sorted by time, `transform` which input the frames are, None for the table's.
+`prepare` readies the classifier for answers on a device. `state_dict` and `load_state_dict` are for the model's file.
+"""
+
+from torch import Tensor
 
 from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork
-from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
-from tactile_viewgcn.sensors.sensor_system import SensorFeatures, SensorSystem
-from tactile_viewgcn.systems import system_class
-
-
-class SensorClassifier(nn.Module):
-    """A system on the sensors in the form of a network: `backbone` and `head`."""
-
-    viewpoints: Tensor
-
-    def __init__(self, system: type[SensorSystem], viewpoints: Tensor, classes: int, model: Model, shape: tuple):
-        super().__init__()
-        options = {"members": model.members} if model.system == "ensemble" else {}
-        self.head: ViewSystem = system(classes=classes, **options)
-        self.backbone = SensorFeatures(shape, self.head.of_frames)
-        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
-
-    @property
-    def views(self) -> int:
-        """V."""
-        return len(self.viewpoints)
-
+from tactile_viewgcn.sensors.classifier import SensorClassifier
+from tactile_viewgcn.systems import load_system, on_sensors, system_class
 
 Classifier = ViewNetwork | SensorClassifier
 
@@ -34,6 +20,6 @@ def build_classifier(
     viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE
 ) -> ViewNetwork | SensorClassifier:
     """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator."""
-    system = system_class(model.system)
-    kind = ViewNetwork if system.takes != "sensors" else SensorClassifier
-    return kind(system, viewpoints, classes, model, shape)
+    if on_sensors(model.system):
+        return SensorClassifier(load_system(model.system).build(model), viewpoints)
+    return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)
