@@ -18,7 +18,7 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 def cluster(params, job, frames, out):
     """Cluster the training and validation frames of each object (or recording) into views."""
     table, count = read_frames(frames), params.views
-    rng = stream(params.seed + params.cluster.seed, "cluster")
+    rng = stream(params.seed, "cluster")
     views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), params.cluster, rng)
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(views.on(index, rng).empty.sum())

@@ -25,7 +25,7 @@ EXCEPTED = (
     "stages/job.py",
     *(
         f"tactile_viewgcn/{name}.py"
-        for name in ("conflicts", "errors", "params", "plots", "process", "provenance", "schema", "tracking")
+        for name in ("errors", "params", "plots", "process", "provenance", "schema", "tracking")
     ),
 )
 SYSTEMS = "tactile_viewgcn/systems/classifier.py"  # imports the one system that `model.system` names

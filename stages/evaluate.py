@@ -11,7 +11,7 @@ from tactile_viewgcn.process import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
 
-CLUSTERING = "cluster.method", "cluster.components", "cluster.restarts", "cluster.assignment"  # not its scope and seed
+CLUSTERING = "cluster.method", "cluster.restarts", "cluster.assignment"  # not its scope
 
 
 @stage("seed", "device", "precision", *CLUSTERING, "evaluate", row=True)
