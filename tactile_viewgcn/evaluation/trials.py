@@ -81,7 +81,7 @@ def run_trials(
     """
     views, scores, empty = classifier.views, None, 0
     if cluster.method == "kmeans" and views > 1:
-        scores = pool_scores(points, pool, cluster.components)
+        scores = pool_scores(points, pool)
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
     for rng in rngs:
         sets = ViewSets(cluster_pools(points, pool, views, cluster, rng, scores), pool, views)

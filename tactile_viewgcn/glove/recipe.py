@@ -90,6 +90,6 @@ def recipe_from_params(glove: Any) -> Recipe:
         rate=glove.frame_rate,
         layer=Layer(glove.skin_stiffness, glove.skin_thickness, glove.joint_damping, glove.object_damping),
         tolerance=glove.tolerance,
-        effects=frozenset(name for name, enabled in vars(glove.effects).items() if enabled),
+        effects=frozenset(EFFECTS) - set(glove.leave_out),
         **(STAG_SIZE if glove.scale == "stag" else size),
     )
