@@ -211,9 +211,7 @@ def _last_contact(recordings: Recordings, contact: np.ndarray) -> np.ndarray:
     return last
 
 
-def _answers(
-    excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def _answers(excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool) -> tuple[np.ndarray, np.ndarray]:
     """Object and group (C, 2) of each object's frames in each group, and the object (C,) they are given to, held out.
 
     That is the one with the largest sum of decision values over the frames.
