@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.sensors.sensor_system import contact_unit
+from tactile_viewgcn.sensors.unit import contact_unit
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 QUANTILE = 0.99  # of the training recordings' scores

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from studies.variants import pooled
 
 from studies.cells import Answers
 from studies.comparison import pareto_front, pooled, power, rows_of, sequential_rows
