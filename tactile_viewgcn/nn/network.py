@@ -5,8 +5,7 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frame_inputs import FrameInputs
-from tactile_viewgcn.nn.backbone import build_backbone, extract_features
+from tactile_viewgcn.nn.backbone import Batched, build_backbone, extract_features
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model
 
@@ -79,7 +78,7 @@ class ViewNetwork(nn.Module):
         """Ready for answers: in evaluation mode, on the device and in the type of `compute`."""
         self.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
 
-    def frame_values(self, frames: FrameInputs) -> Tensor:
+    def frame_values(self, frames: Batched) -> Tensor:
         """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W)."""
         return extract_features(self.backbone, frames)
 

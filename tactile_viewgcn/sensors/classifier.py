@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frame_inputs import FrameInputs
+from tactile_viewgcn.nn.backbone import Batched
 from tactile_viewgcn.sensors.systems import SensorSystem, TrainingFrames
 from tactile_viewgcn.sensors.unit import contact_unit
 
@@ -66,7 +66,7 @@ class SensorClassifier:
         """Nothing: it computes on the processor, in single precision."""
 
     @torch.no_grad()
-    def frame_values(self, frames: FrameInputs) -> Tensor:
+    def frame_values(self, frames: Batched) -> Tensor:
         """The system's values (n, F) of frames (n, 1, H, W) of counts above baseline."""
         parts = []
         for part in frames.split(BATCH):
