@@ -91,7 +91,7 @@ class Checkpoint:
 
     Args:
         path: the file; None saves nothing but the weights, in memory.
-        state: modules and the optimiser, whose `state_dict` is saved.
+        state: what has a `state_dict`: modules, optimiser, feature bank.
         generators: torch's generators that are drawn from, besides torch's default one.
         rngs: NumPy's generators that are drawn from.
         device: where it is trained.
@@ -118,7 +118,7 @@ class Checkpoint:
         weights = {
             name: {key: value.clone() for key, value in item.state_dict().items()}
             for name, item in self._state.items()
-            if isinstance(item, torch.nn.Module) and any(True for _ in item.parameters())
+            if isinstance(item, torch.nn.Module)
         }
         self._weights = [*self._weights[-1:], weights]
 

@@ -1,7 +1,8 @@
 """Training by the processes that `torchrun` starts: each computes the loss of its part of every batch.
 
-Every process draws noise, shifts and view sets of the whole batch and takes its rows. On CUDA batch normalisation is
-over the whole batch, on the processor over the part. Where one process trains alone, nothing is communicated.
+Every process draws noise, shifts and view sets of the whole batch and takes its rows, and draws dropout for these. On
+CUDA batch normalisation is over the whole batch. On the processor it is over the part, and running moments are those of
+the first process. Where one process trains alone, nothing is communicated.
 """
 
 import os
@@ -54,7 +55,7 @@ def process_group(compute: Compute, alone: bool = False) -> Iterator[None]:
 
 
 def together() -> bool:
-    """Whether processes train together here; one that `torchrun` started alone does all that several do."""
+    """Whether `torchrun` started this process, alone or with others."""
     return dist.is_initialized()
 
 
@@ -123,4 +124,4 @@ def parallel(loss: nn.Module, *, some_unused: bool = False) -> nn.Module:
         torch.manual_seed(torch.initial_seed() + dist.get_rank())
     if next(loss.parameters()).device.type == "cuda":
         loss = nn.SyncBatchNorm.convert_sync_batchnorm(loss)
-    return nn.parallel.DistributedDataParallel(loss, broadcast_buffers=False, find_unused_parameters=some_unused)
+    return nn.parallel.DistributedDataParallel(loss, find_unused_parameters=some_unused)

@@ -10,7 +10,7 @@ from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 
 
-class FeatureBank(nn.Module):
+class FeatureBank:
     """The latest features, or maps, of n training frames, for views that do not pass through the backbone again.
 
     Features change slowly in fine-tuning. They come from training mode, with noise and dropout.
@@ -20,20 +20,25 @@ class FeatureBank(nn.Module):
         feature_shape: of one frame, (C,) or (C, H, W).
     """
 
-    values: Tensor
-
     def __init__(self, frames: int, feature_shape: tuple[int, ...], compute: Compute):
-        super().__init__()
         self._compute = compute
         dtype = torch.bfloat16 if len(feature_shape) > 1 and compute.precision == "bfloat16" else compute.dtype
-        self.register_buffer("values", torch.zeros((frames, *feature_shape), dtype=dtype, device=compute.device))
+        self.values = torch.zeros((frames, *feature_shape), dtype=dtype, device=compute.device)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The features, for a checkpoint."""
+        return {"values": self.values}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Take over the features of a checkpoint."""
+        self.values.copy_(state["values"])
 
     @torch.no_grad()
     def fill(self, backbone: nn.Module, frames: FrameInputs, *, batch: int, augment_frames: Augmentation) -> None:
         """Store the features of all frames (n, 1, H, W), in batches in random order, from torch's default generator.
 
-        The backbone is left in training mode, and the running moments of its batch normalisation are updated. Each of
-        several processes does all of it.
+        The backbone is left in training mode, and the running moments of its batch normalisation are updated. Every
+        process does all of it.
         """
         backbone.train()
         with self._compute.autocast():
