@@ -84,15 +84,6 @@ def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_pa
     )
 
 
-@pytest.mark.parametrize("save", [io.savemat, save_matlab73])
-def test_raw_recordings_are_compared_in_both_forms_of_matlab(tmp_path, save):
-    for name, counts in (("000-mug", COUNTS), ("001-pen", COUNTS[:, :3])):
-        (tmp_path / "000" / name).mkdir(parents=True)
-        save(tmp_path / "000" / name / "pressuredata.mat", {"pressure": counts})
-    with pytest.raises(UserError, match=r"001-pen.*: frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"):
-        read_folder(tmp_path)
-
-
 def test_a_raw_recording_of_another_type_is_named_when_it_is_read(tmp_path):
     _raw(tmp_path, "000/000-mug", pressure=COUNTS)
     _raw(tmp_path, "000/001-pen", pressure=COUNTS / 8)
