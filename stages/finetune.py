@@ -10,7 +10,7 @@ from stages.command import PATH, options, started
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.noise_check import noise_warnings
-from tactile_viewgcn.nn.network import count_weights
+from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.calibration import calibration_warning, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
@@ -55,11 +55,15 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
             save_classifier(out, classifier, params.model, table, compute.precision, calibration)
         if warning := calibration_warning(classifier, calibration):
             job.note(warning)
-        fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
-        trained = f"{progress} on {compute.device} in {compute.precision}"
-        untrained = alone or not classifier.head.trainable
-        click.echo(f"finetune: {f'{params.model.system} {fitted}' if untrained else trained}")
-        job.counts = {"weights.head": 0 if alone else count_weights(classifier.head)} | progress.metrics
+        line, weights = f"{progress} on {compute.device} in {compute.precision}", 0
+        if isinstance(classifier, ViewNetwork):
+            weights = count_weights(classifier.head)
+        if not isinstance(classifier, ViewNetwork) or not classifier.head.trainable:
+            line = f"{params.model.system} " + (
+                f"is fitted in {progress.seconds:.1f} s" if alone else "is not fine-tuned"
+            )
+        click.echo(f"finetune: {line}")
+        job.counts = {"weights.head": weights} | progress.metrics
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The losses of an epoch's batches: of single frames in pretraining, of view sets in fine-tuning."""
 
 from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -8,12 +9,14 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.feature_bank import FeatureBank
 from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
+
+if TYPE_CHECKING:  # of fine-tuning alone
+    from tactile_viewgcn.nn.network import ViewNetwork
 
 
 def error_rate(logits: Tensor, labels: Tensor) -> float:
@@ -50,7 +53,9 @@ class SetLoss(nn.Module):
         bank: holds the features of frames that do not pass through the backbone; None where all pass.
     """
 
-    def __init__(self, network: ViewNetwork, bank: FeatureBank | None, augment_frames: Augmentation, compute: Compute):
+    def __init__(
+        self, network: "ViewNetwork", bank: FeatureBank | None, augment_frames: Augmentation, compute: Compute
+    ):
         super().__init__()
         self.network, self.bank, self.augment_frames, self.compute = network, bank, augment_frames, compute
 

@@ -96,7 +96,10 @@ def clone(tmp_path_factory):
         sh("git", *words.split(), cwd=place)
     output = sh("dvc", "repro", cwd=place)
     assert ran(output) == ALL
-    assert sh("git", "status", "--porcelain", "-uall", cwd=place).split("\n") == [*(f"?? {name}" for name in WRITTEN), ""]
+    assert sh("git", "status", "--porcelain", "-uall", cwd=place).split("\n") == [
+        *(f"?? {name}" for name in WRITTEN),
+        "",
+    ]
     sh("git", "add", *WRITTEN, cwd=place)
     sh("git", "commit", "-qm", "results", cwd=place)
     return place
@@ -150,7 +153,9 @@ def test_an_edited_file_reruns_what_uses_it(clone, name, stages):
     changed = json.loads(sh("dvc", "status", "--json", cwd=clone))
     restore(clone)
     name = f"tactile_viewgcn/{Path(name).parent.name}"
-    assert {stage for stage in changed if "changed deps" in json.dumps(changed[stage]) and name in str(changed[stage])} == stages
+    assert {
+        stage for stage in changed if "changed deps" in json.dumps(changed[stage]) and name in str(changed[stage])
+    } == stages
 
 
 def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warning(clone):
@@ -164,7 +169,11 @@ def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warnin
     words = ("dvc", "exp", "run", "-S", "views=2")
     environment = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     done = subprocess.run(
-        words, cwd=fresh, env=os.environ | environment | {"MLFLOW_TRACKING_URI": "disabled"}, capture_output=True, text=True
+        words,
+        cwd=fresh,
+        env=os.environ | environment | {"MLFLOW_TRACKING_URI": "disabled"},
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     print(done.stdout, done.stderr)
