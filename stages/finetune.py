@@ -55,13 +55,11 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
             save_classifier(out, classifier, params.model, table, compute.precision, calibration)
         if warning := calibration_warning(classifier, calibration):
             job.note(warning)
-        line, weights = f"{progress} on {compute.device} in {compute.precision}", 0
-        if isinstance(classifier, ViewNetwork):
-            weights = count_weights(classifier.head)
-        if not isinstance(classifier, ViewNetwork) or not classifier.head.trainable:
-            line = f"{params.model.system} " + (
-                f"is fitted in {progress.seconds:.1f} s" if alone else "is not fine-tuned"
-            )
+        trained = isinstance(classifier, ViewNetwork) and classifier.head.trainable
+        weights = count_weights(classifier.head) if isinstance(classifier, ViewNetwork) else 0
+        fitted = f"is fitted in {progress.seconds:.1f} s" if alone else "is not fine-tuned"
+        trained_by = f"{progress} on {compute.device} in {compute.precision}"
+        line = trained_by if trained else f"{params.model.system} {fitted}"
         click.echo(f"finetune: {line}")
         job.counts = {"weights.head": weights} | progress.metrics
 
