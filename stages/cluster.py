@@ -23,7 +23,7 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 def cluster(frames: Path, out: Path, **common: Any) -> None:
     with started("cluster", {"frames": frames}, **common) as job:
         params, table = job.params, read_frames(frames)
-        count, rng = params.views, stream(params.seed + params.cluster.seed, "cluster")
+        count, rng = params.views, stream(params.seed, "cluster")
         views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), params.cluster, rng)
         index = table.on(TRAIN, VALIDATION)
         pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())

@@ -10,7 +10,7 @@ from stages.command import PATH, options, started
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.noise_check import noise_warnings
-from tactile_viewgcn.nn.network import count_weights
+from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.calibration import calibration_warning, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
@@ -18,7 +18,7 @@ from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
-from tactile_viewgcn.training.distributed import joined
+from tactile_viewgcn.training.distributed import process_group
 from tactile_viewgcn.training.finetuning import finetune_classifier
 
 
@@ -44,7 +44,7 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
             for note in noise_warnings(table, params.finetune.noise):
                 job.note(note)
         key = job.checkpoint_key()
-        with joined(compute, alone), training_checkpoint("finetune", key, compute) as checkpoint_path:
+        with process_group(compute, alone), training_checkpoint("finetune", key, compute) as checkpoint_path:
             arguments = pretrained, params, compute
             classifier, progress = finetune_classifier(table, clusters, *arguments, checkpoint_path, job.epoch)
             if rank():
@@ -55,11 +55,13 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
             save_classifier(out, classifier, params.model, table, compute.precision, calibration)
         if warning := calibration_warning(classifier, calibration):
             job.note(warning)
-        fitted = f"is fitted in {progress.seconds:.1f} s" if progress.seconds else "is not fine-tuned"
-        trained = f"{progress} on {compute.device} in {compute.precision}"
-        untrained = alone or not classifier.head.trainable
-        click.echo(f"finetune: {f'{params.model.system} {fitted}' if untrained else trained}")
-        job.counts = {"weights.head": 0 if alone else count_weights(classifier.head)} | progress.metrics
+        trained = isinstance(classifier, ViewNetwork) and classifier.head.trainable
+        weights = count_weights(classifier.head) if isinstance(classifier, ViewNetwork) else 0
+        fitted = f"is fitted in {progress.seconds:.1f} s" if alone else "is not fine-tuned"
+        trained_by = f"{progress} on {compute.device} in {compute.precision}"
+        line = trained_by if trained else f"{params.model.system} {fitted}"
+        click.echo(f"finetune: {line}")
+        job.counts = {"weights.head": weights} | progress.metrics
 
 
 if __name__ == "__main__":

@@ -32,8 +32,8 @@ def _pretrain(job: Job, frames: Path, out: Path) -> None:
     import torch  # here: where this stage is left out, nothing loads it
 
     from tactile_viewgcn.device import keep_freed_memory, select_device
-    from tactile_viewgcn.training import distributed
     from tactile_viewgcn.training.checkpoint import training_checkpoint
+    from tactile_viewgcn.training.distributed import process_group
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
     keep_freed_memory()
@@ -41,7 +41,7 @@ def _pretrain(job: Job, frames: Path, out: Path) -> None:
     compute, job.epochs = select_device(params.device, params.precision), params.pretrain.epochs
     job.computed_on(compute)
     key = job.checkpoint_key()
-    with distributed.joined(compute), training_checkpoint("pretrain", key, compute) as checkpoint_path:
+    with process_group(compute), training_checkpoint("pretrain", key, compute) as checkpoint_path:
         backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, job.epoch)
         if rank():
             return

@@ -42,11 +42,17 @@ class Queue:
         lines = subprocess.run(refs, capture_output=True, text=True, check=True).stdout.splitlines()
         return {ref.rpartition("/")[2]: commit for commit, ref in map(str.split, lines)}
 
-    def tasks(self) -> dict[str, dict]:
-        """What `dvc exp show` shows of each task: `State` is Queued, Running or Failed, `rev` its short revision."""
-        from dvc.api import exp_show  # late: it takes a second
+    def tasks(self) -> dict[str, tuple[str, str]]:
+        """State, which is Queued, Running or Failed, and short revision of each task, by name.
 
-        return {row["Experiment"]: row for row in exp_show() if row.get("State") in ("Queued", "Running", "Failed")}
+        `dvc.api.exp_show` fails where a task ends, and removes its folder, while it is read.
+        """
+        done = _dvc("queue", "status")
+        if done.returncode:
+            raise UserError(f"dvc queue status: {''.join(done.stderr.strip().splitlines()[-1:])}")
+        lines = map(str.split, done.stdout.splitlines())
+        tasks = (words for words in lines if words and words[-1] in ("Queued", "Running", "Failed"))
+        return {words[1]: (words[-1], words[0]) for words in tasks}
 
     def put(self, name: str, cell: Cell) -> None:
         """Queue a cell; while a worker holds the lock, try again."""
@@ -59,7 +65,9 @@ class Queue:
 
     def start(self, jobs: int) -> None:
         """Start workers until there are so many; they end with the queue."""
-        _dvc("queue", "start", "--jobs", str(jobs), output=subprocess.DEVNULL)  # workers would keep a pipe open
+        done = _dvc("queue", "start", "--jobs", str(jobs), output=subprocess.DEVNULL)  # workers would keep a pipe open
+        if done.returncode:
+            raise UserError(f"dvc queue start ended with {done.returncode}")
 
     def remove(self, names: Iterable[str]) -> None:
         """Take tasks that do not run out of the queue."""
@@ -71,7 +79,7 @@ class Queue:
 
         DVC leaves them running for ever. `dvc queue kill` sees that no worker has such a task, and marks it as failed.
         """
-        running = {name: row["rev"] for name, row in self.tasks().items() if row["State"] == "Running"}
+        running = {name: revision for name, (state, revision) in self.tasks().items() if state == "Running"}
         gone = {name: running[name] for name in names if name in running and not lives(running[name])}
         killed = [name for name, revision in gone.items() if revision in self._suspects]
         self._suspects = set(gone.values())

@@ -11,7 +11,7 @@ from studies.grid import Cell
 from studies.queue import Queue
 from tactile_viewgcn.errors import UserError
 
-POLL, KILLED = 5.0, 30.0  # seconds between looks at the queue, and at its processes
+POLL, KILLED = 10.0, 30.0  # seconds between looks at the queue, and at its processes
 
 
 def run_cells(
@@ -32,12 +32,12 @@ def run_cells(
     faults: dict[str, str] = {}
     running: set[str] = set()
     looked = -math.inf
-    queue.remove(each for each, task in queue.tasks().items() if each in missing and task["State"] == "Failed")
+    queue.remove(each for each, (state, _) in queue.tasks().items() if each in missing and state == "Failed")
     with tqdm(total=len(cells), initial=len(cells) - len(missing), desc=name, unit="cell", disable=None) as bar:
         while missing:
             tasks, finished = queue.tasks(), queue.finished()
             for experiment, key in list(missing.items()):
-                state = tasks.get(experiment, {}).get("State")
+                state = tasks.get(experiment, ("",))[0]
                 if state == "Running" and experiment not in running:
                     running.add(experiment)
                     bar.write(f"{texts[key]} ...")
@@ -80,5 +80,5 @@ def put_absent(queue: Queue, cells: dict[str, Cell], jobs: int) -> None:
         queue.put(name, cells[name])
         if number == 0:  # the first cell runs while the others are queued
             queue.start(jobs)
-    if len(absent) != 1 and any(task["State"] == "Queued" for task in queue.tasks().values()):
+    if len(absent) != 1 and any(state == "Queued" for state, _ in queue.tasks().values()):
         queue.start(jobs)

@@ -1,4 +1,4 @@
-"""The command `tactile-viewgcn`: check parameters, inspect and convert recordings, print presets, predict."""
+"""The command `tactile-viewgcn`: check parameters, inspect recordings, print presets, predict."""
 
 import sys
 from pathlib import Path
@@ -53,23 +53,6 @@ def inspect(source: Path, page: Path | None) -> None:
         from tactile_viewgcn.pages.inspection_page import inspection_page
 
         click.echo(write(page, inspection_page(inspection)))
-
-
-@cli.command()
-@click.argument("source", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
-def convert(source: Path, out: Path) -> None:
-    """Write SOURCE, anything that `inspect` reads, to a new file OUT in the form of STAG's metadata.mat.
-
-    All frames are in memory at once.
-    """
-    from tactile_viewgcn.readers.formats import open_recordings
-    from tactile_viewgcn.readers.stag_writer import write_metadata
-
-    if out.exists():
-        raise FileExistsError(f"{out}: exists; name a new file, or delete it first")
-    fields = write_metadata(out, open_recordings(source))
-    click.echo(f"{out}: {len(fields['pressure']):,} frames; fields: {', '.join(sorted(fields))}")
 
 
 @cli.command()

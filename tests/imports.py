@@ -10,9 +10,12 @@ ROOT = Path(__file__).parents[1]
 
 @cache
 def imported_modules(path: Path) -> frozenset[str]:
-    """Dotted names of what a file imports, inside functions too."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    """Dotted names of what a file imports, inside functions too, but not for its types alone."""
+    names, tree = set(), ast.parse(path.read_text())
+    tree.body = [
+        node for node in tree.body if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+    ]
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:

@@ -158,7 +158,7 @@ def time_views(sample: Sample) -> list[dict]:
     random, anchors = random_clusters(pool, views, rng), np.arange(DRAWN) % len(pool)
 
     def cluster(*, components_once: bool) -> None:
-        scores = pool_scores(points, pool, config.components) if components_once else None
+        scores = pool_scores(points, pool) if components_once else None
         for _ in range(TRIALS):
             cluster_pools(points, pool, views, config, rng, scores)
 

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.counts import Counts
+from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets
@@ -64,7 +64,7 @@ def all_trials(
 def run_trials(
     classifier: Classifier,
     features: Tensor,
-    points: Counts,
+    points: np.ndarray | Gathered,
     labels: np.ndarray,
     pool: np.ndarray,
     anchors: np.ndarray,
@@ -81,7 +81,7 @@ def run_trials(
     """
     views, scores, empty = classifier.views, None, 0
     if cluster.method == "kmeans" and views > 1:
-        scores = pool_scores(points, pool, cluster.components)
+        scores = pool_scores(points, pool)
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
     for rng in rngs:
         sets = ViewSets(cluster_pools(points, pool, views, cluster, rng, scores), pool, views)

@@ -89,7 +89,9 @@ def _baseline(inspection: Inspection, leaks: dict[str, Leak]) -> tuple[str, str]
         if inspection.drifts_from_empty_hand:
             return "grasp", "the open hand drifts from the session's empty hand by as much as contact"
         if leak and leak.tells_object and mended and mended.error > leak.error:
-            errors = f"{100 * leak.error:.0f} %, with grasp {100 * mended.error:.0f} %, chance {100 * leak.chance:.0f} %"
+            errors = (
+                f"{100 * leak.error:.0f} %, with grasp {100 * mended.error:.0f} %, chance {100 * leak.chance:.0f} %"
+            )
             return "grasp", f"above the empty hand the open hand tells the object: error {errors}"
         return "empty_hand", "recorded in every session"
     if inspection.all_contact:

@@ -50,7 +50,9 @@ def all_in_contact(
     opened, contact = (np.median([mask[index].sum() for index in frames_of]) for mask in (hand.open, hand.contact))
     if opened < MIN_FRAMES or contact == 0:
         return True
-    growth = [_growth(hand.counts[index].astype(np.float64), mean) for index, mean in zip(frames_of, quiet, strict=True)]
+    growth = [
+        _growth(hand.counts[index].astype(np.float64), mean) for index, mean in zip(frames_of, quiet, strict=True)
+    ]
     if np.median(growth) > max(GROWS, BY_CHANCE / np.sqrt(quiet.shape[1])):
         return True
     difference = np.empty_like(quiet)  # from the session's median recording

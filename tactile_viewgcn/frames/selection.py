@@ -11,7 +11,6 @@ from tactile_viewgcn.frames.split import (
     balanced_anchors,
     fold_sides,
     frame_sides,
-    late_frames,
     spans_classes,
     split_groups,
     surplus_groups,
@@ -92,10 +91,11 @@ def select(
         minimum = preprocess.balance_minimum
         anchor[keep], unequal = balanced_anchors(objects[keep], side[keep], minimum=minimum, rng=rng)
         notes += unequal
-    unused = late_frames(side[keep], group[keep], objects[keep], share=split.train_share)
     if split.train_groups != "all":
-        unused |= surplus_groups(side[keep], group[keep], objects[keep], most=split.train_groups)
-    keep[np.flatnonzero(keep)[unused]] = False  # after the anchors are drawn: those of the other sides stay the same
+        unused = surplus_groups(side[keep], group[keep], objects[keep], most=split.train_groups)
+        keep[np.flatnonzero(keep)[unused]] = (
+            False  # after the anchors are drawn: those of the other sides stay the same
+        )
     return Selection(filtered, keep, side, group, anchor & keep, notes)
 
 

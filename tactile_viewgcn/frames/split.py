@@ -69,19 +69,6 @@ def frame_sides(labels: np.ndarray, *, folds: int, fold: int, rng: np.random.Gen
     return side
 
 
-def late_frames(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, share: float) -> np.ndarray:
-    """bool (T,): training frames after the first `share` of their group and class, of which one at least is kept."""
-    late = np.zeros(len(side), dtype=bool)
-    if share == 1:
-        return late
-    train = np.flatnonzero(side == TRAIN)
-    member = np.unique(np.stack([groups[train], labels[train]], axis=1), axis=0, return_inverse=True)[1].ravel()
-    for number in range(member.max(initial=-1) + 1):
-        frames = train[member == number]
-        late[frames[max(1, round(share * len(frames))) :]] = True
-    return late
-
-
 def surplus_groups(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int) -> np.ndarray:
     """bool (T,): training frames of a class outside its first `most` training groups."""
     surplus = np.zeros(len(side), dtype=bool)

@@ -114,7 +114,7 @@ def bisecting(index: np.ndarray) -> np.ndarray:
 
 def answer_source(
     recogniser: Recogniser, source: Source, *, window: float | None = None, stop_at: float | None = None
-) -> tuple[list[Row], list[Note]]:
+) -> tuple[list[Row], list[str] | list[Note]]:
     """The answers to the recordings of a source, and notes on what was not as expected.
 
     Args:

@@ -32,7 +32,7 @@ OURS = [
     "tactile_viewgcn.sensors.kernels.BlockMeans",
     "tactile_viewgcn.sensors.kernels.KernelClassifier",
 ]
-SCIKIT_LEARN = [
+SCIKIT_LEARN = {
     "Pipeline",
     "LogisticRegression",
     "KNeighborsClassifier",
@@ -41,9 +41,9 @@ SCIKIT_LEARN = [
     "KernelRidge",
     "Nystroem",
     "Ridge",
-]
-PLAIN = [f"builtins.{name}" for name in ["dict", "list", "tuple", "str", "int", "float", "bool"]]
-NUMBERS = [f"numpy.{name}" for name in ["ndarray", "float32", "float64", "int32", "int64"]]
+}
+PLAIN = {f"builtins.{name}" for name in ("dict", "list", "tuple", "str", "int", "float", "bool")}
+NUMBERS = {f"numpy.{name}" for name in ("ndarray", "float32", "float64", "int32", "int64")}
 
 
 def save_classifier(

@@ -105,7 +105,7 @@ class Recogniser:
             return self.classifier.frame_values(self._compute.frames(torch.from_numpy(inputs)))
 
     def _probabilities(self, values: Tensor, views: int) -> np.ndarray:
-        """Class probabilities (B, classes) of view sets of k `views` each, whose values (B k, ...) follow one another."""
+        """Class probabilities (B, classes) of view sets of k `views` each, by the values (B k, ...) of their frames."""
         logits = self.classifier.logits(values, torch.arange(len(values)).view(-1, views))
         temperature = self.temperatures[views - 1] if self.temperatures is not None else 1.0
         return (logits / temperature).softmax(dim=-1).numpy()

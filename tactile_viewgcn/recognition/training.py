@@ -59,13 +59,13 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
     """
     seed, compute = params.seed, select_device(params.device, params.precision)
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
-    frames, notes = made.frames, [*map(as_note, (*made.choices, *made.notes))]
+    frames, notes = made.frames, [*made.notes]
     needs_backbone = not on_sensors(params.model.system)
     clustering = params.cluster if needs_backbone else replace(params.cluster, method="none")
     places = viewpoints(params.views, params.viewpoints, seed)
-    views = cluster_frames(frames, places, clustering, stream(seed + clustering.seed, "cluster"))
+    views = cluster_frames(frames, places, clustering, stream(seed, "cluster"))
     if needs_backbone:
-        notes += map(as_note, noise_warnings(frames, params.finetune.noise))
+        notes += noise_warnings(frames, params.finetune.noise)
     with torch.random.fork_rng():
         pretrained = {}
         if needs_backbone:
@@ -78,11 +78,3 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
         classifier = fit(frames)
         temperatures = fit_temperatures(classifier, fit, frames, params, compute)
     return Trained(classifier, params, frames, compute.precision, temperatures, notes)
-
-
-def as_note(text: object) -> Note:
-    """A note of the preprocessing."""
-    if isinstance(text, Note):
-        return text
-    said = str(text)
-    return Note(said.removeprefix("warning: "), level="warning" if said.startswith("warning: ") else "info")

@@ -8,7 +8,7 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.nn.backbone import Backbone
-from tactile_viewgcn.sensors.systems import TrainingFrames
+from tactile_viewgcn.sensors.systems import SensorSystem, TrainingFrames
 from tactile_viewgcn.sensors.unit import above_dead_zone
 
 WIDTH, DROPOUT = 32, 0.3  # channels of the first stage; share of the features dropped
@@ -25,7 +25,7 @@ class MaxNetwork:
 
     packages: tuple[str, ...] = ()
 
-    def fit(self, data: TrainingFrames) -> "MaxNetwork":
+    def fit(self, data: TrainingFrames) -> SensorSystem:
         values, rng = torch.from_numpy(self.frame_values(data.frames)), np.random.default_rng(data.seed)
         members = [np.flatnonzero(data.pools == pool) for pool in np.unique(data.pools)]
         labels = torch.from_numpy(np.array([data.labels[frames[0]] for frames in members]))

@@ -1,8 +1,8 @@
 """Systems on the sensors: pipelines of scikit-learn on single frames, on the maximum of a view set, or together.
 
-A system is fitted to `TrainingFrames`. `frame_values` then makes values of each frame alone, readings (n, S) in units to
-float32 (n, F), and `logits` the logits (B, classes) of view sets of these values (B, k, F), whatever the order of views.
-All that it has learnt is in its attribute `fitted`: estimators, tensors and plain values.
+A system is fitted to `TrainingFrames`. Its `frame_values` are computed of each frame alone, from readings (n, S) in
+units to float32 (n, F), and its `logits` (B, classes) of view sets of these values (B, k, F), whatever the order of
+views. All that it has learnt is in its attribute `fitted`: estimators, tensors and plain values.
 """
 
 import warnings
@@ -94,7 +94,7 @@ class SingleFrames:
     fitted: Any = None
     packages: tuple[str, ...] = PACKAGES
 
-    def fit(self, data: TrainingFrames) -> "SingleFrames":
+    def fit(self, data: TrainingFrames) -> SensorSystem:
         pipeline = fit_pipeline(self.pipeline(data), self.points(data.frames), data.labels)
         self.fitted = {"classes": data.classes, "pipeline": pipeline}
         return self
@@ -121,7 +121,7 @@ class SetMaximum:
     fitted: Any = None
     packages: tuple[str, ...] = PACKAGES
 
-    def fit(self, data: TrainingFrames) -> "SetMaximum":
+    def fit(self, data: TrainingFrames) -> SensorSystem:
         sets, labels = data.view_sets(SETS)
         values = self.points(data.frames)
         pipelines = {
@@ -143,12 +143,12 @@ class SetMaximum:
 class Ensemble:
     """The sum of the logarithms of the members' probabilities."""
 
-    packages = PACKAGES
+    packages: tuple[str, ...] = PACKAGES
 
     def __init__(self, members: list[SensorSystem]):
         self.members = members
 
-    def fit(self, data: TrainingFrames) -> "Ensemble":
+    def fit(self, data: TrainingFrames) -> SensorSystem:
         for member in self.members:
             member.fit(data)
         widths = [member.frame_values(data.frames[:1]).shape[1] for member in self.members]

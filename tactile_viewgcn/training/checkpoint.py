@@ -91,7 +91,7 @@ class Checkpoint:
 
     Args:
         path: the file; None saves nothing but the weights, in memory.
-        state: modules and the optimiser, whose `state_dict` is saved.
+        state: what has a `state_dict`: modules, optimiser, feature bank.
         generators: torch's generators that are drawn from, besides torch's default one.
         rngs: NumPy's generators that are drawn from.
         device: where it is trained.
@@ -115,11 +115,10 @@ class Checkpoint:
 
     def _remember(self) -> None:
         """Copy the weights of the modules in memory, for `restore_weights`."""
-        modules = {name: item for name, item in self._state.items() if isinstance(item, torch.nn.Module)}
         weights = {
-            name: {key: value.clone() for key, value in module.state_dict().items()}
-            for name, module in modules.items()
-            if any(True for _ in module.parameters())
+            name: {key: value.clone() for key, value in item.state_dict().items()}
+            for name, item in self._state.items()
+            if isinstance(item, torch.nn.Module)
         }
         self._weights = [*self._weights[-1:], weights]
 
@@ -157,7 +156,8 @@ class Checkpoint:
                 generator.set_state(content["generators"][name])
             for name, rng in self._rngs.items():
                 rng.bit_generator.state = content["rngs"][name]
-            torch.set_rng_state(content["torch"])
+            if not rank():  # the other processes draw another dropout
+                torch.set_rng_state(content["torch"])
             if self._device.type == "cuda":
                 torch.cuda.set_rng_state(content["cuda"], self._device)
             self._weights = content["before"]

@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from tactile_viewgcn.params import Cluster
-from tactile_viewgcn.tables.counts import Counts
+from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.views import NO_CLUSTER, Views
 from tactile_viewgcn.views.sampling import random_clusters
@@ -18,6 +18,7 @@ from tactile_viewgcn.views.sampling import random_clusters
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
+COMPONENTS = 8  # released: principal components that k-means uses
 MIN_DIFFERENCE = 2.0**-20  # of two rows, relative to the largest score; k-means' distances have no more digits
 
 
@@ -42,7 +43,7 @@ def cluster_frames(table: Frames, viewpoints: np.ndarray, params: Cluster, rng: 
 
 
 def cluster_pools(
-    points: Counts,
+    points: np.ndarray | Gathered,
     pool: np.ndarray,
     views: int,
     params: Cluster,
@@ -59,7 +60,7 @@ def cluster_pools(
     """
     if params.method == "none" or views == 1:
         return random_clusters(pool, views, rng)
-    scores = scores or pool_scores(points, pool, params.components)
+    scores = scores or pool_scores(points, pool)
     cluster = np.empty(len(pool), dtype=np.int64)
     bar = tqdm(scores, desc="k-means", unit="pool", disable=None, leave=False)
     for number, pool_score in enumerate(bar):
@@ -68,7 +69,7 @@ def cluster_pools(
     return cluster
 
 
-def pool_scores(points: Counts, pool: np.ndarray, components: int) -> list[np.ndarray]:
+def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray, components: int = COMPONENTS) -> list[np.ndarray]:
     """Principal components (n_p, c) of the frames of each pool p, from points (n, d) and pools (n,)."""
     return [principal_components(points[pool == number], components) for number in range(pool.max() + 1)]
 

@@ -96,7 +96,10 @@ def clone(tmp_path_factory):
         sh("git", *words.split(), cwd=place)
     output = sh("dvc", "repro", cwd=place)
     assert ran(output) == ALL
-    assert sh("git", "status", "--porcelain", "-uall", cwd=place).split("\n") == [*(f"?? {name}" for name in WRITTEN), ""]
+    assert sh("git", "status", "--porcelain", "-uall", cwd=place).split("\n") == [
+        *(f"?? {name}" for name in WRITTEN),
+        "",
+    ]
     sh("git", "add", *WRITTEN, cwd=place)
     sh("git", "commit", "-qm", "results", cwd=place)
     return place
@@ -114,9 +117,8 @@ def test_the_results_hold_what_people_rely_on(clone):
     assert metrics["frames"]["train"] == metrics["frames"]["test"] == 96 and metrics["groups"]["test"] == 4
     for protocol in ("object", "recording"):
         score = metrics[protocol]
-        low, high = score["top1"]["ci95"].values()
-        assert low <= score["top1"]["mean"] <= high and score["top1"]["mean"] <= score["top3"]["mean"]
-        assert score["error"]["mean"] == pytest.approx(1 - score["top1"]["mean"])
+        low, high = score["error"]["ci95"].values()
+        assert low <= score["error"]["mean"] <= high and score["top3_error"]["mean"] <= score["error"]["mean"]
     timing = json.loads((clone / "results" / "timing.json").read_text())
     assert set(timing["seconds"]) == {*TIMED, "total"} and timing["peak_mb"] > 50
     assert timing["seconds"]["evaluate"] > timing["trials_seconds"] > 0
@@ -129,47 +131,44 @@ def test_nothing_runs_twice_and_git_sees_no_data(clone):
     assert sh("git", "status", "--porcelain", cwd=clone) == ""
 
 
-def append(place, name):
-    (place / name).write_text((place / name).read_text() + "# edited\n")
+def changed_stages(place):
+    """The stages of which `dvc status` says that code of theirs has changed, those after them left out."""
+    lines = sh("dvc", "status", cwd=place).splitlines()
+    stage, changed = "", set()
+    for line in lines:
+        stage = line.rstrip(":") if not line.startswith("\t") else stage
+        changed |= {stage} if "modified:" in line and "tactile_viewgcn/" in line else set()
+    return changed
 
 
 @pytest.mark.parametrize(
     ("name", "stages"),
     [
-        ("tactile_viewgcn/systems/mvcnn.py", set()),
-        ("tactile_viewgcn/nn/graph.py", {"finetune", "evaluate"}),
-        ("tactile_viewgcn/sensors/pipelines.py", {"finetune", "evaluate"}),
-        ("tactile_viewgcn/nn/backbone.py", {"pretrain", "finetune", "evaluate"}),
-        ("tactile_viewgcn/frames/baseline.py", {"preprocess"}),
+        ("systems/mvcnn.py", set()),  # of a view_gcn pipeline
+        ("frames/__pycache__/split.cpython-311.pyc", set()),
+        ("nn/graph.py", {"finetune", "evaluate"}),
+        ("nn/backbone.py", {"pretrain", "finetune", "evaluate"}),
     ],
 )
 def test_an_edited_file_reruns_what_uses_it(clone, name, stages):
-    append(clone, name)
-    (clone / "tactile_viewgcn" / "frames" / "__pycache__").mkdir(exist_ok=True)
-    (clone / "tactile_viewgcn" / "frames" / "__pycache__" / "a.pyc").write_text("no code")
-    changed = json.loads(sh("dvc", "status", "--json", cwd=clone))
-    restore(clone)
-    name = f"tactile_viewgcn/{Path(name).parent.name}"
-    assert {stage for stage in changed if "changed deps" in json.dumps(changed[stage]) and name in str(changed[stage])} == stages
+    path = clone / "tactile_viewgcn" / name
+    with path.open("a") as file:
+        file.write("# edited\n")
+    assert changed_stages(clone) == stages
+    sh("git", "checkout", "-q", "--", ".", cwd=clone)
 
 
 def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warning(clone):
     fresh = clone.parent / "fresh"
     sh("git", "clone", "-q", clone, fresh, cwd=clone)
-    shown = sh("dvc", "metrics", "show", cwd=fresh)
-    summary = json.loads((clone / "results" / "summary.json").read_text())
-    assert f"{summary['error']['object']:.5g}"[:6] in shown
     for words in ("config user.name t", "config user.email t@localhost"):
         sh("git", *words.split(), cwd=fresh)
-    words = ("dvc", "exp", "run", "-S", "views=2")
-    environment = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    done = subprocess.run(
-        words, cwd=fresh, env=os.environ | environment | {"MLFLOW_TRACKING_URI": "disabled"}, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    print(done.stdout, done.stderr)
-    assert "No file hash info" not in done.stdout + done.stderr and "WARNING" not in done.stdout + done.stderr
-    assert ran(done.stdout) == ALL
+    (shown,) = json.loads(sh("dvc", "metrics", "show", "--json", cwd=fresh))[""]["data"].values()
+    assert shown["data"] == json.loads((clone / "results" / "summary.json").read_text())
+    output = sh("sh", "-c", "dvc exp run -S views=2 2>&1", cwd=fresh, MLFLOW_TRACKING_URI="disabled")
+    assert ran(output) == ALL and "WARNING" not in output and "No file hash info" not in output
+    columns = sh("dvc", "exp", "show", "--only-changed", "--csv", cwd=fresh).splitlines()[0].split(",")
+    assert len(columns) < 20
 
 
 def test_dvc_shows_metrics_and_plots(clone):
