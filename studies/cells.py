@@ -34,7 +34,7 @@ class Answers:
 
     Attributes:
         costs: by the names in `grid.COLUMNS`.
-        sequential: see `evaluate.sequential_summary`; None where `evaluate.confidence_threshold` is 0.
+        sequential: see `evaluate.sequential_scores`; None where `evaluate.confidence_threshold` is 0.
     """
 
     cell: Cell

@@ -163,11 +163,13 @@ def sequential_rows(variants: list[Variant]) -> pd.DataFrame:
         scores = [each.sequential for folds in variant.trainings.values() for each in folds if each.sequential]
         for frames in [*scores[0]["fixed"], "stop"] if scores else []:
             of_cells = [score["fixed"].get(frames, score) for score in scores]
-            ends = (of_cells[0]["ci95"] if len(of_cells) == 1 else None) or {"low": np.nan, "high": np.nan}
+            errors = [one["error"] for one in of_cells]
+            alone = len(errors) == 1 and errors[0]["low"] is not None
+            ends = (errors[0]["low"], errors[0]["high"]) if alone else None
             place = f"stops at {scores[0]['confidence_threshold']:g}" if frames == "stop" else f"at frame {frames}"
             row = {"variant": f"{variant.name}, {place}", "protocol": "recording", "trainings": len(variant.trainings)}
-            row |= percent(("error", "low", "high"), np.array([one["error"] for one in of_cells]), tuple(ends.values()))
-            rows.append(row | {"frames": float(np.mean([float(one.get("mean", frames)) for one in of_cells]))})
+            row |= percent(("error", "low", "high"), np.array([error["mean"] for error in errors]), ends)
+            rows.append(row | {"frames": float(np.mean([float(one.get("frames", frames)) for one in of_cells]))})
     return pd.DataFrame(rows)
 
 

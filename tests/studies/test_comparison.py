@@ -14,10 +14,9 @@ from tactile_viewgcn.evaluation.predictions import Predictions
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
 SEQUENTIAL = {
     "confidence_threshold": 0.9,
-    "mean": 1.5,
-    "error": 0.25,
-    "ci95": {"low": 0.2, "high": 0.3},
-    "fixed": {"1": {"error": 0.5, "ci95": None}, "2": {"error": 0.1, "ci95": None}},
+    "frames": 1.5,
+    "error": {"mean": 0.25, "low": 0.2, "high": 0.3},
+    "fixed": {str(n): {"error": {"mean": error, "low": None, "high": None}} for n, error in ((1, 0.5), (2, 0.1))},
 }
 COSTS = {"pretrain s": 2.0, "finetune s": 3.0, "ms alone": 1.0, "ms in batches": 0.5, "peak MB": 100.0}
 
