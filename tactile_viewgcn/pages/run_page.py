@@ -51,7 +51,7 @@ def run_page(run: FinishedRun) -> str:
         timing=run.timing,
         total=seconds(run.timing["seconds"]["total"]),
         road=_road(run, used),
-        choices=choices.values(),
+        choices=[(as_change(key, note.value), note.text) for key, note in choices.items()],
         notes=[note for note in run.notes if note.level == "info"],
         error_bars=_error_bars(run, outcome),
         errors=[
