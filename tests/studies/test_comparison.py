@@ -158,7 +158,9 @@ def test_rows_of_sequential_recognition_say_how_many_frames_were_taken():
     assert [row["error"] for row in (first, second, stop)] == pytest.approx([50, 10, 25])
     assert [row["frames"] for row in (first, second, stop)] == [1, 2, 1.5]
     assert (stop["low"], stop["high"], stop["variant"]) == (pytest.approx(20), pytest.approx(30), "a, stops at 0.9")
-    other = answers("a", 1, seed=1, sequential=SEQUENTIAL | {"error": 0.35, "mean": 2.5})
+    other = answers(
+        "a", 1, seed=1, sequential=SEQUENTIAL | {"error": {"mean": 0.35, "low": None, "high": None}, "frames": 2.5}
+    )
     stop = sequential_rows(pooled([answers("a", 1, sequential=SEQUENTIAL), other])).iloc[-1]
     assert (stop["error"], stop["frames"], stop["trainings"]) == (pytest.approx(30), 2, 2)
     assert np.isnan(stop["low"])
