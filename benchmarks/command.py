@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 from matplotlib.figure import Figure
+from tactile_viewgcn.markdown_tables import markdown, write_table
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.markdown_tables import markdown, write_table
 from tactile_viewgcn.params import load
 
 Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows, and the picture

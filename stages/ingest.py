@@ -1,27 +1,30 @@
 """Read the source's recordings into one checked table of raw counts."""
 
+from pathlib import Path
+from typing import Any
+
 import click
 import numpy as np
 
-from stages.command import INPUT, OUTPUT, stage
+from stages.command import PATH, options, started
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 
 
-@stage("data.source")
-@click.option("--source", type=INPUT, required=True, help="STAG metadata.mat, STAG folder, or own recordings.")
-@click.option("--out", type=OUTPUT, required=True)
-def ingest(params, job, source, out):
-    """Read the source's recordings into one checked table of raw counts."""
-    write_recordings(out, open_source(source), job.md5s["source"])
-    with Recordings(out) as table:
-        used = {name: len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
-        live = int(table.live.sum())
-        print(
-            f"ingest: {len(table):,} frames of {table.shape[0]} x {table.shape[1]}, {live} sensors, "
-            f"{used['object']} objects, {used['recording']} recordings, {used['session']} sessions"
-        )
-        return {"frames": len(table), "sensors": live, **{f"{name}s": count for name, count in used.items()}}
+@click.command(help=__doc__)
+@options
+@click.option("--source", type=PATH, required=True, help="STAG metadata.mat, STAG folder, or own recordings.")
+@click.option("--out", type=PATH, required=True)
+def ingest(source: Path, out: Path, **common: Any) -> None:
+    with started("ingest", {"source": source}, **common) as job:
+        write_recordings(out, open_source(source), job.md5s["source"])
+        with Recordings(out) as table:
+            used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
+            job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
+            click.echo(
+                "ingest: {frames:,} frames of {shape[0]} x {shape[1]}, {sensors} sensors, {objects} objects, "
+                "{recordings} recordings, {sessions} sessions".format(shape=table.shape, **job.counts)
+            )
 
 
 if __name__ == "__main__":

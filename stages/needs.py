@@ -2,28 +2,31 @@
 
 import json
 import shutil
-from typing import get_args
+from pathlib import Path
+from typing import Any, get_args
 
 import click
 
-from stages.command import OUTPUT, stage
+from stages.command import PATH, options, started
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.systems import OnSensors
 
 
-@stage("launcher", "model.system", tracked=False)
-@click.option("--out", type=OUTPUT, required=True, help="The stages that the system needs, or does not.")
-def needs(params, job, out):
-    """Say which stages `model.system` needs: nothing is pretrained for a system that reads the sensors themselves."""
-    program = next(word for word in params.launcher.split() if "=" not in word)
-    if not shutil.which(program):
-        raise UserError(f"launcher: no program {program!r} here; expected python -m, or torchrun --standalone ... -m")
-    system = params.model.system
-    pretrain = system not in get_args(OnSensors)
-    with atomic_write(out) as part:
-        part.write_text(json.dumps({"pretrain": pretrain}) + "\n")  # the same for all systems with a backbone
-    print(f"needs: {system} needs {'a' if pretrain else 'no'} pretrained backbone")
+@click.command(help=__doc__)
+@options
+@click.option("--out", type=PATH, required=True, help="The stages that the system needs, or does not.")
+def needs(out: Path, **common: Any) -> None:
+    with started("needs", {}, **common) as job:
+        launcher, system = job.params.launcher, job.params.model.system
+        program = next(word for word in launcher.split() if "=" not in word)
+        if not shutil.which(program):
+            remedy = "expected python -m, or torchrun --standalone ... -m"
+            raise UserError(f"launcher: no program {program!r} here; {remedy}")
+        pretrain = system not in get_args(OnSensors)
+        with atomic_write(out) as part:
+            part.write_text(json.dumps({"pretrain": pretrain}) + "\n")  # the same for all systems with a backbone
+        click.echo(f"needs: {system} needs {'a' if pretrain else 'no'} pretrained backbone")
 
 
 if __name__ == "__main__":

@@ -1,45 +1,55 @@
 """Train the modified ResNet-18 from scratch to tell objects by single frames."""
 
+from pathlib import Path
+from typing import Any
+
 import click
 
-from stages.command import INPUT, NEEDS, OUTPUT, stage
+from stages.command import PATH, Job, options, started
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.tables.frames import read_frames
 
+LEFT_OUT = "left out, model.system does not need it"
 
-@stage("seed", "device", "precision", "augment", "model.backbone", "pretrain", several=True)
-@NEEDS
-@click.option("--frames", type=INPUT, required=True)
-@click.option("--out", type=OUTPUT, required=True)
-def pretrain(params, job, frames, out):
-    """Train the modified ResNet-18 from scratch to tell objects by single frames."""
+
+@click.command(help=__doc__)
+@options
+@click.option("--needs", type=PATH, required=True, help="Whether this stage is needed, from the stage `needs`.")
+@click.option("--frames", type=PATH, required=True)
+@click.option("--out", type=PATH, required=True)
+def pretrain(needs: Path, frames: Path, out: Path, **common: Any) -> None:
+    with started("pretrain", {"needs": needs, "frames": frames}, needs=needs, **common) as job:
+        if job.needed:
+            _pretrain(job, frames, out)
+        elif not rank():
+            with atomic_write(out) as part:
+                part.write_text(f"pretrain: {LEFT_OUT}\n")
+            click.echo(f"pretrain: {LEFT_OUT}")
+
+
+def _pretrain(job: Job, frames: Path, out: Path) -> None:
     import torch  # here: where this stage is left out, nothing loads it
 
     from tactile_viewgcn.device import keep_freed_memory, select_device
-    from tactile_viewgcn.training import distributed
     from tactile_viewgcn.training.checkpoint import training_checkpoint
+    from tactile_viewgcn.training.distributed import process_group
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
     keep_freed_memory()
-    compute, table = select_device(params.device, params.precision), read_frames(frames)
-    job.computed_on(compute.device, compute.precision)
-    with distributed.joined(compute), training_checkpoint("pretrain", params, job.md5s, compute) as checkpoint_path:
-        on_epoch = job.on_epoch(params.pretrain.masked_epochs + params.pretrain.epochs)
-        backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, on_epoch)
+    params, table = job.params, read_frames(frames)
+    compute, job.epochs = select_device(params.device, params.precision), params.pretrain.epochs
+    job.computed_on(compute)
+    key = job.checkpoint_key()
+    with process_group(compute), training_checkpoint("pretrain", key, compute) as checkpoint_path:
+        backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, job.epoch)
         if rank():
-            return None
+            return
+        states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
         with atomic_write(out) as part:
-            torch.save(
-                {
-                    "backbone": backbone.cpu().state_dict(),
-                    "classifier": classifier.cpu().state_dict(),
-                    "classes": table.classes,
-                },
-                part,
-            )
-    print(f"pretrain: {progress} on {compute.device} in {compute.precision}")
-    return {"weights.backbone": sum(weight.numel() for weight in backbone.parameters())} | progress.metrics
+            torch.save(states | {"classes": table.classes}, part)
+    click.echo(f"pretrain: {progress} on {compute.device} in {compute.precision}")
+    job.counts = {"weights.backbone": sum(weight.numel() for weight in backbone.parameters())} | progress.metrics
 
 
 if __name__ == "__main__":

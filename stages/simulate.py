@@ -1,38 +1,40 @@
 """Simulate recordings of a tactile glove, for a machine that has none."""
 
 import os
+from pathlib import Path
+from typing import Any
 
 import click
 
-from stages.command import OUTPUT, stage
+from stages.command import PATH, options, started
 from tactile_viewgcn.glove.recipe import VERSION, recipe_from_params
 from tactile_viewgcn.glove.writer import simulate as write_recordings
 
 
-@stage("glove")
-@click.option("--out", type=OUTPUT, required=True, help="Folder of recordings.")
-def simulate(params, job, out):
-    """Simulate recordings of a tactile glove, for a machine that has none."""
-    summary = write_recordings(recipe_from_params(params.glove), out, workers=os.cpu_count() or 1)
-    cost = summary.statistics
-    steps, evaluations = cost.steps / summary.frames, cost.evaluations / summary.frames
-    print(
-        f"simulate: {summary.frames:,} simulated frames of {summary.recordings} recordings, "
-        f"virtual glove version {VERSION}\n"
-        f"  {steps:.1f} steps and {evaluations:.0f} evaluations a frame, "
-        f"{summary.beyond_thickness:,} contacts beyond the skin; "
-        f"of {cost.steps:,} steps {cost.forced:,} missed the tolerance"
-    )
-    return {
-        "frames": summary.frames,
-        "recordings": summary.recordings,
-        "version": VERSION,
-        "steps_per_frame": steps,
-        "evaluations_per_frame": evaluations,
-        "beyond_thickness": summary.beyond_thickness,
-        "steps_forced": cost.forced,
-        "stages_unsolved": cost.unsolved,
-    }
+@click.command(help=__doc__)
+@options
+@click.option("--out", type=PATH, required=True, help="Folder of recordings.")
+def simulate(out: Path, **common: Any) -> None:
+    with started("simulate", {}, **common) as job:
+        summary = write_recordings(recipe_from_params(job.params.glove), out, workers=os.cpu_count() or 1)
+        cost = summary.statistics
+        job.counts = {
+            "frames": summary.frames,
+            "recordings": summary.recordings,
+            "version": VERSION,
+            "steps_per_frame": cost.steps / summary.frames,
+            "evaluations_per_frame": cost.evaluations / summary.frames,
+            "beyond_thickness": summary.beyond_thickness,
+            "steps_forced": cost.forced,
+            "stages_unsolved": cost.unsolved,
+        }
+        click.echo(
+            "simulate: {frames:,} simulated frames of {recordings} recordings, virtual glove version {version}\n"
+            "  {steps_per_frame:.1f} steps and {evaluations_per_frame:.0f} evaluations a frame, {beyond_thickness:,} "
+            "contacts beyond the skin; of {steps:,} steps {steps_forced:,} missed the tolerance".format(
+                steps=cost.steps, **job.counts
+            )
+        )
 
 
 if __name__ == "__main__":

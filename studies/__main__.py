@@ -5,11 +5,10 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from studies.cells import code_of_stages, experiment_of, key_of, read_answers, seconds_per_cell, stored
-from studies.dvc_queue import DvcQueue
+from studies.cells import code_of_stages, experiment_of, key_of, read_answers, seconds_per_cell, shard_of, stored
 from studies.grid import FOLDER, Study, names, read_study
+from studies.queue import Queue
 from studies.runner import run_cells
-from studies.shard import read_shard, shards
 from tactile_viewgcn.errors import UserError
 
 
@@ -17,32 +16,23 @@ from tactile_viewgcn.errors import UserError
 @click.argument("name", required=False)
 @click.option("--jobs", type=int, default=1, show_default=True, help="Cells at once.")
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of every cell; needs --out.")
-@click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results instead of its own."
-)
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results, not its own.")
 @click.option("--quick", is_flag=True, help="A rehearsal: few cells on tiny data, into studies/.quick/NAME.")
 @click.option("--shard", metavar="I/N", help="Run the Ith of N parts of the cells, without a report.")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def main(
-    name: str | None,
-    jobs: int,
-    changes: tuple[str, ...],
-    out: Path | None,
-    quick: bool,
-    shard: str | None,
-    debug: bool,
+    name: str | None, jobs: int, changes: tuple[str, ...], out: Path | None, quick: bool, shard: str, debug: bool
 ) -> None:
     """Run the study NAME, or go on where it was stopped; without NAME, list all studies."""
     try:
         if jobs < 1:
             raise UserError(f"--jobs is {jobs}; expected 1 or more cells at once")
-        part = None if shard is None else read_shard(shard)
-        if changes and out is None and part is None:
+        if changes and not (out or shard):
             raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
             list_studies()
         else:
-            run(read_study(name), jobs=jobs, quick=quick, changes=changes, out=out, shard=part)
+            run(read_study(name), jobs=jobs, quick=quick, changes=changes, out=out, shard=shard)
     except UserError as error:
         if debug:
             raise
@@ -65,20 +55,14 @@ def list_studies() -> None:
 
 
 def run(
-    study: Study,
-    *,
-    jobs: int,
-    quick: bool,
-    changes: tuple[str, ...] = (),
-    out: Path | None = None,
-    shard: tuple[int, int] | None = None,
+    study: Study, *, jobs: int, quick: bool, changes: tuple[str, ...] = (), out: Path | None = None, shard: str = ""
 ) -> None:
     """Run the cells that are missing, then write the report of all that are there.
 
     Args:
         changes: `key=value` on top of every cell.
         out: folder of the report; the study's own where it is left out.
-        shard: its number and how many there are: its cells alone are run, and no report is written.
+        shard: `2/8`: the second of eight parts of the cells alone is run, and no report is written.
 
     Raises:
         UserError: a cell's parameters are wrong, two cells are the same training, or cells failed.
@@ -87,30 +71,28 @@ def run(
 
     if quick:
         print(f"{study.name}: a rehearsal on tiny data; its figures mean nothing")
-    code, keys = code_of_stages(), {}
+    code, cells = code_of_stages(), {}
     for cell in study.cells(quick=quick, on_top=changes):
-        same = keys.setdefault(key_of(cell, code), cell)
+        same = cells.setdefault(key_of(cell, code), cell)
         if same is not cell:
             raise UserError(
                 f"{study.name}: the same training twice ({same}; {cell}): --set what the study does not vary"
             )
-    told = study.name
     if shard:
-        number, count = shard
-        keys = shards(keys, count)[number - 1]
-        told += f", shard {number} of {count}"
-    queue = DvcQueue()
+        cells = shard_of(cells, shard)
+    queue = Queue()
     finished = queue.finished()
-    before = sum(stored(key) or experiment_of(study.name, key) in finished for key in keys)
-    print(f"{told}: {len(keys)} cells, {before} of them finished before", flush=True)
-    faults = run_cells(study.name, keys, queue, jobs=jobs)
-    answers = [read_answers(cell, key) for key, cell in keys.items() if key not in faults]
+    before = sum(stored(key) or experiment_of(study.name, key) in finished for key in cells)
+    part = f", shard {shard}" if shard else ""
+    print(f"{study.name}{part}: {len(cells)} cells, {before} of them finished before", flush=True)
+    faults = run_cells(study.name, cells, queue, jobs=jobs)
+    answers = [read_answers(cell, key) for key, cell in cells.items() if key not in faults]
     if answers and not shard:
         folder = out or (FOLDER / ".quick" / study.name if quick else FOLDER / study.name)
         print(write_report(study, answers, folder, rehearsal=quick, on_top=changes))
         print(f"written: {folder}/results.csv, results.md, results.png")
     if faults:
-        raise UserError(f"{len(faults)} of {len(keys)} cells failed, see above; the same command tries them again")
+        raise UserError(f"{len(faults)} of {len(cells)} cells failed, see above; the same command tries them again")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The results of finished cells, kept by what they depend on, so that none runs twice."""
+"""The results of finished cells, kept by what they depend on, so that none runs twice; the cells of a shard."""
 
 import hashlib
 import json
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import yaml
@@ -16,15 +16,16 @@ import yaml
 from studies.grid import FOLDER, Cell
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
-from tactile_viewgcn.files import atomic_folder, md5, source_files
-from tactile_viewgcn.markdown_tables import VIRTUAL
-from tactile_viewgcn.params import load
-from tactile_viewgcn.provenance import committed_params
+from tactile_viewgcn.files import atomic_folder, md5
+from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.schema import flatten
+from tactile_viewgcn.systems import OnSensors
 
 STORE, LAST = FOLDER / ".cells", Path("results/timing.json")
 RESULTS = ("predictions.npz", "metrics.json", "timing.json")
 PIPELINES = (Path("dvc.yaml"), Path("data/virtual/dvc.yaml"))
+CODE = ("stages", "tactile_viewgcn")  # where the code of a stage's `deps` lies
+AFTER_PRETRAINING = ("views", "viewpoints", "cluster.", "model.", "finetune.", "evaluate.")  # keys
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Answers:
 
     Attributes:
         costs: by the names in `grid.COLUMNS`.
-        sequential: see `evaluate.sequential_summary`; None where `evaluate.confidence_threshold` is 0.
+        sequential: see `evaluate.sequential_scores`; None where `evaluate.confidence_threshold` is 0.
     """
 
     cell: Cell
@@ -52,26 +53,18 @@ def key_of(cell: Cell, code: str) -> str:
     Raises:
         UserError: the cell's parameters are wrong.
     """
-    try:
-        params = flatten(load("params.yaml", cell.changes))
-    except UserError as error:
-        raise UserError(f"variant {cell.variant}: {error}{_left_changed()}") from None
-    contents = []
+    params = flatten(load("params.yaml", cell.changes, f"variant {cell.variant}"))
+    content = ""
     if params["data.source"] != VIRTUAL:  # which its parameters describe; files may lie elsewhere on another machine
-        contents = _contents(Path(params.pop("data.source")))
-    known = (sorted(params.items()), code, contents)
-    return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
+        content = _md5(params.pop("data.source"))
+    return hashlib.sha256(repr((sorted(params.items()), code, content)).encode()).hexdigest()[:16]
 
 
-def _left_changed() -> str:
-    """A remedy for what an experiment has left in params.yaml; empty where that is as in git."""
-    try:
-        values = flatten(load("params.yaml"))
-    except UserError:
-        return ""
-    committed = committed_params(Path("params.yaml"))
-    changed = [key for key, value in values.items() if committed.get(key, value) != value]
-    return f"; {changed[0]} in params.yaml is not as in git: `git checkout params.yaml`" if changed else ""
+@cache
+def _md5(source: str) -> str:
+    if not Path(source).exists():
+        raise UserError(f"data.source is {source}; expected a file or folder that is there")
+    return md5(source)
 
 
 def experiment_of(study: str, key: str) -> str:
@@ -80,29 +73,18 @@ def experiment_of(study: str, key: str) -> str:
 
 
 def code_of_stages() -> str:
-    """A digest of both pipelines and of the code files that their stages depend on."""
+    """A digest of both pipelines and of the code that their stages depend on."""
     digest = hashlib.sha256()
     for pipeline in PIPELINES:
         digest.update(pipeline.read_bytes())
         stages = yaml.safe_load(pipeline.read_text())["stages"].values()
-        for path in sorted({dep for stage in stages for dep in stage.get("deps", []) if dep.endswith(".py")}):
+        paths = {dep.removeprefix("../../") for stage in stages for dep in stage.get("deps", [])}
+        for path in sorted(path for path in paths if path.startswith(CODE)):
             # the systems' files stand there as a pattern
-            for file in sorted(Path().glob(re.sub(r"\$\{.*?\}", "*", path.removeprefix("../../")))):
-                digest.update(file.read_bytes())
+            for place in sorted(Path().glob(re.sub(r"\$\{.*?\}", "*", path))):
+                for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+                    digest.update(file.read_bytes())
     return digest.hexdigest()
-
-
-def _contents(source: Path) -> list[tuple[str, str]]:
-    """The name and md5 of each file of a source."""
-    base = source if source.is_dir() else source.parent
-    files = [(file, file.stat()) for file in source_files(source) if file.exists()]
-    return [(str(file.relative_to(base)), _md5(file, stat.st_size, stat.st_mtime_ns)) for file, stat in files]
-
-
-@cache
-def _md5(file: Path, size: int, changed: int) -> str:
-    """md5 of a file, read again where its size or time is another."""
-    return md5(file)
 
 
 def store(key: str, contents: dict[str, bytes]) -> None:
@@ -142,3 +124,33 @@ def read_answers(cell: Cell, key: str) -> Answers:
         "peak MB": timing["peak_mb"],
     }
     return Answers(cell, read_predictions(STORE / key / "predictions.npz"), costs, metrics.get("sequential"))
+
+
+def shard_of(cells: dict[str, Cell], shard: str) -> dict[str, Cell]:
+    """The cells, by their keys, of one of several machines: `2/8` is the second of eight.
+
+    Cells with a backbone and cells without are cut into equal parts each, as the former take minutes more. Before the
+    cut those that share their frames and their backbone are put side by side: a backbone that cells share is trained
+    on one machine, or on two where the cut goes through them.
+
+    Raises:
+        UserError: it is no such text, or no shard of so many.
+    """
+    match = re.fullmatch(r"([0-9]+)/([0-9]+)", shard)
+    number, count = map(int, match.groups()) if match else (0, 0)
+    if not 1 <= number <= count:
+        raise UserError(f"--shard is {shard!r}; expected i/n with i from 1 to n, 2/8 for the second of eight")
+    params = {key: flatten(load("params.yaml", cell.changes)) for key, cell in cells.items()}
+
+    def shared(key: str) -> str:
+        later = {name for name in params[key] if name.startswith(AFTER_PRETRAINING)}
+        backbone = {name for name in later if name.startswith("model.backbone.")}
+        return repr([(name, value) for name, value in params[key].items() if name not in later - backbone])
+
+    part: dict[str, Cell] = {}
+    on_sensors = {key for key in cells if params[key]["model.system"] in get_args(OnSensors)}
+    for alike in (cells.keys() - on_sensors, on_sensors):
+        ordered = sorted((key for key in cells if key in alike), key=shared)
+        first, end = ((place * len(ordered) + count - 1) // count for place in (number - 1, number))
+        part |= {key: cells[key] for key in ordered[first:end]}
+    return part

@@ -1,19 +1,19 @@
-"""The grid of a study: from studies/NAME.yaml to cells, each a training as changes to params.yaml."""
+"""From studies/NAME.yaml to cells, each a training as changes to params.yaml."""
 
 from collections.abc import Iterator
-from dataclasses import MISSING, dataclass, field, fields
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.params import PRESETS, Seed, load, preset_changes, read_yaml
-from tactile_viewgcn.schema import Range, as_change, convert, describe
+from tactile_viewgcn.params import PRESETS, load, preset_changes, read_yaml
+from tactile_viewgcn.schema import as_change
 
 FOLDER = Path("studies")
 COLUMNS = ("pretrain s", "finetune s", "ms alone", "ms in batches", "peak MB")
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
-MAY_BE_EMPTY = ("columns", "cross", "one_seed", "one_deal", "quick")
 #: of every rehearsal: three objects and the empty hand of a small glove, trainings of one epoch
 QUICK = {
     "glove.objects": ["mug", "tape", "scissors"],
@@ -26,63 +26,59 @@ QUICK = {
     "finetune.epochs": 1,
     "evaluate.trials": 2,
 }
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+Fold = Annotated[int, Field(ge=0)]
+Variants = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]  # changes to params.yaml by name
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One training of a variant and its evaluation.
+class Cell(BaseModel):
+    """One training of a variant and its evaluation; `changes` to params.yaml are `key=value`."""
 
-    Attributes:
-        deal, fold: `split.deal` and `split.fold`.
-        changes: to params.yaml, as `key=value`.
-    """
-
+    model_config = ConfigDict(frozen=True)
     variant: str
     seed: int
-    deal: int
-    fold: int
+    deal: int  # `split.deal`
+    fold: int  # `split.fold`
     changes: tuple[str, ...]
 
     def __str__(self) -> str:
         return f"{self.variant}, seed {self.seed}, deal {self.deal}, fold {self.fold}"
 
 
-@dataclass(frozen=True)
-class Study:
-    """The content of studies/NAME.yaml; those without a default stand in every file.
+class Study(BaseModel):
+    """The content of studies/NAME.yaml.
 
     Attributes:
-        question: 41 characters at most, for the list of studies.
-        variants: {name: {key: value}}, what is compared; the key `preset` stands for the changes of that preset.
+        question: what the list of studies prints.
+        variants: what is compared; the key `preset` stands for the changes of that preset.
         reference: the variants, one or more, that the others are compared with; None: nothing is compared. A name of
             `variants` alone in a study with `cross` stands for that variant in the same place of the crossing.
         seeds, folds: every variant is trained from each, on each; folds `all`: as many as `split.folds` says.
-        columns: of `COLUMNS`, the costs that the table shows.
+        columns: the costs that the table shows.
         deals: ways of dealing groups to the folds (`split.deal`); every variant is trained on each fold of each.
         set: changes of every cell.
-        cross: further mappings like `variants`: every combination is trained, see `crossed_name`.
+        cross: further mappings like `variants`: every combination is trained, under the name `A / x`.
         one_seed, one_deal: variants that are trained from the first seed, or on the first deal, alone.
         picture: error, or seconds: error against seconds, or curves: error against the number that the names in
             `cross`, one mapping, begin with.
-        confusion: draw confusion matrices and the objects confused most.
         quick: the variants of a rehearsal, which are trained from the first seed on the first deal.
     """
 
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
     name: str
-    question: str
-    variants: dict
+    question: Annotated[str, Field(max_length=41)]
+    variants: Variants
     reference: str | list[str] | None
-    seeds: list[Seed]
-    folds: Literal["all"] | list[Annotated[int, Range(0)]]
-    columns: list[str]
-    deals: list[Seed] = field(default_factory=lambda: [0])
-    set: dict = field(default_factory=dict)
-    cross: list[dict] = field(default_factory=list)
-    one_seed: list[str] = field(default_factory=list)
-    one_deal: list[str] = field(default_factory=list)
+    seeds: Annotated[list[Seed], Field(min_length=1)]
+    folds: Literal["all"] | Annotated[list[Fold], Field(min_length=1)]
+    columns: list[Literal["pretrain s", "finetune s", "ms alone", "ms in batches", "peak MB"]]
+    deals: Annotated[list[Seed], Field(min_length=1)] = [0]
+    set: dict[str, Any] = {}
+    cross: list[Variants] = []
+    one_seed: list[str] = []
+    one_deal: list[str] = []
     picture: Literal["error", "seconds", "curves"] = "error"
-    confusion: bool = False
-    quick: list[str] = field(default_factory=list)
+    quick: list[str] = []
 
     @property
     def references(self) -> list[str]:
@@ -100,32 +96,25 @@ class Study:
         """
         if axis := [key for key in (change.partition("=")[0] for change in on_top) if key in AXES]:
             raise UserError(f"--set {axis[0]}: every cell has its own; set it in {FOLDER}/{self.name}.yaml")
-        shared = [self.set, QUICK] if quick else [self.set]
+        shared = (*_changes(self.set), *(_changes(QUICK) if quick else ()))
         folds = self.folds
         if folds == "all":
-            folds = range(load("params.yaml", (*_changes(shared), *on_top, "split.fold=0")).split.folds)
+            folds = list(range(load("params.yaml", (*shared, *on_top, "split.fold=0")).split.folds))
+        cells = []
+        for seed, deal in product(self.seeds[:1] if quick else self.seeds, self.deals[:1] if quick else self.deals):
+            for variant, changes in self.crossed():
+                wanted = variant in self.quick if quick else seed == self.seeds[0] or variant not in self.one_seed
+                if wanted and (deal == self.deals[0] or variant not in self.one_deal):
+                    for fold in folds:
+                        place = (f"{key}={at}" for key, at in zip(AXES, (seed, deal, fold), strict=True))
+                        whole = (*shared, *changes, *on_top, *place)
+                        cells.append(Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=whole))
+        return cells
 
-        def changes(parts: list[dict[str, Any]], *place: int) -> tuple[str, ...]:
-            return *_changes([*shared, *parts]), *on_top, *(f"{key}={at}" for key, at in zip(AXES, place, strict=True))
-
-        return [
-            Cell(variant, seed, deal, fold, changes(parts, seed, deal, fold))
-            for seed in (self.seeds[:1] if quick else self.seeds)
-            for deal in (self.deals[:1] if quick else self.deals)
-            for variant, parts in self._crossed()
-            if (variant in self.quick if quick else seed == self.seeds[0] or variant not in self.one_seed)
-            if deal == self.deals[0] or variant not in self.one_deal
-            for fold in folds
-        ]
-
-    def _crossed(self) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    def crossed(self) -> Iterator[tuple[str, list[str]]]:
+        """Name and changes of every combination of `variants` and `cross`."""
         for entries in product(*(axis.items() for axis in [self.variants, *self.cross])):
-            yield crossed_name(*(name for name, _ in entries)), [changes for _, changes in entries]
-
-
-def crossed_name(*names: str) -> str:
-    """The variant `A / x` of A in `variants` and x in `cross`."""
-    return " / ".join(names)
+            yield " / ".join(name for name, _ in entries), [one for _, part in entries for one in _changes(part)]
 
 
 def name_and_place(variant: str) -> tuple[str, str]:
@@ -149,48 +138,29 @@ def read_study(name: str) -> Study:
     path = FOLDER / f"{name}.yaml"
     if not path.exists():
         raise UserError(f"study is {name!r}; expected one of {', '.join(names())} (in the repository's root)")
-    tree = {"name": name} | read_yaml(path)
-    known = {item.name for item in fields(Study)}
-    needed = [item.name for item in fields(Study) if item.default is MISSING and item.default_factory is MISSING]
-    if unknown := sorted(tree.keys() - known, key=str):
-        raise UserError(f"{path}: unknown key {unknown[0]}; known here: {', '.join(sorted(known - {'name'}))}")
-    if missing := [key for key in needed if key not in tree]:
-        raise UserError(f"{path}: key {missing[0]} is missing; expected {', '.join(needed[1:])}")
-    for key, hint in get_type_hints(Study, include_extras=True).items():
-        if key not in tree or (tree[key] == [] and key in MAY_BE_EMPTY):
-            continue
-        try:
-            convert(tree[key], hint)
-        except (ValueError, TypeError, OverflowError):
-            raise UserError(f"{path}: {key} is {tree[key]!r}; expected {describe(hint)}") from None
-    for axis in [tree["variants"], *tree.get("cross", [])]:
-        if not (axis and all(isinstance(name, str) and isinstance(changes, dict) for name, changes in axis.items())):
-            raise UserError(
-                f"{path}: a set of variants is {axis!r}; expected names with changes, as in {{a: {{views: 8}}}}"
-            )
-    study = Study(**tree)
-    crossed = [name for axis in study.cross for name in axis]
-    numbered = all(name.partition(" ")[0].isdecimal() for name in crossed)
-    if study.picture == "curves" and not (len(study.cross) == 1 and numbered):
+    try:
+        study = Study.model_validate({**read_yaml(path), "name": name})
+    except ValidationError as error:
+        mistakes = (f"{'.'.join(map(str, one['loc']))} is {one['input']!r}: {one['msg']}" for one in error.errors())
+        raise UserError(f"{path}: {'; '.join(mistakes)}") from None
+    variants = [variant for variant, _ in study.crossed()]
+    allowed = {"reference": [*variants, *study.variants], "one_seed": variants, "one_deal": variants, "quick": variants}
+    for key, known in allowed.items():
+        for each in study.references if key == "reference" else getattr(study, key):
+            if each not in known:
+                raise UserError(f"{path}: {key} is {each!r}; expected one of {', '.join(known)}")
+    places = [place for axis in study.cross for place in axis]
+    numbered = len(study.cross) == 1 and all(place.partition(" ")[0].isdecimal() for place in places)
+    if study.picture == "curves" and not numbered:
         raise UserError(
-            f"{path}: picture is 'curves' and cross has {', '.join(map(repr, crossed)) or 'no names'}; "
+            f"{path}: picture is 'curves' and cross has {', '.join(map(repr, places)) or 'no names'}; "
             "expected one mapping in `cross`, whose names begin with a number"
         )
-    variants = list(dict.fromkeys(cell.variant for cell in study.cells()))
-    for key, given, allowed in (
-        ("reference", study.references, [*variants, *study.variants]),
-        ("one_seed", study.one_seed, variants),
-        ("one_deal", study.one_deal, variants),
-        ("quick", study.quick, variants),
-        ("columns", study.columns, COLUMNS),
-    ):
-        if strange := [each for each in given if each not in allowed]:
-            raise UserError(f"{path}: {key} is {strange[0]!r}; expected one of {', '.join(allowed)}")
     return study
 
 
-def _changes(parts: list[dict[str, Any]]) -> Iterator[str]:
-    for key, value in (item for part in parts for item in part.items()):
+def _changes(part: dict[str, Any]) -> Iterator[str]:
+    for key, value in part.items():
         if key != "preset":
             yield as_change(key, value)
         elif value in PRESETS:

@@ -1,107 +1,147 @@
-"""The report of a study: its table, its picture, and where they are asked for confusion and confused pairs."""
+"""The report of a study: its tables and its picture."""
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from textwrap import fill
 
 import numpy as np
-from matplotlib.figure import Figure
+import pandas as pd
 
 from studies.cells import Answers
-from studies.comparison import confused_pairs, power, rows_of, sequential_rows
+from studies.comparison import WEIGHTINGS, Variant, pooled, power, rows_of, sequential_rows
 from studies.grid import COLUMNS, Study, name_and_place
-from studies.markdown import COMPARED, DEALT, EXPLAINED, paragraph, tables
-from studies.pictures import error_curves, errors_by_cost, errors_by_variant, side_by_side
-from studies.variants import Variant, pooled
+from studies.pictures import error_curves, errors_by_cost, errors_by_variant
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.markdown_tables import describe_data, write_csv, write_table
-from tactile_viewgcn.params import load
-from tactile_viewgcn.plots import confusions
+from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.randomness import stream
 
 REHEARSAL = "**A rehearsal on tiny data: it shows that the study runs, and nothing else.**"
+EXPLAINED = """Errors are in per cent, means over trials and over a variant's trainings, each from one seed on all
+folds of one deal. `per frame` counts every anchor once, `per group` every split group once. In brackets: the 95 %
+interval that resamples these groups, conditional on the trainings; under `object`, where a view set mixes an object's
+recordings, it is optimistic. `std` is the standard deviation over the trainings, per frame."""
+DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times; it is resampled as
+one."""
+COMPARED = """Differences are paired, over the seeds and deals that both were trained on. `p` says how often groups with
+their signs turned differ as much, corrected for all differences of a protocol and a weighting (Holm 1979); before that
+it is never below {least:.2g} with {groups} groups. `over trainings` is Student's 95 % interval of the difference per
+frame: what other seeds would give, not other recordings."""
+PAID = """Costs are medians over the trainings: seconds are summed over folds, milliseconds are per view set, the memory
+is that of the hungriest stage."""
+SEQUENTIAL = """Frames of one recording are taken in random order, one after the other, up to all views or until the
+classifier is confident enough; `frames` is their mean number."""
 
 
 def write_report(
     study: Study, answers: list[Answers], folder: Path, *, rehearsal: bool = False, on_top: tuple[str, ...] = ()
 ) -> str:
-    """results.csv, results.md and results.png in `folder`, confusion and pairs where asked for; the text of results.md.
+    """results.csv, results.md and results.png in `folder`; the text of results.md.
 
     Raises:
         UserError: variants that cannot be compared.
     """
     params = load("params.yaml", answers[0].cell.changes)
-    data, variants = describe_data(params.data), pooled(answers)
+    data = "Simulated by the virtual glove" if params.data.source == VIRTUAL else params.data.source
+    variants = pooled(answers)
     finished = {part for variant in variants for part in (variant.name, name_and_place(variant.name)[0])}
     references = [name for name in study.references if name in finished]
     rows = rows_of(variants, references, stream(params.seed, f"study.{study.name}"))
     sequential = sequential_rows(variants)
-    classes = list(dict.fromkeys(str(name) for each in answers for name in each.predictions.classes))
     longest = max(variants, key=lambda variant: len(variant.trainings))
-    tested, deals = longest.tested(), len({deal for _, deal in longest.trainings})
+    tested, deals = longest.tested(longest.trainings), len({deal for _, deal in longest.trainings})
     groups = len(np.unique(tested[1]))
+    classes = {str(name) for each in answers for name in each.predictions.classes}
     changed = f" Every cell has {', '.join(f'`{change}`' for change in on_top)}." if on_top else ""
     text = [f"{data}. {study.question}{changed}", *([REHEARSAL] if rehearsal else []), power(rows, groups)]
-    size = (
-        f"{tested.shape[1]:,} view sets, {len(classes)} classes, {params.evaluate.trials} trials, {groups} split groups"
-    )
-    text.append(f"{size} on the {params.evaluate.side} side. {EXPLAINED}")
+    size = f"{tested.shape[1]:,} view sets, {len(classes)} classes, {params.evaluate.trials} trials"
+    text.append(f"{size}, {groups} split groups on the {params.evaluate.side} side. {EXPLAINED}")
     text += [DEALT.format(deals=deals)] * (deals > 1)
     if absent := [] if rehearsal else missing(study, variants, on_top):
         text.append(f"Trainings that have not been run: {', '.join(absent)}.")
     if references:
         text.append(COMPARED.format(groups=groups, least=max(2.0**-groups * 2, 1e-4)))
-    parts = [*map(paragraph, text), *tables(rows, sequential, study.columns)]
-    write_csv(folder / "results.csv", _flat([*rows, *sequential], study.columns))
+    parts = [*map(_paragraph, text), *tables(rows, sequential, references, study.columns)]
+    shown = pd.concat([rows, sequential]).drop(columns={*COLUMNS} - {*study.columns})
+    with atomic_write(folder / "results.csv") as part:
+        shown.to_csv(part, index=False)
     with atomic_write(folder / "results.md") as part:
         part.write_text("\n\n".join(parts) + "\n")
     title = f"{'Rehearsal. ' if rehearsal else ''}{data}: {study.question}\nBars: 95 % interval over split groups"
     draw = {"error": errors_by_variant, "seconds": errors_by_cost, "curves": error_curves}[study.picture]
-    _save(draw([row for row in rows if row["weighting"] == "frame"], sequential, title), folder / "results.png")
-    if study.confusion:
-        _write_confusion(data, variants, classes, references, folder)
+    with atomic_write(folder / "results.png") as part:
+        draw(rows[rows["weighting"] == "frame"], sequential, title).savefig(part, format="png", dpi=100)
     return (folder / "results.md").read_text()
 
 
 def missing(study: Study, variants: list[Variant], on_top: tuple[str, ...]) -> list[str]:
     """Variants of the study with how many of their trainings are not here, `mean 2 of 5`."""
-    cells, here = study.cells(on_top=on_top), {variant.name: len(variant.trainings) for variant in variants}
-    planned = Counter(variant for variant, _ in {(cell.variant, (cell.seed, cell.deal)) for cell in cells})
-    absent = {name: planned[name] - here.get(name, 0) for name in dict.fromkeys(cell.variant for cell in cells)}
+    planned = Counter(name for name, *_ in {(one.variant, one.seed, one.deal) for one in study.cells(on_top=on_top)})
+    here = {variant.name: len(variant.trainings) for variant in variants}
+    absent = {name: planned[name] - here.get(name, 0) for name, _ in study.crossed()}
     return [f"{name} {count} of {planned[name]}" for name, count in absent.items() if count]
 
 
-def _flat(rows: list[dict[str, Any]], columns: list[str]) -> list[dict[str, Any]]:
-    """Rows of one table with the same keys: a difference to R as `vs R more`, ..., costs by `columns` alone."""
-    flat = []
-    for row in rows:
-        versus = {f"vs {name} {key}": x for name, each in row.get("versus", {}).items() for key, x in each.items()}
-        flat.append(
-            {key: x for key, x in row.items() if key != "versus" and key not in {*COLUMNS} - {*columns}} | versus
+def tables(
+    rows: pd.DataFrame, sequential: pd.DataFrame, references: Sequence[str], columns: Sequence[str]
+) -> list[str]:
+    """The tables as Markdown, each after a line that names it; the last protocol, which is the user's, first.
+
+    Args:
+        rows: see `comparison.rows_of`; sequential: see `comparison.sequential_rows`.
+        columns: costs to show.
+    """
+    parts = []
+    for protocol in reversed(rows["protocol"].unique()):
+        frame, group = (
+            rows[(rows["protocol"] == protocol) & (rows["weighting"] == weighting)].set_index("variant")
+            for weighting in WEIGHTINGS
         )
-    keys = dict.fromkeys(key for row in flat for key in row)
-    return [dict.fromkeys(keys, "") | row for row in flat]
+        errors = {"per frame": _intervals(frame, "error"), "per group": _intervals(group, "error")}
+        errors |= {"std": frame["std"].map("{:.1f}".format), "trainings": frame["trainings"]}
+        parts += [f"Error, {protocol} protocol:", _markdown(errors)]
+        for name in references:
+            vs, differences = f"vs {name} ", {}
+            for weighting, part in zip(WEIGHTINGS, (frame, group), strict=True):
+                differences |= {f"per {weighting}": _intervals(part, f"{vs}more", vs)}
+                differences |= {f"p, {weighting}": part[f"{vs}p"].map("{:.3f}".format).replace("0.000", "<.001")}
+            differences["over trainings"] = _intervals(frame, f"{vs}more", f"{vs}seeds_", both=True)
+            compared = frame[f"{vs}more"].notna()
+            if compared.any():
+                parts += [f"Points more than `{name}`, {protocol} protocol:", _markdown(differences, compared)]
+    if columns:
+        once = rows.drop_duplicates("variant").set_index("variant")
+        parts += ["Costs:", _paragraph(PAID), _markdown({name: once[name].map("{:.3g}".format) for name in columns})]
+    if len(sequential):
+        by_name = sequential.set_index("variant")
+        taken = {"frames": by_name["frames"].map("{:.2f}".format), "error": _intervals(by_name, "error")}
+        parts += ["Frame by frame, recording protocol:", _paragraph(SEQUENTIAL), _markdown(taken)]
+    return parts
 
 
-def _write_confusion(
-    data: str, variants: list[Variant], classes: list[str], references: list[str], folder: Path
-) -> None:
-    """The confusion of the best variant and of the references, and the objects that the best one confuses most."""
-    protocol = list(variants[0].answers[0].predictions.predicted)[-1]
-    error = {variant.name: 1 - float(variant.correct(protocol).mean()) for variant in variants}
-    best = min(variants, key=lambda variant: error[variant.name])
-    pairs = confused_pairs(best.confusion(protocol, classes), classes)
-    text = f"{data}. The objects that `{best.name}` takes for each other most, {protocol} protocol."
-    write_table(folder, pairs, text, name="pairs")
-    shown = [best, *(variant for variant in variants if variant.name in references and variant is not best)]
-    counts = {f"{each.name}: error {100 * error[each.name]:.1f} %": each.confusion(protocol, classes) for each in shown}
-    picture = confusions(counts, classes)
-    picture.suptitle(f"{data}, {protocol} protocol")
-    _save(picture, folder / "confusion.png")
-    title = f"{data}: mean frames of the pairs that {best.name} confuses most"
-    _save(side_by_side(pairs, best, title), folder / "pairs.png")
+def _intervals(rows: pd.DataFrame, key: str, ends: str = "", *, both: bool = False) -> pd.Series:
+    """A number of each row in per cent with its interval, the columns `low` and `high` with `ends` before these names.
+
+    Args:
+        both: blank where there is no interval.
+    """
+
+    def text(row: pd.Series) -> str:
+        value, low, high = (row[name] / 100 for name in (key, f"{ends}low", f"{ends}high"))
+        if np.isnan(low):
+            return "" if both else percent_interval(value, None, None)
+        return percent_interval(value, low, high)
+
+    return rows.apply(text, axis=1)
 
 
-def _save(figure: Figure, path: Path) -> None:
-    with atomic_write(path) as part:
-        figure.savefig(part, format="png", dpi=100)
+def _markdown(columns: dict[str, pd.Series], chosen: pd.Series | None = None) -> str:
+    """A table of the variants, or of the chosen ones, without columns that are blank."""
+    table = pd.DataFrame(columns).replace("nan", "")
+    table = table if chosen is None else table[chosen]
+    return table.loc[:, (table != "").any()].reset_index().to_markdown(index=False, disable_numparse=True)
+
+
+def _paragraph(text: str) -> str:
+    return fill(text, 80, break_on_hyphens=False, break_long_words=False)

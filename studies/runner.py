@@ -1,42 +1,21 @@
 """Run the cells of a study that have not been run, and say how far it is."""
 
 import math
-import sys
 import time
 from collections.abc import Callable
-from itertools import islice
 
 from tqdm import tqdm
 
 from studies.cells import experiment_of, store, stored
-from studies.dvc_queue import DvcQueue
 from studies.grid import Cell
+from studies.queue import Queue
 from tactile_viewgcn.errors import UserError
 
-POLL, ORPHANS = 2.0, 30.0  # seconds between looks at the queue, and at its workers
-WIDTH = 79
-
-
-def progress(name: str, total: int, before: int, done: int, failed: int, running: int, seconds: float) -> str:
-    """A line on how far a study is: its cells in total, done `before` and in these seconds, failed and running."""
-    ended, failures = before + done + failed, f", {failed} failed" if failed else ""
-    counts = f"{before + done} done, {running} running, {total - ended - running} waiting{failures}"
-    form = "{elapsed} gone, {remaining} left"
-    clock = tqdm.format_meter(ended, total, seconds, initial=before, bar_format=form)
-    return f"{name}: {counts} | {clock}"[:WIDTH]
-
-
-def show(line: str, text: str = "") -> None:
-    """Print a text, which stays, and the line: on a terminal it is rewritten, elsewhere it follows each text."""
-    if sys.stdout.isatty():
-        stays = f"{text:{WIDTH}}\n" if text else ""
-        print(f"\r{stays}{line:{WIDTH}}", end="", flush=True)
-    elif text:
-        print(text, line, sep="\n", flush=True)
+POLL, KILLED = 10.0, 30.0  # seconds between looks at the queue, and at its processes
 
 
 def run_cells(
-    name: str, cells: dict[str, Cell], queue: DvcQueue, *, jobs: int = 1, wait: Callable[[float], None] = time.sleep
+    name: str, cells: dict[str, Cell], queue: Queue, *, jobs: int = 1, wait: Callable[[float], None] = time.sleep
 ) -> dict[str, str]:
     """Run every cell that is not stored; what waits or runs since an earlier run is kept, what failed is tried again.
 
@@ -48,70 +27,58 @@ def run_cells(
     Returns:
         What went wrong, by the key of the cell.
     """
-    missing = {experiment_of(name, key): key for key in cells if not stored(key)}
-    before, begin, faults, begun = len(cells) - len(missing), time.monotonic(), {}, set()
     texts = {key: f"{number} of {len(cells)}: {cell}" for number, (key, cell) in enumerate(cells.items(), start=1)}
-
-    def line(running: int) -> str:
-        done = len(cells) - before - len(missing) - len(faults)
-        return progress(name, len(cells), before, done, len(faults), running, time.monotonic() - begin)
-
-    status, finished = queue.status(), queue.finished()
-    ended = [experiment for experiment in missing if status.get(experiment) in ("Failed", "Success")]
-    queue.remove(experiment for experiment in ended if experiment not in finished)
-    checked, lost = -math.inf, set()
-    while missing:
-        status, finished = queue.status(), queue.finished()
-        running = sum(status.get(experiment) == "Running" for experiment in missing)
-        for experiment in [experiment for experiment in missing if status.get(experiment) != "Running"]:
-            key, fault = missing[experiment], ""
-            if experiment in finished:
-                try:
-                    store(key, queue.results(finished[experiment]))
-                except UserError as error:
-                    fault = str(error)
-                except FileNotFoundError:
-                    if experiment in lost:
-                        raise
-                    if experiment in status:
-                        lost.add(experiment)  # from DVC's cache: it runs once more
-                        queue.forget(experiment)
-                        continue
-                    fault = f"its files are in no cache and no remote; to run it again: dvc exp remove {experiment}"
-            elif status.get(experiment) == "Failed":
-                fault = queue.last_line(experiment)
-            else:
-                continue
-            del missing[experiment]
-            if fault:
-                faults[key] = fault
-                show(line(running), f"{texts[key]} failed: {fault}")
-            elif experiment not in begun:
-                show(line(running), texts[key])
-        if missing and time.monotonic() - checked > ORPHANS:
-            queue.remove_orphans(missing)
-            _put(queue, {experiment: cells[key] for experiment, key in missing.items()}, jobs)
-            checked = time.monotonic()
-        for experiment, key in missing.items():
-            if status.get(experiment) == "Running" and experiment not in begun:
-                begun.add(experiment)
-                show(line(running), f"{texts[key]} ...")
-        show(line(running))
-        if missing:
-            wait(POLL)
-    print(end="\n" * sys.stdout.isatty(), flush=True)
+    missing = {experiment_of(name, key): key for key in cells if not stored(key)}
+    faults: dict[str, str] = {}
+    running: set[str] = set()
+    looked = -math.inf
+    queue.remove(each for each, (state, _) in queue.tasks().items() if each in missing and state == "Failed")
+    with tqdm(total=len(cells), initial=len(cells) - len(missing), desc=name, unit="cell", disable=None) as bar:
+        while missing:
+            tasks, finished = queue.tasks(), queue.finished()
+            for experiment, key in list(missing.items()):
+                state = tasks.get(experiment, ("",))[0]
+                if state == "Running" and experiment not in running:
+                    running.add(experiment)
+                    bar.write(f"{texts[key]} ...")
+                if experiment not in finished and state != "Failed":
+                    continue
+                commit = finished.get(experiment)
+                fault = collect(queue, key, experiment, commit) if commit else queue.fault_of(experiment)
+                running.discard(experiment)
+                del missing[experiment]
+                bar.update()
+                bar.write(f"{texts[key]} {f'failed: {fault}' if fault else 'done'}")
+                if fault:
+                    faults[key] = fault
+            if missing and time.monotonic() - looked > KILLED:
+                queue.remove_killed(missing)
+                put_absent(queue, {experiment: cells[key] for experiment, key in missing.items()}, jobs)
+                looked = time.monotonic()
+            bar.set_postfix(running=len(running), failed=len(faults))
+            if missing:
+                wait(POLL)
     return faults
 
 
-def _put(queue: DvcQueue, cells: dict[str, Cell], jobs: int) -> None:
-    """Queue the cells that the queue does not have, and see to it that workers run: from the first cell on."""
-    status, finished = queue.status(), queue.finished()
-    absent = {name: cell for name, cell in cells.items() if name not in status and name not in finished}
-    first = dict(islice(absent.items(), 1))
-    if first:
-        queue.put(first)
-        queue.start(jobs)
-    if others := {name: cell for name, cell in absent.items() if name not in first}:
-        queue.put(others)
-    if others or ("Queued" in status.values() and sum(each == "Running" for each in status.values()) < jobs):
+def collect(queue: Queue, key: str, experiment: str, commit: str) -> str:
+    """Store the results of a finished experiment; what went wrong, or nothing."""
+    try:
+        store(key, queue.results(commit))
+    except UserError as error:
+        return str(error)
+    except FileNotFoundError:
+        return f"its files are in no cache and no remote; to run it again: dvc exp remove {experiment}"
+    return ""
+
+
+def put_absent(queue: Queue, cells: dict[str, Cell], jobs: int) -> None:
+    """Queue the cells, by their experiments, that the queue does not have, and see to it that workers run."""
+    known = queue.tasks().keys() | queue.finished().keys()
+    absent = [name for name in cells if name not in known]
+    for number, name in enumerate(absent):
+        queue.put(name, cells[name])
+        if number == 0:  # the first cell runs while the others are queued
+            queue.start(jobs)
+    if len(absent) != 1 and any(state == "Queued" for state, _ in queue.tasks().values()):
         queue.start(jobs)

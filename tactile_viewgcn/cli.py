@@ -1,4 +1,4 @@
-"""The command `tactile-viewgcn`: check parameters, inspect and convert recordings, print presets, predict."""
+"""The command `tactile-viewgcn`: check parameters, inspect recordings, print presets, predict."""
 
 import sys
 from pathlib import Path
@@ -21,8 +21,7 @@ def cli() -> None:
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of the file.")
 def check(path: Path, changes: tuple[str, ...]) -> None:
     """Check params.yaml, list every mistake, and look for data.source."""
-    from tactile_viewgcn.markdown_tables import VIRTUAL
-    from tactile_viewgcn.params import load
+    from tactile_viewgcn.params import VIRTUAL, load
     from tactile_viewgcn.schema import flatten
 
     params = load(path, changes)
@@ -57,23 +56,6 @@ def inspect(source: Path, page: Path | None) -> None:
 
 
 @cli.command()
-@click.argument("source", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
-def convert(source: Path, out: Path) -> None:
-    """Write SOURCE, anything that `inspect` reads, to a new file OUT in the form of STAG's metadata.mat.
-
-    All frames are in memory at once.
-    """
-    from tactile_viewgcn.readers.formats import open_recordings
-    from tactile_viewgcn.readers.stag_writer import write_metadata
-
-    if out.exists():
-        raise FileExistsError(f"{out}: exists; name a new file, or delete it first")
-    fields = write_metadata(out, open_recordings(source))
-    click.echo(f"{out}: {len(fields['pressure']):,} frames; fields: {', '.join(sorted(fields))}")
-
-
-@cli.command()
 @click.argument("name", type=click.Choice(PRESETS))
 def preset(name: str) -> None:
     """Print a preset as options of DVC: dvc exp run $(tactile-viewgcn preset released)."""
@@ -87,7 +69,6 @@ def preset(name: str) -> None:
 @click.option("--stop-at", type=float, metavar="P", help="Take frames one by one until a class has this probability.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers here too.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")
-@click.option("--follow", "frames_come", is_flag=True, help="SOURCE is lines of frames as they come: a file, or -.")
 def predict(**options: Any) -> None:
     """Tell what is held in the recordings SOURCE, labelled or not, by MODEL.
 

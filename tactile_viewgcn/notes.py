@@ -24,7 +24,9 @@ class Note:
     stage: str = ""
 
     def __str__(self) -> str:
-        """The line on a terminal."""
+        """The line on a terminal; of a choice with key and value."""
+        if self.level == "choice":
+            return f"{self.key} {self.value if isinstance(self.value, str) else f'{self.value:g}'}: {self.text}"
         return f"{'warning: ' if self.level == 'warning' else ''}{self.topic and f'{self.topic}: '}{self.text}"
 
 

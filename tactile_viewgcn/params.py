@@ -1,54 +1,70 @@
-"""The typed form of params.yaml and its presets: frozen objects, every mistake found before any work.
+"""The typed form of params.yaml and its presets: frozen sections, every mistake found before any work.
 
-A field's type says what it may hold, see `schema`. There are no defaults here: they stand in params.yaml, once.
+There are no defaults here: they stand in params.yaml, once. What no recipe sets is a constant of its section, no key.
 """
 
-from dataclasses import dataclass
+import dataclasses
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, ClassVar, Literal, Self, get_args
 
-import yaml
+from annotated_types import Interval, MinLen
+from pydantic import Strict, StringConstraints, model_validator
+from pydantic.dataclasses import dataclass
 
-from tactile_viewgcn.conflicts import conflicts
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.schema import EndingIn, Range, as_change, build, set_value
-from tactile_viewgcn.systems import Member, System
+from tactile_viewgcn.schema import (
+    SECTION,
+    Integer,
+    Number,
+    Text,
+    Truth,
+    Unique,
+    as_change,
+    build,
+    read_yaml,
+)  # fmt: skip
+from tactile_viewgcn.systems import Member, OnSensors, System
 
 PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "best")
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
+VIRTUAL = "data/virtual/recordings"  # the `data.source` that data/virtual/dvc.yaml makes
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
+PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
 
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C where there is one: ten times as fast
-Count = Annotated[int, Range(1)]
-Positive = Annotated[float, Range(1 / MAX_NUMBER, MAX_NUMBER)]
-NotNegative = Annotated[float, Range(0, MAX_NUMBER)]
-Share = Annotated[float, Range(0, 1, open="high")]
-NumberOfViews = Annotated[int, Range(1, 1000)]
-Seed = Annotated[int, Range(0, 2**32 - 1)]
-Schedule = Literal["constant", "step", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
+Count = Annotated[Integer, Interval(ge=1)]
+Natural = Annotated[Integer, Interval(ge=0)]
+Positive = Annotated[Number, Interval(ge=1 / MAX_NUMBER, le=MAX_NUMBER)]
+NotNegative = Annotated[Number, Interval(ge=0, le=MAX_NUMBER)]
+Share = Annotated[Number, Interval(ge=0, lt=1)]
+Seed = Annotated[Integer, Interval(ge=0, le=2**32 - 1)]
+Batch = Annotated[Integer, Interval(ge=2)]  # batch normalisation learns nothing from one
+Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
+Effect = Literal[  # of the virtual glove
+    "motion", "weight", "shift", "tremor", "fit",
+    "bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects",
+]  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Data:
-    source: str
+    source: Text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class PreprocessSection:
     baseline: Literal["auto", "empty_hand", "grasp", "quiet", "none"]  # auto: see frames/automatic.py
-    quiet_share: Annotated[float, Range(0, 1, open="low")]
-    zero: Annotated[float, Range(-MAX_NUMBER, MAX_NUMBER)]
+    quiet_share: Annotated[Number, Interval(gt=0, le=1)]
+    zero: Annotated[Number, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)]
     filter: Literal["auto", "flags", "contact", "none"]
     contact_sensors: Literal["auto"] | Count
     contact_sigmas: Positive
     transform: Literal["clip", "log"]
     scale: Literal["auto"] | Positive
-    empty_hand_class: bool
+    empty_hand_class: Truth
     balance_minimum: Count
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Preprocess:
     """The same, every `auto` decided."""
 
@@ -64,129 +80,103 @@ class Preprocess:
     balance_minimum: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Split:
+    seed: ClassVar = 0  # of anchors and validation groups, so that these are the same for every value of `seed`
+
     by: Literal["source", "recording", "grasp", "session", "frame"]
-    folds: Annotated[int, Range(2)]
-    fold: Annotated[int, Range(0)]
+    folds: Annotated[Integer, Interval(ge=2)]
+    fold: Natural
     deal: Seed
-    seed: Seed
     validation: Share
-    train_share: Annotated[float, Range(0, 1, open="low")]
     train_groups: Literal["all"] | Count
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Cluster:
     method: Literal["kmeans", "none"]
     scope: Literal["object", "recording"]
-    components: Count
     restarts: Count
-    assignment: Literal["index", "anchor", "random", "area", "matched"]
-    seed: Seed
+    assignment: Literal["index", "anchor", "random"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class AugmentParams:
-    gain: NotNegative
-    drop: Share
-    shift: Annotated[int, Range(0, 8)]
+    shift: Annotated[Integer, Interval(ge=0, le=8)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Pretrain:
-    epochs: Annotated[int, Range(0)]
-    optimiser: Literal["sgd", "adam", "adamw"]
+    epochs: Natural
     lr: Positive
     weight_decay: NotNegative
-    momentum: Share
-    schedule: Schedule
+    schedule: Literal["step"] | Schedule
     step_size: Count
-    step_offset: Annotated[int, Range(0)]
-    batch: Annotated[int, Range(2)]
+    step_offset: Natural
+    batch: Batch
     noise: NotNegative
-    masked_epochs: Annotated[int, Range(0)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Backbone:
-    kind: Literal["resnet", "perceptron"]
+    blocks: ClassVar = 2  # paper: residual blocks in each of the two stages
+
     width: Count
-    blocks: Count
     dropout: Share
     readout: Literal["average", "grid"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Model:
+    selector_neighbours: ClassVar = 4  # released: nodes that a sampled view is chosen from, itself included
+    selector_hidden: ClassVar = 0  # released: hidden units of the selector, 0: a linear classifier
+    dropout: ClassVar = 0.5  # ours: on the shape descriptor
+    readout: ClassVar = "max"  # ours: of gcn
+    assignments: ClassVar = "any"  # ours: of rotationnet: any permutation of the views
+
     system: System
     backbone: Backbone
-    neighbours: Count | list[Count]
-    selector_neighbours: Count
+    neighbours: Count | Annotated[list[Count], Strict(), MinLen(1)]
     selector: Literal["per_view", "joint"]
-    selector_hidden: Annotated[int, Range(0)]
     edge_distance: Literal["squared", "plain"]
     view_loss: Literal["sum", "mean"]
     start: Literal["random", "max"]
-    readout: Literal["max", "mean"]
-    assignments: Literal["any", "rotations"]
-    members: list[Member]
-    pooled_view: bool
-    dropout: Share
+    members: Annotated[list[Member], Strict(), MinLen(1), Unique]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Finetune:
     epochs: Count
-    optimiser: Literal["sgd", "adam", "adamw"]
+    optimiser: Literal["sgd", "adam"]
     lr_backbone: NotNegative
     lr: Positive
     weight_decay: NotNegative
-    momentum: Share
     schedule: Schedule
-    step_size: Count
-    step_offset: Annotated[int, Range(0)]
-    batch: Annotated[int, Range(2)]
+    batch: Batch
     noise: NotNegative
     draw: Literal["clusters", "random"]
     resample_views: Literal["epoch", "never"]
     feature_reuse: Count
     num_views: Literal["full", "random"]
-    backbone_dropout: bool
+    backbone_dropout: Truth
     moments: Literal["running", "clean"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Evaluate:
     trials: Count
     side: Literal["test", "validation"]
     confidence_threshold: Share
-    protocols: list[Literal["object", "recording"]]
+    protocols: Annotated[list[Literal["object", "recording"]], Strict(), MinLen(1), Unique]
 
 
-@dataclass(frozen=True)
-class Effects:
-    motion: bool
-    weight: bool
-    shift: bool
-    tremor: bool
-    fit: bool
-    bending: bool
-    saturation: bool
-    hysteresis: bool
-    crosstalk: bool
-    noise: bool
-    common_mode: bool
-    defects: bool
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Glove:
     scale: Literal["small", "stag"]
-    sessions: Annotated[int, Range(2)]
+    sessions: Annotated[Integer, Interval(ge=2)]
     grasps: Count
     grasp_frames: Count
-    objects: Literal["all"] | list[str | dict]
+    objects: Literal["all"] | Annotated[list[Text | dict], Strict(), MinLen(1)]
     seed: Seed
     frame_rate: Positive
     skin_stiffness: Positive
@@ -194,17 +184,17 @@ class Glove:
     joint_damping: Positive
     object_damping: Positive
     tolerance: Positive
-    effects: Effects
+    leave_out: Annotated[list[Effect], Strict(), Unique]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SECTION)
 class Params:
     seed: Seed
-    views: NumberOfViews
+    views: Annotated[Integer, Interval(ge=1, le=1000)]
     viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"]
     device: Literal["auto", "cpu", "cuda"]
     precision: Literal["auto", "float32", "bfloat16"]
-    launcher: Annotated[str, EndingIn("-m")]
+    launcher: Annotated[Text, StringConstraints(pattern=r"\S\s+-m\s*$"), "a text of several words that ends in -m"]
     data: Data
     preprocess: PreprocessSection
     split: Split
@@ -215,6 +205,41 @@ class Params:
     finetune: Finetune
     evaluate: Evaluate
     glove: Glove
+
+    @model_validator(mode="after")
+    def _goes_together(self) -> Self:
+        """Refuse values that do not go together, though each is allowed by itself."""
+        split, model, threshold = self.split, self.model, self.evaluate.confidence_threshold
+        fewer_views, wrong = self.finetune.num_views == "random", []
+        if split.fold >= split.folds:
+            wrong.append(f"split.fold is {split.fold}; expected less than split.folds = {split.folds}")
+        if self.evaluate.side == "validation" and not split.validation:
+            wrong.append("evaluate.side is validation, and split.validation is 0: expected a share of the groups")
+        if split.by == "frame" and split.validation:
+            wrong.append(
+                f"split.by is frame, which leaks, and split.validation is {split.validation:g}: expected 0, "
+                "or another split.by"
+            )
+        can_calibrate = split.validation or model.system in get_args(OnSensors)  # these need no groups for it
+        if threshold and not (fewer_views and can_calibrate):
+            wrong.append(
+                f"evaluate.confidence_threshold is {threshold:g}, which needs a calibration: "
+                "expected finetune.num_views random and split.validation above 0"
+            )
+        if fewer_views and model.selector == "joint":
+            wrong.append("model.selector joint needs all views, finetune.num_views is random: expected per_view")
+        if fewer_views and model.system in ("stag", "rotationnet"):
+            wrong.append(f"model.system is {model.system}, which needs all views: expected finetune.num_views full")
+        if self.views != (places := PLACES.get(self.viewpoints, self.views)):
+            wrong.append(f"viewpoints is {self.viewpoints}, which has {places} places; views is {self.views}")
+        if self.preprocess.baseline == "none" and self.preprocess.filter == "contact":
+            wrong.append(
+                "preprocess.filter is contact, which needs the baseline's noise: "
+                "expected preprocess.filter auto, or preprocess.baseline empty_hand, grasp or quiet"
+            )
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return self
 
 
 def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Params:
@@ -227,33 +252,10 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
         UserError: lists every mistake, each with its key, the value, what is allowed and the nearest known name.
         FileNotFoundError: no such file.
     """
-    tree = read_yaml(Path(path))
-    mistakes = [mistake for change in changes if (mistake := set_value(tree, change))]
-    params = build(Params, tree, mistakes)
-    if not mistakes:
-        mistakes = list(conflicts(params))
-    if mistakes:
-        raise UserError(f"{name or path}: " + "; ".join(mistakes))
-    return params
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """The keys and values of a YAML file.
-
-    Raises:
-        UserError: it is not YAML, or something else than keys and values, such as empty.
-        FileNotFoundError: no such file.
-    """
-    try:
-        tree = yaml.load(path.read_text(), Loader=LOADER)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(tree, dict):
-        raise UserError(f"{path}: expected keys and values, found {'nothing' if tree is None else type(tree).__name__}")
-    return tree
+    return build(Params, read_yaml(Path(path)), str(name or path), changes)
 
 
 def preset_changes(name: str) -> list[str]:
     """A preset as `key=value` changes to params.yaml, none with a space in it, so that each is one word of a shell."""
-    text = (files("tactile_viewgcn") / "presets" / f"{name}.yaml").read_text()
-    return [as_change(key, value) for key, value in yaml.safe_load(text).items()]
+    preset = read_yaml(DEFAULTS.parent / "presets" / f"{name}.yaml")
+    return [as_change(key, value) for key, value in preset.items()]

@@ -1,5 +1,7 @@
 """Pictures: matplotlib figures, made where somebody keeps them."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import ListedColormap
@@ -84,22 +86,24 @@ def curves(lines: dict[str, list[float]], title: str) -> Figure:
     return figure
 
 
-def error_intervals(rows: dict[str, tuple[float, float, float]], chance: float) -> Figure:
+def error_intervals(errors: dict[str, dict[str, Any]], chance: float) -> Figure:
     """Errors with their intervals on one line each, and the error of guessing; all as fractions.
 
     Args:
-        rows: (error, low, high) by name.
+        errors: `mean`, `low` and `high` by name; without an interval the ends are None.
     """
-    figure = Figure(figsize=(5.4, 0.9 + 0.42 * len(rows)), layout="constrained")
+    figure = Figure(figsize=(5.4, 0.9 + 0.42 * len(errors)), layout="constrained")
     axes = figure.add_subplot()
-    for place, (error, low, high) in enumerate(rows.values()):
-        axes.plot([100 * low, 100 * high], [place, place], color="#7fb2c6", linewidth=7, solid_capstyle="butt")
-        axes.plot(100 * error, place, "o", color="#12485c")
+    for place, error in enumerate(errors.values()):
+        if error["low"] is not None:
+            ends = [100 * error["low"], 100 * error["high"]]
+            axes.plot(ends, [place, place], color="#7fb2c6", linewidth=7, solid_capstyle="butt")
+        axes.plot(100 * error["mean"], place, "o", color="#12485c")
     axes.axvline(100 * chance, color="#a33", linestyle="--", linewidth=1.2)
     side = "right" if chance > 0.8 else "left"
     axes.text(100 * chance, -0.75, " guessing ", color="#a33", fontsize=9, ha=side, va="center")
-    axes.set_yticks(range(len(rows)), list(rows))
-    axes.set(xlim=(0, 100), ylim=(len(rows) - 0.5, -1), xlabel="wrong answers, %")
+    axes.set_yticks(range(len(errors)), list(errors))
+    axes.set(xlim=(0, 100), ylim=(len(errors) - 0.5, -1), xlabel="wrong answers, %")
     axes.grid(axis="x", alpha=0.3)
     return figure
 

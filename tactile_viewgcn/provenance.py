@@ -8,35 +8,32 @@ import sys
 from collections.abc import Collection
 from contextlib import suppress
 from datetime import UTC, datetime
-from getpass import getuser
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from tactile_viewgcn.params import as_change
 from tactile_viewgcn.process import processor, start_ticks, usable_cores
-from tactile_viewgcn.schema import as_change
 
 MOST_FILES = 20  # changed files that are named
-LOCK = "dvc.lock"  # DVC writes it after every stage: no change of the code
+WRITTEN = "dvc.lock", "results/summary.json"  # by every run, which is no change of the code
 PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # whose versions a run keeps
 
 
 def git_revision() -> dict[str, str]:
-    """The commit of the code that runs, whether files of it were changed, and which, a line each; empty outside git.
-
-    DVC's own `LOCK` files do not count.
-    """
+    """The commit of the code that runs, whether files of it were changed, and which, a line each; empty outside git."""
     commit = _git("rev-parse", "HEAD")
-    status = _git("status", "--porcelain", "-z", "--no-renames", "--untracked-files=no")
-    if commit is None or status is None:
+    excluded = [f":(top,exclude,glob)**/{name}" for name in WRITTEN]
+    names = _git("diff", "HEAD", "--name-only", "--no-renames", "-z", "--", ":/", *excluded)
+    if commit is None or names is None:
         return {}
-    changed = [entry[3:] for entry in status.split("\0") if entry and Path(entry[3:]).name != LOCK]
-    told = {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(changed)).lower()}
+    changed = names.split("\0")[:-1]
     if len(changed) > MOST_FILES:
         changed[MOST_FILES:] = [f"and {len(changed) - MOST_FILES} more"]
-    return told | ({"git.changed": "\n".join(changed)} if changed else {})
+    revision = {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(changed)).lower()}
+    return revision | ({"git.changed": "\n".join(changed)} if changed else {})
 
 
 def run_tags(stage: str) -> dict[str, str]:
@@ -48,10 +45,7 @@ def run_tags(stage: str) -> dict[str, str]:
         "pid": str(os.getpid()),
         "start_ticks": start_ticks(os.getpid()),
         "mlflow.source.name": f"stages/{stage}.py",
-        "mlflow.source.type": "LOCAL",
     }
-    with suppress(OSError, KeyError):  # a user without a name, as in some containers
-        tags["mlflow.user"] = getuser()
     if "DVC_EXP_NAME" in os.environ:
         tags["dvc.experiment"] = os.environ["DVC_EXP_NAME"]
     return tags | git_revision()

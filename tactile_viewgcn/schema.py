@@ -1,60 +1,172 @@
-"""Frozen dataclasses built from a mapping of YAML, with every mistake listed.
+"""Typed objects from YAML: pydantic checks, every mistake is put in words; `key=value` changes to a mapping.
 
-A field's type says what it may hold: int, float, bool, str, dict, a Literal of texts, a list, a union, another
-dataclass (a section), or `Annotated` with a `Range` or an `EndingIn`. There are no defaults: every key has to be there.
+A section is a frozen dataclass of pydantic; a key has one of the types below, a Literal, a list, or a union of these.
 """
 
 import math
 import re
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
+from annotated_types import Interval
+from pydantic import AfterValidator, ConfigDict, Strict, TypeAdapter, ValidationError
 
 from tactile_viewgcn.errors import UserError
 
-TYPE_NAMES = {
-    int: "an integer",
-    float: "a number",
-    bool: "true or false",
-    str: "a text",
-    dict: "a mapping",
-    type(None): "null",
-}
+SECTION = ConfigDict(extra="forbid", allow_inf_nan=False)
+Integer = Annotated[int, Strict()]
+Number = Annotated[float, Strict()]
+Text = Annotated[str, Strict()]
+Truth = Annotated[bool, Strict()]
+WORDS = {int: "an integer", float: "a number", bool: "true or false", str: "a text", dict: "a mapping"}
+MOST_VALUES = 10_000  # in a file, each counted as often as aliases repeat it
+DEEPEST = 30  # lists and mappings within each other
+MOST_SHOWN = 200  # characters of a wrong value
 
 
-@dataclass(frozen=True)
-class Range:
-    """Allowed numbers: low <= x <= high, without the ends that `open` names ("low", "high" or "both")."""
-
-    low: float = -math.inf
-    high: float = math.inf
-    open: str = ""
-
-    def __contains__(self, x: float) -> bool:
-        above = x > self.low if self.open in ("low", "both") else x >= self.low
-        below = x < self.high if self.open in ("high", "both") else x <= self.high
-        return above and below and math.isfinite(x)
-
-    def __str__(self) -> str:
-        left = "(" if self.open in ("low", "both") or math.isinf(self.low) else "["
-        right = ")" if self.open in ("high", "both") or math.isinf(self.high) else "]"
-        return f"in {left}{self.low:.10g}, {self.high:.10g}{right}"
+def _unique(items: list[Any]) -> list[Any]:
+    if len(set(items)) < len(items):
+        raise ValueError("an item stands twice")
+    return items
 
 
-@dataclass(frozen=True)
-class EndingIn:
-    """Allowed texts: of several words, the last of which is this one."""
+Unique = AfterValidator(_unique)
 
-    word: str
 
-    def __contains__(self, text: str) -> bool:
-        *before, last = text.split() or [""]
-        return bool(before) and last == self.word
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # in C where it is built
+    """YAML in which 5e-4 is a number, though it has no point, and in which a key stands once."""
 
-    def __str__(self) -> str:
-        return f"of several words that ends in {self.word}"
+
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
+                              list("-+0123456789"))  # fmt: skip
+
+
+def parse(text: str | bytes) -> Any:
+    """The values of a YAML text.
+
+    Raises:
+        ValueError: it is not YAML, has a key twice, nests deeper than DEEPEST, or has more than MOST_VALUES values.
+    """
+    try:
+        depth = 0
+        for number, event in enumerate(yaml.parse(text, Loader=_Loader)):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST:  # composing recurses, in C without a limit
+                raise ValueError(f"values nested more than {DEEPEST} deep")
+            if number > MOST_VALUES:
+                raise ValueError(f"more than {MOST_VALUES:,} values")
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        if node is not None and _count(node, {}) > MOST_VALUES:
+            raise ValueError(f"more than {MOST_VALUES:,} values, aliases written out")
+        return None if node is None else loader.construct_document(node)
+    except yaml.YAMLError as error:
+        raise ValueError(f"not YAML: {' '.join(str(error).split())}") from None
+
+
+def _count(node: yaml.Node, counts: dict[int, float]) -> float:
+    """Number of values under a node, aliases written out; infinite where one contains itself."""
+    if id(node) not in counts:
+        counts[id(node)] = math.inf
+        children = node.value if isinstance(node, yaml.SequenceNode) else []
+        if isinstance(node, yaml.MappingNode):
+            children = [child for pair in node.value for child in pair]
+            keys: set[str] = set()
+            for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+                if key.value in keys:
+                    raise ValueError(f"key {key.value} stands twice, again in line {key.start_mark.line + 1}")
+                keys.add(key.value)
+        counts[id(node)] = 1 + sum(_count(child, counts) for child in children)
+    return counts[id(node)]
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The keys and values of a YAML file.
+
+    Raises:
+        UserError: as `parse`; or it holds something else than keys and values, such as nothing.
+        FileNotFoundError: no such file.
+    """
+    try:
+        tree = parse(path.read_bytes())
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from None
+    if not isinstance(tree, dict):
+        raise UserError(f"{path}: expected keys and values, found {'nothing' if tree is None else type(tree).__name__}")
+    return tree
+
+
+def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] = ()) -> Any:
+    """An object of the dataclass `kind` from a mapping with `key=value` changes on top.
+
+    Raises:
+        UserError: begins with `name` and lists every mistake, each with its key, the value, what is allowed, and the
+            nearest known name of a misspelt one.
+    """
+    mistakes = [mistake for change in changes if (mistake := set_value(tree, change))]
+    try:
+        built = TypeAdapter(kind).validate_python(tree)
+    except ValidationError as error:
+        errors = error.errors(include_url=False, include_input=False)
+        mistakes += sorted({_in_words(kind, tree, one["type"], one["loc"], one["msg"]) for one in errors})
+    if mistakes:
+        raise UserError(f"{name}: " + "; ".join(mistakes))
+    return built
+
+
+def _in_words(kind: Any, value: Any, error: str, place: tuple[int | str, ...], message: str) -> str:
+    """A mistake of pydantic at a place in a mapping; its message where it is about several keys."""
+    hint, path = kind, []
+    for key in place:
+        if not is_dataclass(hint):
+            break  # within a list or a union: the whole value is named
+        hints = get_type_hints(hint, include_extras=True)
+        path.append(str(key))
+        if key not in hints:
+            near = get_close_matches(str(key), hints, n=1, cutoff=0.5)
+            section = "".join(f"{part}." for part in path[:-1])
+            known = f"did you mean {section}{near[0]}?" if near else f"known here: {', '.join(hints)}"
+            return f"unknown key {'.'.join(path)}; {known}"
+        hint = hints[str(key)]
+        value = value.get(key) if error != "missing" else None
+    if not path:
+        return message.removeprefix("Value error, ")
+    if error == "missing":
+        return f"missing key {'.'.join(path)}; expected {describe(hint)}"
+    near = get_close_matches(str(value), get_args(hint) if get_origin(hint) is Literal else (), n=1, cutoff=0.6)
+    meant = f" (did you mean {near[0]}?)" if near else ""
+    return f"{'.'.join(path)} is {_shown(value)}; expected {describe(hint)}{meant}"
+
+
+def _shown(value: Any) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}..."
+
+
+def describe(hint: Any) -> str:
+    """What a type allows, in words; of `Annotated` a text in it."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        words = next((item for item in args[1:] if isinstance(item, str)), describe(args[0]))
+        return " ".join([words, *(_range(item) for item in args[1:] if isinstance(item, Interval))])
+    if origin is Literal:
+        return " | ".join(args)
+    if origin is list:
+        return f"a list of {describe(args[0])}"
+    if args and hint not in WORDS:
+        return " or ".join(map(describe, args))
+    return "a section with keys" if is_dataclass(hint) else WORDS[hint]
+
+
+def _range(interval: Interval) -> str:
+    low, high = (next((end for end in ends if end is not None), None) for ends in (
+        (interval.ge, interval.gt), (interval.le, interval.lt)))  # fmt: skip
+    left = "(-inf" if low is None else f"{'[' if interval.gt is None else '('}{low:.10g}"
+    right = "inf)" if high is None else f"{high:.10g}{']' if interval.lt is None else ')'}"
+    return f"in {left}, {right}"
 
 
 def flatten(section: Any, prefix: str = "") -> dict[str, Any]:
@@ -77,9 +189,9 @@ def set_value(tree: dict[str, Any], change: str) -> str | None:
         if not isinstance(tree, dict):
             return f"--set {key}: {section} is no section"
     try:
-        tree[name] = yaml.safe_load(text)
-    except yaml.YAMLError:
-        return f"--set {key}: {text!r} is not YAML"
+        tree[name] = parse(text)
+    except ValueError:
+        return f"--set {key}: {_shown(text)} is not YAML"
     return None
 
 
@@ -92,7 +204,9 @@ def as_change(key: str, value: Any) -> str:
     try:
         return f"{key}={_written(value)}"
     except TypeError:
-        raise UserError(f"{key} is {value!r}; expected a text, a number, true, false, or a list of these") from None
+        raise UserError(
+            f"{key} is {_shown(value)}; expected a text, a number, true, false, or a list of these"
+        ) from None
 
 
 def _written(value: Any) -> str:
@@ -102,7 +216,7 @@ def _written(value: Any) -> str:
     if isinstance(value, dict):
         return f"{{{', '.join(f'{name}: {_written(one)}' for name, one in value.items())}}}"
     if isinstance(value, str):
-        if re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(yaml.safe_load(value), str):
+        if re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(parse(value), str):
             return value
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, bool):
@@ -112,92 +226,3 @@ def _written(value: Any) -> str:
     if value is None:
         return "null"
     raise TypeError(value)
-
-
-def build(kind: Any, tree: dict[str, Any], mistakes: list[str], prefix: str = "") -> Any:
-    """An object of the dataclass `kind` from a mapping; None where that fails, and the mistakes are appended.
-
-    A mistake names the dotted key, the value, what is allowed, and the nearest known name of a misspelt one.
-    """
-    hints, here = get_type_hints(kind, include_extras=True), []
-    for key in tree.keys() - hints.keys():
-        near = get_close_matches(str(key), hints, n=1, cutoff=0.5)
-        known = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(hints)}"
-        here.append(f"unknown key {prefix}{key}; {known}")
-    values = {}
-    for key, hint in hints.items():
-        if key not in tree:
-            here.append(f"missing key {prefix}{key}; expected {describe(hint)}")
-        elif not is_dataclass(hint):
-            try:
-                values[key] = convert(tree[key], hint)
-            except (ValueError, TypeError, OverflowError):
-                here.append(f"{prefix}{key} is {tree[key]!r}; expected {describe(hint)}{_suggestion(tree[key], hint)}")
-        elif isinstance(tree[key], dict):
-            values[key] = build(hint, tree[key], here, f"{prefix}{key}.")
-        else:
-            here.append(f"{prefix}{key} is {tree[key]!r}; expected a section with keys")
-    mistakes += sorted(here)
-    return None if here else kind(**values)
-
-
-def convert(value: Any, hint: Any) -> Any:
-    """`value` as the type that `hint` names.
-
-    Raises:
-        ValueError, TypeError, OverflowError: it is of another type, or not among the allowed values.
-    """
-    origin, args = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        converted = convert(value, args[0])
-        if converted not in args[1]:
-            raise ValueError(value)
-        return converted
-    if origin is Literal:
-        if not isinstance(value, str) or value not in args:
-            raise ValueError(value)
-        return value
-    if origin is list:
-        if not isinstance(value, list) or not value:
-            raise TypeError(value)
-        items = [convert(item, args[0]) for item in value]
-        if get_origin(args[0]) is Literal and len(set(items)) < len(items):
-            raise ValueError(value)
-        return items
-    if args:
-        return _first_that_fits(value, args)
-    if hint is float and (isinstance(value, str) or type(value) is int):
-        return float(value)  # PyYAML reads 5e-4, which has no point, as text
-    if type(value) is not hint:
-        raise TypeError(value)
-    return value
-
-
-def describe(hint: Any) -> str:
-    """What a type allows, in words."""
-    origin, args = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        return f"{describe(args[0])} {args[1]}"
-    if origin is Literal:
-        return " | ".join(args)
-    if origin is list:
-        return f"a list of {describe(args[0])}"
-    if args:
-        return " or ".join(map(describe, args))
-    return "a section" if is_dataclass(hint) else TYPE_NAMES[hint]
-
-
-def _first_that_fits(value: Any, choices: tuple[Any, ...]) -> Any:
-    """`value` as the first type of a union that takes it."""
-    for choice in choices:
-        try:
-            return convert(value, choice)
-        except (ValueError, TypeError, OverflowError):
-            continue
-    raise ValueError(value)
-
-
-def _suggestion(value: Any, hint: Any) -> str:
-    """The allowed text that a misspelt one is nearest to, as a question in brackets."""
-    near = get_close_matches(str(value), get_args(hint) if get_origin(hint) is Literal else (), n=1, cutoff=0.6)
-    return f" (did you mean {near[0]}?)" if near else ""

@@ -1,21 +1,15 @@
 """The one module that knows MLflow, and imports it late.
 
 An evaluated pipeline is one row of the experiment `tactile-viewgcn`: the run of `evaluate`. The runs of the other
-stages lie in `tactile-viewgcn/stages`.
-
-The store is `mlflow.db` at the root of the repository that `dvc` was called in (DVC_ROOT names it inside the
-temporary workspaces of `dvc exp run --temp` and `--queue`), artifacts in `mlruns/` beside it. MLflow's own
-environment variables override both, a relative `sqlite:///my.db` counts from the same root;
-MLFLOW_TRACKING_URI=disabled leaves MLflow out altogether.
+stages lie in `tactile-viewgcn/stages`. Where the store is: see `tracking_store`.
 """
 
 import os
 import socket
 import tempfile
-import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -34,76 +28,53 @@ if TYPE_CHECKING:
 
 EXPERIMENT = "tactile-viewgcn"
 MODEL_NEEDS = "torch", "numpy", "h5py", "pyyaml", "filelock"  # packages that every logged model needs
-PARAMETERS_AT_ONCE = 100  # MLflow's limit for one call
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
 STORE = "store"  # tag of an experiment: the folder of the database that it was created in
 
 
 class Run:
-    """One MLflow run. Without a client every method does nothing, and no picture is drawn."""
+    """MLflow's run under way; without one, its `id` is None and every method does nothing."""
 
-    def __init__(self, client: Any = None, run_id: str | None = None, uri: str = ""):
-        self._client, self.id, self._uri = client, run_id, uri
+    def __init__(self, mlflow: Any = None, run_id: str | None = None):
+        self._mlflow, self.id = mlflow, run_id
 
     def parameters(self, values: dict[str, Any]) -> None:
         """Log parameters, and counts that are no result, by name."""
-        if self._client is None:
-            return
-        from mlflow.entities import Param
-
-        entries = [Param(key, str(value)) for key, value in values.items()]
-        for start in range(0, len(entries), PARAMETERS_AT_ONCE):
-            self._client.log_batch(self.id, params=entries[start : start + PARAMETERS_AT_ONCE])
+        if self._mlflow:
+            self._mlflow.log_params(values)
 
     def metrics(self, values: dict[str, float], step: int = 0) -> None:
-        """Log one value each, of a step such as an epoch, in one call."""
-        self._log({key: {step: value} for key, value in values.items()})
-
-    def series(self, values: dict[str, list[float]]) -> None:
-        """Log a value for each of the steps 1, 2, ... in one call."""
-        self._log({key: dict(enumerate(line, start=1)) for key, line in values.items()})
-
-    def _log(self, values: dict[str, dict[int, float]]) -> None:
-        if self._client is None or not values:
-            return
-        from mlflow.entities import Metric
-
-        now = int(time.time() * 1000)
-        entries = [Metric(key, float(x), now, step) for key, steps in values.items() for step, x in steps.items()]
-        self._client.log_batch(self.id, metrics=entries)
+        """Log a value each, of a step such as an epoch or a trial."""
+        if self._mlflow:
+            self._mlflow.log_metrics(values, step)
 
     def tags(self, values: dict[str, Any]) -> None:
-        """Set tags by name, in one call."""
-        if self._client is None:
-            return
-        from mlflow.entities import RunTag
-
-        self._client.log_batch(self.id, tags=[RunTag(key, str(value)) for key, value in values.items()])
+        """Set tags by name."""
+        if self._mlflow:
+            self._mlflow.set_tags(values)
 
     def dataset(self, source: str, digest: str) -> None:
         """Log the data set by its path and digest, in MLflow's own column of datasets."""
-        if self._client is None:
-            return
-        from mlflow.entities import Dataset, DatasetInput
+        if self._mlflow:
+            from mlflow.entities import Dataset, DatasetInput
 
-        self._client.log_inputs(self.id, [DatasetInput(Dataset(source, digest, "local", source))])
+            self._mlflow.MlflowClient().log_inputs(self.id, [DatasetInput(Dataset(source, digest, "local", source))])
 
     def artifacts(self, path: Path) -> None:
         """Log a file, or all files of a folder, as they are."""
-        if self._client is None:
-            return
-        log = self._client.log_artifacts if path.is_dir() else self._client.log_artifact
-        log(self.id, str(path))
+        if self._mlflow:
+            log = self._mlflow.log_artifacts if path.is_dir() else self._mlflow.log_artifact
+            log(str(path))
 
     def text(self, text: str, name: str) -> None:
         """Log a text as a file of that name."""
-        if self._client is not None:
-            self._client.log_text(self.id, text, name)
+        if self._mlflow:
+            self._mlflow.log_text(text, name)
 
-    def figure(self, name: str, draw: "Callable[[], Figure]") -> None:
-        """Log a picture, which is drawn only where there is a store."""
-        if self._client is not None:
-            self._client.log_figure(self.id, draw(), name)
+    def figure(self, name: str, figure: "Figure") -> None:
+        """Log a picture; draw one only where there is an `id`."""
+        if self._mlflow:
+            self._mlflow.log_figure(figure, name)
 
     def model(
         self,
@@ -125,9 +96,8 @@ class Run:
         Returns:
             Its address, for `mlflow.pyfunc.load_model`; None without tracking.
         """
-        if self._client is None:
+        if not self._mlflow:
             return None
-        import mlflow
         from mlflow.models import ModelSignature
         from mlflow.types import ColSpec, ParamSchema, ParamSpec, Schema, TensorSpec
 
@@ -137,10 +107,9 @@ class Run:
             ParamSchema([ParamSpec("session", "string", ""), ParamSpec("baseline", "double", [], shape=(-1,))]),
         )
         needs = [f"{name}=={version(name).partition('+')[0]}" for name in (*MODEL_NEEDS, *packages)]
-        mlflow.set_tracking_uri(self._uri)
-        with warnings.catch_warnings(), mlflow.start_run(run_id=self.id):
+        with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*input example")  # it would copy frames of the data set
-            logged = mlflow.pyfunc.log_model(
+            logged = self._mlflow.pyfunc.log_model(
                 name="classifier",
                 loader_module="tactile_viewgcn.recognition.mlflow_model",
                 data_path=str(checkpoint),
@@ -149,8 +118,99 @@ class Run:
                 pip_requirements=needs,
                 metadata={"classes": classes, "views": views, "shape": list(shape), "dtype": str(dtype)},
             )
-        self._client.update_run(self.id, status="RUNNING")  # the block has ended MLflow's run, the stage goes on
         return logged.model_uri
+
+
+@contextmanager
+def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iterator[Run]:
+    """The run of one stage: FINISHED when the block ends well, else FAILED with its traceback as artifact, or KILLED.
+
+    Runs of this machine whose process is gone without closing them are closed first, as KILLED.
+
+    Args:
+        name: what people see; the stage's where it is left out.
+        row: an evaluated pipeline, a row of the experiment that people compare.
+
+    Raises:
+        UserError: the store does not answer, or refuses; before the block runs.
+    """
+    uri = address()
+    if uri == DISABLED:
+        yield Run()
+        return
+    check_store(uri)
+    import mlflow
+    from mlflow.exceptions import MlflowException
+
+    try:
+        mlflow.set_tracking_uri(uri)
+        rows, stages = _experiments(uri)
+        _close_killed([rows, stages])
+        experiment = rows if row else stages
+        run = mlflow.start_run(experiment_id=experiment, run_name=name or stage, tags=run_tags(stage))
+    except (MlflowException, OSError, ImportError) as error:
+        raise refusal(uri, error) from None
+    status = "FAILED"
+    try:
+        yield Run(mlflow, run.info.run_id)
+        status = "FINISHED"
+    except (KeyboardInterrupt, SystemExit):
+        status = "KILLED"
+        raise
+    except MlflowException as error:  # the server went away, or refuses what it is given
+        raise refusal(uri, error) from error
+    except Exception:
+        with suppress(MlflowException):  # the stage's own error is the one to tell
+            mlflow.log_text(traceback.format_exc(), "traceback.txt")
+        raise
+    finally:
+        with suppress(MlflowException):
+            mlflow.end_run(status)
+
+
+def _close_killed(experiments: list[str]) -> None:
+    """Close this machine's runs that are RUNNING though their process is gone, as after `kill -9`."""
+    from mlflow import MlflowClient
+
+    running = f"attributes.status = 'RUNNING' and tags.host = '{socket.gethostname()}'"
+    for run in MlflowClient().search_runs(experiments, running):
+        if "pid" in (tags := run.data.tags) and not is_running(int(tags["pid"]), tags.get("start_ticks", "")):
+            MlflowClient().set_terminated(run.info.run_id, "KILLED")
+
+
+def _experiments(uri: str) -> list[str]:
+    """The ids of the experiments of rows and stages; a fresh store is made by one process at a time."""
+    name, folder = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT), store_folder(uri)
+    with FileLock(folder / "mlflow.db.lock") if folder else nullcontext():
+        return [_experiment(name, folder), _experiment(f"{name}/stages", folder)]
+
+
+def _experiment(name: str, folder: Path | None) -> str:
+    """The id of an experiment, created where there is none.
+
+    One that came to this `folder` in a copied or moved database would write its artifacts to where it was created:
+    there another is taken, whose name says so.
+    """
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    client = MlflowClient()
+    experiment = client.get_experiment_by_name(name)
+    if experiment and folder and experiment.tags.get(STORE, str(folder)) != str(folder):
+        return _experiment(f"{name} in {folder}", folder)
+    if experiment and experiment.lifecycle_stage == "deleted":
+        remedy = f"restore it (mlflow experiments restore -x {experiment.experiment_id}) or name another"
+        raise UserError(f"MLflow experiment {name!r} is deleted; {remedy} with MLFLOW_EXPERIMENT_NAME")
+    if experiment:
+        return experiment.experiment_id
+    place, tags = ((folder / "mlruns").as_uri(), {STORE: str(folder)}) if folder else (None, {})
+    try:
+        return client.create_experiment(name, place, tags | KIND)
+    except MlflowException:
+        faster = client.get_experiment_by_name(name)  # another process's: no file locks a server's store
+        if faster is None:
+            raise
+        return faster.experiment_id
 
 
 def read_artifact(run_id: str, name: str) -> bytes:
@@ -199,97 +259,6 @@ def bad_request(message: str) -> Exception:
     """MLflow's exception for a mistake of the user: its server answers 400 and the message, without a traceback."""
     from mlflow.exceptions import MlflowException
 
-    refusal = MlflowException.invalid_parameter_value(message)
-    refusal.json_kwargs = {"message": message}  # its server would put all of the input in front of it
-    return refusal
-
-
-@contextmanager
-def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iterator[Run]:
-    """The run of one stage: FINISHED when the block ends well, else FAILED with its traceback as artifact.
-
-    Runs of this machine whose process is gone without closing them are closed first, as KILLED.
-
-    Args:
-        name: what people see; the stage's where it is left out.
-        row: an evaluated pipeline, a row of the experiment that people compare.
-
-    Raises:
-        UserError: the store does not answer, or refuses; before the block runs.
-    """
-    uri = address()
-    if uri == DISABLED:
-        yield Run()
-        return
-    from mlflow.exceptions import MlflowException
-
-    try:
-        client, rows, stages = _open(uri)
-        _close_killed(client, [rows, stages])
-        experiment = rows if row else stages
-        run = Run(client, client.create_run(experiment, run_name=name or stage, tags=run_tags(stage)).info.run_id, uri)
-    except (MlflowException, OSError, ImportError) as error:
-        raise refusal(uri, error) from None
-    status = "FAILED"
-    try:
-        yield run
-        status = "FINISHED"
-    except (KeyboardInterrupt, SystemExit):
-        status = "KILLED"
-        raise
-    except MlflowException as error:  # the server went away, or refuses what it is given
-        raise refusal(uri, error) from error
-    except Exception:
-        with suppress(MlflowException):  # the stage's own error is the one to tell
-            run.text(traceback.format_exc(), "traceback.txt")
-        raise
-    finally:
-        with suppress(MlflowException):
-            client.set_terminated(run.id, status)
-
-
-def _close_killed(client: Any, experiments: list[str]) -> None:
-    """Close this machine's runs that are RUNNING though their process is gone, as after `kill -9`."""
-    running = f"attributes.status = 'RUNNING' and tags.host = '{socket.gethostname()}'"
-    for run in client.search_runs(experiments, running):
-        if "pid" in (tags := run.data.tags) and not is_running(int(tags["pid"]), tags.get("start_ticks", "")):
-            client.set_terminated(run.info.run_id, "KILLED")
-
-
-def _open(uri: str) -> tuple[Any, str, str]:
-    """A client, and the ids of the experiments of rows and stages; a fresh store is made by one process at a time."""
-    check_store(uri)
-    from mlflow import MlflowClient
-
-    name, folder = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT), store_folder(uri)
-    with FileLock(folder / "mlflow.db.lock") if folder else nullcontext():
-        client = MlflowClient(tracking_uri=uri)
-        return client, _experiment(client, name, folder), _experiment(client, f"{name}/stages", folder)
-
-
-def _experiment(client: Any, name: str, folder: Path | None) -> str:
-    """The id of an experiment, created where there is none.
-
-    One that came to this `folder` in a copied or moved database would write its artifacts to where it was created: it
-    keeps its runs under a name that says so, and the one that was here before, or a new one, takes its place.
-    """
-    from mlflow.exceptions import MlflowException
-
-    experiment = client.get_experiment_by_name(name)
-    if experiment is not None and experiment.lifecycle_stage == "deleted":
-        remedy = f"restore it (mlflow experiments restore -x {experiment.experiment_id}) or name another"
-        raise UserError(f"MLflow experiment {name!r} is deleted; {remedy} with MLFLOW_EXPERIMENT_NAME")
-    if folder is not None and experiment is not None and experiment.tags.get(STORE, str(folder)) != str(folder):
-        moved = f"{name} of {experiment.tags[STORE]}"
-        client.rename_experiment(experiment.experiment_id, moved)
-        print(f"MLflow: the runs that came with this copy are in the experiment {moved!r}, new ones in {name!r}")
-        experiment = client.get_experiment_by_name(f"{name} of {folder}")
-        if experiment is not None:
-            client.rename_experiment(experiment.experiment_id, name)
-    if experiment is not None:
-        return experiment.experiment_id
-    place, tags = (None, {}) if folder is None else ((folder / "mlruns").as_uri(), {STORE: str(folder)})
-    with suppress(MlflowException):
-        return client.create_experiment(name, place, tags | KIND)
-    faster = client.get_experiment_by_name(name)  # another process's: no file locks a server's store
-    return faster.experiment_id if faster else client.create_experiment(name, place, tags | KIND)
+    exception = MlflowException.invalid_parameter_value(message)
+    exception.json_kwargs = {"message": message}  # its server would put all of the input in front of it
+    return exception

@@ -1,4 +1,9 @@
-"""Where MLflow's store is: its address, its folder, and whether a server answers; without MLflow itself."""
+"""Where MLflow's store is, without MLflow itself.
+
+It is `mlflow.db` at the root of the repository that `dvc` was called in (DVC_ROOT names it inside the temporary
+workspaces of `dvc exp run --temp` and `--queue`), artifacts in `mlruns/` beside it. MLflow's own environment variables
+override both, a relative `sqlite:///my.db` counts from the same root; MLFLOW_TRACKING_URI=disabled leaves MLflow out.
+"""
 
 import os
 import urllib.error
@@ -13,15 +18,27 @@ DISABLED = "disabled"
 SQLITE = "sqlite:///"
 DATABASES = "postgresql", "mysql", "mssql"  # that MLflow can also open without a server
 REACH_SECONDS = 5
+QUIET = {  # MLflow looks when it is imported
+    "MLFLOW_DISABLE_TELEMETRY": "true",
+    "MLFLOW_LOGGING_LEVEL": "WARNING",  # it tells of the tables that it creates
+    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
+    "GIT_PYTHON_REFRESH": "quiet",
+}
 
 
 def address() -> str:
-    """The address of the store; MLflow, which looks when it is imported, is told to be quiet."""
-    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-    os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")  # it tells of the tables that it creates
-    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
-    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
-    return store_address(os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db")
+    """The address of the store, a path in it absolute: DVC deletes a temporary workspace, and what is relative to it.
+
+    MLflow is told to be quiet.
+    """
+    for name, value in QUIET.items():
+        os.environ.setdefault(name, value)
+    uri = os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db"
+    path = uri.removeprefix(SQLITE)
+    if path == uri or path.startswith((":memory:", "file:")):
+        return uri
+    return f"{SQLITE}{root() / path}"  # a path that is absolute already, after a fourth slash, stays so
 
 
 def existing_address(what: str) -> str:
@@ -32,14 +49,6 @@ def existing_address(what: str) -> str:
     if uri.startswith(SQLITE) and not Path(uri.removeprefix(SQLITE).partition("?")[0]).exists():
         raise UserError(f"{what}: no MLflow store at {uri}; name the store that has it with MLFLOW_TRACKING_URI")
     return uri
-
-
-def store_address(uri: str) -> str:
-    """A store's address with an absolute path: DVC deletes a temporary workspace, and what is relative to it."""
-    path = uri.removeprefix(SQLITE)
-    if path == uri or path.startswith((":memory:", "file:")):
-        return uri
-    return f"{SQLITE}{root() / path}"  # a path that is absolute already, after a fourth slash, stays so
 
 
 def store_folder(uri: str) -> Path | None:
@@ -61,16 +70,12 @@ def check_store(uri: str) -> None:
             f"MLFLOW_TRACKING_URI is a {scheme} database, which keeps no models and pictures; expected a server in "
             "front of it: mlflow server --backend-store-uri DATABASE --artifacts-destination FOLDER"
         )
-    if scheme in ("http", "https"):
-        _check_server(uri)
-
-
-def _check_server(uri: str) -> None:
-    """Any answer will do."""
+    if scheme not in ("http", "https"):
+        return
     try:
         urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=REACH_SECONDS).close()
     except urllib.error.HTTPError:
-        return
+        return  # any answer will do
     except (OSError, ValueError, HTTPException) as error:
         raise UserError(
             f"MLflow server {uri} does not answer ({error}); start it, correct MLFLOW_TRACKING_URI, "

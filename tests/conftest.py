@@ -23,7 +23,7 @@ def stag_data() -> Path:
 @pytest.fixture
 def store(tmp_path, monkeypatch) -> Path:
     """A folder whose store is found as a stage finds it inside a temporary workspace of DVC; there is none yet."""
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "")  # MLflow itself sets it, which is undone so
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
     return tmp_path
 

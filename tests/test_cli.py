@@ -14,7 +14,7 @@ from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.recordings import write_recordings
-from tests.stag_files import metadata, save_hdf5, save_matlab5
+from tests.stag_files import metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
 
@@ -85,36 +85,6 @@ def test_inspect_lists_the_mistakes_of_all_files_at_once(tmp_path):
 def test_inspect_of_nothing_is_one_line():
     result = call("inspect", "nowhere")
     assert result.returncode == 1 and result.stderr.startswith("Error: nowhere: no such file") and not result.stdout
-
-
-@pytest.mark.parametrize("form", ["lab", "table"])
-def test_convert_writes_what_stag_readers_read(tmp_path, form):
-    source = save_hdf5(tmp_path / "lab", metadata(objects=3, recordings=2, frames=5))
-    if form == "table":
-        write_recordings(tmp_path / "recordings.h5", open_source(source), "0" * 32)
-        source = tmp_path / "recordings.h5"
-    out = tmp_path / "new" / "metadata.mat"
-    result = call("convert", source, out)
-    assert result.stdout.startswith(f"{out}: 30 frames; fields: batchId, batches, frame, hasValidLabel, objectId,")
-    assert inspected(out)[1:] == inspected(source)[1:]
-
-
-def test_convert_of_real_numbers_is_one_line_and_writes_nothing(tmp_path):
-    with h5py.File(tmp_path / "mug.h5", "w") as file:
-        file["pressure"] = np.full((3, 2, 2), 0.5)
-        file.attrs.update({"object": "mug", "session": "monday"})
-    result = call("convert", tmp_path / "mug.h5", tmp_path / "metadata.mat")
-    assert result.returncode == 1 and len(result.stderr.splitlines()) == 1
-    assert "mug.h5: pressure in real numbers; expected integer counts" in result.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["mug.h5"]
-
-
-def test_convert_never_writes_over_a_file(tmp_path):
-    source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=2, frames=4))
-    content = source.read_bytes()
-    result = call("convert", source, source)
-    assert result.returncode == 1 and "metadata.mat: exists" in result.stderr
-    assert source.read_bytes() == content
 
 
 def test_preset_prints_its_changes_as_options_of_dvc():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stages.dependencies import imported_modules
+from tests.imports import imported_modules
 
 ROOT = Path(__file__).parents[1]
 PROGRAMS = {"stages", "studies", "benchmarks"}

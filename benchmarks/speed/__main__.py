@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 import torch
+from tactile_viewgcn.markdown_tables import markdown
 
 from benchmarks.command import Result, benchmark
 from benchmarks.speed import measurements, plain
@@ -16,7 +17,6 @@ from benchmarks.speed.recipe import recipe_rows
 from benchmarks.speed.sample import take_sample
 from tactile_viewgcn.device import Compute, keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.markdown_tables import markdown
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.process import processor
 from tactile_viewgcn.tables.frames import read_frames

@@ -14,9 +14,9 @@ from benchmarks.speed import limits, plain
 from benchmarks.speed.sample import Sample
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.losses import frame_loss, frame_losses, set_loss, set_losses
 from tactile_viewgcn.training.optim import build_optimiser
@@ -158,7 +158,7 @@ def time_views(sample: Sample) -> list[dict]:
     random, anchors = random_clusters(pool, views, rng), np.arange(DRAWN) % len(pool)
 
     def cluster(*, components_once: bool) -> None:
-        scores = pool_scores(points, pool, config.components) if components_once else None
+        scores = pool_scores(points, pool) if components_once else None
         for _ in range(TRIALS):
             cluster_pools(points, pool, views, config, rng, scores)
 

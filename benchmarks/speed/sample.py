@@ -7,12 +7,11 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frames.split import TEST, TRAIN
-from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.params import Finetune, Params, Pretrain
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames
+from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.finetuning import finetune_classifier

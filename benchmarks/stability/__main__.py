@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
+from tactile_viewgcn.markdown_tables import describe_data, write_table
 from tqdm import tqdm
 
 from benchmarks.stability import invariance, network
@@ -22,7 +23,6 @@ from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, no_outcom
 from benchmarks.stability.subject import Subject
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.markdown_tables import describe_data, write_table
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames

@@ -15,7 +15,7 @@ from benchmarks.stability.logits import SINGLE
 from benchmarks.stability.rows import Quantity, max_rel_error, share_different
 from benchmarks.stability.subject import Subject
 from tactile_viewgcn.evaluation.trials import all_trials
-from tactile_viewgcn.frames.split import TEST
+from tactile_viewgcn.tables.frames import TEST
 
 MOST = 200  # test frames
 

@@ -12,9 +12,9 @@ from torch.nn.modules.module import register_module_forward_hook
 from benchmarks.stability.logits import SINGLE, rms, some_sets, without_dropout
 from benchmarks.stability.rows import Quantity, max_rel_error, share_different, share_not_finite
 from benchmarks.stability.subject import Subject
-from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.tables.transform import full_scale
 
 HALF = 2e-2  # of the largest feature: bfloat16 has 8 bits, and twelve layers round to them
 NOISE = 1e-4  # of the input's size, to measure what becomes of it

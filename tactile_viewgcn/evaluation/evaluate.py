@@ -10,22 +10,25 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation.latency import latency
-from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts
+from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts, median_and_p95
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials
-from tactile_viewgcn.frames.split import SIDES
 from tactile_viewgcn.intervals import proportion_interval
-from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.tables.frames import SIDES, Frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.views.clustering import pool_ids
+
+SECONDS = 1.0  # for each of the two measurements of latency
+MAX_REPEATS = 50
+MAX_BATCH = 256
+SHARE = 1 / 8  # of the seconds, that a batch may take: slower hardware gets smaller batches
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Evaluation:
     Attributes:
         protocols: trials by protocol.
         labels, groups: (A,) class and split group of the anchors.
-        scores: of each protocol, see `summary`; of `sequential` prediction, if asked for, see `sequential_summary`.
+        scores: of each protocol, see `scores_of`; of `sequential` prediction, if asked for, see `sequential_scores`.
         seconds: of all trials, including features and clustering.
         latency_ms: see `latency`; empty if it was not measured.
     """
@@ -46,10 +49,6 @@ class Evaluation:
     scores: dict[str, dict]
     seconds: float
     latency_ms: dict[str, dict]
-
-    @property
-    def trials(self) -> int:
-        return len(next(iter(self.protocols.values())).correct)
 
     def confusion(self, protocol: str, classes: int) -> np.ndarray:
         """Counts int64 (classes, classes) over all trials: row the true class, column the predicted one."""
@@ -84,69 +83,104 @@ def evaluate_table(
     begin = time.perf_counter()
     index = table.on(SIDES.index(evaluate.side))
     anchors = np.flatnonzero(table.anchor[index])
-    frames = input_frames(table, index, compute, classifier.head.transform)
-    classifier.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
+    frames = FrameInputs(table, index, compute, classifier.transform)
+    classifier.prepare(compute)
     with compute.autocast():
-        features = extract_features(classifier.backbone, frames)
+        features = classifier.frame_values(frames)
     groups = table.group[index][anchors]
     protocols = all_trials(classifier, features, table, cluster, evaluate, seed)
     scores = {
-        protocol: summary(trials, groups, stream(seed, "interval", PROTOCOLS.index(protocol)))
+        protocol: scores_of(trials, groups, stream(seed, "interval", PROTOCOLS.index(protocol)))
         for protocol, trials in protocols.items()
     }
     if evaluate.confidence_threshold and temperatures:
         recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")
-        trials = (stream(seed, "touches.trial", trial) for trial in range(evaluate.trials))
-        sequential = sequential_trials(
-            classifier, temperatures, features, table.label[index], recording, anchors, trials
-        )
-        scores["sequential"] = sequential_summary(
-            sequential, evaluate.confidence_threshold, groups, stream(seed, "touches.interval")
-        )
+        rngs = (stream(seed, "touches.trial", trial) for trial in range(evaluate.trials))
+        trials = sequential_trials(classifier, temperatures, features, table.label[index], recording, anchors, rngs)
+        rng = stream(seed, "touches.interval")
+        scores["sequential"] = sequential_scores(trials, evaluate.confidence_threshold, groups, rng)
     seconds = time.perf_counter() - begin
     latency_ms = latency(classifier, frames, compute) if timed else {}
     return Evaluation(protocols, table.label[index][anchors], groups, scores, seconds, latency_ms)
 
 
-def summary(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dict[str, Any]:
-    """Top-1, top-3 and error as fractions: means over trials, standard deviation and interval.
+def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> dict[str, float | None]:
+    """Mean error over trials of answers bool (T, A), and the ends of its 95 % interval, as fractions.
 
-    `std` is the standard deviation over trials, which differ in their clustering alone; `ci95` resamples the
-    split groups (A,) of the anchors and is conditional on the one training; `empty_clusters` counts the clusters
-    without frames over all trials.
+    The interval resamples the split groups (A,) of the anchors and is conditional on the one training; its ends are
+    None where there is one group.
     """
-    top1 = trials.correct.mean(axis=1)
-    interval = proportion_interval(trials.correct.mean(axis=0), groups, rng)
+    wrong = 1 - correct.mean(axis=0)
+    low, high = proportion_interval(wrong, groups, rng) or (None, None)
+    return {"mean": float(1 - correct.mean(axis=1).mean()), "low": low, "high": high}
+
+
+def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dict[str, Any]:
+    """Error, see `error_of`, and top-3 error as fractions; `empty_clusters` without frames, over all trials.
+
+    `std` is the standard deviation of the error over trials, which differ in their clustering alone.
+    """
+    std = trials.correct.mean(axis=1).std(ddof=1) if len(trials.correct) > 1 else 0.0
     return {
-        "top1": {
-            "mean": float(top1.mean()),
-            "std": float(top1.std(ddof=1)) if len(top1) > 1 else 0.0,
-            "ci95": {"low": interval[0], "high": interval[1]} if interval else None,
-        },
-        "top3": {"mean": float(trials.in_top3.mean())},
-        "error": {"mean": float(1 - top1.mean())},
+        "error": error_of(trials.correct, groups, rng) | {"std": float(std)},
+        "top3_error": float(1 - trials.in_top3.mean()),
         "empty_clusters": trials.empty,
     }
 
 
-def sequential_summary(
+def sequential_scores(
     trials: SequentialTrials, confidence_threshold: float, groups: np.ndarray, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Error and mean number of frames when stopping at that confidence, and the error of every fixed number.
+    """Error and mean number of `frames` when stopping at that confidence; error and calibration error of each number.
 
-    Errors are fractions, means over trials, with a 95 % interval that resamples the split groups (A,); for a fixed
-    number also the calibration error.
+    Args:
+        groups: (A,) split group of the anchors.
     """
-
-    def error(correct: np.ndarray) -> dict[str, Any]:
-        interval = proportion_interval(correct.mean(axis=0), groups, rng)
-        ends = {"low": 1 - interval[1], "high": 1 - interval[0]} if interval else None
-        return {"error": float(1 - correct.mean()), "ci95": ends}
-
     fixed = {}
     for number in range(trials.correct.shape[1]):
         correct, confidence = trials.correct[:, number], trials.confidence[:, number]
-        score = calibration_error(confidence.ravel(), correct.ravel())
-        fixed[str(number + 1)] = error(correct) | {"calibration_error": score}
-    correct, count = trials.stopped(confidence_threshold)
-    return {"confidence_threshold": confidence_threshold, "mean": float(count.mean()), **error(correct), "fixed": fixed}
+        calibration = calibration_error(confidence.ravel(), correct.ravel())
+        fixed[str(number + 1)] = {"error": error_of(correct, groups, rng), "calibration_error": calibration}
+    correct, frames = trials.stopped(confidence_threshold)
+    return {
+        "confidence_threshold": confidence_threshold,
+        "frames": float(frames.mean()),
+        "error": error_of(correct, groups, rng),
+        "fixed": fixed,
+    }
+
+
+@torch.inference_mode()
+def latency(
+    classifier: Classifier, frames: Tensor | FrameInputs, compute: Compute, *, seconds: float = SECONDS
+) -> dict[str, dict[str, float]]:
+    """Milliseconds per view set from network input to logits, alone and in batches of `sets`.
+
+    Args:
+        frames: (n, 1, H, W); the view sets timed are its frames over and over, n need not reach V.
+        seconds: for each of the two.
+
+    Returns:
+        {"single": {"median", "p95"}, "batch": {"median", "p95", "sets"}}
+    """
+
+    def timed(sets: int, seconds: float) -> np.ndarray:
+        """Milliseconds per view set of each repeat, one at least, until the seconds are spent."""
+        index = torch.arange(sets * classifier.views)
+        inputs, end = frames[index % len(frames)], time.perf_counter() + seconds
+        index = index.to(compute.device)
+        taken: list[float] = []
+        while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
+            begin = time.perf_counter()
+            with compute.autocast():
+                values = classifier.frame_values(inputs)
+            classifier.logits(values, index.view(sets, -1)).sum().item()  # waits for the device
+            taken.append((time.perf_counter() - begin) * 1e3 / sets)
+        return np.array(taken[1:])  # the first one warms up
+
+    alone, sets = timed(1, seconds), 1
+    milliseconds = np.median(alone)
+    while sets < MAX_BATCH and 2 * sets * milliseconds < SHARE * seconds * 1e3:
+        sets *= 2
+        milliseconds = timed(sets, 0)[0]
+    return {"single": median_and_p95(alone), "batch": median_and_p95(timed(sets, seconds)) | {"sets": sets}}

@@ -8,8 +8,7 @@ import numpy as np
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import SIDES, Frames
 
 
 @dataclass(frozen=True)

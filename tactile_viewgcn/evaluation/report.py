@@ -1,4 +1,4 @@
-"""What evaluate leaves behind: metrics, timings, tables, and a summary in five lines."""
+"""What evaluate leaves behind: metrics, costs, tables, the row in MLflow and `dvc exp show`, and lines of text."""
 
 import csv
 import json
@@ -9,29 +9,53 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation
+from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.frames.split import SIDES
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.tables.frames import SIDES, Frames
 
 RECORD = ("stage", "run_id", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
+DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest
+Records = dict[str, dict[str, Any]]  # of the earlier stages, by stage
 
 
-def metrics_tree(evaluation: Evaluation, table: Frames, views: int, side: str = "test") -> dict[str, Any]:
-    """Sizes and scores of an evaluation on a side, equal on every run with one seed; accuracies are fractions."""
-    groups = evaluation.groups
+def metrics_tree(evaluation: Evaluation, table: Frames, views: int, side: str, records: Records) -> dict[str, Any]:
+    """Sizes and scores of an evaluation on a side, equal on every run with one seed; errors are fractions.
+
+    `diverged_in_epoch` names the trainings that diverged, where one did; what is evaluated are the weights before it.
+    """
     sides = {name: table.on(SIDES.index(name)) for name in ("train", side)}
     frames = {name: int(table.anchor[index].sum()) for name, index in sides.items()}
     frames |= {f"kept_{name}": len(index) for name, index in sides.items()}
+    name = "diverged_in_epoch"
+    diverged = {stage: record["counts"][name] for stage, record in records.items() if name in record["counts"]}
     return {
         "views": views,
         "classes": len(table.classes),
-        "trials": evaluation.trials,
+        "trials": len(next(iter(evaluation.protocols.values())).correct),
         "frames": frames,
-        "groups": {side: len(np.unique(groups))},
-    } | evaluation.scores
+        "groups": {side: len(np.unique(evaluation.groups))},
+        **evaluation.scores,
+        **({name: diverged} if diverged else {}),
+    }
 
 
-def read_records(paths: Iterable[Path]) -> dict[str, dict]:
+def divergences(metrics: dict[str, Any]) -> list[Note]:
+    """A warning for each training that diverged."""
+    return [
+        Note(
+            f"diverged in epoch {epoch:g}, and this is what the weights before it give; lower {stage}.lr",
+            level="warning",
+            topic="training",
+            key=f"{stage}.lr",
+            stage=stage,
+        )
+        for stage, epoch in metrics.get("diverged_in_epoch", {}).items()
+    ]
+
+
+def read_records(paths: Iterable[Path]) -> Records:
     """The records of earlier stages, by stage.
 
     Raises:
@@ -45,7 +69,7 @@ def read_records(paths: Iterable[Path]) -> dict[str, dict]:
     return records
 
 
-def costs(evaluation: Evaluation, records: dict[str, dict], seconds: float, peak_mb: float) -> dict[str, Any]:
+def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: float) -> dict[str, Any]:
     """Seconds of each stage and of all, latency in ms per view set, and the peak memory of the hungriest stage in MB.
 
     Args:
@@ -61,21 +85,31 @@ def costs(evaluation: Evaluation, records: dict[str, dict], seconds: float, peak
     }
 
 
-def write_costs(folder: Path, timing: dict, summary: dict) -> None:
-    """timing.json, and summary.json, which DVC shows."""
-    _json(folder / "timing.json", timing)
-    _json(folder / "summary.json", summary)
+def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, Any]:
+    """The few numbers that runs are compared by: errors as fractions, seconds of all stages, ms per view set."""
+    scores = {name: metrics[name] for name in ("recording", "object", "sequential") if name in metrics}
+    return {
+        "error": {name: score["error"]["mean"] for name, score in scores.items()},
+        "top3_error": {name: score["top3_error"] for name, score in scores.items() if "top3_error" in score},
+        "seconds": {"total": timing["seconds"]["total"]},
+        "ms_per_view_set": timing["latency_ms"]["single"]["median"],
+    }
 
 
-def write_results(folder: Path, metrics: dict, evaluation: Evaluation, classes: list[str]) -> None:
-    """metrics.json, trials.csv, confusion.csv and per_class.csv: the same on every run with one seed."""
-    _json(folder / "metrics.json", metrics)
+def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluation, classes: list[str]) -> None:
+    """Write metrics.json, trials.csv, confusion.csv, per_class.csv, the same on every run with one seed; and the costs.
+
+    The costs are timing.json and those in summary.json, which DVC shows.
+    """
+    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", summary(metrics, timing))):
+        with atomic_write(folder / f"{name}.json") as part:
+            part.write_text(json.dumps(tree, indent=2) + "\n")
     trials = evaluation.protocols
     _table(
         folder / "trials.csv",
-        ["protocol", "trial", "top1", "top3", "error"],
+        ["protocol", "trial", "error", "top3_error"],
         [
-            [protocol, number, float(correct.mean()), float(in_top3.mean()), float(1 - correct.mean())]
+            [protocol, number, float(1 - correct.mean()), float(1 - in_top3.mean())]
             for protocol, runs in trials.items()
             for number, (correct, in_top3) in enumerate(zip(runs.correct, runs.in_top3, strict=True))
         ],
@@ -92,9 +126,9 @@ def write_results(folder: Path, metrics: dict, evaluation: Evaluation, classes: 
     )
     _table(
         folder / "per_class.csv",
-        ["protocol", "object", "view_sets", "top1"],
+        ["protocol", "object", "view_sets", "error"],
         [
-            [protocol, name, int(table[i].sum()), float(table[i, i] / table[i].sum())]
+            [protocol, name, int(table[i].sum()), float(1 - table[i, i] / table[i].sum())]
             for protocol, table in counts.items()
             for i, name in enumerate(classes)
             if table[i].sum()
@@ -113,66 +147,74 @@ def flat_numbers(tree: dict[str, Any], prefix: str = "") -> dict[str, float]:
     return flat
 
 
-def intervals(metrics: dict) -> dict[str, str]:
-    """The 95 % interval of each protocol's error, in words, by `error.PROTOCOL.ci95`."""
+def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
+    """The summary, the seconds of each stage and the peak memory, by dotted key."""
+    more = {"seconds": timing["seconds"], "peak_mb": timing["peak_mb"]}
+    return flat_numbers(summary(metrics, timing)) | flat_numbers(more)
+
+
+def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
+    """Errors with their intervals in words, the runs of the other stages, and which of them diverged."""
+    errors = {f"error.{name}.percent": _percent(metrics[name]["error"]) for name in PROTOCOLS if name in metrics}
+    runs = {f"stage.{name}": record["run_id"] for name, record in records.items() if record["run_id"]}
+    return errors | runs | {f"diverged.{note.stage}": note.text for note in divergences(metrics)}
+
+
+def row_constants(metrics: dict[str, Any], records: Records) -> dict[str, float]:
+    """Numbers of classes, of frames and groups on each side, and of weights: constants, not results."""
+    sizes = flat_numbers({name: metrics[name] for name in ("classes", "frames", "groups")})
+    weights = {name: value for record in records.values() for name, value in record["counts"].items()}
+    return sizes | {name: value for name, value in weights.items() if name.startswith("weights.")}
+
+
+def dataset(records: Records, frames: str, md5: str) -> tuple[str, str]:
+    """Path and digest of the recordings; of the table of frames where there is no record of ingest."""
+    source = records["ingest"]["inputs"]["source"] if "ingest" in records else {"path": frames, "md5": md5}
+    return source["path"], source["md5"][:DIGEST]
+
+
+def trial_errors(evaluation: Evaluation) -> dict[str, list[float]]:
+    """The error of each trial, by `trials.error.PROTOCOL`."""
     return {
-        f"error.{protocol}.ci95": _interval(metrics[protocol])
-        for protocol in ("object", "recording")
-        if protocol in metrics
+        f"trials.error.{protocol}": (1 - trials.correct.mean(axis=1)).tolist()
+        for protocol, trials in evaluation.protocols.items()
     }
 
 
 def summary_lines(metrics: dict, timing: dict) -> list[str]:
-    """The summary: what was tested, the error under each protocol, and what it cost."""
-    seconds, latency = timing["seconds"], timing["latency_ms"]
-    ((side, groups),) = metrics["groups"].items()
-    head = (
+    """What was tested, the error in per cent under each protocol with its interval, what it cost, what diverged."""
+    latency, ((side, groups),) = timing["latency_ms"], metrics["groups"].items()
+    lines = [
         f"evaluate: {metrics['frames'][side]:,} view sets of {metrics['views']}, {metrics['classes']} classes, "
         f"{metrics['trials']} trials, {groups} groups" + (" of the validation side" if side == "validation" else "")
-    )
+    ]
+    for protocol in PROTOCOLS:
+        if protocol in metrics:
+            score = metrics[protocol]
+            lines.append(
+                f"  {protocol} protocol: error {_percent(score['error'])} %, std over trials "
+                f"{100 * score['error']['std']:.1f}, top-3 error {100 * score['top3_error']:.1f} %"
+            )
+    if "sequential" in metrics:
+        score = metrics["sequential"]
+        fixed = ", ".join(f"{_percent(one['error'])} % with {count}" for count, one in score["fixed"].items())
+        lines.append(
+            f"  sequential: error {_percent(score['error'])} % at a mean of {score['frames']:.2f} frames, stopping at "
+            f"{score['confidence_threshold']:g}; {fixed}"
+        )
+    times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
     return [
-        head,
-        *(_protocol_line(protocol, metrics[protocol]) for protocol in ("object", "recording") if protocol in metrics),
-        *([_sequential(metrics["sequential"])] if "sequential" in metrics else []),
-        "  time: "
-        + ", ".join(f"{name} {value:,.1f} s" for name, value in seconds.items())
-        + f"; the trials {timing['trials_seconds']:,.1f} s",
+        *lines,
+        f"  time: {times}; the trials {timing['trials_seconds']:,.1f} s",
         f"  per view set: {latency['single']['median']:.2f} ms alone (95th percentile "
         f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches; "
         f"peak memory {timing['peak_mb']:,.0f} MB",
-        *(
-            f"  {name} diverged in epoch {epoch:g}, and this is what the weights before it give"
-            for name, epoch in metrics.get("diverged_in_epoch", {}).items()
-        ),
+        *(f"  warning: {note.stage} {note.text}" for note in divergences(metrics)),
     ]
 
 
-def _protocol_line(protocol: str, score: dict) -> str:
-    return (
-        f"  {protocol} protocol: error {100 * score['error']['mean']:.1f} % (95 % interval over groups: "
-        f"{_interval(score)}; std over trials {100 * score['top1']['std']:.1f}), "
-        f"top-3 error {100 * (1 - score['top3']['mean']):.1f} %"
-    )
-
-
-def _interval(score: dict) -> str:
-    ends = score["top1"]["ci95"]
-    if not ends:
-        return "none, there is one group"
-    return f"{100 * (1 - ends['high']):.1f} to {100 * (1 - ends['low']):.1f}"
-
-
-def _sequential(score: dict) -> str:
-    fixed = ", ".join(f"{100 * one['error']:.1f} % with {count}" for count, one in score["fixed"].items())
-    return (
-        f"  sequential: error {100 * score['error']:.1f} % at a mean of {score['mean']:.2f} frames, stopping at "
-        f"{score['confidence_threshold']:g}; {fixed}"
-    )
-
-
-def _json(path: Path, tree: dict) -> None:
-    with atomic_write(path) as part:
-        part.write_text(json.dumps(tree, indent=2) + "\n")
+def _percent(error: dict[str, Any]) -> str:
+    return percent_interval(error["mean"], error["low"], error["high"])
 
 
 def _table(path: Path, header: list[str], rows: list[list]) -> None:

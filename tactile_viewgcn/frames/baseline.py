@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -27,14 +28,14 @@ class Baseline:
         mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
         noise: (R, H, W) standard deviation in counts, see `noise_left`; None if it was not measured.
         of_frame: int16 or int32 (T,), index of the baseline of each frame of the recordings.
-        notes: sentences on what was not as expected.
+        notes: what was not as expected.
     """
 
     names: list[str]
     mean: np.ndarray
     noise: np.ndarray | None
     of_frame: np.ndarray
-    notes: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
 
 
 def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +48,7 @@ def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, 
     Args:
         left: see `noise_left`; what is measured is divided by it.
     """
-    kind, first = exact_float(counts.dtype), counts[0].astype(np.float64)
+    dtype, first = exact_float(counts.dtype), counts[0].astype(np.float64)
     rounding = ROUNDING_SD * _step(counts)
     values = counts - first
     inside = np.ones(values.shape, dtype=bool)
@@ -59,11 +60,11 @@ def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, 
         if (tighter == inside).all():
             break
         inside = tighter
-    return (first + mean).astype(kind), np.maximum(spread / left, rounding).astype(kind)
+    return (first + mean).astype(dtype), np.maximum(spread / left, rounding).astype(dtype)
 
 
 def evenly(index: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of the indices (n,), evenly spaced."""
+    """At most `most` of the indices (n,), evenly spaced."""
     return index[np.unique(np.linspace(0, len(index) - 1, most).astype(int))] if len(index) > most else index
 
 
@@ -72,8 +73,8 @@ def noise_left(recordings: Recordings) -> float:
 
     It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise is cut off there.
     """
-    at = np.unique(np.linspace(0, len(recordings) - 1, SAMPLE).astype(int))
-    counts = recordings.frames(at)[:, recordings.live]
+    sample = np.unique(np.linspace(0, len(recordings) - 1, SAMPLE).astype(int))
+    counts = recordings.frames(sample)[:, recordings.live]
     return HALF_SD if np.median((counts == counts.min()).mean(axis=0)) > CUT_OFF else 1.0
 
 
@@ -84,10 +85,10 @@ def _step(counts: np.ndarray) -> float:
     """
     if counts.dtype.kind in "iu":
         return 1.0
-    last = float(np.spacing(np.abs(counts).max()))
+    last_digit = float(np.spacing(np.abs(counts).max()))
     gaps = np.diff(np.unique(counts).astype(np.float64))
-    gaps = gaps[gaps > 8 * last]
-    return float(gaps.min()) if len(gaps) else last
+    gaps = gaps[gaps > 8 * last_digit]
+    return float(gaps.min()) if len(gaps) else last_digit
 
 
 def exact_float(dtype: np.dtype) -> np.dtype:
@@ -123,8 +124,8 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
                 f"session {name!r} has {len(index)} frames of {EMPTY_HAND!r}; preprocess.baseline "
                 f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to auto"
             )
-        some = evenly(index, MOST_FRAMES)
-        entries.append(trimmed_moments(recordings.frames(some), left) if len(index) else _unused_entry(recordings))
+        frames = recordings.frames(evenly(index, MOST_FRAMES))
+        entries.append(trimmed_moments(frames, left) if len(index) else _unused_entry(recordings))
     mean, noise = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.sessions, mean, noise, sessions)
 

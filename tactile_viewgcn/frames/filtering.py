@@ -4,8 +4,25 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.readers.source import EMPTY_HAND
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.params import Preprocess
+from tactile_viewgcn.readers.source import EMPTY_HAND, listed
 from tactile_viewgcn.tables.recordings import Recordings
+
+
+def passing(recordings: Recordings, baseline: Baseline, preprocess: Preprocess) -> tuple[np.ndarray, list[Note]]:
+    """bool (T,): frames that pass `preprocess.filter`; and notes on those that do not.
+
+    Raises:
+        UserError: flags that the recordings do not have, or a baseline without noise.
+    """
+    if preprocess.filter == "none":
+        return np.ones(len(recordings), dtype=bool), []
+    if preprocess.filter == "flags":
+        return (passed := flagged(recordings)), _notes(recordings, passed, "flags", "a flag")
+    sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
+    passed = in_contact(recordings, baseline, sensors=sensors, sigmas=sigmas)
+    return passed, _notes(recordings, passed, "contact", f"{sensors} sensors above {sigmas:g} sd")
 
 
 def flagged(recordings: Recordings) -> np.ndarray:
@@ -53,3 +70,20 @@ def pressed_frames(recordings: Recordings, baseline: Baseline, *, sensors: int, 
         above = (counts > threshold[baseline.of_frame[at]]) & recordings.live
         contact[at] = above.sum(axis=(1, 2)) >= sensors
     return contact
+
+
+def _notes(recordings: Recordings, passed: np.ndarray, kind: str, condition: str) -> list[Note]:
+    """On frames without the filter's condition, and on recordings and objects without a frame with it."""
+    text = f"{kind}: {(~passed).sum():,} of {len(passed):,} frames dropped, without {condition}"
+    notes = [Note(text, topic="filter")]
+    for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
+        before = np.bincount(recordings.columns[column], minlength=len(names)) > 0
+        after = np.bincount(recordings.columns[column][passed], minlength=len(names)) > 0
+        emptied = [names[i] for i in np.flatnonzero(before & ~after)]
+        text = f"{len(emptied)} of {before.sum()} {column}s dropped, no frame has {condition}: {listed(emptied)}"
+        if emptied and column == "recording":
+            notes.append(Note(text, topic="filter"))
+        elif emptied:
+            remedy = "lower preprocess.contact_sensors or contact_sigmas, or choose another preprocess.filter"
+            notes.append(Note(f"{text}; {remedy}", "warning", "filter"))
+    return notes

@@ -5,6 +5,7 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, Baseline, evenly, exact_float, trimmed_moments
 from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording, of_empty_hand
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.readers.source import EMPTY_HAND, listed
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -51,15 +52,20 @@ def grasp_baseline(
             if known and index.sum() < MIN_FRAMES:
                 index, stand_ins[-number] = hand.open & (session == -number), OPEN
         if index.sum() >= MIN_FRAMES:
-            some = evenly(np.flatnonzero(index), MOST_FRAMES)
-            mean[row, recordings.live] = trimmed_moments(hand.counts[some])[0]
+            sample = evenly(np.flatnonzero(index), MOST_FRAMES)
+            mean[row, recordings.live] = trimmed_moments(hand.counts[sample])[0]
         elif known:
             mean[row], stand_ins[-number] = known[-number][0], KNOWN
         else:
-            raise UserError(_what_is_missing(recordings, frame))
+            raise UserError(
+                f"recording {recordings.recordings[recordings.columns['recording'][frame]]!r} has fewer than "
+                f"{MIN_FRAMES} open-hand frames, and its session {recordings.sessions[-number]!r} fewer of "
+                f"{EMPTY_HAND!r}; preprocess.baseline grasp needs {MIN_FRAMES} of either: record the empty hand, or "
+                "set it to auto"
+            )
         noise[row, recordings.live] = hand.noise[session[frame]]
     names = [_name(recordings, grasp, number, frame) for number, frame in zip(used, first, strict=True)]
-    notes = _notes(recordings, np.unique(grasp[hand.contact & (source > 0)]), grasp, source, stand_ins)
+    notes = _notes(recordings, hand.contact, grasp, source, stand_ins)
     return Baseline(names, mean, noise, of_frame.astype(np.int32), notes)
 
 
@@ -69,9 +75,9 @@ def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
     Args:
         opened, contact: bool (n,) of the frames; some are neither.
     """
-    known = np.flatnonzero(opened | contact)
+    certain = np.flatnonzero(opened | contact)
     begins = np.zeros(len(opened), dtype=np.int64)
-    begins[known[1:]] = opened[known[1:]] & contact[known[:-1]]
+    begins[certain[1:]] = opened[certain[1:]] & contact[certain[:-1]]
     return 1 + np.cumsum(begins)
 
 
@@ -93,39 +99,31 @@ def _name(recordings: Recordings, grasp: np.ndarray, number: int, frame: int) ->
     return f"{recordings.recordings[recording[frame]]}, grasp {1 + number - first}"
 
 
-def _what_is_missing(recordings: Recordings, frame: int) -> str:
-    """The sentence on a frame whose recording and session have no baseline."""
-    recording = recordings.recordings[recordings.columns["recording"][frame]]
-    session = recordings.sessions[recordings.columns["session"][frame]]
-    return (
-        f"recording {recording!r} has fewer than {MIN_FRAMES} open-hand frames, and its session {session!r} fewer of "
-        f"{EMPTY_HAND!r}; preprocess.baseline grasp needs {MIN_FRAMES} of either: record the empty hand, or set it to "
-        "auto"
-    )
-
-
 def _notes(
-    recordings: Recordings, touching: np.ndarray, grasp: np.ndarray, source: np.ndarray, stand_ins: dict[int, str]
-) -> list[str]:
-    """How many of the grasps with contact have another's open hand, and which recordings have what instead of one.
+    recordings: Recordings, contact: np.ndarray, grasp: np.ndarray, source: np.ndarray, stand_ins: dict[int, str]
+) -> list[Note]:
+    """How many grasps with contact have another's open hand, and which recordings have what instead of one.
 
     Args:
-        touching: numbers of the grasps with contact.
-        grasp, source: (T,) numbers of each frame's grasp, and of the one whose open hand it has, 0 without one.
+        contact: bool (T,).
+        grasp, source: (T,) number of each frame's grasp, and of the one whose open hand it has, 0 without one.
         stand_ins: by session, what its recordings without an open hand have.
     """
-    notes, borrowed = [], np.intersect1d(touching, grasp[(source > 0) & (source != grasp)])
+    notes, with_contact = [], np.unique(grasp[contact & (source > 0)])
+    borrowed = np.intersect1d(with_contact, grasp[(source > 0) & (source != grasp)])
     if len(borrowed):
-        notes.append(
-            f"baseline: {len(borrowed)} of {len(touching)} grasps have fewer than {MIN_FRAMES} open-hand frames before "
-            "them and use those of the nearest grasp of their recording"
+        text = (
+            f"{len(borrowed)} of {len(with_contact)} grasps have fewer than {MIN_FRAMES} open-hand frames before them "
+            "and use those of the nearest grasp of their recording"
         )
+        notes.append(Note(text, topic="baseline"))
     recording, session = recordings.columns["recording"], recordings.columns["session"]
     for stand_in in dict.fromkeys(stand_ins.values()):
         sessions = [number for number, name in stand_ins.items() if name == stand_in]
         without = np.unique(recording[(source == 0) & np.isin(session, sessions)])
-        notes.append(
-            f"baseline: {len(without)} of {len(np.unique(recording))} recordings have fewer than {MIN_FRAMES} "
-            f"open-hand frames and use {stand_in}: {listed([recordings.recordings[i] for i in without])}"
+        text = (
+            f"{len(without)} of {len(np.unique(recording))} recordings have fewer than {MIN_FRAMES} open-hand frames "
+            f"and use {stand_in}: {listed([recordings.recordings[i] for i in without])}"
         )
+        notes.append(Note(text, topic="baseline"))
     return notes

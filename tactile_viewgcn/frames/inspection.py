@@ -1,81 +1,55 @@
-"""What recordings hold before any training: sensors, sampling, baseline, drift and contact."""
+"""What decides how recordings are preprocessed: open hand, contact, drift, and what can be held out."""
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, require_live
-from tactile_viewgcn.frames.drift import drift_of_recordings, session_baselines
-from tactile_viewgcn.frames.leak import Leak
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, require_live, trimmed_moments
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording, of_empty_hand
-from tactile_viewgcn.frames.quiet import all_in_contact, find_quiet
-from tactile_viewgcn.frames.readings import Readings, measure_readings, scatter
+from tactile_viewgcn.frames.quiet import all_in_contact, quiet_means
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.tables.recordings import Recordings
-from tactile_viewgcn.tables.stored import Counts
 
 SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548
 SIGMAS = 5.0  # standard deviations above the baseline of a pressed sensor, as in params.yaml
 CONTACT_SHARE = 1 / 40  # of the sensors of a smaller array: as STAG's 14
-GAP = 2.5  # median intervals: frames are missing
 NEAR_ZERO = 0.05  # of the range of readings
-ALWAYS = ("object", "recording", "session", "frame", "time")  # columns that every source has
+SAMPLE = 2000  # frames whose readings are compared
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """Recordings of any source: of R recordings, S sessions and O objects.
-
-    Recordings without frames are left out.
+    """What is decided by, of R recordings with frames, of S sensors that vary, and O objects.
 
     Attributes:
-        path: of the source.
-        shape, dtype: of a frame; of the stored counts.
-        columns: optional columns that the source has, such as `valid`, `grasp`, `split`.
-        objects, recordings, sessions: names.
+        objects: names.
         label, session: (R,) index of each recording's object and session.
-        frames: (R,) numbers of frames.
-        seconds: (R,) from first to last frame; NaN where the source has no time.
-        interval: median seconds between frames, or None; gaps: intervals of more than 2.5 times that.
+        frames_of: indices of the frames of each recording.
         live: bool (H, W) sensors that vary.
         hand: the frames of the open hand, and of contact.
         contact_sensors: fewest sensors that are pressed in a frame of contact.
         contact_sigmas: standard deviations above the baseline of a pressed sensor.
         contact, open: (R,) frames of contact, and of the open hand. Where `all_contact`, all are contact.
         flagged: (R,) frames with the source's flag that an object is held, or None.
-        empty: (S,) frames of the empty hand.
+        empty: (sessions,) frames of the empty hand.
         all_contact: even the quietest frames are contact: there is no open hand to take a baseline from.
         zero: what the sensors read at least, in counts, where `all_contact`; else 0.
-        baseline, noise: (S, H, W) mean and standard deviation without contact, in counts; the baseline is 0 of
-            sensors that do not vary, and `zero` everywhere where `all_contact`.
-        drift: (R,) largest change of the open hand within a recording, or from its session's baseline, as the root
-            mean square over sensors, in standard deviations of noise; NaN without open-hand frames.
+        of_session: (sessions, S) mean without contact, in counts; `zero` where `all_contact`.
+        baseline: (R, S) the same of each recording, where it differs from its session's by as much as contact.
+        in_hand: bool (T,) frames of contact with an object.
         drifts_from_empty_hand: the open hand of half of the recordings differs from the session's empty hand by as much
             as contact.
-        readings: what the sensors read, see `Readings`.
         groups: by each `split.by` that the source allows: (O,) number of an object's groups, 0 of the empty hand's.
-        leaks: by `preprocess.baseline`: whether objects are told from frames without contact, see `baseline_leaks`.
-        first_frame: whether objects are told from the first frame of each recording; None where it was not checked.
     """
 
-    path: Path
-    shape: tuple[int, int]
-    dtype: str
-    columns: list[str]
     objects: list[str]
-    recordings: list[str]
-    sessions: list[str]
     label: np.ndarray
     session: np.ndarray
-    frames: np.ndarray
-    seconds: np.ndarray
-    interval: float | None
-    gaps: int
+    frames_of: list[np.ndarray]
     live: np.ndarray
     hand: OpenHand
     contact_sensors: int
@@ -86,17 +60,19 @@ class Inspection:
     empty: np.ndarray
     all_contact: bool
     zero: float
+    of_session: np.ndarray
     baseline: np.ndarray
-    noise: np.ndarray
-    drift: np.ndarray
+    in_hand: np.ndarray
     drifts_from_empty_hand: bool
-    readings: Readings
     groups: dict[str, np.ndarray]
-    leaks: dict[str, Leak] = field(default_factory=dict)
-    first_frame: Leak | None = None
 
     @property
-    def held(self) -> np.ndarray:
+    def frames(self) -> np.ndarray:
+        """(R,): number of frames of each recording."""
+        return np.array([len(index) for index in self.frames_of])
+
+    @property
+    def has_object(self) -> np.ndarray:
         """bool (R,): recordings of an object, and not of the empty hand."""
         return self.label != (self.objects.index(EMPTY_HAND) if EMPTY_HAND in self.objects else -1)
 
@@ -108,11 +84,11 @@ class Inspection:
     @property
     def has_published_split(self) -> bool:
         """Whether the source names a training and a test side, and every object is on both."""
-        return "source" in self.groups and bool((self.groups["source"][self.label[self.held]] == 2).all())
+        return "source" in self.groups and bool((self.groups["source"][self.label[self.has_object]] == 2).all())
 
 
 def inspect_recordings(recordings: Recordings, *, sensors: int | None = None, sigmas: float = SIGMAS) -> Inspection:
-    """Inspect the table of raw counts, but for leaks.
+    """Inspect the table of raw counts.
 
     Args:
         sensors: fewest that are pressed in a frame of contact; None chooses it by the size of the array.
@@ -122,60 +98,45 @@ def inspect_recordings(recordings: Recordings, *, sensors: int | None = None, si
         UserError: no sensor that varies.
     """
     require_live(recordings)
-    live, columns = recordings.live, recordings.columns
-    sensors = sensors or sensors_in_contact(int(live.sum()))
+    columns, is_empty = recordings.columns, of_empty_hand(recordings)
+    sensors = sensors or sensors_in_contact(int(recordings.live.sum()))
     hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas)
-    frames = frames_by_recording(recordings)
-    first = [index[0] for index in frames]
+    frames_of = frames_by_recording(recordings)
+    first = [index[0] for index in frames_of]
     label, session = columns["object"][first], columns["session"][first]
-    quiet = find_quiet(hand, frames, label, session, sigmas=sigmas)
-    opened, contact = (np.array([of_kind[index].sum() for index in frames]) for of_kind in (hand.open, hand.contact))
-    is_empty = of_empty_hand(recordings)
+    quiet = quiet_means(hand, frames_of)
+    opened, contact = (np.array([mask[index].sum() for index in frames_of]) for mask in (hand.open, hand.contact))
     empty = np.bincount(columns["session"][is_empty], minlength=len(recordings.sessions))
     covered = bool((empty[np.unique(session)] >= MIN_FRAMES).all())
-    whole = not covered and all_in_contact(quiet, opened, contact, sensors=sensors)
-    held = ~is_empty if whole else hand.contact & ~is_empty
-    threshold = sigmas * hand.noise[session]
-    of_session = session_baselines(hand, quiet.mean, is_empty, columns["session"], session)
-    differs = (np.abs(quiet.mean - of_session[session]) > threshold).sum(axis=1) >= sensors
-    zero = _zero(hand.counts) if whole else 0.0
-    if whole:
-        of_session[:], baseline = zero, np.full_like(quiet.mean, zero)
-    else:
-        baseline = np.where(differs[:, None], quiet.mean, of_session[session])
-    interval, gaps, seconds = _sampling([columns["time"][index] for index in frames])
+    all_contact = not covered and all_in_contact(
+        hand, frames_of, quiet, label=label, session=session, sensors=sensors, sigmas=sigmas
+    )
+    of_session = _session_baselines(hand, quiet, is_empty, columns["session"], session)
+    differs = (np.abs(quiet - of_session[session]) > sigmas * hand.noise[session]).sum(axis=1) >= sensors
+    baseline, zero = np.where(differs[:, None], quiet, of_session[session]), 0.0
+    if all_contact:
+        zero = _smallest_reading(hand)
+        of_session[:] = baseline[:] = zero
     flags = [columns[name] for name in ("grasp_valid", "valid") if name in columns]
     return Inspection(
-        path=recordings.path,
-        shape=recordings.shape,
-        dtype=str(recordings.dtype),
-        columns=[name for name in columns if name not in ALWAYS],
         objects=recordings.objects,
-        recordings=[recordings.recordings[i] for i in columns["recording"][first]],
-        sessions=recordings.sessions,
         label=label,
         session=session,
-        frames=np.array([len(index) for index in frames]),
-        seconds=seconds,
-        interval=interval,
-        gaps=gaps,
-        live=live,
+        frames_of=frames_of,
+        live=recordings.live,
         hand=hand,
         contact_sensors=sensors,
         contact_sigmas=sigmas,
-        contact=np.array([len(index) for index in frames]) if whole else contact,
-        open=np.zeros_like(opened) if whole else opened,
-        flagged=np.array([flags[0][index].sum() for index in frames]) if flags else None,
+        contact=np.array([len(index) for index in frames_of]) if all_contact else contact,
+        open=np.zeros_like(opened) if all_contact else opened,
+        flagged=np.array([flags[0][index].sum() for index in frames_of]) if flags else None,
         empty=empty,
-        all_contact=whole,
+        all_contact=all_contact,
         zero=zero,
-        baseline=np.stack([scatter(mean, live) for mean in of_session]),
-        noise=np.stack([scatter(noise, live) for noise in hand.noise]),
-        drift=np.full(len(frames), np.nan) if whole else drift_of_recordings(hand, frames, of_session, session),
+        of_session=of_session,
+        baseline=baseline,
+        in_hand=~is_empty if all_contact else hand.contact & ~is_empty,
         drifts_from_empty_hand=bool(covered and np.median(differs) > 0),
-        readings=measure_readings(
-            hand, frames, baseline, label, live=live, objects=len(recordings.objects), held=held, threshold=threshold
-        ),
         groups=_groups(recordings, is_empty),
     )
 
@@ -185,19 +146,42 @@ def sensors_in_contact(live: int) -> int:
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 
-def _zero(counts: Counts) -> float:
+def contact_readings(inspection: Inspection) -> tuple[np.ndarray, np.ndarray]:
+    """Counts above baseline of all sensors (n,), and of those in contact (m,), of about 2,000 frames of contact."""
+    every, in_contact, hand = [np.zeros(0)], [np.zeros(0)], inspection.hand
+    most = max(1, SAMPLE // len(inspection.frames_of))
+    for row, index in enumerate(inspection.frames_of):
+        sample = evenly(index[inspection.in_hand[index]], most)
+        excess = hand.counts[sample] - inspection.baseline[row]
+        every.append(excess.ravel())
+        in_contact.append(excess[excess > inspection.contact_sigmas * hand.noise[inspection.session[row]]])
+    return np.concatenate(every), np.concatenate(in_contact)
+
+
+def _session_baselines(
+    hand: OpenHand, quiet: np.ndarray, empty: np.ndarray, session: np.ndarray, of_recording: np.ndarray
+) -> np.ndarray:
+    """Baseline (sessions, S) of each session: of the empty hand, or else the median of the quietest frames.
+
+    Args:
+        quiet: (R, S) mean of the quietest frames of each recording.
+        empty: bool (T,) frames of the empty hand.
+        session, of_recording: (T,) index of the session of each frame; (R,) of each recording.
+    """
+    baselines = np.zeros(hand.noise.shape)
+    for number in np.unique(of_recording):
+        index = np.flatnonzero(empty & (session == number))
+        if len(index) >= MIN_FRAMES:
+            baselines[number] = trimmed_moments(hand.counts[evenly(index, MOST_FRAMES)])[0]
+        else:
+            baselines[number] = np.median(quiet[of_recording == number], axis=0)
+    return baselines
+
+
+def _smallest_reading(hand: OpenHand) -> float:
     """What sensors read at least, to three digits; 0 where that is near it."""
-    low, high = np.percentile(counts[:: max(1, len(counts) // 2000)], [0.1, 99])
+    low, high = np.percentile(hand.counts[:: max(1, len(hand.counts) // SAMPLE)], [0.1, 99])
     return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
-
-
-def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:
-    """Median interval in seconds, number of gaps, and the length of each recording, from the times of its frames."""
-    seconds = np.array([time[-1] - time[0] for time in times])
-    steps = np.concatenate([np.diff(time) for time in times])
-    if not len(steps) or not np.isfinite(steps).all() or not (interval := float(np.median(steps))) > 0:
-        return None, 0, np.where(seconds > 0, seconds, np.nan)
-    return interval, int((steps > GAP * interval).sum()), seconds
 
 
 def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:

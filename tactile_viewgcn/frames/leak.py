@@ -1,27 +1,33 @@
 """The leak check: can the object be told from frames without contact? Then an error says little about touch."""
 
 import time
-import warnings
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import Baseline
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.baseline import Baseline, empty_hand_baseline
+from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
+from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording, of_empty_hand
-from tactile_viewgcn.frames.split import TEST, fold_sides, split_groups
+from tactile_viewgcn.frames.split import fold_sides, split_groups
 from tactile_viewgcn.intervals import proportion_interval
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.params import Split
+from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import Recordings
 
 MAX_FRAMES = 2000
 FOLDS = 3
-PENALTY = 0.01  # C of the logistic regression
-MAX_STEPS = 15  # of its solver, fewer than it takes to converge
+ALPHA = 2000.0  # ridge penalty; from 1,000 to 10,000 the STAG files and the simulated recordings are judged alike
 ROUNDING = 1e-9  # of a share
 
 
 @dataclass(frozen=True)
 class Leak:
-    """How often a logistic regression takes the open hand beside one object for that beside another.
+    """How often a ridge classifier takes the open hand beside one object for that beside another.
 
     Attributes:
         error: share of the held-out groups whose open-hand frames together are given to another object.
@@ -40,7 +46,7 @@ class Leak:
     seconds: float
 
     @property
-    def found(self) -> bool:
+    def tells_object(self) -> bool:
         """Whether the object is told better than by chance."""
         return self.high < self.chance - ROUNDING
 
@@ -68,7 +74,7 @@ def check_leak(
         return None
     of_frame = baseline.of_frame[_last_contact(recordings, hand.contact)[index]]
     excess = hand.counts[index] - baseline.mean[of_frame][:, recordings.live]
-    return _told(excess, label[index], group[index], by == "session", rng, start)
+    return _leak(excess, label[index], group[index], by == "session", rng, start)
 
 
 def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Generator) -> Leak | None:
@@ -87,36 +93,92 @@ def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Ge
     counts = hand.counts[index].astype(np.float64)
     for number in np.unique(session[index]):
         counts[session[index] == number] -= counts[session[index] == number].mean(axis=0)
-    return _told(counts, label[index], group[index], False, rng, start)
+    return _leak(counts, label[index], group[index], False, rng, start)
 
 
-def _told(
-    excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool, rng: np.random.Generator, start: float
-) -> Leak:
-    """How often frames (n, S) tell their object; `start` is when the check began."""
-    truth, of_group, answer = _answers(_standardised(excess), label, group, across)
-    wrong = (answer != truth).astype(float)
-    low, high = proportion_interval(wrong, of_group, rng) or (0.0, 1.0)
-    chance = 1 - np.bincount(truth).max() / len(truth)
-    seconds = time.perf_counter() - start
-    return Leak(float(wrong.mean()), low, high, float(chance), len(np.unique(of_group)), len(excess), seconds)
+def leaks_of_baselines(recordings: Recordings, inspection: Inspection, *kinds: str) -> dict[str, Leak]:
+    """The leak check with each of these baselines that the recordings allow; empty where all frames are contact."""
+    leaks: dict[str, Leak] = {}
+    for kind in () if inspection.all_contact else kinds:
+        with suppress(UserError):  # no such baseline
+            if kind == "grasp":
+                sensors, sigmas = inspection.contact_sensors, inspection.contact_sigmas
+                baseline = grasp_baseline(recordings, sensors=sensors, sigmas=sigmas)
+            else:
+                baseline = empty_hand_baseline(recordings)
+            leak = check_leak(recordings, baseline, inspection.hand, _groups_by(inspection), stream(0, "leak"))
+            leaks |= {kind: leak} if leak else {}
+    return leaks
 
 
-def describe(leak: Leak | None, baseline: str, *, all_contact: bool = False) -> str:
-    """A leak check in one line, and a warning where the object is told; `baseline` is `preprocess.baseline`."""
-    if all_contact:
-        return "leak check: even the quietest frames are contact: not checked"
+def deciding_leaks(recordings: Recordings, inspection: Inspection) -> dict[str, Leak]:
+    """The leak checks that decide between the baselines empty_hand and grasp; often none."""
+    if not inspection.has_empty_hand or inspection.has_published_split or inspection.drifts_from_empty_hand:
+        return {}
+    leaks = leaks_of_baselines(recordings, inspection, "empty_hand")
+    if "empty_hand" in leaks and leaks["empty_hand"].tells_object:
+        leaks |= leaks_of_baselines(recordings, inspection, "grasp")
+    return leaks
+
+
+def leak_of_split(
+    recordings: Recordings, inspection: Inspection, leaks: dict[str, Leak], baseline: Baseline, kind: str, split: Split
+) -> tuple[Leak | None, list[Note]]:
+    """The leak check with the baseline that was taken and the groups of the split, and notes on it.
+
+    None where all frames are contact, and as `check_leak` says.
+
+    Args:
+        leaks: made to decide on the baseline; one of them is taken where it is the same check.
+        kind: of the baseline, `preprocess.baseline`.
+    """
+    by = "recording" if split.by == "source" else split.by  # whose groups are recordings
+    if inspection.all_contact:
+        return None, [Note("even the quietest frames are contact: not checked", topic="leak check")]
+    if kind in leaks and by == _groups_by(inspection):
+        leak: Leak | None = leaks[kind]
+    else:
+        leak = check_leak(recordings, baseline, inspection.hand, split.by, stream(split.seed, "leak"))
+    return leak, leak_notes(leak, kind)
+
+
+def leak_notes(leak: Leak | None, kind: str) -> list[Note]:
+    """A leak check in one line, and a warning where the object is told; `kind` is `preprocess.baseline`."""
     if leak is None:
-        return "leak check: no open-hand frames of two objects, each in two groups: not checked"
-    line = (
-        f"leak check: the object is told from frames without contact with an error of {100 * leak.error:.1f} % "
+        return [Note("no open-hand frames of two objects, each in two groups: not checked", topic="leak check")]
+    text = (
+        f"the object is told from frames without contact with an error of {100 * leak.error:.1f} % "
         f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; {leak.frames:,} frames in "
         f"{leak.groups} groups, {leak.seconds:.1f} s"
     )
-    if not leak.found:
-        return line
-    remedy = "set preprocess.baseline to grasp, or choose" if baseline != "grasp" else "choose"
-    return f"{line}\n  warning: better than by chance, so that errors say less about touch: {remedy} another split.by"
+    notes = [Note(text, topic="leak check")]
+    if leak.tells_object:
+        text = "the object is told without contact better than by chance, so that errors say less about touch"
+        if kind == "grasp":
+            notes.append(Note(f"{text}: choose another split.by", "warning", "leak check"))
+        else:
+            remedy = {"key": "preprocess.baseline", "value": "grasp"}
+            text = f"{text}: set preprocess.baseline to grasp, or choose another split.by"
+            notes.append(Note(text, "warning", "leak check", **remedy))
+    return notes
+
+
+def _groups_by(inspection: Inspection) -> str:
+    """`split.by` of the checks that decide: recordings, or grasps where no object has two recordings."""
+    groups = inspection.groups
+    return "grasp" if (groups["recording"] < 2).all() and "grasp" in groups else "recording"
+
+
+def _leak(
+    excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool, rng: np.random.Generator, start: float
+) -> Leak:
+    """How often frames (n, S) of objects and groups (n,) tell their object; `start` is when the check began."""
+    cells, answer = _answers(excess, label, group, across)
+    wrong = (answer != cells[:, 0]).astype(float)
+    low, high = proportion_interval(wrong, cells[:, 1], rng) or (0.0, 1.0)
+    chance = 1 - np.bincount(cells[:, 0]).max() / len(cells)
+    seconds = time.perf_counter() - start
+    return Leak(float(wrong.mean()), low, high, float(chance), len(np.unique(group)), len(excess), seconds)
 
 
 def _frames_to_use(usable: np.ndarray, label: np.ndarray, group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -127,8 +189,8 @@ def _frames_to_use(usable: np.ndarray, label: np.ndarray, group: np.ndarray, rng
     """
     index = rng.permutation(np.flatnonzero(usable))
     cells, cell = _cells(label[index], group[index])
-    several = np.bincount(cells[:, 0])[label[index]] > 1
-    index, cell = index[several], cell[several]
+    has_two = np.bincount(cells[:, 0])[label[index]] > 1
+    index, cell = index[has_two], cell[has_two]
     order = np.argsort(cell, kind="stable")
     rank = np.empty(len(index), dtype=np.int64)  # of a frame in its cell
     rank[order] = np.arange(len(index)) - np.searchsorted(cell[order], cell[order])
@@ -150,26 +212,18 @@ def _last_contact(recordings: Recordings, contact: np.ndarray) -> np.ndarray:
     return last
 
 
-def _standardised(excess: np.ndarray) -> np.ndarray:
-    """The same as float32 (n, S), each sensor with mean 0 and standard deviation 1, so that it has no unit."""
-    excess = excess - excess.mean(axis=0)
-    std = excess.std(axis=0)
-    return (excess / np.where(std > 0, std, 1)).astype(np.float32)
+def _answers(excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Object and group (C, 2) of each object's frames in each group, and the object (C,) they are given to, held out.
 
-
-def _answers(
-    inputs: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Object, group and answer (C,) for each object's frames in each group, which were held out.
-
-    An answer is the object with the largest mean log-probability over the frames.
+    That is the one with the largest sum of decision values over the frames.
 
     Args:
-        inputs: (n, S); label, group: (n,).
+        excess: (n, S); label, group: (n,).
         across: groups span objects, as sessions do.
     """
-    from sklearn.exceptions import ConvergenceWarning
-    from sklearn.linear_model import LogisticRegression
+    from sklearn.linear_model import RidgeClassifier
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
 
     cells, cell = _cells(label, group)
     answer = np.full(len(cells), -1)
@@ -177,12 +231,10 @@ def _answers(
         test = fold_sides(group, label, folds=FOLDS, fold=fold, across=across) == TEST
         if not test.any() or len(np.unique(label[~test])) < 2:
             continue
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)
-            model = LogisticRegression(C=PENALTY, max_iter=MAX_STEPS).fit(inputs[~test], label[~test])
-        logits = model.decision_function(inputs[test])
-        logits = np.stack([-logits, logits], axis=1) if logits.ndim == 1 else logits
-        sums = np.zeros((len(cells), logits.shape[1]))
-        np.add.at(sums, cell[test], logits)
+        model = make_pipeline(StandardScaler(), RidgeClassifier(ALPHA)).fit(excess[~test], label[~test])
+        values = model.decision_function(excess[test])
+        values = np.stack([-values, values], axis=1) if values.ndim == 1 else values
+        sums = np.zeros((len(cells), values.shape[1]))
+        np.add.at(sums, cell[test], values)
         answer[cell[test]] = model.classes_[sums.argmax(axis=1)][cell[test]]
-    return cells[:, 0], cells[:, 1], answer
+    return cells, answer

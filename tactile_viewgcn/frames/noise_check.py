@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.tables.frames import Frames
 
 MOST_FRAMES = 1000  # that are looked at
 OF_STRONGEST = 0.1  # of the strongest hundredth of the readings: contact, where the noise of sensors is unknown
 
 
-def noise_warnings(frames: Frames, noise: float) -> list[str]:
+def noise_warnings(frames: Frames, noise: float) -> list[Note]:
     """A warning where half of what sensors in contact read is below the noise that training adds; else none.
 
     Args:
@@ -23,13 +24,10 @@ def noise_warnings(frames: Frames, noise: float) -> list[str]:
     above = excess[excess > weakest]
     if not len(above) or np.median(above) >= noise * frames.scale:
         return []
-    return [
-        f"warning: at scale {frames.scale:g} the median reading of a sensor in contact, {np.median(above):.3g} counts, "
-        f"is below the noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the same "
-        f"for every object; set preprocess.scale to about {two_digits(np.percentile(above, 99))}"
-    ]
-
-
-def two_digits(value: float) -> str:
-    """A number rounded to two digits, without an exponent: what a command can take."""
-    return np.format_float_positional(float(f"{value:.2g}"), trim="-")
+    scale = float(f"{np.percentile(above, 99):.2g}")
+    text = (
+        f"at {frames.scale:g} the median reading of a sensor in contact, {np.median(above):.3g} counts, is below the "
+        f"noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the same for every "
+        f"object; set preprocess.scale to about {scale:g}"
+    )
+    return [Note(text, "warning", "scale", "preprocess.scale", scale)]

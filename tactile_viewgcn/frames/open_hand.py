@@ -12,8 +12,8 @@ from scipy.ndimage import minimum_filter1d
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, noise_left, trimmed_moments
 from tactile_viewgcn.readers.source import EMPTY_HAND
+from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings
-from tactile_viewgcn.tables.stored import Counts
 
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
 WEAK = 0.6  # of the threshold: a hand that closes, or holds little, is felt a little by several sensors
@@ -26,7 +26,7 @@ COMMON_SENSORS = 100  # about so many say what all sensors share, for a fifth of
 
 @dataclass(frozen=True)
 class OpenHand:
-    """Which of T frames are without contact, and what that was found from.
+    """Which of T frames are without contact, and what that is computed from.
 
     Attributes:
         counts: (T, S) of the live sensors, an array or what is read from the recordings' file.
@@ -61,12 +61,13 @@ def find_open_hand(
     for number, (mean, noise) in enumerate(known or []):
         if of_session[number][0] is None:
             of_session[number] = mean[recordings.live], noise[recordings.live]
-    held = _flagged(recordings) & ~empty
+    flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
+    flagged = np.any([np.zeros(len(recordings), dtype=bool), *flags], axis=0) & ~empty  # an object is held
     contact, opened = np.zeros((2, len(counts)), dtype=bool)
     for index in frames_by_recording(recordings):
         mean, noise = of_session[session[index[0]]]
         pressed, still = _pressed(counts[index].astype(np.float64), sigmas * noise, mean)
-        contact[index] = (pressed >= sensors) | held[index]
+        contact[index] = (pressed >= sensors) | flagged[index]
         opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
     return OpenHand(counts, np.stack([noise for _, noise in of_session]), contact, opened)
 
@@ -100,15 +101,9 @@ def _empty_hand(
         return trimmed_moments(counts[evenly(of_empty, MOST_FRAMES)], left)
     if len(index) < 2:
         return None, np.ones(counts.shape[1])
-    at = np.unique(np.linspace(0, len(index) - 2, MAX_DIFFERENCES).astype(int))
-    changes = counts[index[at + 1]].astype(np.float64) - counts[index[at]]
+    sample = np.unique(np.linspace(0, len(index) - 2, MAX_DIFFERENCES).astype(int))
+    changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
     return None, trimmed_moments(changes, left)[1] / np.sqrt(2)
-
-
-def _flagged(recordings: Recordings) -> np.ndarray:
-    """bool (T,): a flag of the source says that the object is held."""
-    flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
-    return np.any([np.zeros(len(recordings), dtype=bool), *flags], axis=0)
 
 
 def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
@@ -147,7 +142,7 @@ def is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
 
 
 def _followed(counts: np.ndarray, threshold: np.ndarray, baseline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same as `_pressed` against a baseline (S,) that follows the open hand from the first frame on."""
+    """As `_pressed`, against a baseline (S,) that follows the open hand from the first frame on."""
     follower = Follower(baseline, threshold)
     pressed, still = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool)
     for number, frame in enumerate(counts):

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from tactile_viewgcn.frames.automatic import Recommendation, decide
+from tactile_viewgcn.frames.automatic import decide, preprocessing_warnings
 from tactile_viewgcn.frames.baseline import (
     Baseline,
     constant_baseline,
@@ -12,10 +12,11 @@ from tactile_viewgcn.frames.baseline import (
     quiet_baseline,
     require_live,
 )
-from tactile_viewgcn.frames.checks import preprocessing_warnings
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.inspection import Inspection
+from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.selection import Selection, select
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Preprocess, PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import Frames
@@ -29,26 +30,22 @@ class Preprocessed:
     Attributes:
         selection: what became of every frame.
         params: without `auto`.
-        choices: that the recordings made where `auto` was asked.
         inspection: of the recordings; None where nothing was to be decided.
-        notes: sentences on the baseline and on what was left out, and warnings.
+        leaks: see `automatic.Decision`.
+        notes: on what `auto` chose, on the baseline and on what was left out, and warnings.
     """
 
     frames: Frames
     selection: Selection
     params: Preprocess
     baseline: Baseline
-    choices: list[Recommendation]
     inspection: Inspection | None
-    notes: list[str]
+    leaks: dict[str, Leak]
+    notes: list[Note]
 
 
 def preprocess_recordings(
-    recordings: Recordings,
-    asked: PreprocessSection,
-    split: Split,
-    *,
-    groups: np.ndarray | None = None,
+    recordings: Recordings, asked: PreprocessSection, split: Split, *, groups: np.ndarray | None = None
 ) -> Preprocessed:
     """Decide what is `auto`, measure the baseline, select the frames, and look for what that took from them.
 
@@ -58,13 +55,14 @@ def preprocess_recordings(
     Raises:
         UserError: see `prepare`.
     """
-    params, choices, inspection = decide(recordings, asked)
+    decision = decide(recordings, asked)
+    params, inspection = decision.params, decision.inspection
     baseline = measure_baseline(recordings, params)
     frames, selection = prepare(recordings, params, split, stream(split.seed, "preprocess"), baseline, groups)
-    notes = [*baseline.notes, *selection.notes]
+    notes = [*decision.choices, *baseline.notes, *selection.notes]
     if inspection:
         notes += preprocessing_warnings(inspection, frames, asked)
-    return Preprocessed(frames, selection, params, baseline, choices, inspection, notes)
+    return Preprocessed(frames, selection, params, baseline, inspection, decision.leaks, notes)
 
 
 def prepare(

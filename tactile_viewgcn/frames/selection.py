@@ -6,27 +6,22 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.filtering import flagged, in_contact
+from tactile_viewgcn.frames.filtering import passing
 from tactile_viewgcn.frames.split import (
-    SIDES,
-    TEST,
-    TRAIN,
-    VALIDATION,
     balanced_anchors,
     fold_sides,
     frame_sides,
-    late_frames,
     spans_classes,
     split_groups,
     surplus_groups,
     validation_sides,
 )
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Preprocess, Split
-from tactile_viewgcn.readers.source import EMPTY_HAND, listed
+from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
+from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 from tactile_viewgcn.tables.recordings import Recordings
-
-LOOSEN = "lower preprocess.contact_sensors or contact_sigmas, or choose another preprocess.filter"
 
 
 @dataclass
@@ -39,7 +34,7 @@ class Selection:
         side: TRAIN, VALIDATION or TEST.
         group: split group.
         anchor: bool, a view set is drawn around it.
-        notes: sentences on what was left out and why.
+        notes: on what was left out and why.
     """
 
     filtered: np.ndarray
@@ -47,7 +42,7 @@ class Selection:
     side: np.ndarray
     group: np.ndarray
     anchor: np.ndarray
-    notes: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
 
 
 def select(
@@ -67,16 +62,8 @@ def select(
     Raises:
         UserError: flags or groups that the recordings do not have, fewer than two classes left, or an empty side.
     """
-    objects, contact = recordings.columns["object"], preprocess.filter == "contact"
-    if contact:
-        sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
-        filtered = in_contact(recordings, baseline, sensors=sensors, sigmas=sigmas)
-        notes = _dropped_by_filter(recordings, filtered, "contact", f"{sensors} sensors above {sigmas:g} sd")
-    elif preprocess.filter == "none":
-        filtered, notes = np.ones(len(objects), dtype=bool), []
-    else:
-        filtered = flagged(recordings)
-        notes = _dropped_by_filter(recordings, filtered, "flags", "a flag")
+    objects = recordings.columns["object"]
+    filtered, notes = passing(recordings, baseline, preprocess)
     keep = filtered.copy()
     if not preprocess.empty_hand_class and EMPTY_HAND in recordings.objects:
         keep &= objects != recordings.objects.index(EMPTY_HAND)
@@ -97,17 +84,18 @@ def select(
         _require_sides(keep, side, split)
     if groups is None and preprocess.filter == "flags" and split.by == "source" and "balanced" in recordings.columns:
         anchor = keep & recordings.columns["balanced"]
-        notes.append("anchors: the source's balanced frames")
+        notes.append(Note("the source's balanced frames", topic="anchors"))
         _require_anchors(keep, side, anchor)
     else:
         anchor = np.zeros(len(keep), dtype=bool)
         minimum = preprocess.balance_minimum
         anchor[keep], unequal = balanced_anchors(objects[keep], side[keep], minimum=minimum, rng=rng)
         notes += unequal
-    unused = late_frames(side[keep], group[keep], objects[keep], share=split.train_share)
     if split.train_groups != "all":
-        unused |= surplus_groups(side[keep], group[keep], objects[keep], most=split.train_groups)
-    keep[np.flatnonzero(keep)[unused]] = False  # after the anchors are drawn: those of the other sides stay the same
+        unused = surplus_groups(side[keep], group[keep], objects[keep], most=split.train_groups)
+        keep[np.flatnonzero(keep)[unused]] = (
+            False  # after the anchors are drawn: those of the other sides stay the same
+        )
     return Selection(filtered, keep, side, group, anchor & keep, notes)
 
 
@@ -148,30 +136,13 @@ def selection_counts(recordings: Recordings, selection: Selection) -> list[dict[
     return rows
 
 
-def _dropped_by_filter(recordings: Recordings, filtered: np.ndarray, name: str, condition: str) -> list[str]:
-    """Notes on frames without the filter's condition, and on recordings and objects without a frame with it."""
-    dropped = len(filtered) - int(filtered.sum())
-    notes = [f"filter {name}: {dropped:,} of {len(filtered):,} frames dropped, without {condition}"]
-    for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
-        before = np.bincount(recordings.columns[column], minlength=len(names)) > 0
-        after = np.bincount(recordings.columns[column][filtered], minlength=len(names)) > 0
-        emptied = [names[i] for i in np.flatnonzero(before & ~after)]
-        if not emptied:
-            continue
-        told = (
-            f"filter: {len(emptied)} of {before.sum()} {column}s dropped, no frame has {condition}: {listed(emptied)}"
-        )
-        notes.append(told if column == "recording" else f"warning: {told}; {LOOSEN}")
-    return notes
-
-
 def _sides(
     recordings: Recordings,
     keep: np.ndarray,
     group: np.ndarray,
     split: Split,
     rng: np.random.Generator,
-    notes: list[str],
+    notes: list[Note],
 ) -> np.ndarray:
     """Side int8 (T,) of each frame by `split.by`; what a user should know of the split is appended to `notes`."""
     side = np.full(len(keep), TRAIN, dtype=np.int8)
@@ -180,10 +151,10 @@ def _sides(
         side[recordings.columns["split"] == PUBLISHED_TEST] = TEST
         recording = recordings.columns["recording"]
         shared = np.intersect1d(recording[keep & (side == TRAIN)], recording[keep & (side == TEST)])
-        notes.append(f"split: the published split has {len(shared)} recordings on both sides")
+        notes.append(Note(f"the published split has {len(shared)} recordings on both sides", topic="split"))
     elif split.by == "frame":
         side[keep] = frame_sides(objects[keep], folds=split.folds, fold=split.fold, rng=rng)
-        notes.append("split: by single frames, whose neighbours in time are on the other side: it leaks")
+        notes.append(Note("by single frames, whose neighbours in time are on the other side: it leaks", topic="split"))
     else:
         side[keep] = fold_sides(
             group[keep], objects[keep], folds=split.folds, fold=split.fold, across=across, deal=split.deal
@@ -194,7 +165,7 @@ def _sides(
     return side
 
 
-def _drop_classes(recordings: Recordings, keep: np.ndarray, side: np.ndarray, notes: list[str]) -> None:
+def _drop_classes(recordings: Recordings, keep: np.ndarray, side: np.ndarray, notes: list[Note]) -> None:
     """Remove classes without training frames from `keep`, and the empty hand where it has no test frames."""
     objects = recordings.columns["object"]
     for label, name in enumerate(recordings.objects):
@@ -204,12 +175,13 @@ def _drop_classes(recordings: Recordings, keep: np.ndarray, side: np.ndarray, no
             continue
         if name == EMPTY_HAND:
             keep &= ~of_class
-            notes.append(f"classes: {name} is not on both sides and is dropped; it still gives the baseline")
+            text = "is not on both sides and is dropped; it still gives the baseline"
         elif not trains:
             keep &= ~of_class
-            notes.append(f"classes: {name} has no training frames and is dropped")
+            text = "has no training frames and is dropped"
         else:
-            notes.append(f"classes: {name} has no test frames; it is kept as a class that others can be mistaken for")
+            text = "has no test frames; it is kept as a class that others can be mistaken for"
+        notes.append(Note(f"{name} {text}", topic="objects"))
 
 
 def _require_sides(keep: np.ndarray, side: np.ndarray, split: Split) -> None:

@@ -8,10 +8,9 @@ number of recordings on both of them is reported. `frame_sides` leaks on purpose
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.randomness import stream
-
-TRAIN, VALIDATION, TEST = 0, 1, 2
-SIDES = ("train", "validation", "test")
+from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 
 
 def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
@@ -22,8 +21,8 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     Raises:
         UserError: `grasp` or `source`, and the recordings have no such column.
     """
-    needed = {"grasp": "grasp", "source": "split"}.get(by)
-    if needed and needed not in columns:
+    column = {"grasp": "grasp", "source": "split"}.get(by)
+    if column and column not in columns:
         what = "grasp numbers" if by == "grasp" else "published split"
         raise UserError(f"the recordings have no {what}; split.by {by} needs it: set split.by to recording or session")
     if by == "session":
@@ -70,19 +69,6 @@ def frame_sides(labels: np.ndarray, *, folds: int, fold: int, rng: np.random.Gen
     return side
 
 
-def late_frames(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, share: float) -> np.ndarray:
-    """bool (T,): training frames after the first `share` of their group and class, of which one at least is kept."""
-    late = np.zeros(len(side), dtype=bool)
-    if share == 1:
-        return late
-    train = np.flatnonzero(side == TRAIN)
-    member = np.unique(np.stack([groups[train], labels[train]], axis=1), axis=0, return_inverse=True)[1].ravel()
-    for number in range(member.max(initial=-1) + 1):
-        frames = train[member == number]
-        late[frames[max(1, round(share * len(frames))) :]] = True
-    return late
-
-
 def surplus_groups(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int) -> np.ndarray:
     """bool (T,): training frames of a class outside its first `most` training groups."""
     surplus = np.zeros(len(side), dtype=bool)
@@ -113,7 +99,7 @@ def validation_sides(
 
 def balanced_anchors(
     labels: np.ndarray, side: np.ndarray, *, minimum: int, rng: np.random.Generator
-) -> tuple[np.ndarray, list[str]]:
+) -> tuple[np.ndarray, list[Note]]:
     """Anchors bool (T,), drawn at random, equally many of every class on a side; and notes on classes with fewer.
 
     There are as many as the smallest class has frames, but at least `minimum`, so that one small class does not
@@ -130,8 +116,7 @@ def balanced_anchors(
             anchor[rng.permutation(index)[:count]] = True
         smaller = sum(size < count for size in sizes)
         if smaller:
-            notes.append(
-                f"{name}: {smaller} of {len(sizes)} classes have fewer than {count} anchors and use all their frames, "
-                f"{min(sizes)} in the smallest"
-            )
+            text = f"{smaller} of {len(sizes)} classes have fewer than {count} anchors and use all their frames"
+            topic = {"train": "training"}.get(name, name)
+            notes.append(Note(f"{text}, {min(sizes)} in the smallest", topic=f"{topic} side"))
     return anchor, notes

@@ -187,8 +187,8 @@ def _from_description(entry: dict[str, Any]) -> GraspObject:
         parts = []
         for part in entry["parts"]:
             ((shape, sizes),) = part.items()
-            parts.append(SHAPES[shape](**{key: _numbers(value) for key, value in sizes.items()}))
-        values = {key: _numbers(value) for key, value in entry.items() if key not in ("name", "parts")}
+            parts.append(SHAPES[shape](**{key: _tuple(value) for key, value in sizes.items()}))
+        values = {key: _tuple(value) for key, value in entry.items() if key not in ("name", "parts")}
         grasp_object = GraspObject(name=entry["name"], parts=tuple(parts), **values)
     except (KeyError, TypeError, AttributeError) as error:
         raise UserError(
@@ -204,13 +204,5 @@ def _from_description(entry: dict[str, Any]) -> GraspObject:
     return grasp_object
 
 
-def _numbers(value: Any) -> Any:
-    """Numbers that YAML reads as text, such as 1e9 (it lacks a point and a sign), as numbers; lists as tuples."""
-    if isinstance(value, list):
-        return tuple(_numbers(entry) for entry in value)
-    if isinstance(value, str):
-        try:
-            return float(value)
-        except ValueError:
-            raise TypeError(f"{value!r} is no number") from None
-    return value
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

@@ -1,6 +1,6 @@
 """What to simulate: objects, sessions, grasps, skin and effects."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,8 +8,6 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.contact import Layer
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
-from tactile_viewgcn.glove.scene import GraspVariation
-from tactile_viewgcn.glove.sensor import SensorVariation
 
 #: Version of the constants in this package. They were calibrated on what is known of STAG's frames and on simple
 #: classifiers, and are frozen. Every file carries the version beside what its recipe chose.
@@ -19,12 +17,12 @@ READING = ("bending", "saturation", "hysteresis", "crosstalk", "noise", "common_
 EFFECTS = MECHANICS + READING
 STAG_SIZE = {"sessions": 3, "frames": 1667, "grasps": 49}  # 81 recordings, 135,027 frames
 
-Cell = tuple[int, int, int]  # one recording: number of the session, of the object, and of the repeat
+Cell = tuple[int, int]  # one recording: number of the session and of the object
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What to simulate: `repeats` recordings of every object in every session.
+    """What to simulate: a recording of every object in every session.
 
     Args:
         objects: the empty hand among them.
@@ -33,11 +31,9 @@ class Recipe:
         seed: of every random draw.
         layer: skin, glove and damping.
         rate: frames a second.
-        repeats: recordings of an object in a session.
         tolerance: relative error of the sensors' forces in a step, see `integrator.py`.
         effects: those of EFFECTS to simulate; the others are not computed. Without `weight` nothing pulls on the
             object, but the squeeze still follows its weight. `weight` needs `motion`.
-        grasp_variation, sensor_variation: how grasps and sensors differ.
 
     Raises:
         UserError: an unknown effect, no objects, or a number that is too small.
@@ -50,11 +46,8 @@ class Recipe:
     seed: int
     layer: Layer
     rate: float = 7.35
-    repeats: int = 1
     tolerance: float = 0.02
     effects: frozenset[str] = frozenset(EFFECTS)
-    grasp_variation: GraspVariation = field(default_factory=GraspVariation)
-    sensor_variation: SensorVariation = field(default_factory=SensorVariation)
 
     def __post_init__(self) -> None:
         unknown = sorted(self.effects - set(EFFECTS))
@@ -62,7 +55,7 @@ class Recipe:
             raise UserError(f"unknown effect {', '.join(unknown)}; known: {', '.join(EFFECTS)}")
         if not self.objects:
             raise UserError("no objects; expected the empty hand and at least one more")
-        for name in ("sessions", "repeats", "grasps"):
+        for name in ("sessions", "grasps"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} is {getattr(self, name)}; expected at least 1")
         if not 0 < self.rate < np.inf:
@@ -71,10 +64,7 @@ class Recipe:
     @property
     def cells(self) -> list[Cell]:
         """Every recording, session by session."""
-        objects, repeats = range(len(self.objects)), range(self.repeats)
-        return [
-            (session, number, repeat) for session in range(self.sessions) for number in objects for repeat in repeats
-        ]
+        return [(session, number) for session in range(self.sessions) for number in range(len(self.objects))]
 
 
 def recipe_from_params(glove: Any) -> Recipe:
@@ -90,6 +80,6 @@ def recipe_from_params(glove: Any) -> Recipe:
         rate=glove.frame_rate,
         layer=Layer(glove.skin_stiffness, glove.skin_thickness, glove.joint_damping, glove.object_damping),
         tolerance=glove.tolerance,
-        effects=frozenset(name for name, enabled in vars(glove.effects).items() if enabled),
+        effects=frozenset(EFFECTS) - set(glove.leave_out),
         **(STAG_SIZE if glove.scale == "stag" else size),
     )

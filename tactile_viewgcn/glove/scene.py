@@ -28,34 +28,14 @@ PINCH = np.array([0.080, 0.018, 0.070])  # m: where the fingertips meet the thum
 DIP = 0.001  # m by which the prescribed position may press an object into the palm
 CORRELATION = 0.9  # of a drifting grip, from frame to frame
 CLOSURES = 28  # closures at which a finger is tested for contact
+#: standard deviations, from one recording to another and from one grasp to another
+POSITION_OF_RECORDING, POSITION_OF_GRASP = 0.004, 0.003  # m, of the object
+ROTATION_OF_RECORDING, ROTATION_OF_GRASP, ROLL = 0.15, 0.10, 0.25  # rad, of the object; about its own axis
+FINGER = 0.25  # of the logarithm of each finger's part of the squeeze
+SHIFT_POSITION, SHIFT_ROTATION, TREMOR = 0.0015, 0.04, 0.12  # within a grasp: m, rad, of the squeeze's logarithm
+OPPOSITION = (0.95, 0.15)  # rad, mean and standard deviation
+SQUEEZE = (0.07, 0.58)  # N m of a weightless object, and N m per kg of weight
 PHASES = {"open": 4, "approach": 3, "close": 3, "load": 2, "hold": 0, "release": 3}  # frames; `hold` fills the grasp
-
-
-@dataclass(frozen=True)
-class GraspVariation:
-    """Standard deviations of grasps: `_recording` from one recording to another, `_grasp` within a recording.
-
-    Attributes:
-        position_recording, position_grasp: m, of the object.
-        rotation_recording, rotation_grasp: rad, of the object; roll: rad, about its own axis.
-        finger: of the logarithm of each finger's part of the squeeze.
-        opposition: rad, mean and standard deviation.
-        squeeze: N m of a weightless object, and N m per kg of weight.
-        shift_position: m and shift_rotation: rad, of the object within a grasp.
-        tremor: of the logarithm of the squeeze within a grasp.
-    """
-
-    position_recording: float = 0.004
-    position_grasp: float = 0.003
-    rotation_recording: float = 0.15
-    rotation_grasp: float = 0.10
-    roll: float = 0.25
-    finger: float = 0.25
-    opposition: tuple[float, float] = (0.95, 0.15)
-    squeeze: tuple[float, float] = (0.07, 0.58)
-    shift_position: float = 0.0015
-    shift_rotation: float = 0.04
-    tremor: float = 0.12
 
 
 @dataclass(frozen=True)
@@ -90,7 +70,7 @@ class Grasps:
 
 def plan(
     grasp_objects: list[GraspObject], hands: Hands, solids: Solids, rngs: list[np.random.Generator],
-    variation: GraspVariation, *, frames: int, grasps: int, effects: frozenset[str],
+    *, frames: int, grasps: int, effects: frozenset[str],
 ) -> Plan:  # fmt: skip
     """Scenes of B recordings, each drawn from its own generator.
 
@@ -98,7 +78,7 @@ def plan(
         UserError: grasps too short for their phases.
     """
     phase, progress, grasp = schedule(frames, grasps)
-    drawn = [_draw(one, rng, grasps, variation) for one, rng in zip(grasp_objects, rngs, strict=True)]
+    drawn = [_draw(one, rng, grasps) for one, rng in zip(grasp_objects, rngs, strict=True)]
     held = Grasps(*(np.stack(values) for values in zip(*(vars(one).values() for one in drawn), strict=True)))
     closed = np.stack([closure(hands, solids, held, g) for g in range(grasps)], axis=1)  # (B, G, 5)
     # (T,) each, 0 to 1: the object has arrived, the fingers have closed, they squeeze.
@@ -111,10 +91,10 @@ def plan(
     position, rotation = held.position[:, grasp].copy(), held.rotation[:, grasp].copy()
     squeeze = held.squeeze[:, grasp] * loaded[:, None]
     if "shift" in effects:
-        position += variation.shift_position * loaded[:, None] * drift[..., :3]
-        rotation += variation.shift_rotation * loaded[:, None] * drift[..., 3:6]
+        position += SHIFT_POSITION * loaded[:, None] * drift[..., :3]
+        rotation += SHIFT_ROTATION * loaded[:, None] * drift[..., 3:6]
     if "tremor" in effects:
-        squeeze *= np.exp(variation.tremor * drift[..., 6:])
+        squeeze *= np.exp(TREMOR * drift[..., 6:])
     position[..., 2] += AWAY * (1 - near)
     posture = OPEN + (closing[:, None] * closed[:, grasp])[..., None] * (CLOSED - OPEN)
     load = np.zeros((len(grasp_objects), frames, 3))
@@ -162,11 +142,11 @@ def closure(hands: Hands, solids: Solids, held: Grasps, g: int) -> np.ndarray:
     return np.where(np.isnan(first), np.where(empty, IDLE, RELAXED), first)
 
 
-def _draw(grasp_object: GraspObject, rng: np.random.Generator, grasps: int, variation: GraspVariation) -> Grasps:
+def _draw(grasp_object: GraspObject, rng: np.random.Generator, grasps: int) -> Grasps:
     """The grasps of one recording."""
-    roll = Rotation.from_rotvec([0, 0, rng.normal(0, variation.roll) + np.pi * rng.integers(2)])
-    tilt = Rotation.from_rotvec(rng.normal(0, variation.rotation_recording, 3))
-    each = Rotation.from_rotvec(rng.normal(0, variation.rotation_grasp, (grasps, 3)))
+    roll = Rotation.from_rotvec([0, 0, rng.normal(0, ROLL) + np.pi * rng.integers(2)])
+    tilt = Rotation.from_rotvec(rng.normal(0, ROTATION_OF_RECORDING, 3))
+    each = Rotation.from_rotvec(rng.normal(0, ROTATION_OF_GRASP, (grasps, 3)))
     rotation = each * (tilt * Rotation.from_rotvec(grasp_object.orientation) * roll)
     below = np.array([grasp_object.extent(matrix, np.array([0.0, 0.0, -1.0])) for matrix in rotation.as_matrix()])
     position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
@@ -174,13 +154,13 @@ def _draw(grasp_object: GraspObject, rng: np.random.Generator, grasps: int, vari
         position = np.tile(np.array(grasp_object.position, dtype=float), (grasps, 1))
     elif not grasp_object.pinch:
         position[:, 2] += below
-    position += rng.normal(0, variation.position_recording, 3) * [1, 1, 0.3]
-    position += rng.normal(0, variation.position_grasp, (grasps, 3)) * [1, 1, 0.3]
+    position += rng.normal(0, POSITION_OF_RECORDING, 3) * [1, 1, 0.3]
+    position += rng.normal(0, POSITION_OF_GRASP, (grasps, 3)) * [1, 1, 0.3]
     if grasp_object.position is None:
         position[:, 2] = np.maximum(position[:, 2], below - DIP)
-    opposition = np.clip(rng.normal(*variation.opposition) + rng.normal(0, 0.05, grasps), ASIDE, 1.4)
-    fingers = rng.normal(0, variation.finger, 5) + rng.normal(0, variation.finger / 3, (grasps, 5))
-    squeeze = (variation.squeeze[0] + variation.squeeze[1] * grasp_object.weight * 1e-3) * np.exp(fingers)
+    opposition = np.clip(rng.normal(*OPPOSITION) + rng.normal(0, 0.05, grasps), ASIDE, 1.4)
+    fingers = rng.normal(0, FINGER, 5) + rng.normal(0, FINGER / 3, (grasps, 5))
+    squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(fingers)
     return Grasps(position, rotation.as_rotvec(), opposition, squeeze)
 
 

@@ -18,6 +18,13 @@ HYSTERESIS = 0.25  # share of a reading that follows its recent peak
 RECOVERY = 0.6  # share of the peak that is left a frame later
 CROSSTALK = (0.3, 0.3)  # shares of its row's and its column's mean that a sensor reads in addition
 DRIFT = 0.95  # correlation of the common mode from frame to frame
+GAIN, GAIN_OF_SESSION = 0.75, 0.3  # standard deviation of the logarithm of a sensor's gain; from session to session
+DEAD, STUCK = 0.02, 0.004  # shares of the sensors: one feels no pressure, the other always reads the same
+BASELINE = (515.0, 1.2)  # counts, mean and standard deviation of a session's baseline
+ROW, SENSOR = 0.6, 0.3  # counts, standard deviation from it of a row and of a sensor
+NOISE = (0.89, 0.09)  # counts, median of a sensor's noise, and standard deviation of its logarithm
+COMMON = (0.2, 0.55)  # counts, range of a session's common mode
+ROW_NOISE = 0.19  # counts
 BENDING = 2.0  # counts per rad of flexion, of a typical sensor
 
 
@@ -42,34 +49,8 @@ class Electronics:
     row_noise: float
 
 
-@dataclass(frozen=True)
-class SensorVariation:
-    """How sensors differ within a glove and between sessions.
-
-    Attributes:
-        gain, gain_session: standard deviation of the logarithm of a sensor's gain; from one session to another.
-        dead, stuck: share of the sensors. A dead one feels no pressure, a stuck one always reads the same.
-        baseline: counts, mean and standard deviation of a session's baseline.
-        row, sensor: counts, standard deviation from it of a row and of a sensor.
-        noise: counts, median of a sensor's noise and standard deviation of its logarithm.
-        common: counts, range of a session's common mode; row_noise: counts.
-    """
-
-    gain: float = 0.75
-    gain_session: float = 0.3
-    dead: float = 0.02
-    stuck: float = 0.004
-    baseline: tuple[float, float] = (515.0, 1.2)
-    row: float = 0.6
-    sensor: float = 0.3
-    noise: tuple[float, float] = (0.89, 0.09)
-    common: tuple[float, float] = (0.2, 0.55)
-    row_noise: float = 0.19
-
-
 def electronics(
-    hand: Hand, glove: np.random.Generator, session: np.random.Generator, effects: frozenset[str],
-    variation: SensorVariation,
+    hand: Hand, glove: np.random.Generator, session: np.random.Generator, effects: frozenset[str]
 ) -> Electronics:  # fmt: skip
     """Draw the electronics of a glove in a session.
 
@@ -78,20 +59,20 @@ def electronics(
         session: generator of the session.
     """
     count = len(hand)
-    gain = np.exp(glove.normal(0, variation.gain, count) - variation.gain**2 / 2)
+    gain = np.exp(glove.normal(0, GAIN, count) - GAIN**2 / 2)
     defect = glove.random(count)
     bend = BENDING * glove.normal(0, 1, count) ** 2
-    noise = np.exp(glove.normal(np.log(variation.noise[0]), variation.noise[1], count))
-    gain = gain * np.exp(session.normal(0, variation.gain_session, count))
-    baseline = session.normal(*variation.baseline) + session.normal(0, variation.row, 32)[hand.row]
-    baseline = baseline + session.normal(0, variation.sensor, count)
-    common = session.uniform(*variation.common)
+    noise = np.exp(glove.normal(np.log(NOISE[0]), NOISE[1], count))
+    gain = gain * np.exp(session.normal(0, GAIN_OF_SESSION, count))
+    baseline = session.normal(*BASELINE) + session.normal(0, ROW, 32)[hand.row]
+    baseline = baseline + session.normal(0, SENSOR, count)
+    common = session.uniform(*COMMON)
     stuck = np.full(count, np.nan)
     if "defects" in effects:
-        gain[defect < variation.dead] = 0
-        is_stuck = defect > 1 - variation.stuck
+        gain[defect < DEAD] = 0
+        is_stuck = defect > 1 - STUCK
         stuck[is_stuck] = 5 * glove.random(count)[is_stuck]
-    return Electronics(gain, stuck, bend, baseline, noise, common, variation.row_noise)
+    return Electronics(gain, stuck, bend, baseline, noise, common, ROW_NOISE)
 
 
 class Sensors:

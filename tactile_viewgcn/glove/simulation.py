@@ -31,24 +31,21 @@ class Simulation:
     def __init__(self, recipe: Recipe, cells: list[Cell] | None = None):
         self.recipe, self.cells = recipe, recipe.cells if cells is None else cells
         fits = [self._fit(session) for session in range(recipe.sessions)]
-        self.hands = Hands([fits[session] for session, _, _ in self.cells])
-        held = [recipe.objects[number] for _, number, _ in self.cells]
+        self.hands = Hands([fits[session] for session, _ in self.cells])
+        held = [recipe.objects[number] for _, number in self.cells]
         self.names = [grasp_object.name for grasp_object in held]
         self.solids = Solids([list(grasp_object.parts) for grasp_object in held])
         self.stiffness = np.array([grasp_object.stiffness for grasp_object in held])
         self.plan = plan(
-            held, self.hands, self.solids, self._streams("scene"), recipe.grasp_variation,
+            held, self.hands, self.solids, self._streams("scene"),
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
         )  # fmt: skip
         seed = recipe.seed
         kits = [
-            electronics(
-                fits[0], stream(seed, "glove"), stream(seed, "glove session", session), recipe.effects,
-                recipe.sensor_variation,
-            )
+            electronics(fits[0], stream(seed, "glove"), stream(seed, "glove session", session), recipe.effects)
             for session in range(recipe.sessions)
         ]  # fmt: skip
-        kits_of_cells = [kits[session] for session, _, _ in self.cells]
+        kits_of_cells = [kits[session] for session, _ in self.cells]
         self.sensors = Sensors(fits[0], kits_of_cells, self._streams("noise"), recipe.effects)
         self.statistics, self.beyond_thickness = SolverStatistics(), 0
 
@@ -114,6 +111,6 @@ class Simulation:
     def _streams(self, purpose: str) -> list[np.random.Generator]:
         """A generator for each recording, which does not depend on the other recordings."""
         return [
-            stream(self.recipe.seed, f"glove {purpose} {name}", session, repeat)
-            for name, (session, _, repeat) in zip(self.names, self.cells, strict=True)
+            stream(self.recipe.seed, f"glove {purpose} {name}", session, 0)
+            for name, (session, _) in zip(self.names, self.cells, strict=True)
         ]

@@ -80,9 +80,9 @@ def _write(recipe: Recipe, cells: list[Cell], folder: Path, worker: int = 0) -> 
 
 def _create_file(folder: Path, simulation: Simulation, b: int) -> h5py.File:
     """File of recording b with everything in it but the counts."""
-    recipe, (session, number, repeat) = simulation.recipe, simulation.cells[b]
+    recipe, (session, number) = simulation.recipe, simulation.cells[b]
     grasp_object = recipe.objects[number]
-    name = f"{number * recipe.repeats + repeat:03d}-{grasp_object.name}"
+    name = f"{number:03d}-{grasp_object.name}"
     file = h5py.File(folder / f"{session:03d}" / f"{name}.h5", "w")
     file.create_dataset(
         "pressure", (recipe.frames, 32, 32), np.int16, chunks=(min(BLOCK, recipe.frames), 32, 32),

@@ -13,13 +13,14 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
-from tactile_viewgcn.markdown_tables import VIRTUAL
+from tactile_viewgcn.evaluation.report import divergences
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")
 REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
-WARNING = "warning: "
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 Read = Callable[[str], bytes]  # the content of a file by its path in the workspace; FileNotFoundError
 
@@ -60,21 +61,11 @@ class FinishedRun:
         return self.records["evaluate"]["params"]["changed"]
 
     @property
-    def notes(self) -> list[tuple[str, str]]:
-        """Pairs of a stage and what it noted, warnings left out."""
-        return [(stage, note) for stage, note in self._told() if WARNING not in note]
-
-    @property
-    def warnings(self) -> list[tuple[str, str]]:
-        """Pairs of a stage and what it warned of."""
-        told = [(stage, _sentences(note)) for stage, note in self._told() if WARNING in note]
-        for stage, epoch in self.metrics.get("diverged_in_epoch", {}).items():
-            text = f"the training diverged in epoch {epoch:g}, and this is what the weights before it give"
-            told.append((stage, f"{text}; lower {stage}.lr"))
-        return told
-
-    def _told(self) -> list[tuple[str, str]]:
-        return [(stage, note) for stage, record in self.records.items() for note in record["notes"]]
+    def notes(self) -> list[Note]:
+        """What the stages noted, in their order, and which training diverged."""
+        return [Note(**note) for record in self.records.values() for note in record["notes"]] + divergences(
+            self.metrics
+        )
 
 
 def read_run(name: str = "") -> FinishedRun:
@@ -105,17 +96,11 @@ def read_run(name: str = "") -> FinishedRun:
     )
 
 
-def _sentences(note: str) -> str:
-    """A warning, and before it what it is drawn from, if the note says so."""
-    parts = (part.strip() for part in note.split(WARNING))
-    return ". ".join(part[0].upper() + part[1:] for part in parts if part)
-
-
 def _check(name: str, contents: dict[str, bytes], records: dict[str, dict[str, Any]]) -> None:
     """Raise a UserError for records of an earlier version, and for one that is not the one that was evaluated."""
     where, evaluated = name or "the workspace", records["evaluate"]["inputs"]
     for stage, record in records.items():
-        if "origin" not in record:
+        if "origin" not in record or not all(isinstance(note, dict) for note in record["notes"]):
             raise UserError(f"{where}: runs/{stage}.json was written by an earlier version; run `dvc repro --force`")
         if stage in evaluated and evaluated[stage]["md5"] != md5(contents[stage], usedforsecurity=False).hexdigest():
             raise UserError(

@@ -2,45 +2,51 @@
 
 import numpy as np
 
-from tactile_viewgcn.frames.automatic import AUTO, Recommendation, choose
+from tactile_viewgcn.frames.automatic import AUTO, choose
 from tactile_viewgcn.frames.inspection import SENSORS_IN_CONTACT, Inspection
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.pages.source_inspection import Overview
 
 MOST_FOLDS = 5
 FEW_FRAMES = 50_000  # of contact
 
 
-def recommend(seen: Inspection) -> list[Recommendation]:
-    """The settings: of preprocessing those that `auto` becomes, where the default says something else."""
-    chosen = choose(seen, dict.fromkeys(AUTO, "auto"))
-    if seen.contact_sensors == SENSORS_IN_CONTACT or seen.all_contact:
-        chosen = [one for one in chosen if one.key != "preprocess.contact_sensors"]
-    return [*chosen, *_split(seen), *_preset(seen)]
+def recommend(overview: Overview) -> list[Note]:
+    """The settings as choices: of preprocessing those that `auto` becomes, where the default says something else."""
+    inspection = overview.inspection
+    chosen = choose(inspection, overview.leaks, dict.fromkeys(AUTO, "auto"))
+    if inspection.contact_sensors == SENSORS_IN_CONTACT or inspection.all_contact:
+        chosen = [note for note in chosen if note.key != "preprocess.contact_sensors"]
+    chosen += split_choices(inspection)
+    if not inspection.has_published_split or inspection.contact.sum() <= FEW_FRAMES:  # unlike STAG's `classification`
+        reason = "the lowest error on validation groups where recordings are few"
+        chosen.append(Note(reason, "choice", "preset", "preset", "best"))
+    return chosen
 
 
-def _split(seen: Inspection) -> list[Recommendation]:
-    held = np.unique(seen.label[seen.held])
-    if seen.has_published_split:
-        return [Recommendation("split.by", "source", "every object is on both published sides")]
-    counts = {by: seen.groups[by][held] for by in ("recording", "grasp") if by in seen.groups}
+def split_choices(inspection: Inspection) -> list[Note]:
+    """What is held out: recordings, grasps where more objects have two of them, or single frames."""
+
+    def choice(key: str, value: str | int, reason: str) -> Note:
+        return Note(reason, "choice", "split", key, value)
+
+    if inspection.has_published_split:
+        return [choice("split.by", "source", "every object is on both published sides")]
+    labels = np.unique(inspection.label[inspection.has_object])
+    counts = {by: inspection.groups[by][labels] for by in ("recording", "grasp") if by in inspection.groups}
     by = max(counts, key=lambda by: (counts[by] >= 2).sum())  # the first of two that are as many: recordings
     if (counts["recording"] >= 2).mean() >= 0.5:
         by = "recording"
-    several = counts[by] >= 2
-    if several.sum() >= 2:
-        count, what = counts[by], f"{by}s"
-        alone = f"; {(~several).sum()} objects have one and cannot be tested" if not several.all() else ""
-        fewest = int(count[several].min())
-        reason = f"an object has {fewest} {what} or more, of which whole ones are held out{alone}"
-        folds = min(MOST_FOLDS, fewest)
-        return [
-            Recommendation("split.by", by, reason),
-            Recommendation("split.folds", folds, f"{what} in {folds} parts; split.fold says which is tested"),
-        ]
-    reason = "one recording an object: nothing can be held out. Frames beside each other are on both sides, and the "
-    return [Recommendation("split.by", "frame", f"{reason}error says nothing about a new recording: record each twice")]
-
-
-def _preset(seen: Inspection) -> list[Recommendation]:
-    if seen.has_published_split and seen.contact.sum() > FEW_FRAMES:  # STAG's `classification`, the paper's experiment
-        return []
-    return [Recommendation("preset", "best", "the lowest error on validation groups where recordings are few")]
+    repeated = counts[by] >= 2
+    if repeated.sum() < 2:
+        reason = (
+            "one recording an object: nothing can be held out. Frames beside each other are on both sides, and the "
+        )
+        return [choice("split.by", "frame", f"{reason}error says nothing about a new recording: record each twice")]
+    alone = f"; {(~repeated).sum()} objects have one and cannot be tested" if not repeated.all() else ""
+    fewest = int(counts[by][repeated].min())
+    folds = min(MOST_FOLDS, fewest)
+    return [
+        choice("split.by", by, f"an object has {fewest} {by}s or more, of which whole ones are held out{alone}"),
+        choice("split.folds", folds, f"{by}s in {folds} parts; split.fold says which is tested"),
+    ]

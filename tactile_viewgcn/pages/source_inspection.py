@@ -1,17 +1,101 @@
-"""Inspecting a source that has not been read yet."""
+"""What the text and the page of an inspection show, measured when they are asked for."""
 
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tactile_viewgcn.frames.baseline_leaks import with_every_leak
-from tactile_viewgcn.frames.inspection import Inspection, inspect_recordings
+import numpy as np
+
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly
+from tactile_viewgcn.frames.inspection import Inspection, contact_readings, inspect_recordings
+from tactile_viewgcn.frames.leak import Leak, check_first_frames, leaks_of_baselines
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, is_table, write_recordings
 
+PERCENTILES = (0, 1, 50, 99, 100)
+SAMPLE = 2000  # frames of which percentiles are computed
+POINTS = 100  # of a time line, at most
+BINS = 60
+STUCK = 0.1  # of the median sensor's standard deviation
+SATURATED = 0.01  # share of frames at the largest reading there is
+GAP = 2.5  # median intervals: frames are missing
+ALWAYS = ("object", "recording", "session", "frame", "time")  # columns that every source has
 
-def inspect_source(path: str | Path) -> Inspection:
-    """Inspect a source in any form that `ingest` reads, or the table that it writes, leaks too.
+
+@dataclass(frozen=True)
+class Overview:
+    """What is shown of R recordings with frames, S sensors that vary, O objects.
+
+    Attributes:
+        inspection: what is decided by.
+        path: of the source.
+        shape, dtype: of a frame; of the stored counts.
+        columns: optional columns that the source has, such as `valid`, `grasp`, `split`.
+        recordings, sessions: names.
+        seconds: (R,) from first to last frame; NaN where the source has no time.
+        interval: median seconds between frames, or None; gaps: intervals of more than 2.5 times that.
+        drift: (R,) largest change of the open hand, see `_drift`.
+        leaks: by `preprocess.baseline`: whether objects are told from frames without contact.
+        first_frame: whether objects are told from the first frame of each recording; None where it was not checked.
+        percentiles: (5,) of all readings, in counts: 0, 1, 50, 99 and 100.
+        above: (5,) of the readings of sensors in contact, in counts above the baseline; NaN without any.
+        pressed_share: of the readings of frames in contact, how many are of sensors in contact.
+        histogram, edges: (B,) numbers of readings above the baseline in frames in contact; (B + 1,) limits in counts.
+        stuck: bool (H, W) sensors that vary by less than a tenth of what the median sensor does.
+        saturated: (H, W) share of frames in which a sensor reads the largest number that any does; 0 everywhere where
+            only one reading is that large.
+        mean_frame: (O, H, W) mean counts above the baseline in frames of contact, NaN of an object without any.
+        activity: for each recording, up to 100 means over the sensors, in counts above the baseline, in order.
+        in_contact: for each of these, the share of its frames that are in contact.
+    """
+
+    inspection: Inspection
+    path: Path
+    shape: tuple[int, int]
+    dtype: str
+    columns: list[str]
+    recordings: list[str]
+    sessions: list[str]
+    seconds: np.ndarray
+    interval: float | None
+    gaps: int
+    drift: np.ndarray
+    leaks: dict[str, Leak]
+    first_frame: Leak | None
+    percentiles: np.ndarray
+    above: np.ndarray
+    pressed_share: float
+    histogram: np.ndarray
+    edges: np.ndarray
+    stuck: np.ndarray
+    saturated: np.ndarray
+    mean_frame: np.ndarray
+    activity: list[np.ndarray]
+    in_contact: list[np.ndarray]
+
+    def object_rows(self) -> list[tuple[str, dict[str, int]]]:
+        """Name of each object, and its numbers of recordings and of frames of each kind."""
+        shown = self.inspection
+        counts = {"recordings": np.ones_like(shown.frames), "frames": shown.frames, "contact": shown.contact}
+        counts |= {"open hand": shown.open} | ({} if shown.flagged is None else {"flagged": shown.flagged})
+        return [
+            (shown.objects[label], {name: int(count[shown.label == label].sum()) for name, count in counts.items()})
+            for label in np.unique(shown.label)
+        ]
+
+    def session_rows(self) -> list[tuple[str, int, int, float, np.ndarray]]:
+        """Name, recordings, frames of the empty hand, median noise, and drifts of the recordings of each session."""
+        of, rows = self.inspection, []
+        for number in np.unique(of.session):
+            drift, noise = self.drift[of.session == number], float(np.median(of.hand.noise[number]))
+            drift_known = drift[np.isfinite(drift)]
+            rows.append((self.sessions[number], len(drift), int(of.empty[number]), noise, drift_known))
+        return rows
+
+
+def inspect_source(path: str | Path) -> Overview:
+    """Inspect a source in any form that `ingest` reads, or the table that it writes.
 
     Raises:
         UserError: lists the mistakes of the source.
@@ -20,9 +104,108 @@ def inspect_source(path: str | Path) -> Inspection:
     path = Path(path)
     if is_table(path):
         with Recordings(path) as table:
-            return with_every_leak(table, inspect_recordings(table))
+            return overview(table, path)
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings.h5"
         write_recordings(file, open_source(path), "")
         with Recordings(file) as table:
-            return replace(with_every_leak(table, inspect_recordings(table)), path=path)
+            return overview(table, path)
+
+
+def overview(recordings: Recordings, path: Path, *, sensors: int | None = None) -> Overview:
+    """Inspect the table of raw counts of the source at `path`; for `sensors` see `inspect_recordings`."""
+    of = inspect_recordings(recordings, sensors=sensors)
+    names, columns = recordings.recordings, recordings.columns
+    first = [index[0] for index in of.frames_of]
+    interval, gaps, seconds = _sampling([columns["time"][index] for index in of.frames_of])
+    means, activity, in_contact = _means(of)
+    excess, above = contact_readings(of)
+    limits = np.percentile(excess, [0.1, 99.9]) if len(excess) else np.array([0.0, 1.0])
+    limits += [-1, 1] if limits[0] == limits[1] else [0, 0]
+    histogram, edges = np.histogram(excess, BINS, tuple(limits))
+    sample = of.hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
+    smallest, largest, at_largest = _extremes(of)
+    spread = sample.std(axis=0)
+    return Overview(
+        inspection=of,
+        path=path,
+        shape=recordings.shape,
+        dtype=str(recordings.dtype),
+        columns=[name for name in columns if name not in ALWAYS],
+        recordings=[names[i] for i in columns["recording"][first]],
+        sessions=recordings.sessions,
+        seconds=seconds,
+        interval=interval,
+        gaps=gaps,
+        drift=_drift(of),
+        leaks=leaks_of_baselines(recordings, of, "empty_hand", "grasp"),
+        first_frame=check_first_frames(recordings, of.hand, stream(0, "first frame")),
+        percentiles=np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
+        above=np.percentile(above, PERCENTILES) if len(above) else np.full(len(PERCENTILES), np.nan),
+        pressed_share=len(above) / max(1, len(excess)),
+        histogram=histogram,
+        edges=edges,
+        stuck=on_layout(spread < STUCK * np.median(spread), of.live),
+        saturated=on_layout(at_largest / len(recordings) * (at_largest.sum() > 1), of.live),
+        mean_frame=np.stack([on_layout(mean, of.live) for mean in means]),
+        activity=activity,
+        in_contact=in_contact,
+    )
+
+
+def on_layout(values: np.ndarray, live: np.ndarray) -> np.ndarray:
+    """Values (S,) of the live sensors as (H, W); 0 elsewhere."""
+    layout = np.zeros(live.shape, dtype=values.dtype)
+    layout[live] = values
+    return layout
+
+
+def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:
+    """Median interval in seconds, number of gaps, and the length of each recording, from the times of its frames."""
+    seconds = np.array([time[-1] - time[0] for time in times])
+    steps = np.concatenate([np.diff(time) for time in times])
+    if not len(steps) or not np.isfinite(steps).all() or not (interval := float(np.median(steps))) > 0:
+        return None, 0, np.where(seconds > 0, seconds, np.nan)
+    return interval, int((steps > GAP * interval).sum()), seconds
+
+
+def _drift(of: Inspection) -> np.ndarray:
+    """Largest change (R,) of the open hand within each recording, or from its session's baseline.
+
+    It is the root mean square over sensors in standard deviations of noise; NaN with fewer than ten open-hand frames.
+    """
+    drift = np.full(len(of.frames_of), np.nan)
+    for row, index in enumerate(of.frames_of):
+        opened = index[of.hand.open[index]]
+        if of.all_contact or len(opened) < 2 * MIN_FRAMES:
+            continue
+        first, last = (of.hand.counts[part].mean(axis=0) for part in (opened[:MIN_FRAMES], opened[-MIN_FRAMES:]))
+        baseline, noise = of.of_session[of.session[row]], of.hand.noise[of.session[row]]
+        changes = np.stack([last - first, first - baseline, last - baseline]) / noise
+        drift[row] = np.sqrt((changes**2).mean(axis=1)).max()
+    return drift
+
+
+def _means(of: Inspection) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
+    """Mean frame (O, S) of each object in contact, and the time lines `activity` and `in_contact`; see `Overview`."""
+    sums, number = np.zeros((len(of.objects), of.hand.counts.shape[1])), np.zeros((len(of.objects), 1))
+    activity, in_contact = [], []
+    for row, index in enumerate(of.frames_of):
+        excess, in_hand, points = of.hand.counts[index] - of.baseline[row], of.in_hand[index], min(POINTS, len(index))
+        sums[of.label[row]] += excess[in_hand].sum(axis=0)
+        number[of.label[row]] += in_hand.sum()
+        activity.append(np.array([part.mean() for part in np.array_split(excess.mean(axis=1), points)]))
+        in_contact.append(np.array([part.mean() for part in np.array_split(in_hand, points)]))
+    return np.where(number > 0, sums / np.maximum(number, 1), np.nan), activity, in_contact
+
+
+def _extremes(of: Inspection) -> tuple[float, float, np.ndarray]:
+    """Smallest and largest reading, and in how many frames each sensor (S,) reads the largest."""
+    smallest, largest, at_largest = np.inf, -np.inf, np.zeros(of.hand.counts.shape[1], dtype=np.int64)
+    for index in of.frames_of:
+        counts = of.hand.counts[index]
+        smallest = min(smallest, counts.min())
+        if counts.max() > largest:
+            largest, at_largest[:] = counts.max(), 0
+        at_largest += (counts == largest).sum(axis=0)
+    return float(smallest), float(largest), at_largest

@@ -20,18 +20,19 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
-    EMPTY_HAND,
+    SOURCE_MD5,
     TEST,
     TRAIN,
     UNLABELLED,
     Block,
     Source,
     check_shape,
-    mistakes_in_frames,
+    checked_blocks,
+    numbered,
+    open_hdf5,
     raise_mistakes,
     storage_type,
 )
-from tactile_viewgcn.tables.recordings import SOURCE_MD5
 
 SUFFIXES = (".h5", ".hdf5")
 SPLITS = {"train": TRAIN, "test": TEST}
@@ -41,14 +42,11 @@ OPTIONAL_COLUMNS = ("time", "valid", "grasp", "grasp_valid")
 
 @dataclass(frozen=True)
 class Header:
-    """Attributes and form of one recording's file; `columns` includes "split" if the file names its side."""
+    """What one recording's file says of itself; `columns` includes "split" if it names its side."""
 
     file: Path
-    object: str
-    session: str
     recording: str
-    weight: float | None
-    split: int | None
+    attributes: dict[str, str]
     frames: int
     shape: tuple[int, int]
     dtype: np.dtype
@@ -70,30 +68,33 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.suffix in SUFFIXES)
     if not files:
         raise UserError(f"{path}: no .h5 or .hdf5 recordings in it")
-    root = path.parent if path.is_file() else path
     headers: list[Header] = []
     mistakes: list[str] = []
     for file in files:
         try:
-            headers.append(_read_header(file, root, labelled))
+            headers.append(_read_header(file, path.parent if path.is_file() else path, labelled))
         except UserError as error:
             mistakes.append(str(error))
-    if mistakes := mistakes + _disagreements(headers, path):
-        alike = [
-            header for header in headers if (header.shape, header.columns) == (headers[0].shape, headers[0].columns)
-        ]
-        raise_mistakes(mistakes + (mistakes_in_frames(_source(alike, path)) if alike else []))
+    mistakes += _disagreements(headers, path)
+    if mistakes and headers:  # frames have mistakes too
+        alike = [each for each in headers if (each.shape, each.columns) == (headers[0].shape, headers[0].columns)]
+        try:
+            for _ in checked_blocks(_source(alike, path)):
+                pass
+        except UserError as error:
+            mistakes.append(str(error))
+    raise_mistakes(mistakes)
     return _source(headers, path)
 
 
 def _source(headers: list[Header], path: Path) -> Source:
     """The source of recordings that go together."""
-    objects = sorted({header.object for header in headers}, key=lambda name: (name != EMPTY_HAND, name))
-    sessions = sorted({header.session for header in headers})
+    objects = numbered([header.attributes["object"] for header in headers])
+    sessions = sorted({header.attributes["session"] for header in headers})
     weights = np.full(len(objects), np.nan)
     for header in headers:
-        if header.weight is not None:
-            weights[objects.index(header.object)] = header.weight
+        if "weight" in header.attributes:
+            weights[objects.index(header.attributes["object"])] = float(header.attributes["weight"])
     return Source(
         path,
         objects,
@@ -101,6 +102,7 @@ def _source(headers: list[Header], path: Path) -> Source:
         sessions,
         headers[0].shape,
         storage_type(np.result_type(*(header.dtype for header in headers)), str(path)),
+        sum(header.frames for header in headers),
         _blocks(headers, objects, sessions),
         weights=None if np.isnan(weights).all() else weights,
     )
@@ -109,40 +111,37 @@ def _source(headers: list[Header], path: Path) -> Source:
 def _blocks(headers: list[Header], objects: list[str], sessions: list[str]) -> Iterator[Block]:
     """The frames of all recordings, block by block."""
     for number, header in enumerate(headers):
+        attributes = header.attributes
         constant = {
-            "object": objects.index(header.object),
+            "object": objects.index(attributes["object"]),
             "recording": number,
-            "session": sessions.index(header.session),
+            "session": sessions.index(attributes["session"]),
+            "time": np.nan,
         }
-        if header.split is not None:
-            constant["split"] = header.split
-        with h5py.File(header.file, "r") as file:
+        if "split" in attributes:
+            constant["split"] = SPLITS[attributes["split"]]
+        with open_hdf5(header.file) as file:
             for start in range(0, header.frames, BLOCK_FRAMES):
-                at = slice(start, start + BLOCK_FRAMES)
-                pressure = file["pressure"][at]
-                count = len(pressure)
-                block = {column: np.full(count, value) for column, value in constant.items()}
-                for column in header.columns:
-                    if column in OPTIONAL_COLUMNS:
-                        block[column] = _column(file[column], column, at, header.file)
-                block.setdefault("time", np.full(count, np.nan))
-                yield block | {"pressure": pressure, "frame": np.arange(start, start + count)}
+                at = slice(start, min(start + BLOCK_FRAMES, header.frames))
+                block = {name: np.full(at.stop - start, value) for name, value in constant.items()}
+                block |= {name: file[name][at] for name in header.columns if name != "split"}
+                if "time" in header.columns:
+                    block["time"] = block["time"] - file["time"][0]
+                yield block | {"pressure": file["pressure"][at], "frame": np.arange(start, at.stop)}
 
 
 def _disagreements(headers: list[Header], path: Path) -> list[str]:
     """Mistakes of files that are good alone and do not go together."""
-    first = headers[0] if headers else None
     mistakes = [
-        f"{header.file}: {what} {getattr(header, what)}; expected {getattr(first, what)} as in {first.file}"
+        f"{header.file}: {what} {getattr(header, what)}; expected {getattr(headers[0], what)} as in {headers[0].file}"
         for header in headers
         for what in ("shape", "columns")
-        if first and getattr(header, what) != getattr(first, what)
+        if getattr(header, what) != getattr(headers[0], what)
     ]
-    counts = Counter(header.recording for header in headers)
     return mistakes + [
         f"{path}: {'two' if count == 2 else count} recordings are named {name!r}; "
         "expected different names: give each file a `recording` attribute"
-        for name, count in counts.items()
+        for name, count in Counter(header.recording for header in headers).items()
         if count > 1
     ]
 
@@ -153,49 +152,30 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
     Raises:
         UserError: lists all mistakes of the file.
     """
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise UserError(
-            f"{path}: not a readable HDF5 file, or cut short ({error}); record or download it again"
-        ) from None
-    with file:
+    with open_hdf5(path) as file:
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
         pressure = file.get("pressure")
         if not isinstance(pressure, h5py.Dataset):
             raise UserError(f"{path}: no dataset /pressure; found {', '.join(file) or 'nothing'}")
         shape, dtype = check_shape(pressure.shape, str(path)), storage_type(pressure.dtype, str(path))
-        columns = [name for name in OPTIONAL_COLUMNS if name in file]
+        columns, mistakes = [name for name in OPTIONAL_COLUMNS if name in file], []
+        for name in columns:
+            if not isinstance(file[name], h5py.Dataset):
+                mistakes.append(f"/{name} is a group; expected a dataset")
+            elif file[name].shape != (len(pressure),):
+                mistakes.append(f"/{name} has shape {file[name].shape}; expected ({len(pressure)},)")
+            elif file[name].dtype.kind not in "biuf":
+                mistakes.append(f"/{name} is of type {file[name].dtype}; expected numbers")
         attributes = {} if labelled else dict(NOT_LABELLED)
-        attributes |= {name: _text(value) for name, value in file.attrs.items()}
-        mistakes = _column_mistakes(file, columns, len(pressure)) + _attribute_mistakes(attributes, labelled)
+        for name, value in file.attrs.items():
+            attributes[name] = value.decode() if isinstance(value, bytes) else str(value)  # bytes: of fixed length
+        mistakes += _attribute_mistakes(attributes, labelled)
         if mistakes:
             raise UserError("; ".join(f"{path}: {mistake}" for mistake in mistakes))
-        split = attributes.get("split")
-        return Header(
-            file=path,
-            object=attributes["object"],
-            session=attributes["session"],
-            recording=attributes.get("recording", path.relative_to(root).with_suffix("").as_posix()),
-            weight=float(attributes["weight"]) if "weight" in attributes else None,
-            split=None if split is None else SPLITS[split],
-            frames=len(pressure),
-            shape=shape,
-            dtype=dtype,
-            columns=columns if split is None else [*columns, "split"],
-        )
-
-
-def _column_mistakes(file: h5py.File, columns: list[str], frames: int) -> list[str]:
-    """Optional columns that are no dataset of one value per frame."""
-    mistakes = []
-    for name in columns:
-        if not isinstance(file[name], h5py.Dataset):
-            mistakes.append(f"/{name} is a group; expected a dataset")
-        elif file[name].shape != (frames,):
-            mistakes.append(f"/{name} has shape {file[name].shape}; expected ({frames},)")
-    return mistakes
+        recording = attributes.get("recording", path.relative_to(root).with_suffix("").as_posix())
+        columns += ["split"] if "split" in attributes else []
+        return Header(path, recording, attributes, len(pressure), shape, dtype, columns)
 
 
 def _attribute_mistakes(attributes: dict[str, str], labelled: bool) -> list[str]:
@@ -215,16 +195,3 @@ def _attribute_mistakes(attributes: dict[str, str], labelled: bool) -> list[str]
     if split not in SPLITS:
         mistakes.append(f"attribute split is {split!r}; expected train or test")
     return mistakes
-
-
-def _text(value: object) -> str:
-    """An attribute as text; HDF5 gives one of fixed length as bytes."""
-    return value.decode() if isinstance(value, bytes) else str(value)
-
-
-def _column(dataset: h5py.Dataset, name: str, at: slice, path: Path) -> np.ndarray:
-    """Part of an optional column of numbers; seconds are counted from the first frame."""
-    values = dataset[at]
-    if values.dtype.kind not in "biuf":
-        raise UserError(f"{path}: /{name} is of type {values.dtype}; expected numbers")
-    return values - dataset[0] if name == "time" else values

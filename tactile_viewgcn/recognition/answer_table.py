@@ -1,10 +1,9 @@
-"""Answers as lines for a terminal of 80 columns, as CSV and as JSON."""
+"""Answers as lines for a terminal, as CSV and as JSON."""
 
 import csv
 import io
 import json
 import math
-import textwrap
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,11 @@ import numpy as np
 
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.readers.source import EMPTY_HAND, UNLABELLED
-from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer
+from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, Row
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.recognition.unlabelled import Row
 
 TOP = 3
-WIDTH = 80  # of a terminal
 NAME_WIDTH = 20
-SHORTEST = 4  # letters of a class's name
 HEAD = f"{'recording':<{NAME_WIDTH}} {'frames':>8}  answer"
 
 
@@ -29,7 +25,7 @@ def describe(recogniser: Recogniser) -> str:
     views = recogniser.classifier.views
     any_number = recogniser.temperatures is not None
     number, calibrated = (f"up to {views}", "calibrated") if any_number else (f"{views}", "not calibrated")
-    novelty = "" if recogniser.novelty else "\n  it cannot tell what is unlike anything seen"
+    novelty = "" if recogniser.novelty else "\n  it does not recognise what is unlike anything seen"
     return (
         f"model: {recogniser.system}, {len(recogniser.classes)} classes, {number} frames; "
         f"probabilities are {calibrated}{novelty}"
@@ -45,46 +41,13 @@ def best(row: Row, classes: list[str]) -> list[tuple[str, float]]:
 
 
 def line(row: Row, classes: list[str]) -> str:
-    """One line: name, frames used of frames in contact, first three classes."""
+    """One line: name, frames used of frames in contact, first three classes; of what is unlike them the nearest."""
     place = f" {row.start:.1f} s" if row.start > 0 else ""
     width = NAME_WIDTH - len(place)
     name = (row.recording if len(row.recording) <= width else "…" + row.recording[1 - width :]) + place
-    begin = f"{name:<{NAME_WIDTH}} {f'{row.answer.used}/{row.answer.contact}':>8}  "
-    late = "" if math.isnan(row.latency_ms) else f"  {row.latency_ms:.0f} ms"
-    return begin + _told(row, classes, WIDTH - len(begin) - len(late)) + late
-
-
-def _told(row: Row, classes: list[str], width: int) -> str:
-    """The answer in words, of this width if it can be.
-
-    Names are cut, but never so far that two classes read alike; where that is not enough, the third and the second
-    answer are left out.
-    """
-    if row.answer.status == NO_CONTACT:
-        return NO_CONTACT
-    unknown = row.answer.status == UNKNOWN
-    names = best(row, classes)[: 1 if unknown else TOP]
-    longest = max(SHORTEST, *map(len, classes))
-    lengths = [
-        most for most in range(longest, SHORTEST - 1, -1) if len({_cut(name, most) for name in classes}) == len(classes)
-    ]
-    for count in range(len(names), 0, -1):
-        for most in lengths:
-            shares = ", ".join(f"{_cut(name, most)} {100 * share:.0f} %" for name, share in names[:count])
-            told = f"{UNKNOWN}; nearest {shares}" if unknown else shares
-            if len(told) <= width:
-                return told
-    return told
-
-
-def _cut(name: str, most: int) -> str:
-    """The name, or its beginning with a sign that it is one."""
-    return name if len(name) <= most else name[: most - 1] + "…"
-
-
-def wrapped(note: str) -> str:
-    """A note in lines of a terminal."""
-    return textwrap.fill(note, WIDTH, subsequent_indent="  ")
+    shares = [f"{name} {100 * share:.0f} %" for name, share in best(row, classes)]
+    text = {NO_CONTACT: NO_CONTACT, OBJECT: ", ".join(shares), UNKNOWN: f"{UNKNOWN}; nearest {''.join(shares[:1])}"}
+    return f"{name:<{NAME_WIDTH}} {f'{row.answer.used}/{row.answer.contact}':>8}  {text[row.answer.status]}"
 
 
 def summary(rows: list[Row], classes: list[str]) -> list[str]:
@@ -99,8 +62,8 @@ def summary(rows: list[Row], classes: list[str]) -> list[str]:
             f"right: {first} of {len(known)} ({100 * first / len(known):.1f} %); among the first three: {among}"
         )
     if other:
-        told = sum(row.answer.status == UNKNOWN for row in other)
-        lines.append(f"of objects that the model does not know: {len(other)}, {told} of them called {UNKNOWN}")
+        unknown = sum(row.answer.status == UNKNOWN for row in other)
+        lines.append(f"of objects that the model does not know: {len(other)}, {unknown} of them called {UNKNOWN}")
     return lines
 
 
@@ -113,25 +76,15 @@ def _is_right(row: Row, classes: list[str], top: int) -> bool:
 def record(row: Row, classes: list[str]) -> dict[str, Any]:
     """The row as plain values, NaN as None."""
     names, status = best(row, classes), row.answer.status
-    values = {
-        "recording": row.recording,
-        "start_s": row.start,
-        "end_s": row.end,
-        "answer": names[0][0] if status == OBJECT else status,
-    }
+    values: dict[str, Any] = {"recording": row.recording, "start_s": row.start, "end_s": row.end}
+    values["answer"] = names[0][0] if status == OBJECT else status
     for place in range(TOP):
         name, probability = names[place] if place < len(names) else (None, None)
         values |= {f"class_{place + 1}": name, f"probability_{place + 1}": probability}
     values |= {"frames_used": row.answer.used, "frames_in_contact": row.answer.contact, "frames": row.frames}
-    values |= {"novelty": row.answer.novelty, "latency_ms": row.latency_ms, "object": row.object or None}
-    return {
-        name: None if isinstance(value, float) and math.isnan(value) else _plain(value)
-        for name, value in values.items()
-    }
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+    values |= {"novelty": row.answer.novelty, "object": row.object or None}
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
+    return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in plain.items()}
 
 
 def write_answers(

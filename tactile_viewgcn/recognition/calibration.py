@@ -11,15 +11,15 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION, fold_sides, spans_classes
-from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.frames.split import fold_sides, spans_classes
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import logits_by_count, sequences
+from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.views.clustering import pool_ids
 
 DRAWS = 10  # sequences around each validation anchor
@@ -49,84 +49,76 @@ def fit_temperatures(
 ) -> list[float] | None:
     """Temperatures of a trained classifier for 1 to V frames.
 
+    A network is calibrated on the validation side. A system on the sensors is fitted in seconds, so that it needs none.
+
     Args:
         fit: a classifier like it, fitted to the training side of a table; called for systems on the sensors.
         params: `seed` and `finetune.num_views` are read.
 
     Returns:
-        None where it takes V frames alone, or nothing can be held out to calibrate on.
+        None where it takes V frames alone, or nothing can be left out to calibrate on.
     """
     if params.finetune.num_views != "random":
         return None
-    if classifier.head.takes == "sensors":
+    if isinstance(classifier, SensorClassifier):
         return cross_calibrate(fit, table, compute, params.seed)
     if (table.anchor & (table.side == VALIDATION)).any():
-        return calibrate(classifier, table, compute, params.seed)
+        return _temperatures([_validation_logits(classifier, table, compute, params.seed)])
     return None
 
 
-def calibration_warning(classifier: Classifier, temperatures: list[float] | None) -> str | None:
+def calibration_warning(classifier: Classifier, temperatures: list[float] | None) -> Note | None:
     """A warning where a temperature is above 0.9 of the largest there is: all classes are then about as probable."""
     if not temperatures or max(temperatures) <= 0.9 * MAX_TEMPERATURE:
         return None
-    remedy = "" if classifier.head.takes == "sensors" else ", or raise finetune.epochs"
-    return (
-        "warning: answers on held-out groups are no better than chance, so that no confidence threshold is ever "
-        f"reached; record each object more often{remedy}"
+    remedy = "" if isinstance(classifier, SensorClassifier) else ", or raise finetune.epochs"
+    return Note(
+        "answers on validation groups are no better than chance, so that no confidence threshold is ever reached; "
+        f"record each object more often{remedy}",
+        level="warning",
+        topic="calibration",
     )
-
-
-def calibrate(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> list[float]:
-    """Temperatures for 1 to V frames, fitted on the validation side of the table.
-
-    Raises:
-        UserError: there is no validation side.
-    """
-    if not (table.anchor & (table.side == VALIDATION)).any():
-        raise UserError(
-            "split.validation leaves no anchor frames; finetune.num_views random needs some to calibrate on"
-        )
-    return _temperatures([_held_out_answers(classifier, table, compute, seed)])
 
 
 def cross_calibrate(
     fit: Callable[[Frames], Classifier], table: Frames, compute: Compute, seed: int
 ) -> list[float] | None:
-    """Temperatures for 1 to V frames of a system that is fitted in seconds, without validation groups.
+    """Temperatures for 1 to V frames, fitted without a validation side.
 
-    The training groups are dealt into folds; each fold is answered by a classifier that is fitted to the others.
+    The training groups are dealt into folds; each fold is answered by a classifier that is fitted to the others. A
+    class of which a fold holds all groups is left out of it.
 
     Args:
         fit: the classifier fitted to the training side of a table.
 
     Returns:
-        None where no class has two training groups, so that nothing can be held out.
+        None where no class has two training groups.
     """
     train = table.on(TRAIN)
     group, label, answers = table.group[train], table.label[train], []
     for fold in range(FOLDS):
-        held_out = fold_sides(group, label, folds=FOLDS, fold=fold, across=spans_classes(group, label)) == TEST
-        held_out &= np.isin(label, label[~held_out])
+        left_out = fold_sides(group, label, folds=FOLDS, fold=fold, across=spans_classes(group, label)) == TEST
+        left_out &= np.isin(label, label[~left_out])
         side = np.where(table.side == VALIDATION, TEST, table.side)
-        side[train[held_out]] = VALIDATION
+        side[train[left_out]] = VALIDATION
         if (table.anchor & (side == VALIDATION)).any():
             part = replace(table, side=side)
-            answers.append(_held_out_answers(fit(part), part, compute, seed))
+            answers.append(_validation_logits(fit(part), part, compute, seed))
     return _temperatures(answers) if answers else None
 
 
-def _held_out_answers(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> tuple[Tensor, Tensor]:
+def _validation_logits(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> tuple[Tensor, Tensor]:
     """Logits (V, A, classes) after 1 to V frames of sequences on the validation side, and their classes (A,)."""
     index = table.on(VALIDATION)
-    classifier.eval()
-    frames = input_frames(table, index, compute, classifier.head.transform)
+    classifier.prepare(compute)
+    frames = FrameInputs(table, index, compute, classifier.transform)
     with compute.autocast(), torch.inference_mode():
-        features = extract_features(classifier.backbone, frames)
+        values = classifier.frame_values(frames)
     recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")
     anchors = np.tile(np.flatnonzero(table.anchor[index]), DRAWS)
     drawn = sequences(anchors, recording, classifier.views, stream(seed, "touches.calibrate"))
     labels = torch.from_numpy(table.label[index][anchors].astype(np.int64))
-    return logits_by_count(classifier, features, drawn).cpu(), labels
+    return logits_by_count(classifier, values, drawn).cpu(), labels
 
 
 def _temperatures(answers: list[tuple[Tensor, Tensor]]) -> list[float]:

@@ -12,6 +12,7 @@ from tactile_viewgcn.frames.filtering import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand, of_empty_hand
 from tactile_viewgcn.frames.preprocessing import measure_baseline
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
@@ -83,6 +84,7 @@ def _session_baseline(
             entries.append(trimmed_moments(recordings.frames(frames), left))
         else:
             entries.append(known[number])
-            notes.append(f"session {name!r}: fewer than {MIN_FRAMES} frames of the open hand; the training's baseline")
+            text = f"session {name!r}: fewer than {MIN_FRAMES} frames of the open hand; the training's baseline"
+            notes.append(Note(text, topic="baseline"))
     means, noises = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.sessions, means, noises, session, notes)

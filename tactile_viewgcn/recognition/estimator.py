@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of
@@ -33,7 +34,7 @@ CHOSEN = {
 
 
 class TactileClassifier(ClassifierMixin, BaseEstimator):
-    """Tells objects by tactile recordings; any system or preset of the pipeline, trained in memory.
+    """Recognises objects in tactile recordings; any system or preset of the pipeline, trained in memory.
 
     X is one of
 
@@ -52,7 +53,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     Attributes:
         classes_: (Y,) labels, sorted.
         params_: all parameters that it was trained with.
-        notes_: sentences on what was chosen for the training data and left out of them, and why.
+        notes_: on what was chosen for the training data and left out of them, and why.
         recogniser_: the trained `Recogniser`, which answers one set or recording at a time.
         n_features_in_: S, of rows alone.
     """
@@ -96,9 +97,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         self.classes_, self.params_, self.notes_, self._form = classes, params, trained.notes, form
         self._columns = [names.index(name) for name in trained.frames.classes]
         self._load()
-        for note in trained.notes:
-            if note.startswith("warning: "):
-                warnings.warn(note.removeprefix("warning: "), stacklevel=2)
+        for note in warnings_of(trained.notes):
+            warnings.warn(note.text, stacklevel=2)
         return self
 
     def predict_proba(self, X: Any) -> np.ndarray:
@@ -196,7 +196,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         return params
 
     def _of_recordings(self, arrays: list[np.ndarray]) -> np.ndarray:
-        """Probabilities (n, classes) of recordings of raw counts, each told from its frames in contact.
+        """Probabilities (n, classes) of recordings of raw counts, each by its frames in contact.
 
         Without any it is the empty hand, or where that is no class, each class is as probable as any other.
         """

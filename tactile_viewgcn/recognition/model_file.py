@@ -1,25 +1,49 @@
-"""The file of a trained classifier: its weights and all that is needed to use them on raw counts.
+"""The file of a trained classifier: what it has learnt, and all that is needed to use it on raw counts.
 
-It holds tensors and plain values alone, so that it loads with `weights_only=True`. The weights of a system without a
-network are a pickled estimator, which runs code when it is loaded, see `sensors/sensor_system.py`.
+It runs no code when it is loaded. It holds tensors and plain values, read with `weights_only=True`; pipelines of
+scikit-learn lie in it as archives of skops, whose types are compared with a list before anything is built.
 """
 
+import io
+import json
+import zipfile
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.frames.split import TRAIN
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import Backbone, Model
 from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
-from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.systems.classifier import Classifier, build_classifier
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 
+FORMAT = 2  # of the file; one written before formats had numbers has none
 STRONG_FRAMES = 2000
+ARCHIVE = "skops"  # key of a pipeline's bytes, uint8 (n,)
+OURS = [
+    "tactile_viewgcn.sensors.forest.Forest",
+    "tactile_viewgcn.sensors.kernels.BlockMeans",
+    "tactile_viewgcn.sensors.kernels.KernelClassifier",
+]
+SCIKIT_LEARN = {
+    "Pipeline",
+    "LogisticRegression",
+    "KNeighborsClassifier",
+    "PCA",
+    "LinearDiscriminantAnalysis",
+    "KernelRidge",
+    "Nystroem",
+    "Ridge",
+}
+PLAIN = {f"builtins.{name}" for name in ("dict", "list", "tuple", "str", "int", "float", "bool")}
+NUMBERS = {f"numpy.{name}" for name in ("ndarray", "float32", "float64", "int32", "int64")}
 
 
 def save_classifier(
@@ -36,17 +60,17 @@ def save_classifier(
         model: the parameters that the classifier was built with.
         frames: its training data, whose classes, sessions' baselines and preprocessing are written too.
         precision: of its training, in which a `Recogniser` also computes.
-        temperatures: for 1 to V frames, see `calibration.calibrate`; with them it takes any number of views up to V.
+        temperatures: for 1 to V frames, see `fit_temperatures`; with them it takes any number of views up to V.
     """
     sessions, baselines = session_baselines(frames)
     novelty = fit_novelty(frames, classifier.views)
     content = {
-        "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
+        "format": FORMAT,
+        "learnt": _packed(classifier.state_dict()),
         "viewpoints": classifier.viewpoints.cpu(),
-        "references": torch.from_numpy(classifier.references),
         "model": asdict(model),
         "classes": frames.classes,
-        "transform": classifier.head.transform or frames.transform,
+        "transform": classifier.transform or frames.transform,
         "scale": frames.scale,
         "shape": list(frames.counts.shape[1:]),
         "baseline_mean": torch.from_numpy(baselines),
@@ -84,15 +108,89 @@ def strong_reading(frames: Frames) -> float:
 
 
 def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, Any]]:
-    """The classifier in evaluation mode, and the other content of the file that `save_classifier` wrote."""
-    with readable(path):
+    """The classifier in evaluation mode, and the other content of the file that `save_classifier` wrote.
+
+    Raises:
+        UserError: the file is damaged, altered, or of an earlier version.
+    """
+    try:
         content = torch.load(path, map_location="cpu", weights_only=True)
-        weights, _ = content.pop("weights"), content["temperatures"]
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise UserError(f"{path}: no classifier of this version; train it again (`dvc repro`, or fit and save)")
         model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
-        classifier = Classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
-        classifier.load_state_dict(weights)
-        classifier.references = content["references"].numpy()
+        classifier = build_classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
+        classifier.load_state_dict(_unpacked(content.pop("learnt")))
         content["preprocessing"] = read_fitted(content)
         novelty = content["novelty"]
         content["novelty"] = novelty and Novelty(**{name: value.numpy() for name, value in novelty.items()})
-    return classifier.eval(), content
+    except UserError:
+        raise
+    except Exception as error:  # of a file from outside anything may be wrong
+        reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
+        raise UserError(
+            f"{path}: damaged, altered, or no classifier of this version ({reason}); train it again"
+        ) from error
+    if isinstance(classifier, torch.nn.Module):
+        classifier.eval()
+    return classifier, content
+
+
+def _packed(value: Any) -> Any:
+    """Dictionaries and lists with tensors contiguous on the processor, and estimators as archives."""
+    if isinstance(value, dict):
+        return {name: _packed(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_packed(part) for part in value]
+    if isinstance(value, Tensor):
+        return value.cpu().contiguous()
+    if isinstance(value, int | float | str):
+        return value
+    from skops.io import dumps
+
+    return {ARCHIVE: torch.frombuffer(bytearray(dumps(value)), dtype=torch.uint8)}
+
+
+def _unpacked(value: Any) -> Any:
+    """The reverse of `_packed`."""
+    if isinstance(value, dict) and value.keys() == {ARCHIVE}:
+        return read_archive(value[ARCHIVE].numpy().tobytes())
+    if isinstance(value, dict):
+        return {name: _unpacked(part) for name, part in value.items()}
+    return [_unpacked(part) for part in value] if isinstance(value, list) else value
+
+
+def read_archive(data: bytes) -> Any:
+    """The pipeline in an archive of skops.
+
+    Raises:
+        ValueError: it names a type that no pipeline of ours has, is larger unpacked than packed, or an index in it
+            leads outside its arrays.
+    """
+    from sklearn.neighbors import KNeighborsClassifier
+    from skops.io import loads
+
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        if sum(member.file_size for member in archive.infolist()) > len(data):
+            raise ValueError("a pipeline's archive is compressed")
+        foreign = sorted(set(_types(json.loads(archive.read("schema.json")))) - {*OURS, *PLAIN, *NUMBERS})
+    foreign = [name for name in foreign if not (name.startswith("sklearn.") and name.split(".")[-1] in SCIKIT_LEARN)]
+    if foreign:
+        raise ValueError(f"a pipeline of type {', '.join(foreign)} is not trusted")
+    pipeline = loads(data, trusted=OURS)
+    if isinstance(pipeline, KNeighborsClassifier):  # its compiled code follows these without a look
+        labels = pipeline._y
+        if pipeline.metric != "cosine" or labels.min() < 0 or labels.max() >= len(pipeline.classes_):
+            raise ValueError("a neighbour's label is none of the classes")
+    return pipeline
+
+
+def _types(node: Any) -> Iterator[str]:
+    """The names of all types in a schema of skops."""
+    if isinstance(node, dict):
+        if "__class__" in node:
+            yield f"{node['__module__']}.{node['__class__']}"
+        for part in node.values():
+            yield from _types(part)
+    elif isinstance(node, list):
+        for part in node:
+            yield from _types(part)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.frames.split import TRAIN
-from tactile_viewgcn.sensors.sensor_system import contact_unit
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.sensors.unit import contact_unit
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 QUANTILE = 0.99  # of the training recordings' scores
 DEAD_ZONE = 1.0  # units of a mean reading; below it is noise

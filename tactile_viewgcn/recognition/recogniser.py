@@ -10,13 +10,11 @@ from torch import Tensor
 
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.transform import network_input
-from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty
-from tactile_viewgcn.systems.classifier import view_set_logits
+from tactile_viewgcn.tables.transform import network_input
 
 
 class Recogniser:
@@ -85,8 +83,10 @@ class Recogniser:
     @torch.inference_mode()
     def probabilities_above(self, excess: np.ndarray) -> np.ndarray:
         """The same as `probabilities` of counts above baseline (B, V, H, W), or (B, k, H, W)."""
-        features = self._features(excess.reshape(-1, *self.shape))
-        return self._probabilities(features.unflatten(0, excess.shape[:2]))
+        count, views = excess.shape[:2]
+        if not count:
+            return np.empty((0, len(self.classes)), dtype=np.float32)
+        return self._probabilities(self._values(excess.reshape(-1, *self.shape)), views)
 
     def _excess(self, counts: np.ndarray, baseline: np.ndarray | None) -> np.ndarray:
         """Counts above baseline float64 (..., H, W) of raw counts; UserError where they are not fit for it."""
@@ -98,21 +98,15 @@ class Recogniser:
         self.preprocessing.check_counts(counts, "counts")
         return np.subtract(counts, baseline, dtype=np.float64)
 
-    def _features(self, excess: np.ndarray) -> Tensor:
-        """Features (n, C) of counts above baseline (n, H, W)."""
+    def _values(self, excess: np.ndarray) -> Tensor:
+        """The classifier's values (n, ...) of counts above baseline (n, H, W)."""
         inputs = network_input(excess, self._transform, self._scale)
-        if not len(inputs):
-            return torch.empty(0, self.classifier.backbone.features)
         with self._compute.autocast():
-            return extract_features(self.classifier.backbone, self._compute.frames(torch.from_numpy(inputs)))
+            return self.classifier.frame_values(self._compute.frames(torch.from_numpy(inputs)))
 
-    def _probabilities(self, features: Tensor) -> np.ndarray:
-        """Class probabilities (B, classes) of view sets of features (B, k, ...)."""
-        count, views = features.shape[:2]
-        if not count:
-            return np.empty((0, len(self.classes)), dtype=np.float32)
-        sets = torch.arange(count * views).view(count, views)
-        logits = view_set_logits(self.classifier.head, features.flatten(0, 1), sets)
+    def _probabilities(self, values: Tensor, views: int) -> np.ndarray:
+        """Class probabilities (B, classes) of view sets of k `views` each, by the values (B k, ...) of their frames."""
+        logits = self.classifier.logits(values, torch.arange(len(values)).view(-1, views))
         temperature = self.temperatures[views - 1] if self.temperatures is not None else 1.0
         return (logits / temperature).softmax(dim=-1).numpy()
 
@@ -155,12 +149,12 @@ class Recogniser:
     def sequential_above(self, frames: Iterable[np.ndarray], confidence_threshold: float) -> tuple[np.ndarray, int]:
         """The same as `predict_sequential` of counts above baseline (H, W)."""
         self.check_sequential(confidence_threshold)
-        features, probabilities = [], None
+        values: list[Tensor] = []
         for frame in frames:
-            features.append(self._features(frame[None]))
-            (probabilities,) = self._probabilities(torch.stack(features, dim=1))
-            if probabilities.max() >= confidence_threshold or len(features) == self.classifier.views:
-                break
-        if probabilities is None:
+            values.append(self._values(frame[None]))
+            (probabilities,) = self._probabilities(torch.cat(values), len(values))
+            if probabilities.max() >= confidence_threshold or len(values) == self.classifier.views:
+                return probabilities, len(values)
+        if not values:
             raise UserError("frames holds none; expected one frame or more")
-        return probabilities, len(features)
+        return probabilities, len(values)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 
 
@@ -47,18 +47,16 @@ def sequences(anchors: np.ndarray, recording: np.ndarray, length: int, rng: np.r
 
 
 @torch.inference_mode()
-def logits_by_count(classifier: Classifier, features: Tensor, drawn: np.ndarray) -> Tensor:
-    """Logits (V, A, classes) after 1 to V frames of the sequences (A, V) of indices into features (n, C)."""
-    sets = torch.from_numpy(drawn).to(features.device)
-    return torch.stack(
-        [view_set_logits(classifier.head, features, sets[:, : count + 1]) for count in range(sets.shape[1])]
-    )
+def logits_by_count(classifier: Classifier, values: Tensor, drawn: np.ndarray) -> Tensor:
+    """Logits (V, A, classes) after 1 to V frames of the sequences (A, V) of indices into frame values (n, ...)."""
+    sets = torch.from_numpy(drawn).to(values.device)
+    return torch.stack([classifier.logits(values, sets[:, : count + 1]) for count in range(sets.shape[1])])
 
 
 def sequential_trials(
     classifier: Classifier,
     temperatures: list[float],
-    features: Tensor,
+    values: Tensor,
     labels: np.ndarray,
     recording: np.ndarray,
     anchors: np.ndarray,
@@ -68,7 +66,7 @@ def sequential_trials(
 
     Args:
         temperatures: for 1 to V frames.
-        features: (n, C) of the frames; labels, recording: (n,); recordings are numbered from 0.
+        values: (n, ...) of the frames, see `Classifier`; labels, recording: (n,); recordings are numbered from 0.
         anchors: (A,) indices of the frames that sequences start with.
         rngs: a generator for each trial.
     """
@@ -76,7 +74,7 @@ def sequential_trials(
     correct, confidence = [], []
     for rng in rngs:
         drawn = sequences(anchors, recording, classifier.views, rng)
-        best = (logits_by_count(classifier, features, drawn).cpu() / temperature).softmax(dim=-1).max(dim=-1)
+        best = (logits_by_count(classifier, values, drawn).cpu() / temperature).softmax(dim=-1).max(dim=-1)
         correct.append((best.indices == truth).numpy())
         confidence.append(best.values.numpy())
     return SequentialTrials(np.stack(correct), np.stack(confidence))

@@ -9,11 +9,12 @@ import torch
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.systems import system_class
+from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.recordings import Recordings
@@ -30,7 +31,7 @@ class Trained:
     Attributes:
         frames: the table of frames, without a test side.
         temperatures: for 1 to V frames, see `calibration.fit_temperatures`.
-        notes: sentences on what was chosen for the recordings and left out of them, and why.
+        notes: on what was chosen for the recordings and left out of them, and why.
     """
 
     classifier: Classifier
@@ -38,7 +39,7 @@ class Trained:
     frames: Frames
     precision: str
     temperatures: list[float] | None
-    notes: list[str]
+    notes: list[Note]
 
     def save(self, path: Path) -> None:
         """Write the classifier's file, as the stage finetune does."""
@@ -58,16 +59,16 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
     """
     seed, compute = params.seed, select_device(params.device, params.precision)
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
-    frames, notes = made.frames, [*map(str, made.choices), *made.notes]
-    on_sensors = system_class(params.model.system).takes == "sensors"
-    clustering = replace(params.cluster, method="none") if on_sensors else params.cluster  # they know no clusters
+    frames, notes = made.frames, [*made.notes]
+    needs_backbone = not on_sensors(params.model.system)
+    clustering = params.cluster if needs_backbone else replace(params.cluster, method="none")
     places = viewpoints(params.views, params.viewpoints, seed)
-    views = cluster_frames(frames, places, clustering, stream(seed + clustering.seed, "cluster"))
-    if not on_sensors:
+    views = cluster_frames(frames, places, clustering, stream(seed, "cluster"))
+    if needs_backbone:
         notes += noise_warnings(frames, params.finetune.noise)
     with torch.random.fork_rng():
         pretrained = {}
-        if not on_sensors:
+        if needs_backbone:
             backbone, linear, _ = pretrain_backbone(frames, params, compute)
             pretrained = {"backbone": backbone.cpu().state_dict(), "classifier": linear.cpu().state_dict()}
 

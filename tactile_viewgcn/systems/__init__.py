@@ -1,7 +1,8 @@
-"""Names of the systems that `model.system` chooses from, by what they read; each is the file of that name in nn/."""
+"""Names of the systems that `model.system` chooses from, by what they read; each is the file of that name here."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Literal
+from types import ModuleType
+from typing import TYPE_CHECKING, Literal, get_args
 
 if TYPE_CHECKING:
     from tactile_viewgcn.nn.system import ViewSystem
@@ -25,10 +26,20 @@ OnSensors = Literal[Member, "ensemble"]  # the sensors themselves: nothing is pr
 System = Literal[OnBackbone, OnSensors]
 
 
+def on_sensors(name: str) -> bool:
+    """Whether the system reads the sensors, so that no backbone is pretrained for it."""
+    return name in get_args(OnSensors)
+
+
+def load_system(name: str) -> ModuleType:
+    """The file of systems/ that `model.system` names; no other system's code is loaded."""
+    return import_module(f"tactile_viewgcn.systems.{name}")
+
+
 def system_class(name: str) -> "type[ViewSystem]":
-    """The class of the system in the file of systems/ that `model.system` names; no other system's code is loaded."""
+    """The class of a system on the backbone."""
     from tactile_viewgcn.nn.system import ViewSystem
 
-    module = import_module(f"tactile_viewgcn.systems.{name}")
+    module = load_system(name)
     defined = (value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__)
     return next(value for value in defined if isinstance(value, type) and issubclass(value, ViewSystem))

@@ -1,70 +1,9 @@
 """A small residual network on the maximum of each sensor over a view set."""
 
-import numpy as np
-import torch
-import torch.nn.functional as functional
-from torch import Tensor, nn
-
-from tactile_viewgcn.nn.backbone import Backbone
-from tactile_viewgcn.sensors.kernel import above_dead_zone
-from tactile_viewgcn.sensors.sensor_system import SensorData, SensorSystem
-
-WIDTH, DROPOUT = 32, 0.3  # channels of the first stage; share of the features dropped
-STEPS, BATCH = 1500, 64  # view sets
-LR, WEIGHT_DECAY = 3e-3, 0.05
-SHIFT = 1  # most rows and columns that a batch is shifted by
+from tactile_viewgcn.params import Model
+from tactile_viewgcn.sensors.pipelines import max_network
+from tactile_viewgcn.sensors.systems import SensorSystem
 
 
-class MaxNetwork(SensorSystem):
-    """The network is trained on random view sets of 1 to V frames, as many of each pool of frames as of another.
-
-    AdamW, the learning rate in one cycle (Smith and Topin 2019). One network takes every number of frames.
-
-    Attributes:
-        fitted: the network, the live sensors (H, W), and the root mean square of the training values.
-    """
-
-    packages = ()
-
-    def fit(self, data: SensorData) -> None:
-        values, rng = torch.from_numpy(self.of_frames(data.frames)), np.random.default_rng(data.seed)
-        members = [np.flatnonzero(data.pools == pool) for pool in np.unique(data.pools)]
-        labels = torch.from_numpy(np.array([data.labels[frames[0]] for frames in members]))
-        scale = float(values.pow(2).mean().sqrt()) or 1.0
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(data.seed)
-            body = Backbone(WIDTH, blocks=1, readout="grid")
-            network = nn.Sequential(body, nn.Dropout(DROPOUT), nn.Linear(body.features, self.classes))
-            self.fitted = {"network": network, "live": torch.from_numpy(data.live), "scale": scale}
-            optimiser = torch.optim.AdamW(network.parameters(), LR, weight_decay=WEIGHT_DECAY)
-            schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LR, STEPS)
-            for _ in range(STEPS):
-                pools, count = rng.integers(len(members), size=BATCH), rng.integers(1, max(data.sizes) + 1)
-                sets = np.stack([rng.choice(members[pool], count) for pool in pools])
-                maps = shifted(self._maps(values[sets]), *rng.integers(2 * SHIFT + 1, size=2))
-                optimiser.zero_grad()
-                functional.cross_entropy(network(maps), labels[pools]).backward()
-                optimiser.step()
-                schedule.step()
-        network.eval()
-
-    def of_frames(self, sensors: np.ndarray) -> np.ndarray:
-        return above_dead_zone(sensors)
-
-    @torch.no_grad()
-    def logits(self, values: np.ndarray) -> np.ndarray:
-        parts = torch.from_numpy(values).split(4 * BATCH)
-        return torch.cat([self.fitted["network"](self._maps(part)) for part in parts]).numpy()
-
-    def _maps(self, values: Tensor) -> Tensor:
-        """Values of view sets (B, k, S) to the maximum's maps (B, 1, H, W)."""
-        live = self.fitted["live"]
-        maps = values.new_zeros(len(values), 1, *live.shape)
-        maps[:, 0, live] = values.amax(dim=1) / self.fitted["scale"]
-        return maps
-
-
-def shifted(maps: Tensor, row: int, column: int) -> Tensor:
-    """Maps (B, 1, H, W) moved up by `row` - SHIFT rows, and to the left likewise; zeros move in."""
-    height, width = maps.shape[2:]
-    return functional.pad(maps, (SHIFT,) * 4)[:, :, row : row + height, column : column + width]
+def build(model: Model) -> SensorSystem:
+    return max_network()

@@ -1,4 +1,4 @@
-"""The table of views, data/views.h5: cluster and pool of each frame, viewpoints, reference views."""
+"""The table of views, data/views.h5: cluster and pool of each frame, viewpoints."""
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -8,9 +8,7 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.frames.split import TRAIN
-from tactile_viewgcn.tables.frames import Frames
-from tactile_viewgcn.views.sampling import ViewSets, random_clusters
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 NO_CLUSTER = -1
 
@@ -23,13 +21,11 @@ class Views:
         cluster: int16 (n,) of each kept frame; NO_CLUSTER on the test side, and everywhere if nothing is clustered.
         pool: int64 (n,) of each kept frame.
         viewpoints: float64 (V, 3).
-        references: float64 (V, live sensors), see `assignment.reference_views`; zeros if none were computed.
     """
 
     cluster: np.ndarray
     pool: np.ndarray
     viewpoints: np.ndarray
-    references: np.ndarray
 
     @property
     def clustered(self) -> bool:
@@ -48,12 +44,6 @@ class Views:
             if len(index):
                 means[label, column] = table.mean_input(index)
         return means
-
-    def on(self, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
-        """Clusters of the frames in `index` (k,), at random if nothing is clustered; view sets count them from 0."""
-        pool, views = np.unique(self.pool[index], return_inverse=True)[1].ravel(), len(self.viewpoints)
-        cluster = self.cluster[index].astype(np.int64) if self.clustered else random_clusters(pool, views, rng)
-        return ViewSets(cluster, pool, views)
 
 
 def write_views(path: str | Path, views: Views) -> None:

@@ -13,35 +13,21 @@ from filelock import FileLock
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, readable, root
-from tactile_viewgcn.memory import fits_memory
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.training import distributed
 
 FOLDER = "checkpoints"
 LOCK_SECONDS = 300  # that several processes wait for another training of the same
-PACKAGE = Path(__file__).parents[1]
-#: the package's code that the result of a training depends on
-CODE = (
-    "nn/*.py",
-    "systems/*.py",
-    "sensors/*.py",
-    "tables/*.py",
-    "training/*.py",
-    "views/*.py",
-    "frames/*.py",
-    "device.py",
-    "randomness.py",
-)
 
 
 @contextmanager
-def training_checkpoint(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Iterator[Path]:
+def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path]:
     """The file of a stage's training, see `checkpoint_path`; removed when the block ends well.
 
     Another process with the same training waits until this one is done. Of several that train together the first one
     writes and removes the file; all read it.
     """
-    path = checkpoint_path(stage, params, inputs, compute)
+    path = checkpoint_path(stage, key, compute)
     if rank():
         distributed.wait_for_all()
         yield path
@@ -54,28 +40,17 @@ def training_checkpoint(stage: str, params: Any, inputs: dict[str, str], compute
         path.unlink(missing_ok=True)
 
 
-def checkpoint_path(stage: str, params: Any, inputs: dict[str, str], compute: Compute) -> Path:
+def checkpoint_path(stage: str, key: str, compute: Compute) -> Path:
     """The path of a stage's training, named by a hash of all that its result depends on.
 
-    These are the arguments, the package's code in `CODE`, the versions of torch and NumPy, and the numbers of threads
-    and processes.
-
     Args:
-        stage: its name.
-        params: an object whose attributes are the parameters that the stage was given.
-        inputs: the md5 of each input.
-        compute: the device and the precision really used.
+        key: says which parameters, inputs and code the stage has.
+        compute: the device and the precision really used; torch, NumPy and the numbers of threads and processes count
+            besides.
     """
-    code = {path: (PACKAGE / path).read_bytes() for path in code_files()}
     machine = (compute.device.type, compute.precision, torch.__version__, np.__version__)
-    workers = (torch.get_num_threads(), distributed.size())
-    key = (sorted(vars(params).items()), sorted(inputs.items()), code, machine, workers)
-    return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.pt"
-
-
-def code_files() -> list[str]:
-    """Paths of `CODE` from the package's folder, sorted."""
-    return sorted(path.relative_to(PACKAGE).as_posix() for pattern in CODE for path in PACKAGE.glob(pattern))
+    everything = (key, machine, torch.get_num_threads(), distributed.size())
+    return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(everything).encode()).hexdigest()[:16]}.pt"
 
 
 @dataclass
@@ -116,7 +91,7 @@ class Checkpoint:
 
     Args:
         path: the file; None saves nothing but the weights, in memory.
-        state: modules and the optimiser, whose `state_dict` is saved.
+        state: what has a `state_dict`: modules, optimiser, feature bank.
         generators: torch's generators that are drawn from, besides torch's default one.
         rngs: NumPy's generators that are drawn from.
         device: where it is trained.
@@ -140,11 +115,10 @@ class Checkpoint:
 
     def _remember(self) -> None:
         """Copy the weights of the modules in memory, for `restore_weights`."""
-        modules = {name: item for name, item in self._state.items() if isinstance(item, torch.nn.Module)}
         weights = {
-            name: {key: value.clone() for key, value in module.state_dict().items()}
-            for name, module in modules.items()
-            if any(True for _ in module.parameters())
+            name: {key: value.clone() for key, value in item.state_dict().items()}
+            for name, item in self._state.items()
+            if isinstance(item, torch.nn.Module)
         }
         self._weights = [*self._weights[-1:], weights]
 
@@ -175,15 +149,15 @@ class Checkpoint:
         if self.path is None or not self.path.exists():
             return Progress()
         with readable(self.path):
-            mapped = not fits_memory(self.path.stat().st_size)  # a bank's features are then copied from the file
-            content = torch.load(self.path, map_location="cpu", weights_only=True, mmap=mapped)
+            content = torch.load(self.path, map_location="cpu", weights_only=True, mmap=True)
             for name, item in self._state.items():
                 item.load_state_dict(content["state"][name])
             for name, generator in self._generators.items():
                 generator.set_state(content["generators"][name])
             for name, rng in self._rngs.items():
                 rng.bit_generator.state = content["rngs"][name]
-            torch.set_rng_state(content["torch"])
+            if not rank():  # the other processes draw another dropout
+                torch.set_rng_state(content["torch"])
             if self._device.type == "cuda":
                 torch.cuda.set_rng_state(content["cuda"], self._device)
             self._weights = content["before"]

@@ -7,6 +7,8 @@ import torch
 
 from tactile_viewgcn.params import Finetune, Pretrain
 
+MOMENTUM = 0.9  # paper
+
 
 def num_batches(count: int, size: int) -> int:
     """Number of batches for `count` examples, at most `size` in each.
@@ -17,18 +19,18 @@ def num_batches(count: int, size: int) -> int:
 
 
 def build_optimiser(training: Pretrain | Finetune, groups: list[dict]) -> torch.optim.Optimizer:
-    """The optimiser of a training; `momentum` applies to `sgd` alone."""
-    if training.optimiser == "sgd":
-        return torch.optim.SGD(groups, training.lr, momentum=training.momentum, weight_decay=training.weight_decay)
-    kind = torch.optim.Adam if training.optimiser == "adam" else torch.optim.AdamW
-    return kind(groups, training.lr, weight_decay=training.weight_decay)
+    """The optimiser of a training; of pretraining always SGD."""
+    if isinstance(training, Finetune) and training.optimiser == "adam":
+        return torch.optim.Adam(groups, training.lr, weight_decay=training.weight_decay)
+    return torch.optim.SGD(groups, training.lr, momentum=MOMENTUM, weight_decay=training.weight_decay)
 
 
 def lr_lambda(training: Pretrain | Finetune) -> Callable[[int], float]:
     """Factor on the learning rates in each epoch, numbered from 0, by the `schedule` of a training."""
+    if isinstance(training, Pretrain) and training.schedule == "step":
+        return lambda epoch: step_decay(epoch, step_size=training.step_size, offset=training.step_offset)
     return {
         "constant": lambda _: 1.0,
-        "step": lambda epoch: step_decay(epoch, step_size=training.step_size, offset=training.step_offset),
         "compounding_cosine": lambda epoch: compounding_cosine(epoch, epochs=training.epochs),
         "cosine": lambda epoch: (1 + math.cos(math.pi * epoch / training.epochs)) / 2,
         "exponential": lambda epoch: 0.1 ** (epoch / 100),  # Sundaram et al. 2019

@@ -6,6 +6,8 @@ which is the frame of its cluster.
 
 import numpy as np
 
+from tactile_viewgcn.tables.views import Views
+
 
 def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> np.ndarray:
     """Cluster int64 (n,), 0 to V - 1, at random and in equal numbers within each pool (n,): the unclustered ablation.
@@ -65,3 +67,10 @@ class ViewSets:
                 key[rows, anchor_cluster] = -1
             sets = np.take_along_axis(sets, np.argsort(key, axis=1), axis=1)
         return sets
+
+
+def sets_of(views: Views, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
+    """Clusters of the frames in `index` (k,), at random if nothing is clustered; view sets count them from 0."""
+    pool, count = np.unique(views.pool[index], return_inverse=True)[1].ravel(), len(views.viewpoints)
+    cluster = views.cluster[index].astype(np.int64) if views.clustered else random_clusters(pool, count, rng)
+    return ViewSets(cluster, pool, count)

@@ -9,8 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from tactile_viewgcn.conflicts import PLACES
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.params import PLACES
 from tactile_viewgcn.randomness import stream
 
 RADIUS = 3**0.5

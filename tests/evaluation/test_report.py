@@ -7,21 +7,23 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation.evaluate import Evaluation, evaluate_table, summary
+from tactile_viewgcn.evaluation.evaluate import Evaluation, scores_of
 from tactile_viewgcn.evaluation.report import (
     costs,
+    dataset,
+    divergences,
     flat_numbers,
     metrics_tree,
     read_records,
+    row_constants,
+    row_metrics,
+    row_tags,
     summary_lines,
-    write_costs,
     write_results,
 )
-from tactile_viewgcn.evaluation.row import counts, dataset, divergences, row_metrics, row_tags
-from tactile_viewgcn.evaluation.row import summary as summary_of
 from tactile_viewgcn.evaluation.trials import Trials
-from tactile_viewgcn.frames.split import TEST, TRAIN
-from tests.small_tables import CPU, fewer_anchors, recipe, table, trained
+from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tests.small_tables import fewer_anchors, table
 
 CLASSES = ["cup", "pen, red", "tape"]
 LABELS = np.array([0, 0, 1, 1], dtype=np.int16)
@@ -44,22 +46,6 @@ RECORDS = {
         "counts": {},
     },
 }
-DEMANDED = {"views", "classes", "trials", "frames.train", "frames.test", "groups.test"} | {
-    f"{protocol}.{key}"
-    for protocol in ("object", "recording")
-    for key in ("top1.mean", "top1.std", "top1.ci95.low", "top1.ci95.high", "top3.mean", "error.mean")
-}
-TIMED = {
-    "seconds.pretrain",
-    "seconds.finetune",
-    "seconds.evaluate",
-    "seconds.total",
-    "trials_seconds",
-    "latency_ms.single.median",
-    "latency_ms.single.p95",
-    "latency_ms.batch.median",
-    "peak_mb",
-}
 
 
 def trials(predicted, in_top3):
@@ -75,16 +61,14 @@ def made_up(groups=(0, 0, 1, 1), names=("object", "recording")):
     }
     protocols = {protocol: protocols[protocol] for protocol in names}
     groups = np.array(groups)
-    scores = {protocol: summary(runs, groups, np.random.default_rng(0)) for protocol, runs in protocols.items()}
+    scores = {protocol: scores_of(runs, groups, np.random.default_rng(0)) for protocol, runs in protocols.items()}
     return Evaluation(protocols, LABELS, groups, scores, 7.65432, LATENCY)
 
 
-def written(folder, result=None):
-    result = result or made_up()
-    metrics, timing = metrics_tree(result, table(), 4), costs(result, RECORDS, 50.0, 1000.0)
-    write_results(folder, metrics, result, CLASSES)
-    write_costs(folder, timing, summary_of(metrics, timing))
-    return metrics, timing
+def numbers(result=None, records=None):
+    """The metrics and costs of an evaluation."""
+    result, records = result or made_up(), records or RECORDS
+    return metrics_tree(result, table(), 4, "test", records), costs(result, records, 50.0, 1000.0)
 
 
 def rows(path):
@@ -93,44 +77,28 @@ def rows(path):
 
 
 def test_metrics_hold_what_is_compared():
-    result = flat_numbers(metrics_tree(made_up(), table(), 4))
-    assert result.keys() >= DEMANDED
+    result = flat_numbers(numbers()[0])
     assert all(isinstance(value, int | float) and not isinstance(value, bool) for value in result.values())
     assert (result["views"], result["classes"], result["trials"], result["groups.test"]) == (4, 4, 2, 2)
-    assert result["object.top1.mean"] == pytest.approx(5 / 8)
-    assert result["object.error.mean"] == pytest.approx(3 / 8)
-    assert result["object.top3.mean"] == pytest.approx(7 / 8)
-    assert result["recording.top1.mean"] == pytest.approx(3 / 8)
-    assert result["object.top1.std"] == pytest.approx(np.std([0.75, 0.5], ddof=1))
+    assert result["object.error.mean"] == pytest.approx(3 / 8) and result["recording.error.mean"] == pytest.approx(
+        5 / 8
+    )
+    assert result["object.top3_error"] == pytest.approx(1 / 8)
+    assert result["object.error.std"] == pytest.approx(np.std([0.75, 0.5], ddof=1))
+    assert 0 <= result["object.error.low"] <= 3 / 8 <= result["object.error.high"] <= 1
 
 
 def test_metrics_count_anchors_and_kept_frames_of_both_sides():
     frames = fewer_anchors(table(), 5)
-    counts = metrics_tree(made_up(), frames, 4)["frames"]
+    counts = metrics_tree(made_up(), frames, 4, "test", {})["frames"]
     for name, side in (("train", TRAIN), ("test", TEST)):
         assert counts[name] == (frames.anchor & (frames.side == side)).sum()
         assert counts[f"kept_{name}"] == (frames.side == side).sum()
     assert counts["test"] < counts["kept_test"] == 96
 
 
-def test_metrics_report_the_clusters_that_had_no_frames(monkeypatch):
-    monkeypatch.setattr("tactile_viewgcn.evaluation.evaluate.latency", lambda *_: LATENCY)
-    params, frames = recipe("evaluate.trials=2"), table()
-    kept = np.flatnonzero((frames.side == TRAIN) | (np.arange(len(frames)) % 12 < 3))  # 3 test frames a recording
-    few = type(frames)(
-        **{
-            name: value[kept] if isinstance(value, np.ndarray) and len(value) == len(frames) else value
-            for name, value in vars(frames).items()
-        }
-    )
-    result = evaluate_table(trained(), few, params.cluster, params.evaluate, CPU, 0)
-    assert result.protocols["recording"].empty == 2 * 8
-    assert flat_numbers(metrics_tree(result, few, 4))["recording.empty_clusters"] == 2 * 8
-
-
 def test_costs_name_each_stage_and_the_hungriest_one_s_memory():
     timing = costs(made_up(), RECORDS, 50.0, 1000.0)
-    assert flat_numbers(timing).keys() == TIMED
     assert timing["seconds"] == {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
     assert timing["trials_seconds"] == 7.654
     assert timing["latency_ms"] == LATENCY
@@ -153,45 +121,37 @@ def test_a_damaged_record_is_named(tmp_path, content):
         read_records([tmp_path / "ingest.json"])
 
 
-def test_the_files_hold_the_trees_they_were_made_from(tmp_path):
-    metrics, timing = written(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "metrics.json",
-        "timing.json",
-        "summary.json",
-        "trials.csv",
-        "confusion.csv",
-        "per_class.csv",
-    }
-    assert json.loads((tmp_path / "metrics.json").read_text()) == metrics
-    assert json.loads((tmp_path / "timing.json").read_text()) == timing
-    interval = metrics["object"]["top1"]["ci95"]
-    assert 0 <= interval["low"] <= interval["high"] <= 1
-
-
-def test_results_but_for_timings_repeat_to_the_byte(tmp_path):
+def test_the_files_hold_the_trees_and_all_but_costs_repeats_to_the_byte(tmp_path):
+    metrics, timing = numbers()
     for name in ("one", "two"):
-        written(tmp_path / name)
+        write_results(tmp_path / name, metrics, timing, made_up(), CLASSES)
+    assert json.loads((tmp_path / "one" / "metrics.json").read_text()) == metrics
+    assert json.loads((tmp_path / "one" / "timing.json").read_text()) == timing
     for name in ("metrics.json", "trials.csv", "confusion.csv", "per_class.csv"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
-def test_the_table_of_trials_has_a_row_for_each(tmp_path):
-    written(tmp_path)
-    result = rows(tmp_path / "trials.csv")
-    assert [(row["protocol"], row["trial"]) for row in result] == [
-        ("object", "0"),
-        ("object", "1"),
-        ("recording", "0"),
-        ("recording", "1"),
+def test_the_tables_have_a_row_for_each_trial_and_for_each_class_with_test_frames(tmp_path):
+    write_results(tmp_path, *numbers(), made_up(), CLASSES)
+    trials = [
+        (r["protocol"], r["trial"], float(r["error"]), float(r["top3_error"])) for r in rows(tmp_path / "trials.csv")
     ]
-    assert [float(row["top1"]) for row in result] == [0.75, 0.5, 0.5, 0.25]
-    assert [float(row["error"]) for row in result] == [0.25, 0.5, 0.5, 0.75]
-    assert [float(row["top3"]) for row in result] == [1, 0.75, 1, 0.75]
+    assert trials == [
+        ("object", "0", 0.25, 0),
+        ("object", "1", 0.5, 0.25),
+        ("recording", "0", 0.5, 0),
+        ("recording", "1", 0.75, 0.25),
+    ]
+    assert [tuple(r.values()) for r in rows(tmp_path / "per_class.csv")] == [
+        ("object", "cup", "4", "0.25"),
+        ("object", "pen, red", "4", "0.5"),
+        ("recording", "cup", "4", "0.75"),
+        ("recording", "pen, red", "4", "0.5"),
+    ]
 
 
 def test_the_confusion_table_has_every_pair_by_name(tmp_path):
-    written(tmp_path)
+    write_results(tmp_path, *numbers(), made_up(), CLASSES)
     result = rows(tmp_path / "confusion.csv")
     assert len(result) == 2 * 9
     counts = {(r["protocol"], r["held"], r["predicted"]): int(r["count"]) for r in result}
@@ -202,49 +162,35 @@ def test_the_confusion_table_has_every_pair_by_name(tmp_path):
     assert sum(counts.values()) == 2 * 2 * 4
 
 
-def test_the_table_of_classes_leaves_out_those_without_test_frames(tmp_path):
-    written(tmp_path)
-    result = rows(tmp_path / "per_class.csv")
-    assert [(r["protocol"], r["object"], int(r["view_sets"]), float(r["top1"])) for r in result] == [
-        ("object", "cup", 4, 0.75),
-        ("object", "pen, red", 4, 0.5),
-        ("recording", "cup", 4, 0.25),
-        ("recording", "pen, red", 4, 0.5),
-    ]
-
-
 def test_numbers_are_flat_and_have_no_gaps():
     tree = {"a": 1, "b": {"c": 0.5, "d": {"e": {"low": 0.25}, "f": None}}}
     assert flat_numbers(tree) == {"a": 1, "b.c": 0.5, "b.d.e.low": 0.25}
 
 
-def test_the_summary_is_five_lines():
-    result = made_up()
-    text = summary_lines(metrics_tree(result, table(), 4), costs(result, RECORDS, 50.0, 1000.0))
-    low, high = result.scores["object"]["top1"]["ci95"].values()
-    assert text == [
-        "evaluate: 96 view sets of 4, 4 classes, 2 trials, 2 groups",
-        f"  object protocol: error 37.5 % (95 % interval over groups: {100 - 100 * high:.1f} to {100 - 100 * low:.1f}; "
-        "std over trials 17.7), top-3 error 12.5 %",
-        text[2],
-        "  time: pretrain 12.3 s, finetune 1,234.5 s, evaluate 50.0 s, total 1,296.8 s; the trials 7.7 s",
-        "  per view set: 1.50 ms alone (95th percentile 2.25), 0.50 ms in batches; peak memory 1,300 MB",
-    ]
-    assert text[2].startswith("  recording protocol: error 62.5 %")
+def test_the_lines_have_errors_with_their_intervals_costs_and_what_diverged():
+    records = RECORDS | {"pretrain": RECORDS["pretrain"] | {"counts": {"diverged_in_epoch": 3.0}}}
+    metrics, timing = numbers(records=records)
+    lines, error = summary_lines(metrics, timing), metrics["object"]["error"]
+    assert lines[0] == "evaluate: 96 view sets of 4, 4 classes, 2 trials, 2 groups"
+    assert f"object protocol: error 37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f}) %" in "\n".join(lines)
+    assert "std over trials 17.7, top-3 error 12.5 %" in "\n".join(lines)
+    assert "pretrain 12.3 s, finetune 1,234.5 s, evaluate 50.0 s, total 1,296.8 s; the trials 7.7 s" in "\n".join(lines)
+    assert "pretrain diverged in epoch 3" in lines[-1]
+    (note,) = divergences(metrics)
+    assert (note.level, note.stage, note.key) == ("warning", "pretrain", "pretrain.lr") and divergences(
+        numbers()[0]
+    ) == []
 
 
-def test_a_test_side_of_one_group_has_no_interval(tmp_path):
-    result = made_up(groups=(3, 3, 3, 3), names=("recording",))
-    metrics, timing = written(tmp_path, result)
-    assert json.loads((tmp_path / "metrics.json").read_text())["recording"]["top1"]["ci95"] is None
-    assert "recording.top1.ci95.low" not in flat_numbers(metrics)
-    assert "none, there is one group" in summary_lines(metrics, timing)[1]
-    assert "object" not in metrics
+def test_a_test_side_of_one_group_has_no_interval():
+    metrics, timing = numbers(made_up(groups=(3, 3, 3, 3), names=("recording",)))
+    assert metrics["recording"]["error"]["low"] is None and "recording.error.low" not in flat_numbers(metrics)
+    assert "error 62.5 %" in summary_lines(metrics, timing)[1] and "object" not in metrics
 
 
 def test_the_row_has_errors_and_costs_as_metrics_and_constants_beside_them():
-    metrics = metrics_tree(made_up(), table(), 4)
-    row = row_metrics(metrics, costs(made_up(), RECORDS, 50.0, 1000.0))
+    metrics, timing = numbers()
+    row = row_metrics(metrics, timing)
     assert row == pytest.approx(
         {
             "error.object": 3 / 8,
@@ -259,7 +205,7 @@ def test_the_row_has_errors_and_costs_as_metrics_and_constants_beside_them():
             "peak_mb": 1300.5,
         }
     )
-    constants = counts(metrics, RECORDS)
+    constants = row_constants(metrics, RECORDS)
     assert (constants["classes"], constants["frames.test"], constants["weights.backbone"]) == (4, 96, 7)
     assert not constants.keys() & row.keys()
 
@@ -272,10 +218,8 @@ def test_the_dataset_is_the_source_that_ingest_read():
 
 def test_the_row_names_the_other_stages_runs_and_what_diverged():
     records = RECORDS | {"pretrain": RECORDS["pretrain"] | {"counts": {"diverged_in_epoch": 3.0}}}
-    metrics = metrics_tree(made_up(), table(), 4) | divergences(records)
-    tags = row_tags(metrics, records)
+    metrics = numbers(records=records)[0]
+    tags, error = row_tags(metrics, records), metrics["object"]["error"]
     assert (tags["stage.pretrain"], tags["stage.finetune"]) == ("a", "b")
-    assert tags["diverged.pretrain"] == "in epoch 3" and "diverged.finetune" not in tags
-    interval = metrics["object"]["top1"]["ci95"]
-    assert tags["error.object.ci95"] == f"{100 - 100 * interval['high']:.1f} to {100 - 100 * interval['low']:.1f}"
-    assert "pretrain diverged in epoch 3" in summary_lines(metrics, costs(made_up(), records, 50.0, 1000.0))[-1]
+    assert "in epoch 3" in tags["diverged.pretrain"] and "diverged.finetune" not in tags
+    assert tags["error.object.percent"] == f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"

@@ -8,6 +8,7 @@ import torch
 from tqdm import tqdm
 
 from tactile_viewgcn.evaluation.trials import run_trials
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
 from tests.small_tables import recipe
 
@@ -29,26 +30,23 @@ def run_made_up(
     labels,
     views,
     features,
-    points=None,
-    pool=None,
     anchors=None,
     changes=(),
     trials=2,
-    references=None,
     in_time_order=False,
 ):
-    classifier = SimpleNamespace(views=views, head=MadeUp(answer, in_time_order), references=references)
+    head = MadeUp(answer, in_time_order)
+    classifier = SimpleNamespace(views=views, logits=lambda values, sets: view_set_logits(head, values, sets))
     return run_trials(
         classifier,
         features,
-        np.random.default_rng(0).random((len(labels), 5)) if points is None else points,
+        np.random.default_rng(0).random((len(labels), 5)),
         labels,
-        labels if pool is None else pool,
+        labels,
         np.arange(len(labels)) if anchors is None else anchors,
         recipe(*changes).cluster,
-        threshold=0.5,
-        trials=[np.random.default_rng(number) for number in range(trials)],
-        bar=tqdm(disable=True),
+        [np.random.default_rng(number) for number in range(trials)],
+        tqdm(disable=True),
     )
 
 
@@ -78,68 +76,31 @@ def test_the_head_sees_the_features_of_each_view_set():
     assert result.correct.all()
 
 
-AREAS = np.repeat([3, 1, 4, 2], 6)  # sensors touched in each of 24 frames of one pool: four clusters
-
-
-def columns(*changes, labels=None, **given):
-    """The area of each view that the system saw, (sets, V), over two trials."""
-    seen = []
-
-    def answer(nodes):
-        seen.append(nodes[..., 0].int().numpy())
-        return torch.zeros(len(nodes), 3), []
-
-    run_made_up(
-        answer,
-        labels=np.zeros(24, dtype=int) if labels is None else labels,
-        pool=np.zeros(24, dtype=int),
-        points=(np.arange(5) < AREAS[:, None]).astype(np.float32),
-        views=4,
-        features=torch.from_numpy(AREAS[:, None]).float(),
-        changes=changes,
-        **given,
-    )
-    return np.concatenate(seen)
-
-
-def test_clusters_numbered_by_area_stand_in_that_order_in_every_view_set():
-    seen = columns("cluster.assignment=area")
-    assert seen.shape == (48, 4)
-    assert (seen == [1, 2, 3, 4]).all()
-
-
-def test_matched_clusters_stand_where_the_classifier_s_references_do():
-    wanted = np.array([4, 2, 1, 3])
-    references = (np.arange(5) < wanted[:, None]) / np.sqrt(wanted)[:, None]
-    seen = columns("cluster.assignment=matched", references=references)
-    assert seen.shape == (48, 4)
-    assert (seen == wanted).all()
-
-
-@pytest.mark.parametrize("assignment", ["area", "matched"])
-def test_clusters_are_numbered_without_a_look_at_the_labels(assignment):
-    references = np.eye(5)[:4]
-    by_label, by_others = (
-        columns(f"cluster.assignment={assignment}", references=references, labels=labels)
-        for labels in (np.zeros(24, dtype=int), np.random.default_rng(0).integers(3, size=24))
-    )
-    np.testing.assert_array_equal(by_label, by_others)
-
-
 def test_a_system_in_time_order_sees_the_earliest_frame_first():
-    seen = columns("cluster.assignment=random", in_time_order=True)
-    assert (seen == [3, 1, 4, 2]).all()
-    assert (columns("cluster.assignment=random") != [3, 1, 4, 2]).any()
+    def columns(in_time_order):
+        sets = []
+        run_made_up(
+            lambda nodes: (sets.append(nodes[..., 0].int()) or torch.zeros(len(nodes), 3), []),
+            labels=np.zeros(24, dtype=int),
+            views=4,
+            features=torch.arange(24.0)[:, None],
+            changes=["cluster.assignment=random"],
+            in_time_order=in_time_order,
+        )
+        return torch.cat(sets)
+
+    assert columns(True).shape == (48, 4) and (columns(True).diff(dim=1) > 0).all()
+    assert (columns(False).diff(dim=1) < 0).any()
 
 
-@pytest.mark.parametrize(("changes", "each"), [((), 2), (("cluster.method=none",), 2)])
-def test_clusters_without_frames_are_counted_over_the_trials(changes, each):
+@pytest.mark.parametrize("method", ["kmeans", "none"])
+def test_clusters_without_frames_are_counted_over_the_trials(method):
     result = run_made_up(
         lambda nodes: (torch.zeros(len(nodes), 2), []),
         labels=np.array([0, 0, 0, 1, 1, 1, 1, 1, 1, 1]),
         views=5,
         features=torch.zeros(10, 3),
-        changes=changes,
+        changes=[f"cluster.method={method}"],
         trials=3,
     )
-    assert result.empty == 3 * each
+    assert result.empty == 3 * 2

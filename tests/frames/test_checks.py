@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from tactile_viewgcn.frames.checks import preprocessing_warnings
+
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import Preprocess, load

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tactile_viewgcn.frames.baseline_leaks import with_every_leak
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.automatic import decide
-from tactile_viewgcn.frames.baseline_leaks import with_every_leak
 from tactile_viewgcn.frames.inspection import inspect_recordings, sensors_in_contact
 from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
 from tactile_viewgcn.pages.recommendation import _split, recommend

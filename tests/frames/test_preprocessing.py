@@ -7,9 +7,9 @@ import pytest
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare, preprocess_recordings
-from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.stag_metadata import read_metadata
+from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.grips import COLUMNS, COUNTS, FILE, HELD, prepared
 from tests.sources import written

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import SIDES, TEST, TRAIN, VALIDATION
+from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 from tests.grips import BLANK, COLUMNS, COUNTS, HELD, prepared
 
 

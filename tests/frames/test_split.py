@@ -7,17 +7,14 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.split import (
-    TEST,
-    TRAIN,
-    VALIDATION,
     balanced_anchors,
     fold_sides,
     frame_sides,
-    late_frames,
     split_groups,
     surplus_groups,
     validation_sides,
 )
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 WAYS = pytest.mark.parametrize("by", ["recording", "grasp", "session"])
 
@@ -237,14 +234,6 @@ def test_frame_sides_deal_out_every_frame_once_and_equally_of_each_class():
     assert (np.sum([side == TEST for side in sides], axis=0) == 1).all()
     assert [np.bincount(labels[side == TEST]).tolist() for side in sides] == [[10, 4]] * 3
     assert np.unique(np.diff(np.flatnonzero(sides[0][:30] == TEST))).size > 1  # at random, not every third
-
-
-def test_late_frames_leave_the_beginning_of_each_training_group():
-    side = np.array([TRAIN] * 8 + [TEST] * 4)
-    groups, labels = np.repeat([0, 1, 2, 3], [5, 2, 1, 4]), np.zeros(12, dtype=int)
-    late = late_frames(side, groups, labels, share=0.4)
-    assert late.tolist() == [False, False, True, True, True, False, True, False] + [False] * 4
-    assert not late_frames(side, groups, labels, share=1.0).any()
 
 
 def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_side():

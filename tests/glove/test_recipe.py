@@ -22,7 +22,7 @@ def test_every_object_of_every_session_is_recorded_as_often_as_asked():
 
 def test_parameters_become_a_recipe():
     changes = ("glove.objects=[mug]", "glove.grasps=2", "glove.grasp_frames=20", "glove.skin_stiffness=3e7")
-    one = recipe_from_params(load(PARAMS, (*changes, "glove.effects.noise=false", "glove.seed=5")).glove)
+    one = recipe_from_params(load(PARAMS, (*changes, "glove.leave_out=[noise]", "glove.seed=5")).glove)
     assert [grasp_object.name for grasp_object in one.objects] == ["empty_hand", "mug"]
     assert (one.sessions, one.grasps, one.frames, one.seed, one.rate) == (3, 2, 40, 5, 7.35)
     assert one.layer.stiffness == 3e7 and one.layer.thickness == 4e-3

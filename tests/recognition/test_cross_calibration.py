@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.recognition.calibration import MAX_TEMPERATURE, MIN_TEMPERATURE, cross_calibrate
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tests.small_tables import CPU, recipe, table, views_of
 

@@ -16,10 +16,10 @@ from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_score
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from tactile_viewgcn import TactileClassifier
-from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.answer import answer_recording
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tactile_viewgcn.recognition.frame_lines import lines_as_they_come, read_frame
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.recognition.frame_lines import lines_as_they_come, read_frame
 from tests.small_glove import recogniser
 
 

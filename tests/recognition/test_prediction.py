@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tactile_viewgcn.recognition.unlabelled import Row
 
 from tactile_viewgcn import tracking
 from tactile_viewgcn.cli import cli
@@ -14,7 +15,6 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.recognition.answer import OBJECT, UNKNOWN, Answer
 from tactile_viewgcn.recognition.answer_table import line
 from tactile_viewgcn.recognition.prediction import load_model
-from tactile_viewgcn.recognition.unlabelled import Row
 from tests.mlflow_stores import fresh_store
 from tests.small_glove import OBJECTS, SHAPE, empty_hand, model_file, recording, write
 

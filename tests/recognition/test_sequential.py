@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation.evaluate import evaluate_table, sequential_summary
-from tactile_viewgcn.frames.split import TEST
+from tactile_viewgcn.evaluation.evaluate import evaluate_table, sequential_scores
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.recognition.calibration import (
     MAX_TEMPERATURE,
@@ -22,7 +22,7 @@ from tactile_viewgcn.recognition.calibration import (
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.sequential import SequentialTrials, logits_by_count, sequences, sequential_trials
-from tactile_viewgcn.systems.classifier import view_set_logits
+from tactile_viewgcn.tables.frames import TEST
 from tests.small_tables import CPU, recipe, table, trained
 
 RIGHT = np.array([[[True, False, False], [True, True, False], [False, True, True]]])  # one trial, 3 frames, 3 anchors
@@ -45,15 +45,15 @@ def test_it_stops_at_the_first_frame_that_is_certain_or_at_the_last(confidence_t
 
 
 def test_the_summary_by_hand():
-    found = sequential_summary(SequentialTrials(RIGHT, CERTAINTY), 0.6, np.array([0, 1, 1]), np.random.default_rng(0))
-    assert found["confidence_threshold"] == 0.6
-    assert found["mean"] == pytest.approx(2)
-    assert found["error"] == 0
-    assert [one["error"] for one in found["fixed"].values()] == pytest.approx([2 / 3, 1 / 3, 1 / 3])
-    low, high = found["fixed"]["1"]["ci95"].values()
-    assert 0 <= low <= 2 / 3 <= high <= 1
+    scores = sequential_scores(SequentialTrials(RIGHT, CERTAINTY), 0.6, np.array([0, 1, 1]), np.random.default_rng(0))
+    assert scores["confidence_threshold"] == 0.6
+    assert scores["frames"] == pytest.approx(2)
+    assert scores["error"]["mean"] == 0
+    assert [one["error"]["mean"] for one in scores["fixed"].values()] == pytest.approx([2 / 3, 1 / 3, 1 / 3])
+    first = scores["fixed"]["1"]
+    assert 0 <= first["error"]["low"] <= 2 / 3 <= first["error"]["high"] <= 1
     sure = CERTAINTY[:, 0].ravel() - RIGHT[:, 0].ravel()
-    assert 0 < found["fixed"]["1"]["calibration_error"] <= np.abs(sure).mean() + 1e-6
+    assert 0 < first["calibration_error"] <= np.abs(sure).mean() + 1e-6
 
 
 @given(st.integers(1, 6), st.lists(st.integers(0, 3), min_size=1, max_size=30), st.integers(0, 1000))
@@ -142,10 +142,10 @@ def test_evaluation_reports_sequential_trials_where_asked_and_the_rest_unchanged
     assert plain["object"] == sequential["object"]
     score = sequential["sequential"]
     assert list(score["fixed"]) == ["1", "2", "3", "4"]
-    assert 1 <= score["mean"] <= 4
+    assert 1 <= score["frames"] <= 4
     always = evaluated(0.999999, [50.0] * 4).scores["sequential"]
-    assert always["mean"] == 4
-    assert always["error"] == always["fixed"]["4"]["error"]
+    assert always["frames"] == 4
+    assert always["error"]["mean"] == always["fixed"]["4"]["error"]["mean"]
 
 
 def test_sequential_trials_of_a_classifier_that_is_not_calibrated_are_refused():

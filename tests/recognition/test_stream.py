@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from tactile_viewgcn.recognition.stream import GAP_FRAMES, OPEN_FRAMES, Contact, Stream, follow
 
 from tactile_viewgcn.recognition import stream as stream_module
 from tactile_viewgcn.recognition.answer import OBJECT, UNKNOWN, answer_contact
-from tactile_viewgcn.recognition.stream import GAP_FRAMES, OPEN_FRAMES, Contact, Stream, follow
 from tests.small_glove import BEFORE, HELD, recogniser, recording
 
 TWO = np.concatenate([recording("cup", 70), recording("pen", 71)])

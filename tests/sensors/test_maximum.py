@@ -8,13 +8,12 @@ import torch
 from scipy.spatial.distance import cdist
 from scipy.special import softmax
 from sklearn.linear_model import LogisticRegression
-
-from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.frames.split import TEST
-from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
-from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors.kernel import KernelClassifier, block_weights, ridge_regression
 from tactile_viewgcn.sensors.sensor_system import MOST_SETS, SensorData, contact_unit
+
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
+from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
+from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.systems import max_network
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.systems.ensemble import FLOOR, Ensemble
@@ -22,6 +21,7 @@ from tactile_viewgcn.systems.max_kernel import MaxKernel
 from tactile_viewgcn.systems.max_logistic import MaxLogistic
 from tactile_viewgcn.systems.max_network import MaxNetwork
 from tactile_viewgcn.systems.trees import Trees
+from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.sensor_fitting import powers_of_two
 from tests.small_tables import CPU, recipe, table, views_of

@@ -6,9 +6,9 @@ import click
 import pytest
 import torch
 from click.testing import CliRunner
+from stages.job import Job
 
 from stages.command import stage
-from stages.job import Job
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.tracking import Run
 from tests.stages.running import left, refused, run_stage

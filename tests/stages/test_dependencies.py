@@ -1,95 +1,106 @@
-"""The lists of dvc.yaml: code and keys of each stage, up to date, and as short as what the stage reads."""
-
-from dataclasses import make_dataclass
-from pathlib import Path
+"""What DVC watches for each stage, in dvc.yaml: the code that it imports, and the parameters that it reads."""
 
 import pytest
 import yaml
 
-from stages.command import declared, given
-from stages.dependencies import PIPELINES, imported_code, with_dependencies
+from stages.command import PIPELINES, _only
 from tactile_viewgcn.params import load
 from tactile_viewgcn.schema import flatten
+from tests.imports import ROOT, imported_files
 
-ROOT = Path(__file__).parents[2]
 STAGES = {
     name: stage for file in PIPELINES for name, stage in yaml.safe_load((ROOT / file).read_text())["stages"].items()
 }
 PARAMS = load(ROOT / "params.yaml")
+SYSTEM = "tactile_viewgcn/systems/${model.system}.py"
+SYSTEMS = sorted(path.stem for path in (ROOT / "tactile_viewgcn" / "systems").glob("[!_]*.py"))
+#: what changes no result: it starts a stage, keeps and shows what comes out, or says what is wrong
+NEUTRAL = {"stages/command.py", *(path.relative_to(ROOT).as_posix() for path in ROOT.glob("*/**/__init__.py"))} | {
+    f"tactile_viewgcn/{name}.py"
+    for name in (
+        *("params", "schema", "conflicts", "errors", "notes", "files", "memory", "training/checkpoint"),
+        *("process", "provenance", "tracking", "tracking_store", "plots"),
+    )
+}
+CASES = [(name, system) for name, stage in STAGES.items() for system in (SYSTEMS if SYSTEM in stage["deps"] else [""])]
 
 
-@pytest.mark.parametrize("file", PIPELINES)
-def test_the_lists_are_up_to_date(file):
-    text = (ROOT / file).read_text()
-    assert with_dependencies(text, ROOT, PARAMS) == text, "stale: run `python -m stages.dependencies`"
+def watched(name, system=""):
+    """The code that the `deps` of a stage name, files and folders."""
+    deps = [dep.replace("${model.system}", system) for dep in STAGES[name]["deps"]]
+    return [dep for dep in deps if dep.startswith(("stages", "tactile_viewgcn"))]
 
 
-def readers(path):
-    """The stages whose code the file is."""
-    return {name for name, stage in STAGES.items() if path in stage["deps"]}
+def is_below(file, deps):
+    return any(file == dep or file.startswith(f"{dep}/") for dep in deps)
+
+
+def imported(name, system=""):
+    """The code that changes a stage's result."""
+    starts = [f"stages/{name}.py"] + [SYSTEM.replace("${model.system}", system)] * bool(system)
+    return set().union(*(imported_files(start, NEUTRAL) for start in starts))
+
+
+@pytest.mark.parametrize(("name", "system"), CASES)
+def test_what_a_stage_imports_lies_in_its_deps(name, system):
+    deps = watched(name, system)
+    assert {file for file in imported(name, system) if not is_below(file, deps)} == set()
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_every_dep_is_there_and_imported(name):
+    files = set().union(*(imported(name, system) for stage, system in CASES if stage == name))
+    files |= imported_files(f"stages/{name}.py", {"tactile_viewgcn/__init__.py"})  # `needs` reads the systems' names
+    for dep in watched(name, "view_gcn"):
+        assert (ROOT / dep).exists() and any(is_below(file, [dep]) for file in files), dep
 
 
 @pytest.mark.parametrize(
     ("path", "stages"),
     [
+        ("tactile_viewgcn/systems/mvcnn.py", set()),  # of a view_gcn pipeline
+        ("tactile_viewgcn/systems/view_gcn.py", {"finetune", "evaluate"}),
         ("tactile_viewgcn/nn/graph.py", {"finetune", "evaluate"}),
-        ("tactile_viewgcn/nn/${model.system}.py", {"finetune", "evaluate"}),
+        ("tactile_viewgcn/sensors/pipelines.py", {"finetune", "evaluate"}),
         ("tactile_viewgcn/nn/backbone.py", {"pretrain", "finetune", "evaluate"}),
         ("tactile_viewgcn/evaluation/report.py", {"evaluate"}),
+        ("tactile_viewgcn/readers/hdf5.py", {"ingest", "preprocess"}),
+        ("tactile_viewgcn/frames/baseline.py", {"preprocess"}),
         ("tactile_viewgcn/glove/contact.py", {"simulate"}),
-        ("tactile_viewgcn/readers/stag_metadata.py", {"ingest"}),
-        ("tactile_viewgcn/systems/__init__.py", {"needs"}),
         ("tactile_viewgcn/params.py", set()),
-        ("tactile_viewgcn/conflicts.py", set()),
         ("tactile_viewgcn/tracking.py", set()),
         ("stages/command.py", set()),
     ],
 )
 def test_a_file_reruns_the_stages_that_use_it_alone(path, stages):
-    assert readers(path) == stages
+    assert (ROOT / path).is_file()
+    assert {name for name in STAGES if is_below(path, watched(name, "view_gcn"))} == stages
 
 
-def test_no_system_of_another_name_is_a_dependency():
-    named = {path for stage in STAGES.values() for path in stage["deps"] if path.startswith("tactile_viewgcn/nn/")}
-    assert not named & {f"tactile_viewgcn/nn/{name}.py" for name in ("view_gcn", "mvcnn", "rotationnet", "conv_lstm")}
+def test_every_parameter_is_watched_by_a_stage():
+    keys = [f"{key}." for stage in STAGES.values() for key in stage["params"]]
+    assert [key for key in flatten(PARAMS) if not f"{key}.".startswith(tuple(keys))] == []
 
 
-def test_imports_inside_functions_and_of_packages_are_followed(tmp_path):
+def test_a_stage_has_the_parameters_that_it_names_and_no_others():
+    reads = ["seed", "model.backbone", "cluster.method", "cluster.restarts", "augment"]
+    only = _only(PARAMS, reads)
+    assert vars(only).keys() == {"seed", "model", "cluster", "augment"}
+    assert vars(only.model) == {"backbone": PARAMS.model.backbone}
+    assert vars(only.cluster) == {"method": PARAMS.cluster.method, "restarts": PARAMS.cluster.restarts}
+    assert (only.seed, only.augment) == (PARAMS.seed, PARAMS.augment)
+
+
+def test_a_missing_dep_is_noticed(tmp_path):
+    """Imports inside functions are followed."""
     (tmp_path / "stages").mkdir()
-    for name, text in {
-        "a": "def f():\n    from stages import b\n",
-        "b": "import stages.c\nimport numpy\n",
-        "c": "",
-        "d": "",
-    }.items():
+    texts = {"a": "def f():\n    from stages import b\n", "b": "import stages.c\nimport numpy\n", "c": "", "d": ""}
+    for name, text in texts.items():
         (tmp_path / "stages" / f"{name}.py").write_text(text)
-    assert imported_code("stages/a.py", tmp_path) == {"stages/a.py", "stages/b.py", "stages/c.py"}
-
-
-def test_a_new_key_is_watched_by_the_stages_that_read_its_section_alone():
-    cluster = make_dataclass("Cluster", [*vars(PARAMS.cluster), "colour"])(**vars(PARAMS.cluster), colour="red")
-    params = make_dataclass("Params", list(vars(PARAMS)))(**vars(PARAMS) | {"cluster": cluster})
-    text = (ROOT / "dvc.yaml").read_text()
-    stages = yaml.safe_load(with_dependencies(text, ROOT, params))["stages"]
-    assert {name for name, stage in stages.items() if "cluster.colour" in stage["params"]} == {"cluster"}
-    before = yaml.safe_load(text)["stages"]
-    assert {name for name in stages if stages[name]["params"] != before[name]["params"]} == {"cluster"}
-
-
-def test_every_key_is_watched_by_a_stage():
-    watched = {key for stage in STAGES.values() for key in stage["params"]}
-    assert watched == set(flatten(PARAMS))
-
-
-def test_a_stage_is_given_what_it_names_and_no_more():
-    reads = ("seed", "model.backbone", "cluster.method", "cluster.restarts", "augment")
-    namespace = given(PARAMS, reads)
-    assert vars(namespace).keys() == {"seed", "model", "cluster", "augment"}
-    assert vars(namespace.model) == {"backbone": PARAMS.model.backbone}
-    assert vars(namespace.cluster) == {"method": PARAMS.cluster.method, "restarts": PARAMS.cluster.restarts}
-    assert (namespace.seed, namespace.augment) == (PARAMS.seed, PARAMS.augment)
-    keys = {f"model.backbone.{name}" for name in vars(PARAMS.model.backbone)} | {"cluster.method", "cluster.restarts"}
-    assert declared(PARAMS, reads).keys() == keys | {"seed", "augment.gain", "augment.drop", "augment.shift"}
+    (tmp_path / "stages" / "__init__.py").write_text("")
+    files = imported_files("stages/a.py", {"stages/__init__.py"}, tmp_path)
+    assert files == {"stages/a.py", "stages/b.py", "stages/c.py"}
+    assert not is_below("stages/c.py", ["stages/a.py", "stages/b"])
 
 
 def test_dvc_runs_the_virtual_glove_in_the_root_and_its_output_is_the_sources_default():

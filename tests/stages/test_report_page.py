@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import sys
+from dataclasses import asdict
 from html import unescape
 from pathlib import Path
 
@@ -11,7 +12,9 @@ import pytest
 
 from tactile_viewgcn import cli
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.pages import error_sections
+from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.pages import run_page as module
 from tactile_viewgcn.pages.finished_run import read_run
 from tactile_viewgcn.pages.html import Picture
 from tactile_viewgcn.pages.run_page import run_page
@@ -65,15 +68,12 @@ def text_of(page):
 
 
 def test_the_page_says_what_the_files_say(workspace):
-    page = run_page(read_run())
-    metrics, record = (json.loads(Path(name).read_text()) for name in ("results/metrics.json", "runs/preprocess.json"))
-    text = text_of(page)
-    assert f"{100 * metrics['recording']['error']['mean']:.1f} % of the cases" in text
+    page, run = run_page(read_run()), read_run()
+    text, error = text_of(page), json.loads(Path("results/metrics.json").read_text())["recording"]["error"]
+    assert f"{percent_interval(error['mean'], error['low'], error['high'])} % of the cases" in text
     assert "Which of 4 objects does the hand hold?" in text and "Simulated" not in text
     assert "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
-    assert f"{record['counts']['frames.train']:,}" in text
-    remarks = [note.partition(": ")[2] for note in record["notes"]]
-    assert len(remarks) > 5 and [remark for remark in remarks if remark not in text] == []
+    assert len(run.notes) > 5 and [note for note in run.notes if note.text not in text] == []
     assert "pretrain left out: this system needs no pretrained backbone" in text and "Clusters on the hand" in text
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"}) and "&lt;b&gt;Öl &amp; $x$" in page
 
@@ -81,26 +81,28 @@ def test_the_page_says_what_the_files_say(workspace):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages without pictures, whose drawing takes longer than all else."""
-    monkeypatch.setattr(error_sections, "picture", lambda figure, alt: Picture(alt, "data:", 100))
+    monkeypatch.setattr(module, "picture", lambda figure, alt: Picture(alt, "data:", 100))
 
 
 def test_warnings_and_curves_are_shown_where_there_are_some(workspace, undrawn):
     run = read_run()
     quiet = text_of(run_page(run))
     assert "No stage gave a warning" in quiet and "Training curves" not in quiet
-    run.records["preprocess"]["notes"].append("leak check: told\n  warning: better than by chance: choose another")
+    note = Note("better than by chance", "warning", "leak check", "preprocess.baseline", "grasp", "preprocess")
+    run.records["preprocess"]["notes"].append(asdict(note))
     run.records["finetune"]["curves"]["loss"] = [3.0, 2.0]
     text = text_of(run_page(run))
-    assert "No stage gave a warning" not in text and "Leak check: told. Better than by chance: choose another" in text
+    assert "No stage gave a warning" not in text and "preprocess : leak check: better than by chance." in text
     assert "1 warning was given" in text and "Training curves" in text and "2 epochs" in text
+    assert "dvc exp run" in text and "-S preprocess.baseline=grasp" in text
 
 
 def test_wrong_answers_are_told_with_the_scale_of_their_pictures(workspace, undrawn):
     run = read_run()
     run.predictions.predicted["recording"][:] = 0
-    run.metrics["recording"]["error"]["mean"] = 0.75
-    run.metrics["recording"]["top1"]["ci95"] = {"low": 0.0, "high": 0.5}
-    text, scale = text_of(run_page(run)), run.records["preprocess"]["counts"]["resolved.preprocess.scale"]
+    run.metrics["recording"]["error"] = {"mean": 0.75, "low": 0.5, "high": 1.0}
+    (scale,) = (note.value for note in run.notes if note.key == "preprocess.scale")
+    text = text_of(run_page(run))
     assert (
         "No: this result is no better than guessing." in text and "The 3 pairs of objects with the most wrong" in text
     )

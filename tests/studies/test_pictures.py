@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -16,7 +17,7 @@ def test_the_labels_of_costs_do_not_touch(least, most):
     costs = np.geomspace(least, most, 5)
     each = {"protocol": "recording", "error": 30.0, "low": 20.0, "high": 40.0, "finetune s": 0.0}
     rows = [each | {"variant": f"v{cost:.0f}", "pretrain s": cost, "ms in batches": cost} for cost in costs]
-    figure = errors_by_cost(rows, [], "a study")
+    figure = errors_by_cost(pd.DataFrame(rows), pd.DataFrame(), "a study")
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
     for axes in figure.axes:
@@ -28,7 +29,7 @@ def test_the_labels_of_costs_do_not_touch(least, most):
 
 
 def test_curves_have_a_line_for_each_variant_along_the_crossing():
-    each = {"low": "", "high": ""}
+    each = {"low": np.nan, "high": np.nan}
     rows = [
         each | {"variant": variant, "protocol": protocol, "error": error} | dict(zip(COSTS, costs, strict=True))
         for protocol, more in (("object", 50), ("recording", 0))  # the last protocol is drawn
@@ -39,7 +40,7 @@ def test_curves_have_a_line_for_each_variant_along_the_crossing():
             ("b / 8 recordings", 20 + more, 5, 6, 0.2),
         )
     ]
-    panels = error_curves(rows, [], "title").axes
+    panels = error_curves(pd.DataFrame(rows), pd.DataFrame(), "title").axes
     lines = [[(line.get_xdata().tolist(), line.get_ydata().tolist()) for line in axes.get_lines()] for axes in panels]
     assert lines[0] == [([1, 8], [40, 10]), ([1, 8], [35, 20])]
     assert lines[1] == [([7, 70], [40, 10]), ([2, 11], [35, 20])]

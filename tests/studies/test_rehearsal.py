@@ -31,17 +31,17 @@ def test_a_rehearsal_runs_every_cell_once_and_leaves_table_and_picture(tmp_path)
     sh("git", "init", "-q", cwd=place)
     sh("git", "add", "-A", cwd=place)
     sh("git", "-c", "user.name=test", "-c", "user.email=test@example.org", "commit", "-qm", "Test", cwd=place)
-    before = (place / "studies/clustering/results.csv").read_bytes()
-    first = sh(sys.executable, "-m", "studies", "clustering", "--quick", cwd=place)
+    before = (place / "studies/claims/results.csv").read_bytes()
+    first = sh(sys.executable, "-m", "studies", "claims", "--quick", cwd=place)
     assert "2 cells, 0 of them finished before" in first
-    with (place / "studies/.quick/clustering/results.csv").open(newline="") as file:
+    with (place / "studies/.quick/claims/results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert {(row["variant"], row["protocol"]) for row in rows} == {
-        (variant, protocol) for variant in ("kmeans object", "none object") for protocol in ("object", "recording")
+        (variant, "recording") for variant in ("paper", "maximum")
     }
     assert all(0 <= float(row["error"]) <= 100 for row in rows)
-    assert (place / "studies/.quick/clustering/results.png").stat().st_size > 1000
-    assert (place / "studies/clustering/results.csv").read_bytes() == before
-    again = sh(sys.executable, "-m", "studies", "clustering", "--quick", cwd=place)
+    assert (place / "studies/.quick/claims/results.png").stat().st_size > 1000
+    assert (place / "studies/claims/results.csv").read_bytes() == before
+    again = sh(sys.executable, "-m", "studies", "claims", "--quick", cwd=place)
     assert "2 cells, 2 of them finished before" in again
     assert "smallest difference" in again

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.nn.backbone import Backbone
 from tactile_viewgcn.recognition.sequential import sequential_trials
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.training import finetuning
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.finetuning import SideViewSets, finetune_classifier
@@ -48,7 +48,7 @@ def fitted(monkeypatch):
     """What is handed to the loop over epochs, which then does nothing."""
     given = {}
 
-    def fit(epochs, optimiser, factor, *_):
+    def fit(name, epochs, steps, optimiser, factor, *_):
         given.update(epochs=epochs, groups=optimiser.param_groups, factor=factor)
         return Progress()
 

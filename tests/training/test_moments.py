@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.frames.split import TRAIN
+from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.training.finetuning import SideViewSets, finetune_classifier
 from tactile_viewgcn.training.moments import measure_moments
 from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of

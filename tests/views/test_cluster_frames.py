@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.tables.views import NO_CLUSTER
 from tests.small_tables import recipe, table, views_of
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from tactile_viewgcn.views import clustering
 from tactile_viewgcn.views.clustering import (
+    COMPONENTS,
     cluster_pools,
     distinct_rows,
     kmeans,
@@ -98,7 +99,7 @@ def test_the_same_seed_gives_the_same_clusters():
 
 def test_components_found_before_change_nothing():
     points, pool = np.random.default_rng(5).random((40, 30)), np.arange(40) % 2
-    scores = pool_scores(points, pool, KMEANS.components)
+    scores = pool_scores(points, pool, COMPONENTS)
     assert [score.shape for score in scores] == [(20, 8), (20, 8)]
     given_them = cluster_pools(points, pool, 4, KMEANS, np.random.default_rng(0), scores)
     np.testing.assert_array_equal(given_them, cluster_pools(points, pool, 4, KMEANS, np.random.default_rng(0)))

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.tables.views import NO_CLUSTER, Views, read_views, write_views
-from tactile_viewgcn.views.sampling import ViewSets, random_clusters
+from tactile_viewgcn.views.sampling import ViewSets, random_clusters, sets_of
 
 DRAWS = 6000
 
@@ -140,7 +140,7 @@ def test_unclustered_view_sets_are_distinct_frames_of_one_pool(sizes, count, see
     pool = rng.permutation(np.repeat(np.arange(len(sizes)) * 5, sizes))
     views = Views(np.full(len(pool), NO_CLUSTER, np.int16), pool, np.zeros((count, 3)), np.zeros((count, 9)))
     anchors = np.arange(len(pool))
-    sets = views.on(anchors, rng).draw(anchors, rng)
+    sets = sets_of(views, anchors, rng).draw(anchors, rng)
     assert (pool[sets] == pool[anchors, None]).all()
     assert (np.sort(sets, axis=1)[:, 1:] > np.sort(sets, axis=1)[:, :-1]).all()
     assert (sets == anchors[:, None]).any(axis=1).all()
@@ -149,7 +149,7 @@ def test_unclustered_view_sets_are_distinct_frames_of_one_pool(sizes, count, see
 def test_every_other_frame_of_a_pool_joins_an_unclustered_set_equally_often():
     views = Views(np.full(7, NO_CLUSTER, np.int16), np.zeros(7, dtype=int), np.zeros((3, 3)), np.zeros((3, 9)))
     rng, index = np.random.default_rng(0), np.arange(7)
-    sets = np.concatenate([views.on(index, rng).draw(np.array([4]), rng) for _ in range(3000)])
+    sets = np.concatenate([sets_of(views, index, rng).draw(np.array([4]), rng) for _ in range(3000)])
     joined = np.bincount(sets.ravel(), minlength=7) / 3000
     np.testing.assert_allclose(np.delete(joined, 4), 2 / 6, atol=0.04)
     assert joined[4] == 1
@@ -158,7 +158,9 @@ def test_every_other_frame_of_a_pool_joins_an_unclustered_set_equally_often():
 def test_view_sets_of_some_frames_number_them_from_nought():
     cluster, pool = np.array([9, 0, 1, 9, 1, 0], np.int16), np.array([7, 3, 3, 7, 5, 5])
     views = Views(cluster, pool, np.zeros((2, 3)), np.zeros((2, 9)))
-    sets = views.on(np.array([1, 2, 4, 5]), np.random.default_rng(0)).draw(np.array([0, 3]), np.random.default_rng(0))
+    sets = sets_of(views, np.array([1, 2, 4, 5]), np.random.default_rng(0)).draw(
+        np.array([0, 3]), np.random.default_rng(0)
+    )
     assert sets.tolist() == [[0, 1], [3, 2]]
 
 
@@ -170,7 +172,9 @@ def test_views_without_their_clusters_are_dealt_out_anew_and_keep_the_rest():
     for name in ("pool", "viewpoints", "references"):
         np.testing.assert_array_equal(getattr(free, name), getattr(views, name))
     index = np.arange(8)
-    beside = {tuple(row) for _ in range(60) for row in np.sort(free.on(index, rng).draw(index, rng), axis=1).tolist()}
+    beside = {
+        tuple(row) for _ in range(60) for row in np.sort(sets_of(free, index, rng).draw(index, rng), axis=1).tolist()
+    }
     assert beside == {(i, j) for i in range(8) for j in range(i + 1, 8) if i // 4 == j // 4}
 
 

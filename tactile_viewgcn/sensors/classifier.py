@@ -1,0 +1,97 @@
+"""A system on the sensors as a classifier of view sets: it reads frames of counts above baseline."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.nn.backbone import Batched
+from tactile_viewgcn.sensors.systems import SensorSystem, TrainingFrames
+from tactile_viewgcn.sensors.unit import contact_unit
+
+BATCH = 128  # frames
+MAX_SET_VALUES = 1 << 20  # numbers in the values of a batch of view sets
+
+
+class SensorClassifier:
+    """The classifier; what a frame or a view set is, see `ViewNetwork`, whose counterpart it is.
+
+    Args:
+        viewpoints: (V, 3), of which only the number counts.
+    """
+
+    transform = "counts"
+    in_time_order = False
+    takes_fewer = True
+
+    def __init__(self, system: SensorSystem, viewpoints: Tensor):
+        self.system, self.viewpoints = system, viewpoints.float()
+        self.live, self.unit = np.zeros((0, 0), dtype=bool), 1.0
+
+    @property
+    def views(self) -> int:
+        """V."""
+        return len(self.viewpoints)
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """What it needs besides torch and NumPy."""
+        return self.system.packages
+
+    def fit(
+        self,
+        counts: np.ndarray,
+        labels: np.ndarray,
+        pools: np.ndarray,
+        *,
+        classes: int,
+        sizes: tuple[int, ...],
+        live: np.ndarray,
+        noise: float,
+        seed: int,
+    ) -> None:
+        """Fit the system to counts (n, S) above baseline of frames in contact.
+
+        Args:
+            noise: standard deviation of the counts; infinite where it is unknown.
+            labels, pools, classes, sizes, live, seed: see `TrainingFrames`.
+        """
+        self.live, self.unit = live, contact_unit(counts, noise)
+        frames = counts / np.float32(self.unit)
+        self.system.fit(TrainingFrames(frames, labels, classes, pools, sizes, live, seed))
+
+    def prepare(self, compute: Compute) -> None:
+        """Nothing: it computes on the processor, in single precision."""
+
+    @torch.no_grad()
+    def frame_values(self, frames: Batched) -> Tensor:
+        """The system's values (n, F) of frames (n, 1, H, W) of counts above baseline."""
+        parts = []
+        for part in frames.split(BATCH):
+            sensors = part[:, 0].float().cpu().numpy()[:, self.live] / np.float32(self.unit)
+            parts.append(torch.from_numpy(self.system.frame_values(sensors)))
+        return torch.cat(parts)
+
+    def logits(self, values: Tensor, sets: Tensor) -> Tensor:
+        """Logits (A, classes) of view sets (A, k) of indices into values (n, F), in batches that fit memory."""
+        batch = max(1, MAX_SET_VALUES // (sets.shape[1] * values.shape[1]))
+        parts = [self.system.logits(values[part].numpy()) for part in sets.split(batch)]
+        return torch.from_numpy(np.concatenate(parts))
+
+    def state_dict(self) -> dict[str, Any]:
+        """What it has learnt: plain values, tensors and estimators of scikit-learn."""
+        return {"live": torch.from_numpy(self.live), "unit": self.unit, "fitted": self.system.fitted}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take the state over, and answer one frame with it.
+
+        Raises:
+            ValueError: the answer is none.
+        """
+        self.live, self.unit, self.system.fitted = state["live"].numpy(), state["unit"], state["fitted"]
+        frame = torch.zeros(1, 1, *self.live.shape)
+        logits = self.logits(self.frame_values(frame), torch.zeros(1, 1, dtype=torch.int64))
+        if not logits.isfinite().all():
+            raise ValueError("its answer to an empty frame is not finite")

@@ -1,0 +1,195 @@
+"""Systems on the sensors: pipelines of scikit-learn on single frames, on the maximum of a view set, or together.
+
+A system is fitted to `TrainingFrames`. Its `frame_values` are computed of each frame alone, from readings (n, S) in
+units to float32 (n, F), and its `logits` (B, classes) of view sets of these values (B, k, F), whatever the order of
+views. All that it has learnt is in its attribute `fitted`: estimators, tensors and plain values.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.special import softmax
+
+PACKAGES = ("scikit-learn", "skops")
+SETS = 10  # view sets of each pool of frames and size that a pipeline is fitted to
+MOST_SETS = 4000  # of a size: a kernel is a matrix of their square
+FLOOR = 0.01  # added to the probabilities of an ensemble's members, so that no member's zero is a veto
+
+
+@dataclass(frozen=True)
+class TrainingFrames:
+    """What a system is fitted to.
+
+    Attributes:
+        frames: float32 (n, S) of live sensors, in units.
+        labels: int64 (n,) class; classes: number of classes, also of those without frames.
+        pools: (n,) what view sets are drawn from: frames of one object in one split group of one recording.
+        sizes: numbers of frames in the view sets that the system will answer.
+        live: bool (H, W) with S sensors.
+        seed: of every random choice.
+    """
+
+    frames: np.ndarray
+    labels: np.ndarray
+    classes: int
+    pools: np.ndarray
+    sizes: tuple[int, ...]
+    live: np.ndarray
+    seed: int
+
+    def view_sets(self, count: int) -> tuple[list[np.ndarray], np.ndarray]:
+        """Random view sets, each of frames of one pool.
+
+        Args:
+            count: of each pool and size; more where a pool has more than `count` times V frames.
+
+        Returns:
+            sets: one array (M, k) of frame indices for each size k.
+            labels: (M,)
+        """
+        rng = np.random.default_rng(self.seed)
+        members = [np.flatnonzero(self.pools == pool) for pool in np.unique(self.pools)]
+        most = max(1, MOST_SETS // len(members))
+        counts = [min(most, max(count, len(frames) // max(self.sizes))) for frames in members]
+        sets = [
+            np.stack(
+                [
+                    rng.choice(frames, size, replace=len(frames) < size)
+                    for frames, of_pool in zip(members, counts, strict=True)
+                    for _ in range(of_pool)
+                ]
+            )
+            for size in self.sizes
+        ]
+        return sets, np.repeat([self.labels[frames[0]] for frames in members], counts)
+
+
+class SensorSystem(Protocol):
+    """See the module; `packages` are those that a fitted system needs besides torch and NumPy."""
+
+    fitted: Any
+    packages: tuple[str, ...]
+
+    def fit(self, data: TrainingFrames) -> "SensorSystem": ...
+
+    def frame_values(self, sensors: np.ndarray) -> np.ndarray: ...
+
+    def logits(self, values: np.ndarray) -> np.ndarray: ...
+
+
+@dataclass
+class SingleFrames:
+    """A pipeline that classifies each frame alone; the probabilities of a view set are averaged.
+
+    Args:
+        pipeline: the pipeline for training frames, with nothing fitted yet.
+        points: readings (n, S) in units to what the pipeline reads.
+    """
+
+    pipeline: Callable[[TrainingFrames], Any]
+    points: Callable[[np.ndarray], np.ndarray]
+    fitted: Any = None
+    packages: tuple[str, ...] = PACKAGES
+
+    def fit(self, data: TrainingFrames) -> SensorSystem:
+        pipeline = fit_pipeline(self.pipeline(data), self.points(data.frames), data.labels)
+        self.fitted = {"classes": data.classes, "pipeline": pipeline}
+        return self
+
+    def frame_values(self, sensors: np.ndarray) -> np.ndarray:
+        return probabilities(self.fitted["pipeline"], self.points(sensors), self.fitted["classes"])
+
+    def logits(self, values: np.ndarray) -> np.ndarray:
+        return log_probabilities(values.mean(axis=1))
+
+
+@dataclass
+class SetMaximum:
+    """A pipeline, for each size of view set, of the maximum of the frames' points.
+
+    View sets of a size in between go to the next smaller one's.
+
+    Args:
+        pipeline, points: see `SingleFrames`.
+    """
+
+    pipeline: Callable[[TrainingFrames], Any]
+    points: Callable[[np.ndarray], np.ndarray]
+    fitted: Any = None
+    packages: tuple[str, ...] = PACKAGES
+
+    def fit(self, data: TrainingFrames) -> SensorSystem:
+        sets, labels = data.view_sets(SETS)
+        values = self.points(data.frames)
+        pipelines = {
+            size: fit_pipeline(self.pipeline(data), values[of_size].max(axis=1), labels)
+            for size, of_size in zip(data.sizes, sets, strict=True)
+        }
+        self.fitted = {"classes": data.classes, "pipelines": pipelines}
+        return self
+
+    def frame_values(self, sensors: np.ndarray) -> np.ndarray:
+        return self.points(sensors)
+
+    def logits(self, values: np.ndarray) -> np.ndarray:
+        pipelines = self.fitted["pipelines"]
+        size = max((size for size in pipelines if size <= values.shape[1]), default=min(pipelines))
+        return log_probabilities(probabilities(pipelines[size], values.max(axis=1), self.fitted["classes"]))
+
+
+class Ensemble:
+    """The sum of the logarithms of the members' probabilities."""
+
+    packages: tuple[str, ...] = PACKAGES
+
+    def __init__(self, members: list[SensorSystem]):
+        self.members = members
+
+    def fit(self, data: TrainingFrames) -> SensorSystem:
+        for member in self.members:
+            member.fit(data)
+        widths = [member.frame_values(data.frames[:1]).shape[1] for member in self.members]
+        self._starts = np.cumsum(widths)[:-1].tolist()  # of the values of each member but the first
+        return self
+
+    @property
+    def fitted(self) -> Any:
+        return {"members": [member.fitted for member in self.members], "starts": self._starts}
+
+    @fitted.setter
+    def fitted(self, fitted: Any) -> None:
+        self._starts = fitted["starts"]
+        for member, of_member in zip(self.members, fitted["members"], strict=True):
+            member.fitted = of_member
+
+    def frame_values(self, sensors: np.ndarray) -> np.ndarray:
+        return np.concatenate([member.frame_values(sensors) for member in self.members], axis=1)
+
+    def logits(self, values: np.ndarray) -> np.ndarray:
+        parts = np.split(values, self._starts, axis=-1)
+        shares = [softmax(member.logits(part), axis=1) for member, part in zip(self.members, parts, strict=True)]
+        return np.log(np.stack(shares) + FLOOR).sum(axis=0)
+
+
+def fit_pipeline(pipeline: Any, points: np.ndarray, labels: np.ndarray) -> Any:
+    """The pipeline, fitted; that it has reached its limit of iterations is no fault."""
+    from sklearn.exceptions import ConvergenceWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return pipeline.fit(points, labels)
+
+
+def probabilities(pipeline: Any, points: np.ndarray, classes: int) -> np.ndarray:
+    """Probabilities float32 (n, classes) of a pipeline; of a class that it was not fitted to they are 0."""
+    shares = np.zeros((len(points), classes), dtype=np.float32)
+    shares[:, pipeline.classes_] = pipeline.predict_proba(points)
+    return shares
+
+
+def log_probabilities(shares: np.ndarray) -> np.ndarray:
+    """Logarithms, of 0 that of the smallest number that single precision holds."""
+    return np.log(np.maximum(shares, np.finfo(np.float32).tiny))

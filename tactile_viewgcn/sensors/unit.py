@@ -1,0 +1,58 @@
+"""Readings of sensors in units of the glove's own scale, so that one recipe fits every glove."""
+
+import numpy as np
+
+PRESSED_SHARE = 0.1  # of the readings of frames in contact; with STAG's glove they are those above four counts
+PRESSED_UNITS = 4.0
+NOISE_UNITS = 1.5  # standard deviations of noise that a unit is at most: the dead zone of two units is three
+LEAST = 0.1  # of the unit by readings, which the noise may lower it to
+DEAD_ZONE = 2.0  # units; below it is noise
+MOST_PAIRS = 1000  # of successive frames that are compared
+MEDIAN_SD = 0.6745  # median distance from the mean of a normal distribution, in standard deviations
+
+
+def contact_unit(frames: np.ndarray, noise: float = np.inf) -> float:
+    """The unit of a glove, in counts: of the readings (n, S) of frames in contact one in ten is above four units.
+
+    About one count for STAG's glove, and so is its noise. Where more sensors are pressed, the noise limits the unit.
+    Where fewer than one in ten readings are positive, half of these are above.
+
+    Args:
+        noise: standard deviation of the readings in counts, if it is known.
+    """
+    pressed = float(np.quantile(frames, 1 - PRESSED_SHARE))
+    if pressed <= 0:
+        positive = frames[frames > 0]
+        pressed = float(np.median(positive)) if len(positive) else PRESSED_UNITS
+    unit = pressed / PRESSED_UNITS
+    return max(min(unit, NOISE_UNITS * noise), LEAST * unit)
+
+
+def successive_noise(counts: np.ndarray, recording: np.ndarray, index: np.ndarray, live: np.ndarray) -> float:
+    """Standard deviation in counts of what sensors read, by successive frames; infinite where it is unknown.
+
+    It is that of the median difference, which contact does not change while fewer than half of the sensors feel it.
+    Unknown is noise below the steps of the counts, and without successive frames.
+
+    Args:
+        counts: (n, H, W), in memory or mapped.
+        recording: (n,) of each frame.
+        index: of the frames that are compared, sorted.
+        live: bool (H, W) sensors.
+    """
+    pairs = index[:-1][(np.diff(index) == 1) & (np.diff(recording[index]) == 0)]
+    if not len(pairs):
+        return np.inf
+    pairs = pairs[np.unique(np.linspace(0, len(pairs) - 1, MOST_PAIRS).astype(int))]
+    change = counts[pairs + 1].astype(np.float64) - counts[pairs]
+    return float(np.median(np.abs(change[:, live]))) / (MEDIAN_SD * 2**0.5) or np.inf
+
+
+def logarithm(sensors: np.ndarray) -> np.ndarray:
+    """log(1 + max(x, 0)) of readings x in units."""
+    return np.log1p(np.maximum(sensors, 0))
+
+
+def above_dead_zone(sensors: np.ndarray) -> np.ndarray:
+    """log(1 + max(x - 2, 0)) of readings x in units."""
+    return np.log1p(np.maximum(sensors - DEAD_ZONE, 0))
