@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from benchmarks.interleaved import interleaved, median_ratio
+from benchmarks.command import interleaved, median_ratio
 from benchmarks.speed import limits, plain
 from benchmarks.speed.sample import Sample
 from tactile_viewgcn.device import Compute
