@@ -7,15 +7,15 @@ from stages.command import INPUT, OUTPUT, stage
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.noise_check import noise_warnings
+from tactile_viewgcn.nn.network import count_weights
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.calibration import calibration_warning, fit_temperatures
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.systems import system_class
-from tactile_viewgcn.systems.classifier import count_weights
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
-from tactile_viewgcn.training.distributed import joined
+from tactile_viewgcn.training.distributed import process_group
 from tactile_viewgcn.training.finetuning import finetune_classifier
 
 
@@ -39,7 +39,7 @@ def finetune(params, job, frames, views, backbone, out):
         for warning in noise_warnings(table, params.finetune.noise):
             job.note(warning)
     clusters, on_epoch = read_views(views), job.on_epoch(params.finetune.epochs)
-    with joined(compute, alone), training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
+    with process_group(compute, alone), training_checkpoint("finetune", params, job.md5s, compute) as checkpoint_path:
         given = pretrained, params, compute
         classifier, progress = finetune_classifier(table, clusters, *given, checkpoint_path, on_epoch)
         if rank():

@@ -17,15 +17,18 @@ def pretrain(params, job, frames, out):
     import torch  # here: where this stage is left out, nothing loads it
 
     from tactile_viewgcn.device import keep_freed_memory, select_device
-    from tactile_viewgcn.training import distributed
     from tactile_viewgcn.training.checkpoint import training_checkpoint
+    from tactile_viewgcn.training.distributed import process_group
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
     keep_freed_memory()
     compute, table = select_device(params.device, params.precision), read_frames(frames)
     job.computed_on(compute.device, compute.precision)
-    with distributed.joined(compute), training_checkpoint("pretrain", params, job.md5s, compute) as checkpoint_path:
-        on_epoch = job.on_epoch(params.pretrain.masked_epochs + params.pretrain.epochs)
+    with (
+        process_group(compute),
+        training_checkpoint("pretrain", params, job.md5s, compute) as checkpoint_path,
+    ):
+        on_epoch = job.on_epoch(params.pretrain.epochs)
         backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, on_epoch)
         if rank():
             return None

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frame_inputs import FrameInputs
-from tactile_viewgcn.memory import MAX_MEMORY_SHARE
+
+MAX_MEMORY_SHARE = 0.5  # of the device's free memory, that frames may take
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,17 @@ class Compute:
     def frames(self, inputs: Tensor) -> Tensor:
         """Frames (n, H, W) as (n, 1, H, W) in channels-last order, on the device if they fit its memory."""
         batch = self.layout(inputs)
-        if self.device.type == "cuda" and batch.nbytes > MAX_MEMORY_SHARE * torch.cuda.mem_get_info(self.device)[0]:
-            return batch
-        return batch.to(self.device)
+        return batch.to(self.device) if self.device.type != "cuda" or self.fits(batch.nbytes) else batch
+
+    def fits(self, size: int) -> bool:
+        """Whether so many bytes take at most half of the CUDA device's free memory."""
+        return size <= MAX_MEMORY_SHARE * torch.cuda.mem_get_info(self.device)[0]
 
     def layout(self, inputs: Tensor) -> Tensor:
         """Frames (n, H, W) as (n, 1, H, W) in channels-last order, where they are."""
         return inputs.unsqueeze(1).to(self.dtype, memory_format=torch.channels_last)
 
-    def gather(self, values: FrameInputs, index: Tensor) -> Tensor:
+    def gather(self, values: Tensor, index: Tensor) -> Tensor:
         """Rows `index` (k,) of `values` (n, ...) on the device, without waiting for it; `index` is on the processor."""
         if values.device.type == self.device.type:  # device "cuda" holds tensors on "cuda:0"
             return values[self.to_device(index)]

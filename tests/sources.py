@@ -43,6 +43,7 @@ def source(
         list(sessions or names("session", "session0")),
         counts.shape[1:],
         np.dtype(dtype or counts.dtype),
+        frames,
         iter([{"pressure": counts[at], **{name: column[at] for name, column in values.items()}} for at in parts]),
         weights=weights,
     )

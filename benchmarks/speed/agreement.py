@@ -9,7 +9,7 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.systems.classifier import view_set_logits
+from tactile_viewgcn.nn.network import view_set_logits
 
 TOLERANCE = {"float32": 1e-5, "bfloat16": 2e-2}  # of the largest logit
 WITHIN = 0.9  # share of the view sets whose logits are to be within the tolerance

@@ -13,8 +13,9 @@ from benchmarks.stability.logits import some_sets, with_the_same_views
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Params
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
 
 

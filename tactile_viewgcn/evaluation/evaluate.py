@@ -24,7 +24,7 @@ from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.views.clustering import pool_ids
 
 
@@ -84,7 +84,7 @@ def evaluate_table(
     begin = time.perf_counter()
     index = table.on(SIDES.index(evaluate.side))
     anchors = np.flatnonzero(table.anchor[index])
-    frames = input_frames(table, index, compute, classifier.head.transform)
+    frames = FrameInputs(table, index, compute, classifier.head.transform)
     classifier.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     with compute.autocast():
         features = extract_features(classifier.backbone, frames)

@@ -4,12 +4,14 @@ import time
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.statistics import median_and_p95
-from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.nn.network import view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.training.inputs import FrameInputs
 
 SECONDS = 1.0  # for each of the two measurements
 MAX_REPEATS = 50
@@ -19,7 +21,7 @@ SHARE = 1 / 8  # of the seconds, that a batch may take: slower hardware gets sma
 
 @torch.inference_mode()
 def latency(
-    classifier: Classifier, frames: FrameInputs, compute: Compute, *, seconds: float = SECONDS
+    classifier: Classifier, frames: Tensor | FrameInputs, compute: Compute, *, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
     """Milliseconds per view set from network input to logits, alone and in batches of `sets`.
 
@@ -33,8 +35,9 @@ def latency(
 
     def timed(sets: int, seconds: float) -> np.ndarray:
         """Milliseconds per view set of each repeat, one at least, until the seconds are spent."""
-        index = torch.arange(sets * classifier.views, device=frames.device)
+        index = torch.arange(sets * classifier.views)
         inputs, end = frames[index % len(frames)], time.perf_counter() + seconds
+        index = index.to(inputs.device)
         taken: list[float] = []
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()

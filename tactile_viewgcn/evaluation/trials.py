@@ -9,11 +9,12 @@ from torch import Tensor
 from tqdm import tqdm
 
 from tactile_viewgcn.frames.split import SIDES
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
-from tactile_viewgcn.tables.frames import Frames, Points
-from tactile_viewgcn.views.assignment import assigned_viewpoints, contact_threshold
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.counts import Counts
+from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets
 
@@ -44,13 +45,13 @@ def all_trials(
     """The trials of each protocol in `evaluate.protocols`; the view sets are the same for all classifiers of V views.
 
     Args:
-        classifier: its `head`, `views` and `references` are used.
+        classifier: its `head` and `views` are used.
         features: (n, ...) of the evaluated side's frames, as the head takes them.
     """
     index = table.on(SIDES.index(evaluate.side))
     protocols: dict[str, Trials] = {}
     points, label = table.points(index), table.label[index]
-    anchors, threshold = np.flatnonzero(table.anchor[index]), contact_threshold(table.transform, table.scale)
+    anchors = np.flatnonzero(table.anchor[index])
     with tqdm(total=len(evaluate.protocols) * evaluate.trials, desc="evaluate", unit="trial", disable=None) as bar:
         for number, protocol in enumerate(PROTOCOLS):
             if protocol not in evaluate.protocols:
@@ -58,7 +59,7 @@ def all_trials(
             pool = pool_ids(label, table.recording[index], table.side[index], protocol)
             trials = (stream(seed, "trial", number, trial) for trial in range(evaluate.trials))
             protocols[protocol] = run_trials(
-                classifier, features, points, label, pool, anchors, cluster, threshold=threshold, trials=trials, bar=bar
+                classifier, features, points, label, pool, anchors, cluster, trials=trials, bar=bar
             )
     return protocols
 
@@ -67,13 +68,12 @@ def all_trials(
 def run_trials(
     classifier: Classifier,
     features: Tensor,
-    points: np.ndarray | Points,
+    points: Counts,
     labels: np.ndarray,
     pool: np.ndarray,
     anchors: np.ndarray,
     cluster: Cluster,
     *,
-    threshold: float,
     trials: Iterable[np.random.Generator],
     bar: tqdm,
 ) -> Trials:
@@ -82,22 +82,13 @@ def run_trials(
     Args:
         features: (n, C) of the frames; points: (n, d) network input that is clustered; labels, pool: (n,).
         anchors: (A,) indices of the frames that view sets are drawn around.
-        threshold: network input of a sensor in contact, see `assignment.contact_threshold`.
     """
     views, scores, empty = classifier.views, None, 0
     if cluster.method == "kmeans" and views > 1:
         scores = pool_scores(points, pool)
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
     for rng in trials:
-        clusters = assigned_viewpoints(
-            cluster_pools(points, pool, views, cluster, rng, scores),
-            pool,
-            points,
-            views,
-            cluster.assignment,
-            threshold=threshold,
-            references=classifier.references,
-        )
+        clusters = cluster_pools(points, pool, views, cluster, rng, scores)
         sets = ViewSets(clusters, pool, views)
         drawn = torch.from_numpy(sets.draw(anchors, rng, cluster.assignment)).to(features.device)
         logits = view_set_logits(classifier.head, features, drawn)

@@ -16,8 +16,8 @@ from tactile_viewgcn.frames.quiet import all_in_contact, find_quiet
 from tactile_viewgcn.frames.readings import Readings, measure_readings, scatter
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.readers.source import EMPTY_HAND
+from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings
-from tactile_viewgcn.tables.stored import Counts
 
 SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548
 SIGMAS = 5.0  # standard deviations above the baseline of a pressed sensor, as in params.yaml

@@ -12,8 +12,8 @@ from scipy.ndimage import minimum_filter1d
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, noise_left, trimmed_moments
 from tactile_viewgcn.readers.source import EMPTY_HAND
+from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings
-from tactile_viewgcn.tables.stored import Counts
 
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
 WEAK = 0.6  # of the threshold: a hand that closes, or holds little, is felt a little by several sensors

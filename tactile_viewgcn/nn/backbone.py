@@ -6,15 +6,15 @@ trained from scratch.
 """
 
 import math
+from collections.abc import Iterable
 from itertools import chain
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from tactile_viewgcn.frame_inputs import FrameInputs
-from tactile_viewgcn.nn.perceptron import Perceptron
+from tactile_viewgcn.params import Backbone as BackboneParams
 
 WIDTH = 64
 DROPOUT = 0.2
@@ -59,6 +59,8 @@ class Stem(nn.Module):
 
     def forward(self, frames: Tensor) -> Tensor:
         norm = self.norm
+        if self.training and isinstance(norm, nn.SyncBatchNorm):  # moments of several processes' frames
+            return functional.max_pool2d(torch.relu(norm(self.conv(frames))), 3, stride=2, padding=1)
         with torch.autocast(frames.device.type, enabled=False):
             mean, variance = self._moments(frames) if self.training else (norm.running_mean, norm.running_var)
             scale = norm.weight * (variance + norm.eps).rsqrt()
@@ -143,17 +145,19 @@ class Backbone(nn.Module):
         return 2 * self.width, height, width
 
 
-def build_backbone(
-    shape: tuple[int, int], *, kind: str, width: int, blocks: int, dropout: float, readout: str, maps: bool = False
-) -> Backbone | Perceptron:
-    """The backbone that `model.backbone` describes, for frames (H, W); weights come from torch's own generator."""
-    if kind == "perceptron":
-        return Perceptron(shape, width, dropout)
-    return Backbone(width, dropout, blocks, readout, maps=maps)
+def build_backbone(options: BackboneParams, *, maps: bool = False) -> Backbone:
+    """The backbone of `model.backbone`; its weights are drawn from torch's default generator."""
+    return Backbone(options.width, options.dropout, options.blocks, options.readout, maps=maps)
+
+
+class Batched(Protocol):
+    """A tensor (n, ...), or what gives one in parts."""
+
+    def split(self, size: int, /) -> Iterable[Tensor]: ...
 
 
 @torch.no_grad()
-def extract_features(backbone: nn.Module, frames: FrameInputs) -> Tensor:
+def extract_features(backbone: nn.Module, frames: Batched) -> Tensor:
     """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
     backbone.eval()
     device = next(chain(backbone.parameters(), backbone.buffers())).device

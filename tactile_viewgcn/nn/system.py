@@ -1,23 +1,48 @@
-"""The interface of every system: several views of one object to class logits, and the loss it learns from.
+"""The interface of every network on the backbone: several views of one object to class logits, and its loss.
 
-A system is one file in this folder, named as `model.system` names it, with one subclass of `ViewSystem`. Its
-constructor asks by name for what it needs and is given only that: `classes`, `features` (C), `maps` (the shape of a
-view's feature maps), `views` (V), `viewpoints` (V, 3) where it has a view-graph, and any key of `model` in params.yaml.
-
-`pooled_view.py` is no system, though its class is a `ViewSystem`: it gives a system one view more.
+A system is one file of systems/, named as `model.system` names it, with one subclass of `ViewSystem`.
 """
+
+from dataclasses import dataclass
 
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """What a system is built for.
+
+    Attributes:
+        viewpoints: (V, 3).
+        feature_shape: of a view's features, (C,), or (C, H, W) of its maps.
+        classes: number of classes.
+    """
+
+    viewpoints: Tensor
+    feature_shape: tuple[int, ...]
+    classes: int
+
+    @property
+    def views(self) -> int:
+        """V."""
+        return len(self.viewpoints)
+
+    @property
+    def features(self) -> int:
+        """C."""
+        return self.feature_shape[0]
+
+
 class ViewSystem(nn.Module):
     """Views (B, k, ...) to logits (B, classes); k is V, or fewer where the system `takes_fewer`.
+
+    A subclass is built from `Sizes` and the section `model` of params.yaml.
 
     Attributes:
         takes: the backbone's `features` (B, k, C), its `maps` (B, k, C, H, W), or what `sensors` read, see
             `sensor_system.py`.
-        in_time_order: views are given from the earliest frame to the latest, whatever their viewpoints.
+        in_time_order: views are sorted from the earliest frame to the latest, whatever their viewpoints.
         takes_fewer: a system for V views also takes fewer.
         trainable: it has weights to fine-tune.
         transform: of frames, where the system needs another than `preprocess.transform`.
@@ -36,7 +61,7 @@ class ViewSystem(nn.Module):
         raise NotImplementedError
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
-        """Loss of `forward`'s results for the classes (B,): cross-entropy, unless the system has its own."""
+        """Cross-entropy of `forward`'s results for the classes (B,), unless the system has a loss of its own."""
         return functional.cross_entropy(logits, labels)
 
     def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:

@@ -6,10 +6,9 @@ import h5py
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.readers.hdf5 import SUFFIXES, read_hdf5
-from tactile_viewgcn.readers.source import Source
+from tactile_viewgcn.readers.source import SOURCE_MD5, Source, attribute_names
 from tactile_viewgcn.readers.stag_folder import read_folder
 from tactile_viewgcn.readers.stag_metadata import read_metadata
-from tactile_viewgcn.tables.recordings import is_table, read_table
 
 EXPECTED = "expected a STAG metadata.mat, a STAG folder, or HDF5 recordings (see the manual's page on data)"
 
@@ -35,24 +34,11 @@ def open_source(path: str | Path, *, labelled: bool = True) -> Source:
         raise UserError(f"{path}: neither [batch]/[recording]/pressuredata.mat nor .h5 recordings in it; {EXPECTED}")
     if not path.stat().st_size:
         raise UserError(f"{path}: an empty file; {EXPECTED}")
-    if is_table(path):
+    attributes = attribute_names(path)
+    if SOURCE_MD5 in attributes:
         raise UserError(f"{path}: the table that ingest writes, not what it reads; {EXPECTED}")
-    if path.suffix in SUFFIXES or _names_object(path):
+    if path.suffix in SUFFIXES or "object" in attributes:  # which no MATLAB 7.3 file has
         return read_hdf5(path, labelled=labelled)
     if path.suffix == ".mat" or h5py.is_hdf5(path):
         return read_metadata(path)
     raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {EXPECTED}")
-
-
-def open_recordings(path: str | Path, *, labelled: bool = True) -> Source:
-    """The same as `open_source`, and the source of the table that `ingest` wrote at a path."""
-    return read_table(Path(path)) if is_table(Path(path)) else open_source(path, labelled=labelled)
-
-
-def _names_object(path: Path) -> bool:
-    """Whether an HDF5 file has the attribute `object`, as the project's recordings and no MATLAB 7.3 file have."""
-    try:
-        with h5py.File(path, "r") as file:
-            return "object" in file.attrs
-    except OSError:  # no HDF5 file, or cut short
-        return False

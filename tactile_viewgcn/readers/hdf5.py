@@ -20,7 +20,7 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
-    EMPTY_HAND,
+    SOURCE_MD5,
     TEST,
     TRAIN,
     UNLABELLED,
@@ -28,10 +28,11 @@ from tactile_viewgcn.readers.source import (
     Source,
     check_shape,
     mistakes_in_frames,
+    numbered,
+    open_hdf5,
     raise_mistakes,
     storage_type,
 )
-from tactile_viewgcn.tables.recordings import SOURCE_MD5
 
 SUFFIXES = (".h5", ".hdf5")
 SPLITS = {"train": TRAIN, "test": TEST}
@@ -70,25 +71,22 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.suffix in SUFFIXES)
     if not files:
         raise UserError(f"{path}: no .h5 or .hdf5 recordings in it")
-    root = path.parent if path.is_file() else path
     headers: list[Header] = []
     mistakes: list[str] = []
     for file in files:
         try:
-            headers.append(_read_header(file, root, labelled))
+            headers.append(_read_header(file, path.parent if path.is_file() else path, labelled))
         except UserError as error:
             mistakes.append(str(error))
     if mistakes := mistakes + _disagreements(headers, path):
-        alike = [
-            header for header in headers if (header.shape, header.columns) == (headers[0].shape, headers[0].columns)
-        ]
+        alike = [each for each in headers if (each.shape, each.columns) == (headers[0].shape, headers[0].columns)]
         raise_mistakes(mistakes + (mistakes_in_frames(_source(alike, path)) if alike else []))
     return _source(headers, path)
 
 
 def _source(headers: list[Header], path: Path) -> Source:
     """The source of recordings that go together."""
-    objects = sorted({header.object for header in headers}, key=lambda name: (name != EMPTY_HAND, name))
+    objects = numbered([header.object for header in headers])
     sessions = sorted({header.session for header in headers})
     weights = np.full(len(objects), np.nan)
     for header in headers:
@@ -101,6 +99,7 @@ def _source(headers: list[Header], path: Path) -> Source:
         sessions,
         headers[0].shape,
         storage_type(np.result_type(*(header.dtype for header in headers)), str(path)),
+        sum(header.frames for header in headers),
         _blocks(headers, objects, sessions),
         weights=None if np.isnan(weights).all() else weights,
     )
@@ -109,40 +108,35 @@ def _source(headers: list[Header], path: Path) -> Source:
 def _blocks(headers: list[Header], objects: list[str], sessions: list[str]) -> Iterator[Block]:
     """The frames of all recordings, block by block."""
     for number, header in enumerate(headers):
-        constant = {
-            "object": objects.index(header.object),
-            "recording": number,
-            "session": sessions.index(header.session),
-        }
+        ids = {"object": objects.index(header.object), "recording": number, "session": sessions.index(header.session)}
         if header.split is not None:
-            constant["split"] = header.split
-        with h5py.File(header.file, "r") as file:
+            ids["split"] = header.split
+        with open_hdf5(header.file) as file:
             for start in range(0, header.frames, BLOCK_FRAMES):
                 at = slice(start, start + BLOCK_FRAMES)
                 pressure = file["pressure"][at]
-                count = len(pressure)
-                block = {column: np.full(count, value) for column, value in constant.items()}
+                block = {"pressure": pressure, "frame": np.arange(start, start + len(pressure))}
+                block |= {column: np.full(len(pressure), value) for column, value in (ids | {"time": np.nan}).items()}
                 for column in header.columns:
-                    if column in OPTIONAL_COLUMNS:
-                        block[column] = _column(file[column], column, at, header.file)
-                block.setdefault("time", np.full(count, np.nan))
-                yield block | {"pressure": pressure, "frame": np.arange(start, start + count)}
+                    if column != "split":
+                        block[column] = file[column][at]
+                if "time" in header.columns:
+                    block["time"] = block["time"] - file["time"][0]
+                yield block
 
 
 def _disagreements(headers: list[Header], path: Path) -> list[str]:
     """Mistakes of files that are good alone and do not go together."""
-    first = headers[0] if headers else None
     mistakes = [
-        f"{header.file}: {what} {getattr(header, what)}; expected {getattr(first, what)} as in {first.file}"
+        f"{header.file}: {what} {getattr(header, what)}; expected {getattr(headers[0], what)} as in {headers[0].file}"
         for header in headers
         for what in ("shape", "columns")
-        if first and getattr(header, what) != getattr(first, what)
+        if getattr(header, what) != getattr(headers[0], what)
     ]
-    counts = Counter(header.recording for header in headers)
     return mistakes + [
         f"{path}: {'two' if count == 2 else count} recordings are named {name!r}; "
         "expected different names: give each file a `recording` attribute"
-        for name, count in counts.items()
+        for name, count in Counter(header.recording for header in headers).items()
         if count > 1
     ]
 
@@ -153,13 +147,7 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
     Raises:
         UserError: lists all mistakes of the file.
     """
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise UserError(
-            f"{path}: not a readable HDF5 file, or cut short ({error}); record or download it again"
-        ) from None
-    with file:
+    with open_hdf5(path) as file:
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
         pressure = file.get("pressure")
@@ -168,18 +156,22 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
         shape, dtype = check_shape(pressure.shape, str(path)), storage_type(pressure.dtype, str(path))
         columns = [name for name in OPTIONAL_COLUMNS if name in file]
         attributes = {} if labelled else dict(NOT_LABELLED)
-        attributes |= {name: _text(value) for name, value in file.attrs.items()}
-        mistakes = _column_mistakes(file, columns, len(pressure)) + _attribute_mistakes(attributes, labelled)
+        for name, value in file.attrs.items():
+            attributes[name] = value.decode() if isinstance(value, bytes) else str(value)  # bytes: of fixed length
+        mistakes = [
+            *filter(None, (_column_mistake(file[name], name, len(pressure)) for name in columns)),
+            *_attribute_mistakes(attributes, labelled),
+        ]
         if mistakes:
             raise UserError("; ".join(f"{path}: {mistake}" for mistake in mistakes))
-        split = attributes.get("split")
+        split = SPLITS[attributes["split"]] if "split" in attributes else None
         return Header(
             file=path,
             object=attributes["object"],
             session=attributes["session"],
             recording=attributes.get("recording", path.relative_to(root).with_suffix("").as_posix()),
             weight=float(attributes["weight"]) if "weight" in attributes else None,
-            split=None if split is None else SPLITS[split],
+            split=split,
             frames=len(pressure),
             shape=shape,
             dtype=dtype,
@@ -187,15 +179,13 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
         )
 
 
-def _column_mistakes(file: h5py.File, columns: list[str], frames: int) -> list[str]:
-    """Optional columns that are no dataset of one value per frame."""
-    mistakes = []
-    for name in columns:
-        if not isinstance(file[name], h5py.Dataset):
-            mistakes.append(f"/{name} is a group; expected a dataset")
-        elif file[name].shape != (frames,):
-            mistakes.append(f"/{name} has shape {file[name].shape}; expected ({frames},)")
-    return mistakes
+def _column_mistake(column: h5py.Dataset | h5py.Group, name: str, frames: int) -> str | None:
+    """What is wrong with an optional column, which has one number a frame."""
+    if not isinstance(column, h5py.Dataset):
+        return f"/{name} is a group; expected a dataset"
+    if column.shape != (frames,):
+        return f"/{name} has shape {column.shape}; expected ({frames},)"
+    return None if column.dtype.kind in "biuf" else f"/{name} is of type {column.dtype}; expected numbers"
 
 
 def _attribute_mistakes(attributes: dict[str, str], labelled: bool) -> list[str]:
@@ -215,16 +205,3 @@ def _attribute_mistakes(attributes: dict[str, str], labelled: bool) -> list[str]
     if split not in SPLITS:
         mistakes.append(f"attribute split is {split!r}; expected train or test")
     return mistakes
-
-
-def _text(value: object) -> str:
-    """An attribute as text; HDF5 gives one of fixed length as bytes."""
-    return value.decode() if isinstance(value, bytes) else str(value)
-
-
-def _column(dataset: h5py.Dataset, name: str, at: slice, path: Path) -> np.ndarray:
-    """Part of an optional column of numbers; seconds are counted from the first frame."""
-    values = dataset[at]
-    if values.dtype.kind not in "biuf":
-        raise UserError(f"{path}: /{name} is of type {values.dtype}; expected numbers")
-    return values - dataset[0] if name == "time" else values

@@ -4,17 +4,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
 
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
-UNLABELLED = ""  # in the place of an object's name, of recordings whose object is to be told
+UNLABELLED = ""  # in the place of an object's name, of recordings whose object is asked for
 TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64  # rows and columns of a frame
 BLOCK_FRAMES = 4096  # read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
 MAX_LISTED = 10  # mistakes or names in one message
+SOURCE_MD5 = "source_md5"  # attribute that only the table of recordings has: md5 of its source
 
 #: Type of each column, one value per frame. The first five are always there, the others if the source has them.
 COLUMNS = {
@@ -42,6 +44,7 @@ class Source:
         objects, recordings, sessions: names, by index.
         shape: (H, W) of a frame.
         dtype: of the stored pressure.
+        frames: number of all frames.
         blocks: the frames in the file's order; can be read once.
         weights: (objects,) grams, NaN where unknown.
         action: (recordings, 2) seconds from and to which the object is handled, -1 for never.
@@ -53,9 +56,43 @@ class Source:
     sessions: list[str]
     shape: tuple[int, int]
     dtype: np.dtype
+    frames: int
     blocks: Iterator[Block]
     weights: np.ndarray | None = None
     action: np.ndarray | None = None
+
+
+def open_hdf5(path: Path) -> h5py.File:
+    """A source's HDF5 file, open for reading.
+
+    Raises:
+        UserError: it is no such file, or cut short.
+    """
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise UserError(
+            f"{path}: not a readable HDF5 file, or cut short ({error}); record or download it again"
+        ) from None
+
+
+def attribute_names(path: Path) -> set[str]:
+    """Names of the attributes on the root of an HDF5 file; none of another file, or of one that is cut short."""
+    try:
+        with open_hdf5(path) as file:
+            return set(file.attrs)
+    except UserError:
+        return set()
+
+
+def is_table(path: Path) -> bool:
+    """Whether a file was written by `write_recordings`."""
+    return SOURCE_MD5 in attribute_names(path)
+
+
+def numbered(names: list[str]) -> list[str]:
+    """The distinct names in the order of the alphabet, the empty hand first: an object's id is its place."""
+    return sorted(set(names), key=lambda name: (name != EMPTY_HAND, name))
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
@@ -101,8 +138,8 @@ def checked_blocks(source: Source) -> Iterator[Block]:
     """The blocks of a source that hold frames, each checked; none after the first mistake.
 
     Raises:
-        UserError: at the end, with the mistakes of all blocks: no frames, a damaged file, an id out of range, or
-            pressure that cannot be stored.
+        UserError: at the end, with the mistakes of all blocks: no frames or not as many as `source.frames`, a damaged
+            file, an id out of range, or pressure that cannot be stored.
     """
     total, mistakes = 0, []
     try:
@@ -112,12 +149,14 @@ def checked_blocks(source: Source) -> Iterator[Block]:
                 total += len(block["pressure"])
                 if not mistakes:
                     yield block
+        if not total:
+            mistakes.append(f"{source.path}: no frames; expected at least one recording with frames in it")
+        elif total != source.frames:
+            mistakes.append(f"{source.path}: {total} frames of {source.frames}; expected all, download it again")
     except OSError as error:
         mistakes.append(f"{source.path}: damaged or cut short ({error}); download or record it again")
     except UserError as error:  # of the reader
         mistakes.append(str(error))
-    if not total and not mistakes:
-        mistakes.append(f"{source.path}: no frames; expected at least one recording with frames in it")
     raise_mistakes(mistakes)
 
 

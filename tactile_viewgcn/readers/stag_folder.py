@@ -5,24 +5,22 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers.matlab import NOT_NUMBERS, mat_fields, mat_shapes
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
-    EMPTY_HAND,
     Block,
     Source,
     check_shape,
+    numbered,
     raise_mistakes,
     storage_type,
 )
-from tactile_viewgcn.readers.stag_metadata import frame_column, readable_mat
+from tactile_viewgcn.readers.stag_metadata import frame_column
 
 RAW_FIELDS = ("pressure", "tStamp", "frame")
-NOT_NUMBERS = ("char", "cell", "struct", "object", "function", "opaque")  # MATLAB's other classes
-MISSING_PRESSURE = "no field pressure; expected STAG's pressuredata.mat"
 
 
 def read_folder(path: Path) -> Source:
@@ -39,13 +37,13 @@ def read_folder(path: Path) -> Source:
     if not files:
         raise UserError(f"{path}: no [batch]/[recording]/pressuredata.mat in it")
     sessions = sorted({file.parent.parent.name for file in files})
-    held = [re.sub(r"^\d+-", "", file.parent.name) for file in files]
-    objects = sorted(set(held), key=lambda name: (name != EMPTY_HAND, name))
-    shape = _common_shape(files)
+    object_of = [re.sub(r"^\d+-", "", file.parent.name) for file in files]
+    objects = numbered(object_of)
+    shapes = _shapes(files)
     dtype = storage_type(_read_recording(files[0])[0].dtype, str(files[0]))
 
     def blocks() -> Iterator[Block]:
-        for number, (file, name) in enumerate(zip(files, held, strict=True)):
+        for number, (file, name) in enumerate(zip(files, object_of, strict=True)):
             pressure, time, frame = _read_recording(file)
             if storage_type(pressure.dtype, str(file)) != dtype:
                 raise UserError(f"{file}: pressure is of type {pressure.dtype}; expected {dtype} as in {files[0]}")
@@ -62,72 +60,51 @@ def read_folder(path: Path) -> Source:
                 }
 
     names = [f"{file.parent.parent.name}/{file.parent.name}" for file in files]
-    return Source(path, objects, names, sessions, shape, dtype, blocks())
+    return Source(path, objects, names, sessions, shapes[0][1:], dtype, sum(shape[0] for shape in shapes), blocks())
 
 
-def _common_shape(files: list[Path]) -> tuple[int, int]:
-    """(H, W) of the frames of all raw recordings.
+def _shapes(files: list[Path]) -> list[tuple[int, int, int]]:
+    """(T, H, W) of all raw recordings, whose frames are of one shape.
 
     Raises:
         UserError: lists the files that cannot be read or differ from the first.
     """
-    shapes: dict[Path, tuple[int, int]] = {}
+    shapes: dict[Path, tuple[int, int, int]] = {}
     mistakes = []
     for file in files:
         try:
-            shapes[file] = _frame_shape(file)
+            shapes[file] = _shape(file)
         except UserError as error:
             mistakes.append(str(error))
-    first, expected = next(iter(shapes.items()), (files[0], (0, 0)))
-    mistakes += [
-        f"{file}: frames of {shape}; expected {expected} as in {first}"
-        for file, shape in shapes.items()
-        if shape != expected
-    ]
+    for file, (_, *shape) in shapes.items():
+        first, (_, *expected) = next(iter(shapes.items()))
+        if shape != expected:
+            mistakes.append(f"{file}: frames of {tuple(shape)}; expected {tuple(expected)} as in {first}")
     raise_mistakes(mistakes)
-    return expected
+    return list(shapes.values())
 
 
-def _frame_shape(path: Path) -> tuple[int, int]:
-    """(H, W) of a raw recording, after checks of its fields' kinds and lengths by the file's header alone.
+def _shape(path: Path) -> tuple[int, int, int]:
+    """(T, H, W) of a raw recording, after checks of its fields' kinds and lengths by the file's header alone.
 
-    A header does not tell in which type MATLAB stored whole numbers of class double, so types are compared when
-    the frames are read.
+    Types are compared when the frames are read, see `mat_shapes`.
     """
-    from scipy import io
-
-    with readable_mat(path):
-        if h5py.is_hdf5(path):
-            with h5py.File(path, "r") as file:
-                header = {name: (file[name].shape[::-1], str(file[name].dtype)) for name in RAW_FIELDS if name in file}
-        else:
-            header = {name: (shape, kind) for name, shape, kind in io.whosmat(str(path))}
+    header = mat_shapes(path)
     if "pressure" not in header:
-        raise UserError(f"{path}: {MISSING_PRESSURE}")
+        raise UserError(f"{path}: no field pressure; expected STAG's pressuredata.mat")
     shape, kind = header["pressure"]
-    frame_shape = check_shape(shape, str(path))
     if kind in NOT_NUMBERS:
         raise UserError(f"{path}: pressure is of type {kind}; expected integer counts or real numbers")
     for name in ("tStamp", "frame"):
         if name in header and (size := math.prod(header[name][0])) != shape[0]:
             raise UserError(f"{path}: {name} has {size} values for {shape[0]} frames; expected one for each frame")
-    return frame_shape
+    return shape[0], *check_shape(shape, str(path))
 
 
 def _read_recording(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """pressure (T, H, W), seconds since the first frame (T,) and frame number (T,) of one raw recording."""
-    from scipy import io
-
-    with readable_mat(path):
-        if h5py.is_hdf5(path):
-            with h5py.File(path, "r") as file:
-                fields = {name: file[name][()].T for name in RAW_FIELDS if name in file}
-        else:
-            fields = io.loadmat(str(path), variable_names=RAW_FIELDS)
-    if "pressure" not in fields:
-        raise UserError(f"{path}: {MISSING_PRESSURE}")
-    pressure = fields["pressure"]
-    frames = len(pressure)
+    fields = mat_fields(path, RAW_FIELDS)
+    frames = len(fields["pressure"])
     time = frame_column(fields["tStamp"], "tStamp", frames, path) if "tStamp" in fields else np.full(frames, np.nan)
     frame = frame_column(fields["frame"], "frame", frames, path) if "frame" in fields else np.arange(frames)
-    return pressure, time - (time[0] if frames else 0), frame
+    return fields["pressure"], time - (time[0] if frames else 0), frame

@@ -19,7 +19,7 @@ from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import logits_by_count, sequences
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.views.clustering import pool_ids
 
 DRAWS = 10  # sequences around each validation anchor
@@ -119,7 +119,7 @@ def _held_out_answers(classifier: Classifier, table: Frames, compute: Compute, s
     """Logits (V, A, classes) after 1 to V frames of sequences on the validation side, and their classes (A,)."""
     index = table.on(VALIDATION)
     classifier.eval()
-    frames = input_frames(table, index, compute, classifier.head.transform)
+    frames = FrameInputs(table, index, compute, classifier.head.transform)
     with compute.autocast(), torch.inference_mode():
         features = extract_features(classifier.backbone, frames)
     recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")

@@ -16,7 +16,7 @@ from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.params import Backbone, Model
 from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import Frames
 
 STRONG_FRAMES = 2000
@@ -43,7 +43,6 @@ def save_classifier(
     content = {
         "weights": {name: value.cpu().contiguous() for name, value in classifier.state_dict().items()},
         "viewpoints": classifier.viewpoints.cpu(),
-        "references": torch.from_numpy(classifier.references),
         "model": asdict(model),
         "classes": frames.classes,
         "transform": classifier.head.transform or frames.transform,
@@ -89,9 +88,8 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
         content = torch.load(path, map_location="cpu", weights_only=True)
         weights, _ = content.pop("weights"), content["temperatures"]
         model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
-        classifier = Classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
+        classifier = build_classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
         classifier.load_state_dict(weights)
-        classifier.references = content["references"].numpy()
         content["preprocessing"] = read_fitted(content)
         novelty = content["novelty"]
         content["novelty"] = novelty and Novelty(**{name: value.numpy() for name, value in novelty.items()})

@@ -7,13 +7,13 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.readers.formats import open_recordings
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.recognition.answer_table import HEAD, describe, line, summary, wrapped, write_answers
 from tactile_viewgcn.recognition.frame_lines import lines_as_they_come
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.stream import OPEN_FRAMES, Stream, follow
 from tactile_viewgcn.recognition.unlabelled import Row, answer_source
+from tactile_viewgcn.tables.recordings import open_recordings
 
 MODELS = "models/classifier.pt, the id of an MLflow run, runs:/ID or models:/NAME/VERSION"
 

@@ -12,11 +12,11 @@ from tactile_viewgcn.device import select_device
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.transform import network_input
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty
-from tactile_viewgcn.systems.classifier import view_set_logits
 
 
 class Recogniser:

@@ -11,7 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.nn.network import view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 
 

@@ -5,7 +5,8 @@ Hochreiter and Schmidhuber, "Long short-term memory" (1997).
 
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.params import Model
 
 
 class CNNLSTM(ViewSystem):
@@ -14,10 +15,10 @@ class CNNLSTM(ViewSystem):
     in_time_order = True
     takes_fewer = True
 
-    def __init__(self, *, features: int, classes: int):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.memory = nn.LSTM(features, features, batch_first=True)
-        self.classifier = nn.Linear(features, classes)
+        self.memory = nn.LSTM(sizes.features, sizes.features, batch_first=True)
+        self.classifier = nn.Linear(sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         states, _ = self.memory(views)

@@ -8,7 +8,8 @@ backbone's are, since they take most of the time.
 import torch
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.params import Model
 
 
 class ConvLSTM(ViewSystem):
@@ -18,10 +19,10 @@ class ConvLSTM(ViewSystem):
     in_time_order = True
     takes_fewer = True
 
-    def __init__(self, *, features: int, classes: int):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.gates = nn.Conv2d(2 * features, 4 * features, 3, padding=1)
-        self.classifier = nn.Linear(features, classes)
+        self.gates = nn.Conv2d(2 * sizes.features, 4 * sizes.features, 3, padding=1)
+        self.classifier = nn.Linear(sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         hidden = torch.zeros_like(views[:, 0])

@@ -7,41 +7,29 @@ import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.nn.graph import furthest_points, nearest
-from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.params import Model
 
 
 class GCN(ViewSystem):
     """Features (B, k, C) at k viewpoints to logits (B, classes); k is V or fewer.
 
-    Fewer views sit at the viewpoints that furthest point sampling comes to first.
-
-    Args:
-        viewpoints: (V, 3).
-        neighbours: of each node in the graph, itself included; of a list the first.
-        readout: `max` or `mean` over the nodes.
+    Fewer views sit at the viewpoints that furthest point sampling comes to first. Of a list of `model.neighbours` the
+    first counts.
     """
 
     takes_fewer = True
     viewpoints: Tensor
     order: Tensor
 
-    def __init__(
-        self,
-        *,
-        viewpoints: Tensor,
-        features: int,
-        classes: int,
-        neighbours: int | list[int],
-        readout: str,
-        dropout: float,
-    ):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
-        self.register_buffer("order", furthest_points(self.viewpoints, len(viewpoints)), persistent=False)
-        self.neighbours = neighbours[0] if isinstance(neighbours, list) else neighbours
-        self.readout = readout
-        self.layers = nn.ModuleList(nn.Linear(features, features) for _ in range(2))
-        self.classifier = shape_classifier(features, features, classes, dropout)
+        self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
+        self.register_buffer("order", furthest_points(self.viewpoints, sizes.views), persistent=False)
+        self.neighbours = model.neighbours[0] if isinstance(model.neighbours, list) else model.neighbours
+        self.readout = model.readout
+        self.layers = nn.ModuleList(nn.Linear(sizes.features, sizes.features) for _ in range(2))
+        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes, model.dropout)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         count = views.shape[1]

@@ -3,10 +3,13 @@
 Feng et al., "GVCNN: group-view convolutional neural networks for 3D shape recognition" (CVPR 2018).
 """
 
+import math
+
 import torch
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.params import Model
 
 
 class GVCNN(ViewSystem):
@@ -14,20 +17,16 @@ class GVCNN(ViewSystem):
 
     A view's score is sigma(log |FC(maps)|), between 0 and 1; V groups divide this range equally. A group's weight is
     the mean score of its views, through which the scores are learnt. A score that is not finite makes the logits NaN.
-
-    Args:
-        maps: (C, H, W).
-        views: V, the number of groups.
     """
 
     takes = "maps"
     takes_fewer = True
 
-    def __init__(self, *, maps: tuple[int, int, int], views: int, classes: int, dropout: float):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.groups = views
-        self.score = nn.Linear(maps[0] * maps[1] * maps[2], 1)
-        self.classifier = shape_classifier(maps[0], maps[0], classes, dropout)
+        self.groups = sizes.views
+        self.score = nn.Linear(math.prod(sizes.feature_shape), 1)
+        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes, model.dropout)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         views = views.to(self.score.weight.dtype)

@@ -2,7 +2,8 @@
 
 from torch import Tensor
 
-from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.params import Model
 
 
 class MeanViews(ViewSystem):
@@ -10,9 +11,9 @@ class MeanViews(ViewSystem):
 
     takes_fewer = True
 
-    def __init__(self, *, features: int, classes: int, dropout: float):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.classifier = shape_classifier(features, features, classes, dropout)
+        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes, model.dropout)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(views.mean(dim=1)), []

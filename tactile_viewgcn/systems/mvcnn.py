@@ -5,7 +5,8 @@ Su et al., "Multi-view convolutional neural networks for 3D shape recognition" (
 
 from torch import Tensor
 
-from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.params import Model
 
 
 class MVCNN(ViewSystem):
@@ -13,9 +14,9 @@ class MVCNN(ViewSystem):
 
     takes_fewer = True
 
-    def __init__(self, *, features: int, classes: int, dropout: float):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.classifier = shape_classifier(features, features, classes, dropout)
+        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes, model.dropout)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(views.amax(dim=1)), []

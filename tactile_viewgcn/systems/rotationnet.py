@@ -14,16 +14,15 @@ from scipy.optimize import linear_sum_assignment
 from torch import Tensor, nn
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.params import Model
 
 
 class RotationNet(ViewSystem):
     """Features (B, V, C) to logits (B, classes), the score of each class under its best assignment.
 
-    Args:
-        viewpoints: (V, 3).
-        assignments: the possible ones: `any` permutation, of which the best is computed exactly (Kuhn 1955), or
-            `rotations` of the cube, whose vertices the viewpoints must then be.
+    `model.assignments` says which are possible: `any` permutation, of which the best is computed exactly (Kuhn 1955),
+    or `rotations` of the cube, whose vertices the viewpoints must then be.
 
     Raises:
         UserError: rotations of viewpoints that are no cube.
@@ -32,11 +31,11 @@ class RotationNet(ViewSystem):
     packages = ("scipy",)
     possible: Tensor | None
 
-    def __init__(self, *, viewpoints: Tensor, features: int, classes: int, assignments: str):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.views, self.classes = len(viewpoints), classes
-        self.classifier = nn.Linear(features, self.views * (classes + 1))
-        possible = cube_rotations(viewpoints) if assignments == "rotations" else None
+        self.views, self.classes = sizes.views, sizes.classes
+        self.classifier = nn.Linear(sizes.features, self.views * (self.classes + 1))
+        possible = cube_rotations(sizes.viewpoints) if model.assignments == "rotations" else None
         self.register_buffer("possible", possible, persistent=False)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:

@@ -7,16 +7,17 @@ features, with the same weights and the same result.
 
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.params import Model
 
 
 class STAGNet(ViewSystem):
     """Features (B, V, C) to logits (B, classes); each place in the set has weights of its own."""
 
-    def __init__(self, *, views: int, features: int, classes: int):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.join = nn.Linear(views * features, features)
-        self.classifier = nn.Linear(features, classes)
+        self.join = nn.Linear(sizes.views * sizes.features, sizes.features)
+        self.classifier = nn.Linear(sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(self.join(views.flatten(1))), []

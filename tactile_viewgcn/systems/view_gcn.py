@@ -14,8 +14,9 @@ from torch import Tensor, nn
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
-from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
 from tactile_viewgcn.nn.view_selection import SelectiveViewSampling
+from tactile_viewgcn.params import Model
 
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
 LEVELS = 3  # V, V / 2, V / 4 nodes
@@ -64,18 +65,8 @@ class ViewGCN(ViewSystem):
     A network for V views takes k < V as the graph of k nodes, on the k viewpoints that furthest point sampling comes
     to first, with k, k/2 and k/4 nodes, one at least, on its levels.
 
-    Args:
-        viewpoints: (V, 3).
-        classes: number of classes.
-        neighbours: nodes in the local convolution, themselves included; a number, or one per level.
-        selector_neighbours: nodes that a sampled view chooses from, itself included.
-        selector_hidden: units of the selector's hidden layer; 0 for a linear classifier.
-        selector: `per_view` (paper) or `joint`.
-        edge_distance: last entry of g_ij, `squared` (paper) or `plain`.
-        view_loss: see `shape_and_view_loss`.
-        dropout: share of the shape descriptor's units dropped in training.
-        start: `random` (paper), or `max`: the graph's logits, 0 at first, are added to those of the pretrained linear
-            classifier for the views' element-wise maximum; both are trained.
+    With `model.start: max` the graph's logits, 0 at first, are added to those of the pretrained linear classifier for
+    the views' element-wise maximum; both are trained.
 
     Raises:
         UserError: a list of neighbours that is shorter than the levels.
@@ -85,49 +76,35 @@ class ViewGCN(ViewSystem):
     viewpoints: Tensor
     order: Tensor
 
-    def __init__(
-        self,
-        viewpoints: Tensor,
-        classes: int,
-        *,
-        features: int = 128,
-        neighbours: int | list[int] = 4,
-        selector_neighbours: int = 4,
-        selector_hidden: int = 0,
-        selector: str = "per_view",
-        edge_distance: str = "squared",
-        view_loss: str = "sum",
-        dropout: float = 0.5,
-        start: str = "random",
-    ):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.view_loss = view_loss
-        sizes = level_sizes(len(viewpoints))
-        near = neighbours if isinstance(neighbours, list) else [neighbours] * len(sizes)
-        if len(near) < len(sizes):
+        self.view_loss, features = model.view_loss, sizes.features
+        levels = level_sizes(sizes.views)
+        near = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
+        if len(near) < len(levels):
             raise UserError(
                 f"model.neighbours {near} has {len(near)} entries; expected one number, or one for "
-                f"each of the {len(sizes)} levels of {len(viewpoints)} views"
+                f"each of the {len(levels)} levels of {sizes.views} views"
             )
-        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
-        self.register_buffer("order", furthest_points(self.viewpoints, len(viewpoints)), persistent=False)
+        self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
+        self.register_buffer("order", furthest_points(self.viewpoints, sizes.views), persistent=False)
         self.convolutions = nn.ModuleList(
-            LocalGraphConvolution(features, k, edge_distance) for k, _ in zip(near, sizes, strict=False)
+            LocalGraphConvolution(features, k, model.edge_distance) for k, _ in zip(near, levels, strict=False)
         )
-        self.messages = nn.ModuleList(NonLocalMessagePassing(features) for _ in sizes[1:])
+        self.messages = nn.ModuleList(NonLocalMessagePassing(features) for _ in levels[1:])
         self.samplers = nn.ModuleList(
             SelectiveViewSampling(
                 features,
-                classes,
-                size,
-                neighbours=min(selector_neighbours, above),
-                hidden=selector_hidden,
-                joint=selector == "joint",
+                sizes.classes,
+                nodes,
+                neighbours=min(model.selector_neighbours, above),
+                hidden=model.selector_hidden,
+                joint=model.selector == "joint",
             )
-            for above, size in pairwise(sizes)
+            for above, nodes in pairwise(levels)
         )
-        self.classifier = shape_classifier(max(1, len(sizes)) * features, features, classes, dropout)
-        self.frame_classifier = nn.Linear(features, classes) if start == "max" else None
+        self.classifier = shape_classifier(max(1, len(levels)) * features, features, sizes.classes, model.dropout)
+        self.frame_classifier = nn.Linear(features, sizes.classes) if model.start == "max" else None
 
     def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:
         if self.frame_classifier is None:

@@ -2,7 +2,8 @@
 
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.params import Model
 
 
 class Vote(ViewSystem):
@@ -11,9 +12,9 @@ class Vote(ViewSystem):
     takes_fewer = True
     trainable = False
 
-    def __init__(self, *, features: int, classes: int):
+    def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.classifier = nn.Linear(features, classes)
+        self.classifier = nn.Linear(sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         log_p = self.classifier(views).log_softmax(dim=-1)

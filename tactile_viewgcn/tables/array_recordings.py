@@ -40,12 +40,3 @@ class ArrayRecordings(Recordings):
         }
         self.live = pressure.min(axis=0) < pressure.max(axis=0)
         self.weights = self.action = None
-
-    def kept_counts(self, index: np.ndarray) -> np.ndarray:
-        return self.frames(index)
-
-    def live_counts(self) -> np.ndarray:
-        return self._pressure[:][:, self.live]
-
-    def __exit__(self, *_: object) -> None:
-        """Nothing is open."""

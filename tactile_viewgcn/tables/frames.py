@@ -11,11 +11,8 @@ import numpy as np
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.frames.transform import network_input
 from tactile_viewgcn.readers.source import BLOCK_FRAMES
-from tactile_viewgcn.tables.stored import Counts, StoredCounts, held
+from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
-CHUNK_BYTES = 8192  # of the file's chunks, four frames of 32 x 32: quick to read whole, and in random order too
-MAX_PACKED_BYTES = 1 << 30  # of counts; more are not compressed, so that a frame is found and read on its own
-INPUT_BYTES = np.dtype(np.float32).itemsize  # of a sensor's network input
 INPUT_BLOCK = 512  # frames whose network input is computed at once
 
 
@@ -24,7 +21,7 @@ class Frames:
     """The n kept frames in the order of their recordings, with R baselines and C classes.
 
     Attributes:
-        counts: (n, H, W) raw counts, an array or what is read from their file.
+        counts: (n, H, W) raw counts, memory-mapped where the table was read.
         label: (n,) class, index into `classes`.
         recording, session: (n,) index into `recordings` and `sessions`.
         group: (n,) split group.
@@ -75,10 +72,10 @@ class Frames:
             inputs[start : start + len(part)] = network_input(excess, transform or self.transform, self.scale)
         return inputs
 
-    def points(self, index: np.ndarray) -> "np.ndarray | Points":
-        """Network input float32 (k, S) of the frames in `index` (k,) at the live sensors: read where counts are."""
-        points = Points(self, index)
-        return points if isinstance(self.counts, StoredCounts) else points[np.arange(len(index))]
+    def points(self, index: np.ndarray) -> Gathered:
+        """Network input float32 (k, S) of the frames in `index` (k,) at the live sensors, computed when indexed."""
+        sensors = (int(self.live.sum()),)
+        return Gathered(lambda at: self.inputs(at)[:, self.live], index, sensors, np.dtype(np.float32))
 
     def mean_input(self, index: np.ndarray) -> np.ndarray:
         """Mean network input float32 (H, W) of the frames in `index` (k,), one at least."""
@@ -93,40 +90,17 @@ class Frames:
         return np.flatnonzero(np.isin(self.side, sides))
 
 
-class Points:
-    """Network input of frames at the live sensors, computed when it is indexed.
-
-    Args:
-        index: (n,) of the frames in the table.
-    """
-
-    def __init__(self, table: Frames, index: np.ndarray):
-        self._table, self._index = table, index
-        self.shape = len(index), int(table.live.sum())
-
-    def __len__(self) -> int:
-        return len(self._index)
-
-    def __getitem__(self, at: np.ndarray) -> np.ndarray:
-        """float32 (k, S) of the frames at indices (k,), or where a mask (n,) is True."""
-        return self._table.inputs(self._index[at])[:, self._table.live]
-
-
 def write_frames(path: str | Path, frames: Frames) -> None:
     """Write the table as HDF5: arrays and names as datasets, the transform as attributes."""
-    packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
     with atomic_write(path) as part, h5py.File(part, "w") as file:
         for field in fields(frames):
             value = getattr(frames, field.name)
             if field.name == "counts":
-                size = value[:1].nbytes
-                chunks = (min(max(1, CHUNK_BYTES // max(1, size)), len(value)), *value.shape[1:])
-                layout = {"chunks": chunks, **packed} if size * len(value) <= MAX_PACKED_BYTES else {}
-                counts = file.create_dataset("counts", value.shape, value.dtype, **layout)
-                for start in range(0, len(value), BLOCK_FRAMES):
-                    counts[start : start + BLOCK_FRAMES] = value[start : start + BLOCK_FRAMES]
+                starts = range(0, len(value), BLOCK_FRAMES)
+                blocks = (value[start : start + BLOCK_FRAMES] for start in starts)
+                write_blocks(file.create_dataset("counts", value.shape, value.dtype), blocks)
             elif isinstance(value, np.ndarray):
-                file.create_dataset(field.name, data=value, **(packed if value.ndim == 3 else {}))
+                file[field.name] = value
             elif isinstance(value, list):
                 file[field.name] = np.array(value, dtype=h5py.string_dtype())
             else:
@@ -134,22 +108,18 @@ def write_frames(path: str | Path, frames: Frames) -> None:
 
 
 def read_frames(path: str | Path | BinaryIO) -> Frames:
-    """Read the table that `write_frames` wrote; counts that take too much of the free memory stay in the file."""
-    with readable(path):
-        file = h5py.File(path, "r")
-        values: dict[str, Any] = {}
+    """Read the table that `write_frames` wrote; its counts are read when they are indexed."""
+    values: dict[str, Any] = {}
+    with readable(path), h5py.File(path, "r") as file:
         for field in fields(Frames):
             if field.name == "counts":
-                values["counts"] = held(StoredCounts(Path(str(path)), file["counts"]), more=INPUT_BYTES)
+                values["counts"] = mapped(path, file["counts"])
             elif field.name in file.attrs:
                 value = file.attrs[field.name]
                 values[field.name] = value if isinstance(value, str) else float(value)
-                if field.name == "preprocess":
-                    values[field.name] = json.loads(value)
             elif h5py.check_string_dtype(file[field.name].dtype):
                 values[field.name] = [text.decode() for text in file[field.name][()]]
             else:
                 values[field.name] = file[field.name][()]
-        if isinstance(values["counts"], np.ndarray):
-            file.close()
+        values["preprocess"] = json.loads(values["preprocess"])
     return Frames(**values)

@@ -13,10 +13,9 @@ import numpy as np
 from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, Block, Source, checked_blocks
-from tactile_viewgcn.tables.stored import Counts, StoredCounts, held
-
-SOURCE_MD5 = "source_md5"  # attribute that only the table has: md5 of the source
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, SOURCE_MD5, Block, Source, checked_blocks, is_table
+from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
 
 def write_recordings(path: str | Path, source: Source, md5: str) -> None:
@@ -25,48 +24,32 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
     Raises:
         UserError: no frames, an id out of range, or pressure that is not finite or too large; no file is left behind.
     """
-    low = np.full(source.shape, np.inf)
-    high = np.full(source.shape, -np.inf)
-    total = 0
-    bar = tqdm(desc="ingest", unit="frame", unit_scale=True, disable=None)
-    with atomic_write(path) as part, h5py.File(part, "w") as file, bar:
-        pressure = file.create_dataset(
-            "pressure",
-            (0, *source.shape),
-            source.dtype,
-            maxshape=(None, *source.shape),
-            chunks=(64, *source.shape),
-            compression="gzip",
-            compression_opts=1,
-            shuffle=True,
-        )
+    low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
+    columns: dict[str, list[np.ndarray]] = {}
+
+    def counts() -> Iterator[np.ndarray]:
         for block in checked_blocks(source):
-            counts = block["pressure"]
-            low = np.minimum(low, counts.min(axis=0))
-            high = np.maximum(high, counts.max(axis=0))
-            total += len(counts)
-            pressure.resize(total, axis=0)
-            pressure[-len(counts) :] = counts
-            _append_columns(file, block, len(counts), total)
-            bar.update(len(counts))
+            pressure = block["pressure"]
+            np.minimum(low, pressure.min(axis=0), out=low)
+            np.maximum(high, pressure.max(axis=0), out=high)
+            for name, dtype in COLUMNS.items():
+                if name in block:
+                    columns.setdefault(name, []).append(block[name].astype(dtype))
+            bar.update(len(pressure))
+            yield pressure
+
+    bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
+    with atomic_write(path) as part, h5py.File(part, "w") as file, bar:
+        write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
         file["live"] = low < high
-        names = {"objects": source.objects, "recordings": source.recordings, "sessions": source.sessions}
-        for name, values in names.items():
-            file[name] = np.array(values, dtype=h5py.string_dtype())
-        if source.weights is not None:
-            file["weights"] = np.asarray(source.weights, dtype=np.float64)
-        if source.action is not None:
-            file["action"] = np.asarray(source.action, dtype=np.float64)
+        for name, parts in columns.items():
+            file[name] = np.concatenate(parts)
+        for name in ("objects", "recordings", "sessions"):
+            file[name] = np.array(getattr(source, name), dtype=h5py.string_dtype())
+        for name in ("weights", "action"):
+            if getattr(source, name) is not None:
+                file[name] = np.asarray(getattr(source, name), dtype=np.float64)
         file.attrs[SOURCE_MD5] = md5
-
-
-def is_table(path: Path) -> bool:
-    """Whether a file was written by `write_recordings`."""
-    try:
-        with h5py.File(path, "r") as file:
-            return SOURCE_MD5 in file.attrs
-    except OSError:  # no HDF5 file, or cut short
-        return False
 
 
 def read_table(path: Path) -> Source:
@@ -75,32 +58,26 @@ def read_table(path: Path) -> Source:
     Raises:
         UserError: damaged, or of another version.
     """
-    with Recordings(path) as table:
-        shape, dtype = table.shape, table.dtype
+    table = Recordings(path)
 
     def blocks() -> Iterator[Block]:
-        with Recordings(path) as table:
-            for start, counts in table.blocks():
-                at = slice(start, start + len(counts))
-                yield {"pressure": counts, **{name: values[at] for name, values in table.columns.items()}}
+        for start, counts in table.blocks():
+            at = slice(start, start + len(counts))
+            yield {"pressure": counts, **{name: values[at] for name, values in table.columns.items()}}
 
     names = table.objects, table.recordings, table.sessions
-    return Source(path, *names, shape, dtype, blocks(), weights=table.weights, action=table.action)
+    return Source(
+        path, *names, table.shape, table.dtype, len(table), blocks(), weights=table.weights, action=table.action
+    )
 
 
-def _append_columns(file: h5py.File, block: Block, count: int, total: int) -> None:
-    """Append the columns (count,) of a block to the file's, which then have `total` values."""
-    for name, dtype in COLUMNS.items():
-        if name not in block:
-            continue
-        if name not in file:
-            file.create_dataset(name, (0,), dtype, maxshape=(None,), chunks=(BLOCK_FRAMES,))
-        file[name].resize(total, axis=0)
-        file[name][-count:] = block[name].astype(dtype)
+def open_recordings(path: str | Path, *, labelled: bool = True) -> Source:
+    """The source of the table that `ingest` wrote at a path, or of any form that it reads, see `open_source`."""
+    return read_table(Path(path)) if is_table(Path(path)) else open_source(path, labelled=labelled)
 
 
 class Recordings:
-    """The table of raw counts, open for reading; a context that closes it. Frames are read when asked for.
+    """The table of raw counts. Frames are read when they are asked for.
 
     Attributes:
         path: of the file.
@@ -113,23 +90,20 @@ class Recordings:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        with readable(path):
-            self._file = h5py.File(path, "r")
+        with readable(path), h5py.File(path, "r") as file:
             self.objects, self.recordings, self.sessions = (
-                [text.decode() for text in self._file[name][()]] for name in ("objects", "recordings", "sessions")
+                [text.decode() for text in file[name][()]] for name in ("objects", "recordings", "sessions")
             )
-            self.columns = {name: self._file[name][()] for name in COLUMNS if name in self._file}
-            self.live = self._file["live"][()]
-            self.weights, self.action = (
-                self._file[name][()] if name in self._file else None for name in ("weights", "action")
-            )
-            self._pressure: Counts = StoredCounts(self.path, self._file["pressure"])
+            self.columns = {name: file[name][()] for name in COLUMNS if name in file}
+            self.live = file["live"][()]
+            self.weights, self.action = (file[name][()] if name in file else None for name in ("weights", "action"))
+            self._pressure = mapped(path, file["pressure"])
 
     def __enter__(self) -> "Recordings":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        """The file is closed already; its mapping ends with the last array on it."""
 
     def __len__(self) -> int:
         return len(self._pressure)
@@ -150,15 +124,17 @@ class Recordings:
         return self._pressure[index]
 
     def kept_counts(self, index: np.ndarray) -> Counts:
-        """The same, but read when they are indexed where they take too much of the free memory.
-
-        They can be read when the table is closed.
-        """
-        return held(StoredCounts(self.path, h5py.File(self.path, "r")["pressure"], rows=index))
+        """The same, read when they are indexed."""
+        return Gathered(self.frames, index, self.shape, self.dtype)
 
     def live_counts(self) -> Counts:
-        """Counts (T, S) of the live sensors; see `kept_counts`."""
-        return held(StoredCounts(self.path, h5py.File(self.path, "r")["pressure"], sensors=self.live))
+        """Counts (T, S) of the live sensors, read when they are indexed."""
+        sensors = np.flatnonzero(self.live)
+
+        def rows_of(index: np.ndarray) -> np.ndarray:
+            return self.frames(index).reshape(len(index), -1).take(sensors, axis=1)
+
+        return Gathered(rows_of, np.arange(len(self)), sensors.shape, self.dtype)
 
     def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""

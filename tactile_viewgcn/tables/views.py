@@ -1,4 +1,4 @@
-"""The table of views, data/views.h5: cluster and pool of each frame, viewpoints, reference views."""
+"""The table of views, data/views.h5: cluster and pool of each frame, viewpoints."""
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -23,13 +23,11 @@ class Views:
         cluster: int16 (n,) of each kept frame; NO_CLUSTER on the test side, and everywhere if nothing is clustered.
         pool: int64 (n,) of each kept frame.
         viewpoints: float64 (V, 3).
-        references: float64 (V, live sensors), see `assignment.reference_views`; zeros if none were computed.
     """
 
     cluster: np.ndarray
     pool: np.ndarray
     viewpoints: np.ndarray
-    references: np.ndarray
 
     @property
     def clustered(self) -> bool:

@@ -1,4 +1,4 @@
-"""Augmentation of training frames: shift, gain, drop-out of sensors, noise."""
+"""Augmentation of training frames: shift and noise."""
 
 from dataclasses import dataclass
 
@@ -28,11 +28,6 @@ class Augmentation:
         augment = self.augment
         if augment.shift:
             frames = random_shift(frames, augment.shift, self.rng)
-        if augment.gain:
-            gain = torch.empty(len(frames), 1, 1, 1, dtype=frames.dtype, device=frames.device)
-            frames = frames * gain.normal_(0, augment.gain, generator=self.rng).exp()
-        if augment.drop:
-            frames = frames * (torch.rand(frames.shape, generator=self.rng, device=frames.device) >= augment.drop)
         if self.noise:
             frames = torch.empty_like(frames).normal_(0, self.noise, generator=self.rng).add_(frames)
         return frames

@@ -13,7 +13,6 @@ from filelock import FileLock
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, readable, root
-from tactile_viewgcn.memory import fits_memory
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.training import distributed
 
@@ -116,7 +115,7 @@ class Checkpoint:
 
     Args:
         path: the file; None saves nothing but the weights, in memory.
-        state: modules and the optimiser, whose `state_dict` is saved.
+        state: what has a `state_dict`: modules, optimiser, feature bank.
         generators: torch's generators that are drawn from, besides torch's default one.
         rngs: NumPy's generators that are drawn from.
         device: where it is trained.
@@ -140,11 +139,10 @@ class Checkpoint:
 
     def _remember(self) -> None:
         """Copy the weights of the modules in memory, for `restore_weights`."""
-        modules = {name: item for name, item in self._state.items() if isinstance(item, torch.nn.Module)}
         weights = {
-            name: {key: value.clone() for key, value in module.state_dict().items()}
-            for name, module in modules.items()
-            if any(True for _ in module.parameters())
+            name: {key: value.clone() for key, value in item.state_dict().items()}
+            for name, item in self._state.items()
+            if isinstance(item, torch.nn.Module)
         }
         self._weights = [*self._weights[-1:], weights]
 
@@ -175,15 +173,15 @@ class Checkpoint:
         if self.path is None or not self.path.exists():
             return Progress()
         with readable(self.path):
-            mapped = not fits_memory(self.path.stat().st_size)  # a bank's features are then copied from the file
-            content = torch.load(self.path, map_location="cpu", weights_only=True, mmap=mapped)
+            content = torch.load(self.path, map_location="cpu", weights_only=True, mmap=True)
             for name, item in self._state.items():
                 item.load_state_dict(content["state"][name])
             for name, generator in self._generators.items():
                 generator.set_state(content["generators"][name])
             for name, rng in self._rngs.items():
                 rng.bit_generator.state = content["rngs"][name]
-            torch.set_rng_state(content["torch"])
+            if not rank():  # the other processes draw another dropout
+                torch.set_rng_state(content["torch"])
             if self._device.type == "cuda":
                 torch.cuda.set_rng_state(content["cuda"], self._device)
             self._weights = content["before"]

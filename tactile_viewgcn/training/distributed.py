@@ -1,14 +1,14 @@
-"""Training by several processes: each computes a part of every batch, and all take the same steps.
+"""Training by the processes that `torchrun` starts: each computes the loss of its part of every batch.
 
-`torchrun` starts them. Every process draws the random numbers of the whole batch, so that it is the batch that one
-process would draw. Where one process trains alone, it has all of a batch, and nothing is communicated.
+Every process draws noise, shifts and view sets of the whole batch and takes its rows, and draws dropout for these. On
+CUDA batch normalisation is over the whole batch. On the processor it is over the part, and running moments are those of
+the first process. Where one process trains alone, nothing is communicated.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from itertools import pairwise
 
 import torch
 import torch.distributed as dist
@@ -16,16 +16,14 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.process import LOST, launched
 
 TIMEOUT = timedelta(minutes=10)  # for one process to wait for another, which then counts as lost
-_sizes = [1]  # how many examples of the latest batch each process has, see `rows`
 
 
 @contextmanager
-def joined(compute: Compute, alone: bool = False) -> Iterator[None]:
-    """Context in which the processes that `torchrun` started train together; each has a CUDA device of its own.
+def process_group(compute: Compute, alone: bool = False) -> Iterator[None]:
+    """Context in which the processes of `torchrun` train together, each on a CUDA device of its own.
 
     Args:
         alone: this process does the work alone.
@@ -57,7 +55,7 @@ def joined(compute: Compute, alone: bool = False) -> Iterator[None]:
 
 
 def together() -> bool:
-    """Whether processes train together here; one that `torchrun` started alone does all that several do."""
+    """Whether `torchrun` started this process, alone or with others."""
     return dist.is_initialized()
 
 
@@ -73,92 +71,57 @@ def wait_for_all() -> None:
 
 
 def rows(count: int) -> slice:
-    """The examples of a batch of `count` that this process computes; parts differ by one example at most.
-
-    The layers of `whole_batch` and the functions below refer to the latest batch that was divided.
+    """This process's part of a batch of `count` examples; parts differ by one example at most.
 
     Raises:
-        UserError: fewer examples than processes.
+        UserError: fewer than two examples for a process, which batch normalisation needs.
     """
-    parts = size()
-    if count < parts:
+    if not together():
+        return slice(0, count)
+    parts, number = dist.get_world_size(), dist.get_rank()
+    if parts > 1 and count < 2 * parts:
         raise UserError(
-            f"a batch holds {count} examples and launcher starts {parts} processes; expected an example for each: "
+            f"a batch holds {count} examples and launcher starts {parts} processes; expected two examples for each: "
             "lower --nproc-per-node, or raise batch"
         )
-    ends = [count * number // parts for number in range(parts + 1)]
-    _sizes[:] = [end - start for start, end in pairwise(ends)]
-    number = dist.get_rank() if together() else 0
-    return slice(ends[number], ends[number + 1])
+    return slice(count * number // parts, count * (number + 1) // parts)
 
 
-def place(own: int) -> tuple[slice, int]:
-    """Where the `own` rows that this process has of the batch stand among those of all, and how many these are.
-
-    An example may have several rows, as many as every other.
-    """
-    number = dist.get_rank()
-    each, before = own // _sizes[number], sum(_sizes[:number])
-    return slice(before * each, (before + _sizes[number]) * each), sum(_sizes) * each
+def weighted(loss: Tensor, count: int) -> Tensor:
+    """The mean loss of this process's part of a batch of `count`, scaled: its mean over processes is the batch's."""
+    part = rows(count)
+    return loss * ((part.stop - part.start) * size() / count) if together() else loss
 
 
-def shares(like: Tensor) -> Tensor:
-    """Share of the batch that each process has, (processes,)."""
-    return like.new_tensor(_sizes) / sum(_sizes)
-
-
-def of_each(values: Tensor) -> list[Tensor]:
-    """The tensor that each process gives, all of one shape."""
-    parts = [torch.empty_like(values) for _ in range(size())]
-    dist.all_gather(parts, values)
-    return parts
-
-
-def gather(values: Tensor) -> Tensor:
-    """Rows (n, ...) of the whole batch, without a gradient, from the rows that each process gives."""
-    values = values.detach()
+def gather(values: Tensor, count: int) -> Tensor:
+    """Values (count, ...) of the whole batch, without a gradient, from each process's values of its `rows`."""
     if not together():
-        return values
-    each = len(values) // _sizes[dist.get_rank()]
-    most = max(_sizes) * each
-    padded = torch.cat([values, values.new_zeros(most - len(values), *values.shape[1:])]).contiguous()
-    return torch.cat([part[: own * each] for part, own in zip(of_each(padded), _sizes, strict=True)])
+        return values.detach()
+    whole = values.new_zeros((count, *values.shape[1:]))
+    whole[rows(count)] = values.detach()
+    dist.all_reduce(whole)
+    return whole
 
 
-def in_parts(function: Callable[[FrameInputs], Tensor], values: FrameInputs) -> Tensor:
-    """function(values), row by row; each process computes its part of the rows."""
-    return function(values) if len(values) < size() else gather(function(values[rows(len(values))]))
-
-
-def mean(values: Tensor) -> Tensor:
+def mean(value: Tensor) -> Tensor:
     """Mean over the processes."""
     if together():
-        values = values.clone()
-        dist.all_reduce(values)
-        values /= size()
-    return values
+        value = value.clone()
+        dist.all_reduce(value)
+        value /= size()
+    return value
 
 
-class _Reduced(nn.Module):
-    """Holds what is trained, for DistributedDataParallel, which reduces its gradients once the loss has passed."""
-
-    def __init__(self, trained: nn.Module):
-        super().__init__()
-        self.weights = nn.ParameterList(trained.parameters())
-
-    def forward(self, loss: Tensor) -> Tensor:
-        return loss
-
-
-def joint_loss(trained: nn.Module, *, some_unused: bool = False) -> Callable[[Tensor], Tensor]:
-    """A function of the mean loss of a part, whose gradients are then those of the whole batch on every process.
-
-    The mean over the processes of what it gives is the mean loss of the batch.
+def parallel(loss: nn.Module, *, some_unused: bool = False) -> nn.Module:
+    """The loss with torch's DistributedDataParallel around it; itself where one process trains alone.
 
     Args:
         some_unused: not every batch uses all weights.
     """
     if not together():
-        return lambda loss: loss
-    reduced = nn.parallel.DistributedDataParallel(_Reduced(trained), find_unused_parameters=some_unused)
-    return lambda loss: reduced(loss * (_sizes[dist.get_rank()] * size() / sum(_sizes)))
+        return loss
+    if dist.get_rank():  # the dropout of each part is another
+        torch.manual_seed(torch.initial_seed() + dist.get_rank())
+    if next(loss.parameters()).device.type == "cuda":
+        loss = nn.SyncBatchNorm.convert_sync_batchnorm(loss)
+    return nn.parallel.DistributedDataParallel(loss, find_unused_parameters=some_unused)

@@ -8,29 +8,28 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 from tactile_viewgcn.training.feature_bank import FeatureBank
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, fit
-from tactile_viewgcn.training.losses import error_rate, set_loss, set_losses
+from tactile_viewgcn.training.losses import SetLoss, error_rate, set_losses
 from tactile_viewgcn.training.moments import measure_moments
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
 from tactile_viewgcn.training.replay import Replay
 from tactile_viewgcn.training.sensor_fitting import fit_sensor_system
-from tactile_viewgcn.training.whole_batch import share_batches
 
 
 class SideViewSets:
@@ -46,7 +45,7 @@ class SideViewSets:
         self._index, self._views, self._assignment = table.on(side), views, assignment
         self.rng = stream(seed, "finetune.draw", side)
         self.anchors = np.flatnonzero(table.anchor[self._index])
-        self.frames = input_frames(table, self._index, compute)
+        self.frames = FrameInputs(table, self._index, compute)
         self.labels = torch.from_numpy(table.label[self._index].astype(np.int64)).to(compute.device)
 
     def draw(self) -> np.ndarray:
@@ -105,95 +104,87 @@ def finetune_classifier(
     """
     config, seed = params.finetune, params.seed
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
-    classifier = build_classifier(table, views, pretrained, params)
-    classifier.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
-    if classifier.head.takes == "sensors":
+    viewpoints = torch.from_numpy(views.viewpoints)
+    classifier = build_classifier(viewpoints, len(table.classes), params.model, table.counts.shape[1:])
+    if not isinstance(classifier, ViewNetwork):
         return classifier, fit_sensor_system(classifier, table, config.num_views, seed)
-    share_batches(classifier)
-    drawn_from = views.unclustered() if config.draw == "random" else views
-    train, held_out = (
-        SideViewSets(side, table, of, compute, seed, params.cluster.assignment)
-        for side, of in ((TRAIN, drawn_from), (VALIDATION, views))
-    )
-    progress = Progress()
+    classifier.backbone.load_state_dict(pretrained["backbone"])
+    classifier.head.load_frame_classifier(pretrained["classifier"])
+    if not config.backbone_dropout:
+        classifier.backbone.dropout.p = 0.0
+    classifier.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
+    drawn_from, progress = views.unclustered() if config.draw == "random" else views, Progress()
+    train = SideViewSets(TRAIN, table, drawn_from, compute, seed, params.cluster.assignment)
     if classifier.head.trainable:
+        validation = SideViewSets(VALIDATION, table, views, compute, seed, params.cluster.assignment)
         noise = config.noise * full_scale(table.transform, table.scale)
-        progress = _train(classifier, train, held_out, noise, params, compute, checkpoint_path, on_epoch)
+        training = _Finetuning(classifier, train, validation, noise, params, compute)
+        progress = training.run(checkpoint_path, on_epoch)
     if config.moments == "clean":
         measure_moments(classifier, train.frames, train.draw(), compute, torch_generator(seed, "finetune.moments"))
     return classifier, progress
 
 
-def _train(
-    classifier: Classifier,
-    train: SideViewSets,
-    held_out: SideViewSets,
-    noise: float,
-    params: Params,
-    compute: Compute,
-    checkpoint_path: Path | None,
-    on_epoch: OnEpoch | None,
-) -> Progress:
-    """Fine-tune the classifier on the view sets of one side; `noise` in units of network input."""
-    config, seed = params.finetune, params.seed
-    optimiser = build_optimiser(
-        config,
-        [
-            {"params": classifier.backbone.parameters(), "lr": config.lr_backbone},
-            {"params": classifier.head.parameters()},
-        ],
-    )
-    on_device = torch_generator(seed, "finetune.noise", compute.device)
-    augment_frames = Augmentation(noise, params.augment, on_device)
-    first, held_out_sets = train.draw(), held_out.draw() if len(held_out.anchors) else None
-    state = {"classifier": classifier, "optimiser": optimiser}
-    bank = None
-    if config.feature_reuse > 1 and classifier.views > 1:
-        bank = state["bank"] = FeatureBank(len(train.frames), classifier.feature_shape, compute)
-    joint_loss = distributed.joint_loss(classifier, some_unused=config.num_views == "random")
-    loss_of = Replay(set_loss(classifier, bank, augment_frames, compute), classifier.parameters(), [on_device])
-    checkpoint = Checkpoint(checkpoint_path, state, {"noise": on_device}, {"draw": train.rng}, compute.device)
+class _Finetuning:
+    """The training of a network on the view sets of one side; `noise` in units of network input."""
 
-    def losses(epoch: int) -> Iterator[Tensor]:
-        classifier.train()
-        if bank is not None and epoch == 0:
-            bank.fill(classifier.backbone, train.frames, batch=config.batch, augment_frames=augment_frames)
-        drawn = first if config.resample_views == "never" or epoch == 0 else train.draw()
-        plan = islice(
-            train.batches(drawn, config), 1 if epoch == config.epochs else None
-        )  # more would be read ahead, and drawn
-        in_time_order = classifier.head.in_time_order
-        losses = set_losses(loss_of, train.frames, train.labels, plan, in_time_order=in_time_order, compute=compute)
-        return map(joint_loss, losses)
+    def __init__(
+        self,
+        network: ViewNetwork,
+        train: SideViewSets,
+        validation: SideViewSets,
+        noise: float,
+        params: Params,
+        compute: Compute,
+    ):
+        self.network, self.train, self.validation, self.compute = network, train, validation, compute
+        self.config = config = params.finetune
+        self.noise_rng = torch_generator(params.seed, "finetune.noise", compute.device)
+        self.augment_frames = Augmentation(noise, params.augment, self.noise_rng)
+        self.first_sets = train.draw()
+        self.validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
+        reuse = config.feature_reuse > 1 and network.views > 1
+        self.bank = FeatureBank(len(train.frames), network.feature_shape, compute) if reuse else None
+        loss = SetLoss(network, self.bank, self.augment_frames, compute)
+        parallel_loss = distributed.parallel(loss, some_unused=config.num_views == "random")
+        self.loss_of = Replay(parallel_loss, network.parameters(), [self.noise_rng])
+
+    def run(self, checkpoint_path: Path | None, on_epoch: OnEpoch | None) -> Progress:
+        """Train for all epochs, or those that are left."""
+        config, network = self.config, self.network
+        rates: list[dict] = [
+            {"params": network.backbone.parameters(), "lr": config.lr_backbone},
+            {"params": network.head.parameters()},
+        ]
+        optimiser = build_optimiser(config, rates)
+        state = {"classifier": network, "optimiser": optimiser} | ({"bank": self.bank} if self.bank else {})
+        rngs = {"noise": self.noise_rng}, {"draw": self.train.rng}
+        checkpoint = Checkpoint(checkpoint_path, state, *rngs, self.compute.device)
+        steps, factor = num_batches(len(self.train.anchors), config.batch), lr_lambda(config)
+        return fit(
+            "finetune", config.epochs, steps, optimiser, factor, self.losses, self.validate, checkpoint, on_epoch
+        )
+
+    def losses(self, epoch: int) -> Iterator[Tensor]:
+        """The loss of each batch of an epoch; after the last epoch of one batch alone, so that no more is drawn."""
+        config, train = self.config, self.train
+        self.network.train()
+        if self.bank is not None and epoch == 0:
+            self.bank.fill(self.network.backbone, train.frames, batch=config.batch, augment_frames=self.augment_frames)
+        drawn = self.first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
+        plan = islice(train.batches(drawn, config), 1 if epoch == config.epochs else None)
+        in_time_order = self.network.head.in_time_order
+        return set_losses(
+            self.loss_of, train.frames, train.labels, plan, in_time_order=in_time_order, compute=self.compute
+        )
 
     @torch.inference_mode()
-    def validate() -> dict[str, float]:
-        if held_out_sets is None:
+    def validate(self) -> dict[str, float]:
+        """The error on the validation side, if there is one."""
+        if self.validation_sets is None:
             return {}
-        classifier.eval()
-        sets = torch.from_numpy(held_out_sets).to(compute.device)
-        with compute.autocast():
-            features = distributed.in_parts(lambda part: extract_features(classifier.backbone, part), held_out.frames)
-        logits = view_set_logits(classifier.head, features, sets)
-        return {"validation_error": error_rate(logits, held_out.labels[held_out.anchors])}
-
-    steps = config.epochs * num_batches(len(train.anchors), config.batch)
-    with tqdm(total=steps, desc="finetune", unit="batch", disable=None) as bar:
-        return fit(config.epochs, optimiser, lr_lambda(config), losses, validate, bar, checkpoint, on_epoch)
-
-
-def build_classifier(
-    table: Frames, views: Views, pretrained: dict[str, dict[str, Tensor]], params: Params
-) -> Classifier:
-    """The classifier before its training, see `finetune_classifier`."""
-    viewpoints = torch.from_numpy(views.viewpoints)
-    classifier = Classifier(viewpoints, len(table.classes), params.model, table.counts.shape[1:])
-    classifier.references = views.references
-    if classifier.head.takes == "sensors":
-        return classifier
-    backbone = classifier.backbone.backbone if params.model.pooled_view else classifier.backbone
-    backbone.load_state_dict(pretrained["backbone"])
-    classifier.head.load_frame_classifier(pretrained["classifier"])
-    if not params.finetune.backbone_dropout:
-        backbone.dropout.p = 0.0
-    return classifier
+        self.network.eval()
+        with self.compute.autocast():
+            features = extract_features(self.network.backbone, self.validation.frames)
+        logits = view_set_logits(self.network.head, features, self.validation_sets.to(self.compute.device))
+        return {"validation_error": error_rate(logits, self.validation.labels[self.validation.anchors])}

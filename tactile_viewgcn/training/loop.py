@@ -1,4 +1,8 @@
-"""The loop over epochs that both trainings share, and how it ends when a training diverges."""
+"""The loop over epochs that both trainings share.
+
+A training has diverged where its mean loss is not finite, or many times the first loss; the weights of the last good
+epoch are then restored.
+"""
 
 import math
 import time
@@ -12,36 +16,38 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
 
-MAX_BATCH_LOSS, MAX_EPOCH_LOSS = 100.0, 10.0  # times the first loss; a mean loss beyond that has diverged
+MAX_BATCH_LOSS, MAX_EPOCH_LOSS = 100.0, 10.0  # times the first loss, or these where it is below 1
 CHECK_EVERY = 16  # steps between checks of the loss, each of which waits for the device
 
 OnEpoch = Callable[[int, dict[str, float]], None]
 
 
 class _Diverged(Exception):
-    """A mean loss that has diverged, after so many steps of an epoch."""
+    """The mean loss, and the epoch, from 1, whose steps spoilt the weights."""
 
-    def __init__(self, loss: float, steps: int):
+    def __init__(self, loss: float, epoch: int):
         super().__init__(loss)
-        self.loss, self.steps = loss, steps
+        self.loss, self.epoch = loss, epoch
 
 
 def fit(
+    name: str,
     epochs: int,
+    steps: int,
     optimiser: torch.optim.Optimizer,
     factor: Callable[[int], float],
     losses: Callable[[int], Iterator[Tensor]],
     validate: Callable[[], dict[str, float]],
-    bar: tqdm,
     checkpoint: Checkpoint,
     on_epoch: OnEpoch | None = None,
 ) -> Progress:
     """Run the epochs: a step down each loss, with the learning rates times `factor(epoch)`.
 
-    A training that diverges stops, and the modules get the weights of the last good epoch again. The first loss of an
-    epoch shows what the last step of the epoch before did; for the last epoch one more loss is computed.
+    After the last epoch one more loss is computed, to see that its last step has not spoilt the weights.
 
     Args:
+        name: of the bar that shows the progress.
+        steps: of an epoch.
         losses: epoch -> the losses of its batches, one by one; asked once more, for epoch `epochs`, for one loss.
         validate: values to note after an epoch besides the mean loss.
         checkpoint: keeps the training after every epoch; a kept one is continued.
@@ -57,26 +63,25 @@ def fit(
     rates = [group["lr"] for group in optimiser.param_groups]
     progress = checkpoint.restore()
     begin = time.perf_counter() - progress.seconds
-    bar.update((bar.total or 0) * progress.epoch // max(1, epochs))
-    if on_epoch is not None:
-        for epoch in range(progress.epoch):
-            on_epoch(epoch + 1, {name: line[epoch] for name, line in progress.curves.items()})
-    try:
-        for epoch in range(progress.epoch, epochs):
-            for group, rate in zip(optimiser.param_groups, rates, strict=True):
-                group["lr"] = rate * factor(epoch)
-            values = {"loss": _run_epoch(losses(epoch), optimiser, progress, bar)} | validate()
-            for name, value in values.items():
-                progress.curves.setdefault(name, []).append(value)
-            progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
-            checkpoint.save(progress)
-            bar.set_postfix({name: f"{value:.3f}" for name, value in values.items()})
-            if on_epoch is not None:
+    on_epoch = on_epoch or (lambda *_: None)
+    for epoch in range(progress.epoch):
+        on_epoch(epoch + 1, {name: line[epoch] for name, line in progress.curves.items()})
+    with tqdm(total=epochs * steps, initial=progress.epoch * steps, desc=name, unit="batch", disable=None) as bar:
+        try:
+            for epoch in range(progress.epoch, epochs):
+                for group, rate in zip(optimiser.param_groups, rates, strict=True):
+                    group["lr"] = rate * factor(epoch)
+                values = {"loss": _run_epoch(losses(epoch), optimiser, progress, bar)} | validate()
+                for key, value in values.items():
+                    progress.curves.setdefault(key, []).append(value)
+                progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
+                checkpoint.save(progress)
+                bar.set_postfix({key: f"{value:.3f}" for key, value in values.items()})
                 on_epoch(progress.epoch, values)
-        if epochs:
-            _check_last_step(losses(epochs), progress, checkpoint)
-    except _Diverged as divergence:
-        _return_to_good_epoch(divergence, progress, checkpoint, optimiser)
+            if epochs:
+                _check_last_step(losses(epochs), progress, checkpoint)
+        except _Diverged as divergence:
+            _return_to_good_epoch(divergence, progress, checkpoint, optimiser)
     progress.seconds = time.perf_counter() - begin
     return progress
 
@@ -90,12 +95,12 @@ def _run_epoch(losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, progr
         optimiser.step()
         total = total + loss.detach()
         bar.update()
-        if progress.first_loss is None:
-            progress.first_loss = float(distributed.mean(loss.detach()))
         if steps == 1 or steps % CHECK_EVERY == 0:
-            _check(float(distributed.mean(total)) / steps, progress, MAX_BATCH_LOSS, steps)
+            mean = float(distributed.mean(total)) / steps
+            progress.first_loss = mean if progress.first_loss is None else progress.first_loss
+            _check(mean, MAX_BATCH_LOSS, progress, steps)
     mean = float(distributed.mean(total)) / steps
-    _check(mean, progress, MAX_EPOCH_LOSS, steps)
+    _check(mean, MAX_EPOCH_LOSS, progress, steps)
     return mean
 
 
@@ -104,26 +109,24 @@ def _check_last_step(losses: Iterator[Tensor], progress: Progress, checkpoint: C
     with torch.no_grad():
         loss = float(distributed.mean(next(losses)))
     checkpoint.restore_weights()  # computing the loss has changed the running moments of batch normalisation
-    _check(loss, progress, MAX_BATCH_LOSS, steps=1)
+    _check(loss, MAX_BATCH_LOSS, progress, steps=1)
 
 
-def _check(loss: float, progress: Progress, limit: float, steps: int) -> None:
-    if has_diverged(loss, progress, limit):
-        raise _Diverged(loss, steps)
+def _check(loss: float, limit: float, progress: Progress, steps: int) -> None:
+    """Raises _Diverged for a mean loss that is not finite, or above `limit` times the first loss, or `limit`.
 
-
-def has_diverged(loss: float, progress: Progress, limit: float) -> bool:
-    """Whether a mean loss is not finite, or more than `limit` times the very first loss, or `limit` if that is more."""
-    return not math.isfinite(loss) or loss > limit * max(1.0, progress.first_loss or 0.0)
+    Args:
+        steps: of the epoch so far; the loss of the first one is of the weights that the epoch before has left.
+    """
+    if not math.isfinite(loss) or loss > limit * max(1.0, progress.first_loss or 0.0):
+        raise _Diverged(loss, max(1, progress.epoch + (steps > 1)))
 
 
 def _return_to_good_epoch(
     divergence: _Diverged, progress: Progress, checkpoint: Checkpoint, optimiser: torch.optim.Optimizer
 ) -> None:
     """Restore the weights from before the epoch that diverged, and note it. UserError where that is the first one."""
-    # the first loss of an epoch belongs to the weights that the epoch before left
-    good = max(0, progress.epoch - 1) if divergence.steps == 1 else progress.epoch
-    rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
+    rates, good = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups), divergence.epoch - 1
     progress.diverged = (
         f"training diverged in epoch {good + 1} at a learning rate of {rates}: the loss is {divergence.loss:g}; "
         "lower lr in params.yaml"

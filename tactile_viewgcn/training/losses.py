@@ -1,7 +1,6 @@
 """The losses of an epoch's batches: of single frames in pretraining, of view sets in fine-tuning."""
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
 
 import numpy as np
 import torch
@@ -9,17 +8,69 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frame_inputs import FrameInputs
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.feature_bank import FeatureBank
-from tactile_viewgcn.training.inputs import batches
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 
 
 def error_rate(logits: Tensor, labels: Tensor) -> float:
     """Share of rows whose largest logit is not the label's."""
     return float((logits.argmax(dim=-1) != labels).float().mean())
+
+
+class FrameLoss(nn.Module):
+    """Cross-entropy of this process's part of a batch of single frames."""
+
+    def __init__(self, backbone: nn.Module, classifier: nn.Linear, augment_frames: Augmentation, compute: Compute):
+        super().__init__()
+        self.backbone, self.classifier, self.augment_frames, self.compute = (
+            backbone,
+            classifier,
+            augment_frames,
+            compute,
+        )
+
+    def forward(self, frames: Tensor, labels: Tensor) -> Tensor:
+        """Frames (B, 1, H, W) and labels (B,) of the whole batch to a scalar."""
+        count, rows = len(frames), distributed.rows(len(frames))
+        frames = self.augment_frames(frames)[rows]
+        with self.compute.autocast():
+            features = self.backbone(frames)
+        logits = self.classifier(features.to(self.classifier.weight.dtype))
+        return distributed.weighted(functional.cross_entropy(logits, labels[rows]), count)
+
+
+class SetLoss(nn.Module):
+    """A network's loss of this process's part of a batch of view sets.
+
+    Args:
+        bank: holds the features of frames that do not pass through the backbone; None where all pass.
+    """
+
+    def __init__(self, network: ViewNetwork, bank: FeatureBank | None, augment_frames: Augmentation, compute: Compute):
+        super().__init__()
+        self.network, self.bank, self.augment_frames, self.compute = network, bank, augment_frames, compute
+
+    def forward(self, frames: Tensor, labels: Tensor, sets: Tensor, fresh: Tensor, first: Tensor) -> Tensor:
+        """The loss, a scalar, of the whole batch's arguments.
+
+        Args:
+            frames: (B * f, 1, H, W) that pass through the backbone.
+            labels: (B,) of the sets.
+            sets: (B, k) indices of frames.
+            fresh: (B, f) columns of the frames that pass.
+            first: `first_places` of these frames' indices.
+        """
+        count, rows, each = len(sets), distributed.rows(len(sets)), fresh.shape[1]
+        frames = self.augment_frames(frames)[rows.start * each : rows.stop * each]
+        with self.compute.autocast():
+            features = self.network.backbone(frames).unflatten(0, (-1, each))
+        nodes = features if self.bank is None else self.bank.nodes(sets, fresh, features, first)
+        logits, aux = self.network.head(nodes)
+        return distributed.weighted(self.network.head.loss(logits, aux, labels[rows]), count)
 
 
 def frame_losses(
@@ -31,27 +82,12 @@ def frame_losses(
     compute: Compute,
     order: torch.Generator,
 ) -> Iterator[Tensor]:
-    """The loss of each batch of single frames (n, 1, H, W) in one epoch, of the part that this process computes.
+    """The loss of each batch of single frames (n, 1, H, W) in one epoch.
 
-    Batches differ by one frame at most, and every frame is in one.
+    Batches are random, differ by one frame at most, and every frame is in one.
     """
-    parts = torch.randperm(len(frames), generator=order).tensor_split(num_batches(len(frames), batch))
-    for index, inputs in batches(frames, parts, lambda part: part, compute):
-        yield loss_of(inputs, compute.gather(labels, index))
-
-
-def frame_loss(
-    backbone: nn.Module, classifier: nn.Linear, augment_frames: Augmentation, compute: Compute
-) -> Callable[[Tensor, Tensor], Tensor]:
-    """A function of a batch's frames (B, 1, H, W) and labels (B,): the cross-entropy of this process's part of it."""
-
-    def loss(frames: Tensor, labels: Tensor) -> Tensor:
-        inputs, rows = augment_frames(frames), distributed.rows(len(frames))
-        with compute.autocast():
-            features = backbone(inputs[rows])
-        return functional.cross_entropy(classifier(features.to(classifier.weight.dtype)), labels[rows])
-
-    return loss
+    for index in torch.randperm(len(frames), generator=order).tensor_split(num_batches(len(frames), batch)):
+        yield loss_of(frames[index], compute.gather(labels, index))
 
 
 def set_losses(
@@ -63,49 +99,20 @@ def set_losses(
     in_time_order: bool,
     compute: Compute,
 ) -> Iterator[Tensor]:
-    """The system's loss of each batch of view sets in one epoch, of the part that this process computes.
+    """The loss of each batch of view sets in one epoch.
 
     Args:
-        loss_of: see `set_loss`.
+        loss_of: see `SetLoss.forward`.
         frames: (n, 1, H, W), in the order of time inside a recording; labels: (n,).
         plan: for each batch view sets (B, k) of indices into the frames, each set of one label, and the columns (B, f)
             whose frames pass through the backbone.
     """
-    if in_time_order:
-        plan = (sort_by_time(*sets_and_fresh) for sets_and_fresh in plan)
-    for (sets, fresh), inputs in batches(frames, plan, _fresh_frames, compute):
-        first = first_places(np.take_along_axis(sets, fresh, axis=1).ravel())
-        places = (compute.to_device(torch.from_numpy(each)) for each in (sets, fresh, first))
-        yield loss_of(inputs, compute.gather(labels, torch.from_numpy(sets[:, 0])), *places)
-
-
-def set_loss(
-    classifier: Any, bank: FeatureBank | None, augment_frames: Augmentation, compute: Compute
-) -> Callable[..., Tensor]:
-    """A function of a batch of view sets: the system's loss of this process's part of it.
-
-    Its arguments are the frames (B * f, 1, H, W) that pass through the backbone, the labels (B,) of the sets, the sets
-    (B, k) of indices, the columns (B, f) of these frames, and `first_places` of their indices.
-
-    Args:
-        classifier: a `Classifier`; its `backbone` makes features of frames, its `head` logits of view sets.
-        bank: holds the features of the other columns; None where all pass through.
-    """
-
-    def loss(frames: Tensor, labels: Tensor, sets: Tensor, fresh: Tensor, first: Tensor) -> Tensor:
-        batch, rows, each = augment_frames(frames), distributed.rows(len(sets)), fresh.shape[1]
-        with compute.autocast():
-            features = classifier.backbone(batch[rows.start * each : rows.stop * each]).unflatten(0, (-1, each))
-        nodes = features if bank is None else bank.nodes(sets, fresh, features, first)
-        logits, aux = classifier.head(nodes)
-        return classifier.head.loss(logits, aux, labels[rows])
-
-    return loss
-
-
-def _fresh_frames(batch: tuple[np.ndarray, np.ndarray]) -> Tensor:
-    """Indices (B * f,) of the frames in the columns (B, f) of view sets (B, k)."""
-    return torch.from_numpy(np.take_along_axis(*batch, axis=1).ravel())
+    for sets, fresh in plan:
+        if in_time_order:
+            sets, fresh = sort_by_time(sets, fresh)
+        index = np.take_along_axis(sets, fresh, axis=1).ravel()
+        places = (compute.to_device(torch.from_numpy(each)) for each in (sets, fresh, first_places(index)))
+        yield loss_of(frames[torch.from_numpy(index)], compute.gather(labels, torch.from_numpy(sets[:, 0])), *places)
 
 
 def first_places(index: np.ndarray) -> np.ndarray:

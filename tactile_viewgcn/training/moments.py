@@ -5,25 +5,26 @@ mostly zeros, so even weak noise changes the moments of every map, and the netwo
 frames do not have.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frame_inputs import FrameInputs
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
-from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.training import distributed
+from tactile_viewgcn.nn.network import ViewNetwork
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 
 
 @torch.no_grad()
 def measure_moments(
-    classifier: Classifier, frames: FrameInputs, drawn: np.ndarray, compute: Compute, order: torch.Generator
+    network: ViewNetwork, frames: FrameInputs, drawn: np.ndarray, compute: Compute, order: torch.Generator
 ) -> None:
     """Replace the running moments, first the backbone's, then the head's, by those without noise and dropout.
 
-    Each is the mean over batches in random order. The classifier is left in evaluation mode.
+    Each is the mean over batches in random order. The network is left in evaluation mode.
 
     Args:
         frames: (n, 1, H, W), of the training side.
@@ -31,17 +32,17 @@ def measure_moments(
         order: of the batches, on the processor.
     """
     with compute.autocast():
-        _average_moments(classifier.backbone, frames, compute, order)
-        features = distributed.in_parts(lambda part: extract_features(classifier.backbone, part), frames)
-    sets = torch.from_numpy(np.sort(drawn, axis=1) if classifier.head.in_time_order else drawn)
-    _average_moments(classifier.head, sets, compute, order, features)
-    classifier.eval()
+        _average_moments(network.backbone, len(frames), frames.__getitem__, order)
+        features = extract_features(network.backbone, frames)
+    sets = torch.from_numpy(np.sort(drawn, axis=1) if network.head.in_time_order else drawn)
+    _average_moments(network.head, len(sets), lambda index: compute.gather(features, sets[index]), order)
+    network.eval()
 
 
 def _average_moments(
-    module: nn.Module, inputs: FrameInputs, compute: Compute, order: torch.Generator, features: Tensor | None = None
+    module: nn.Module, count: int, batch_of: Callable[[Tensor], Tensor], order: torch.Generator
 ) -> None:
-    """Pass `inputs` (n, ...), or the features that they index, through a module whose moments become the mean."""
+    """Replace a module's running moments by their mean over batches of `count` examples, which `batch_of` picks."""
     norms = [layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)]
     if not norms:
         return
@@ -50,11 +51,10 @@ def _average_moments(
     for layer in module.modules():
         if isinstance(layer, nn.modules.dropout._DropoutNd):
             layer.eval()
-    batches = torch.randperm(len(inputs), generator=order).tensor_split(num_batches(len(inputs), INFERENCE_BATCH))
+    batches = torch.randperm(count, generator=order).tensor_split(num_batches(count, INFERENCE_BATCH))
     for number, index in enumerate(batches, start=1):
         for norm in norms:
             norm.momentum = 1 / number
-        index = index[distributed.rows(len(index))]
-        module(compute.gather(inputs, index) if features is None else compute.gather(features, inputs[index]))
+        module(batch_of(index))
     for norm, momentum in zip(norms, momenta, strict=True):
         norm.momentum = momentum

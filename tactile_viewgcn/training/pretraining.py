@@ -1,33 +1,27 @@
 """Pretraining: the backbone is trained from scratch to classify single frames."""
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
-from tqdm import tqdm
+from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.frames.transform import full_scale
 from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_features
-from tactile_viewgcn.nn.perceptron import Perceptron
 from tactile_viewgcn.params import Params
-from tactile_viewgcn.process import rank
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
-from tactile_viewgcn.training.inputs import input_frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, fit
-from tactile_viewgcn.training.losses import error_rate, frame_loss, frame_losses
-from tactile_viewgcn.training.masked import pretrain_masked
+from tactile_viewgcn.training.losses import FrameLoss, error_rate, frame_losses
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
 from tactile_viewgcn.training.replay import Replay
-from tactile_viewgcn.training.whole_batch import share_batches
 
 
 def pretrain_backbone(
@@ -36,38 +30,32 @@ def pretrain_backbone(
     compute: Compute,
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
-) -> tuple[Backbone | Perceptron, torch.nn.Linear, Progress]:
+) -> tuple[Backbone, nn.Linear, Progress]:
     """The backbone and its linear classifier, trained on the anchor frames of the training side.
 
     Args:
         params: `seed`, `model.backbone`, `pretrain` and `augment` are read.
         checkpoint_path: where the training is saved after every epoch; a saved one is continued.
-        on_epoch: called after every epoch, see `fit`; those of `pretrain_masked` come first.
+        on_epoch: called after every epoch, see `fit`.
 
     Returns:
         backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
-        UserError: the training diverges in its first epoch, or the masked one in any.
+        UserError: the training diverges in its first epoch.
     """
-    config, seed, inputs, labels = params.pretrain, params.seed, {}, {}
-    for side in (TRAIN, VALIDATION):
-        index = np.flatnonzero(table.anchor & (table.side == side))
-        inputs[side] = input_frames(table, index, compute)
-        labels[side] = torch.from_numpy(table.label[index].astype(np.int64)).to(compute.device)
+    config, seed = params.pretrain, params.seed
+    train, validation = (_Anchors(side, table, compute) for side in (TRAIN, VALIDATION))
     torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
-    backbone = build_backbone(table.counts.shape[1:], **asdict(params.model.backbone))
+    backbone = build_backbone(params.model.backbone)
     backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
-    classifier = torch.nn.Linear(backbone.features, len(table.classes), device=compute.device)
-    share_batches(backbone)
-    masked, masked_path = Progress(), checkpoint_path and checkpoint_path.with_suffix(".masked.pt")
-    if config.masked_epochs:
-        given = backbone, table, params, compute, masked_path, on_epoch
-        masked = pretrain_masked(*given)  # type: ignore[arg-type]  # conflicts.py refuses a perceptron
-    joint_loss = distributed.joint_loss(torch.nn.ModuleList([backbone, classifier]))
-    weights = [*backbone.parameters(), *classifier.parameters()]
-    optimiser = build_optimiser(config, [{"params": weights}])
+    classifier = nn.Linear(backbone.features, len(table.classes), device=compute.device)
     order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
+    noise = config.noise * full_scale(table.transform, table.scale)
+    loss = FrameLoss(backbone, classifier, Augmentation(noise, params.augment, on_device), compute)
+    weights = list(loss.parameters())
+    loss_of = Replay(distributed.parallel(loss), weights, [on_device])
+    optimiser = build_optimiser(config, [{"params": weights}])
     checkpoint = Checkpoint(
         checkpoint_path,
         {"backbone": backbone, "classifier": classifier, "optimiser": optimiser},
@@ -75,30 +63,29 @@ def pretrain_backbone(
         {},
         compute.device,
     )
-    augment_frames = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
-    loss_of = Replay(frame_loss(backbone, classifier, augment_frames, compute), weights, [on_device])
 
     def losses(_: int) -> Iterator[Tensor]:
         backbone.train()
-        batches = frame_losses(loss_of, inputs[TRAIN], labels[TRAIN], batch=config.batch, compute=compute, order=order)
-        return map(joint_loss, batches)
+        return frame_losses(loss_of, train.frames, train.labels, batch=config.batch, compute=compute, order=order)
 
     def validate() -> dict[str, float]:
-        if not len(labels[VALIDATION]):
+        if not len(validation.labels):
             return {}
         with compute.autocast():
-            features = distributed.in_parts(lambda part: extract_features(backbone, part), inputs[VALIDATION])
-        logits = classifier(features)
-        return {"validation_error": error_rate(logits, labels[VALIDATION])}
+            features = extract_features(backbone, validation.frames)
+        return {"validation_error": error_rate(classifier(features), validation.labels)}
 
-    def report(epoch: int, values: dict[str, float]) -> None:
-        if on_epoch is not None:
-            on_epoch(config.masked_epochs + epoch, values)
-
-    steps = config.epochs * num_batches(len(labels[TRAIN]), config.batch)
-    with tqdm(total=steps, desc="pretrain", unit="batch", disable=None) as bar:
-        progress = fit(config.epochs, optimiser, lr_lambda(config), losses, validate, bar, checkpoint, report)
-    progress.resumed = progress.resumed[0], masked.resumed[1] + progress.resumed[1]
-    if masked_path and not rank():
-        masked_path.unlink(missing_ok=True)
+    steps = num_batches(len(train.labels), config.batch)
+    progress = fit(
+        "pretrain", config.epochs, steps, optimiser, lr_lambda(config), losses, validate, checkpoint, on_epoch
+    )
     return backbone, classifier, progress
+
+
+class _Anchors:
+    """Frames and labels of the anchors of one side."""
+
+    def __init__(self, side: int, table: Frames, compute: Compute):
+        index = np.flatnonzero(table.anchor & (table.side == side))
+        self.frames = FrameInputs(table, index, compute)
+        self.labels = torch.from_numpy(table.label[index].astype(np.int64)).to(compute.device)

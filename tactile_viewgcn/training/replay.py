@@ -46,8 +46,8 @@ class Replay:
         recorded = self._graphs[shapes]
         if recorded is None:
             recorded = self._graphs[shapes] = self._record(arguments)
-        for kept, given in zip(recorded.arguments, arguments, strict=True):
-            kept.copy_(given)
+        for recorded_argument, argument in zip(recorded.arguments, arguments, strict=True):
+            recorded_argument.copy_(argument)
         recorded.graph.replay()
         anchor = torch.zeros((), device=recorded.loss.device, requires_grad=True)
         return _PrecomputedGradients.apply(anchor, recorded.loss, self._parameters, recorded.gradients)

@@ -11,9 +11,9 @@ from tqdm import tqdm
 
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.params import Cluster
-from tactile_viewgcn.tables.frames import Frames, Points
+from tactile_viewgcn.tables.counts import Counts
+from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.views import NO_CLUSTER, Views
-from tactile_viewgcn.views.assignment import assigned_viewpoints, contact_threshold, reference_views
 from tactile_viewgcn.views.sampling import random_clusters
 
 if TYPE_CHECKING:
@@ -30,30 +30,21 @@ def pool_ids(label: np.ndarray, recording: np.ndarray, side: np.ndarray, scope: 
 
 
 def cluster_frames(table: Frames, viewpoints: np.ndarray, params: Cluster, rng: np.random.Generator) -> Views:
-    """Cluster the training and validation frames of each pool and assign the clusters to `viewpoints` (V, 3).
+    """Cluster the training and validation frames of each pool into V views, for `viewpoints` (V, 3).
 
     Frames of the test side get no cluster here: `evaluate` clusters them itself.
     """
     pool, views = pool_ids(table.label, table.recording, table.side, params.scope), len(viewpoints)
-    cluster, references = np.full(len(table), NO_CLUSTER, dtype=np.int16), np.zeros((views, int(table.live.sum())))
+    cluster = np.full(len(table), NO_CLUSTER, dtype=np.int16)
     if params.method == "kmeans":
         index = table.on(TRAIN, VALIDATION)
         number = np.unique(pool[index], return_inverse=True)[1].ravel()
-        points = table.points(index)
-        clusters = cluster_pools(points, number, views, params, rng)
-        if params.assignment == "matched":
-            train = table.side[index] == TRAIN
-            train_pools = np.unique(number[train], return_inverse=True)[1].ravel()
-            references = reference_views(table.points(index[train]), clusters[train], train_pools, views)
-        threshold = contact_threshold(table.transform, table.scale)
-        cluster[index] = assigned_viewpoints(
-            clusters, number, points, views, params.assignment, threshold=threshold, references=references
-        )
-    return Views(cluster, pool, viewpoints, references)
+        cluster[index] = cluster_pools(table.points(index), number, views, params, rng)
+    return Views(cluster, pool, viewpoints)
 
 
 def cluster_pools(
-    points: np.ndarray | Points,
+    points: Counts,
     pool: np.ndarray,
     views: int,
     params: Cluster,
@@ -79,7 +70,7 @@ def cluster_pools(
     return cluster
 
 
-def pool_scores(points: np.ndarray | Points, pool: np.ndarray, components: int = COMPONENTS) -> list[np.ndarray]:
+def pool_scores(points: Counts, pool: np.ndarray, components: int = COMPONENTS) -> list[np.ndarray]:
     """Principal components (n_p, c) of the frames of each pool p, from points (n, d) and pools (n,)."""
     return [principal_components(points[pool == number], components) for number in range(pool.max() + 1)]
 

@@ -11,7 +11,8 @@ from benchmarks.speed.sample import Sample, anchors_of
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.nn.network import view_set_logits
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import CPU, recipe, table, views_of
 
@@ -35,7 +36,7 @@ def classifier():
     """One of four views, its normalisations moved by the table's frames, in evaluation mode."""
     torch.manual_seed(0)
     model, frames = recipe("model.backbone.width=16").model, frames_of(TRAIN)[:64]
-    classifier = Classifier(torch.from_numpy(viewpoints(4)), 4, model, frames.shape[2:])
+    classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, model, frames.shape[2:])
     for _ in range(20):
         classifier.head(classifier.backbone(frames)[torch.randint(64, (16, 4))])
     return classifier.eval()

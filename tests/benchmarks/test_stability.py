@@ -22,7 +22,7 @@ from benchmarks.stability.rows import (
 )  # fmt: skip
 from benchmarks.stability.subject import Subject
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.tables.frames import write_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import CPU, ROOT, SMALL, recipe, table, trained
@@ -50,7 +50,7 @@ def test_nothing_is_wrong_on_a_small_classifier(subject, name):
 def test_checks_of_the_network_hold_for_other_systems(tmp_path, system):
     params = recipe(f"model.system={system}")
     torch.manual_seed(0)
-    classifier = Classifier(torch.from_numpy(viewpoints(4)), 4, params.model, (12, 12)).eval()
+    classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, params.model, (12, 12)).eval()
     assert WRONG not in verdicts(Subject(classifier, table(), params, CPU, tmp_path), *CHECKS)
 
 

@@ -14,8 +14,6 @@ from tactile_viewgcn.glove.simulation import Simulation
 from tactile_viewgcn.glove.writer import simulate
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN
-from tactile_viewgcn.readers.stag_metadata import read_metadata
-from tactile_viewgcn.readers.stag_writer import write_metadata
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.gloves import LAYER, recipe, simulated_counts
 from tests.sources import read
@@ -82,14 +80,11 @@ def test_frames_have_ten_bits_and_the_ball_is_felt_while_it_is_held(folder):
         assert np.median(strongest[ball & columns["valid"]]) > 1.5 * np.median(strongest[empty])
 
 
-def test_ingest_and_stags_form_keep_every_frame(folder, tmp_path):
-    write_metadata(tmp_path / "metadata.mat", open_source(folder))
-    first, second = read(open_source(folder)), read(read_metadata(tmp_path / "metadata.mat"))
-    assert first.keys() == second.keys() == {
+def test_ingest_keeps_every_frame(folder, tmp_path):
+    first = read(open_source(folder))
+    assert first.keys() == {
         "pressure", "object", "recording", "session", "frame", "time", "split", "valid", "grasp",
     }  # fmt: skip
-    for name, values in first.items():
-        np.testing.assert_array_equal(values, second[name], err_msg=name)
     write_recordings(tmp_path / "table", open_source(folder), "0" * 32)
     with Recordings(tmp_path / "table") as table:
         np.testing.assert_array_equal(table.frames(np.arange(len(table))), first["pressure"])

@@ -15,7 +15,7 @@ from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest, squared_distances
 from tactile_viewgcn.nn.message_passing import NonLocalMessagePassing
 from tactile_viewgcn.nn.view_selection import log_odds
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.systems.gcn import normalised_adjacency
 from tactile_viewgcn.systems.view_gcn import shape_and_view_loss
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -44,7 +44,7 @@ def view_gcn(places, *changes):
     """Tactile-ViewGCN's network at places (V, 3), in evaluation mode, its weights drawn with seed 0."""
     torch.manual_seed(0)
     model = recipe("model.neighbours=4", *changes).model
-    return Classifier(places, 27, model).head.eval()
+    return build_classifier(places, 27, model).head.eval()
 
 
 def nodes_of(views, count=4):
@@ -216,7 +216,7 @@ def test_features_of_1_000_views_in_16_bits_are_joined_in_single_precision(row, 
 @pytest.mark.stability("moments of large frames")
 def test_batch_normalisation_sees_mean_and_variance_of_frames_of_10_000_give_or_take_one(row):
     torch.manual_seed(0)
-    backbone = Classifier(EVEN, 27, recipe().model).backbone
+    backbone = build_classifier(EVEN, 27, recipe().model).backbone
     frames = 1e4 + torch.rand(16, 1, 12, 12, generator=torch.Generator().manual_seed(0))
     norms = []
     for kind in (torch.float32, torch.float64):

@@ -11,7 +11,7 @@ from tactile_viewgcn import tracking
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.mlflow_stores import runs_of
@@ -24,7 +24,7 @@ def test_the_logged_model_gives_the_recogniser_s_probabilities(store, client):
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
     model = load(ROOT / "params.yaml").model
-    classifier = Classifier(torch.from_numpy(viewpoints(2)), 3, model)
+    classifier = build_classifier(torch.from_numpy(viewpoints(2)), 3, model)
     counts = rng.integers(500, 600, (5, 2, 6, 4)).astype(np.int16)
     baseline = rng.uniform(510, 520, (2, 6, 4)).astype(np.float32)
     two = np.arange(2)

@@ -10,7 +10,7 @@ from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty, sensor_map
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_glove import OBJECTS, SHAPE, pressed, recogniser
 from tests.small_tables import recipe, table
@@ -87,7 +87,7 @@ def test_trained_objects_are_near_and_a_mirrored_glove_is_not():
 
 
 def test_the_classifier_s_file_keeps_it(tmp_path):
-    classifier = Classifier(torch.from_numpy(viewpoints(4)), 4, recipe().model)
+    classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, recipe().model)
     save_classifier(tmp_path / "classifier.pt", classifier, recipe().model, table())
     loaded, fitted = Recogniser(tmp_path / "classifier.pt").novelty, fit_novelty(table(), 4)
     held = np.random.default_rng(0).uniform(0, 40, (4, *table().live.shape))

@@ -9,10 +9,11 @@ import torch
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.split import TEST
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.systems import classifier as module
-from tactile_viewgcn.systems.classifier import Classifier, view_set_logits
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import CPU, recipe, table, trained
 
@@ -46,7 +47,7 @@ def pipeline_logits(classifier, frames, sets):
 
 
 def test_the_released_options_give_the_released_code_s_number_of_weights():
-    classifier = Classifier(torch.from_numpy(viewpoints(8)), 27, recipe(*RELEASED).model)
+    classifier = build_classifier(torch.from_numpy(viewpoints(8)), 27, recipe(*RELEASED).model)
     assert sum(weight.numel() for weight in classifier.head.parameters()) == 305_138
     assert sum(weight.numel() for weight in classifier.backbone.parameters()) == 674_240
 
@@ -95,7 +96,7 @@ def test_two_savings_give_the_same_bytes(saved, tmp_path):
 
 def test_other_options_of_the_model_come_back(tmp_path):
     how = recipe(*RELEASED).model
-    classifier = Classifier(torch.from_numpy(viewpoints(8)), 4, how).eval()
+    classifier = build_classifier(torch.from_numpy(viewpoints(8)), 4, how).eval()
     save_classifier(tmp_path / "c.pt", classifier, how, table())
     loaded, _ = load_classifier(tmp_path / "c.pt")
     views = torch.randn(5, 8, 128, generator=torch.Generator().manual_seed(0))
@@ -136,7 +137,7 @@ def test_an_offset_of_a_billion_takes_nothing_of_the_excess(saved):
 def test_viewpoints_that_are_out_of_range_are_refused(place):
     places = torch.tensor([[0.0, 0, 1], [0, place, 0]])
     with pytest.raises(UserError, match=r"viewpoints hold .*; expected coordinates between -1e\+09 and 1e\+09"):
-        Classifier(places, 3, recipe().model)
+        build_classifier(places, 3, recipe().model)
 
 
 def test_only_the_excess_over_rest_counts(saved):
@@ -212,7 +213,7 @@ def test_a_rest_of_another_shape_is_refused(saved):
 def test_a_saved_system_gives_a_user_the_probabilities_that_evaluation_has(tmp_path, system):
     torch.manual_seed(0)
     how, frames = recipe(f"model.system={system}", "model.backbone.width=8"), table()
-    classifier = Classifier(torch.from_numpy(viewpoints(4)), 4, how.model, (12, 12)).eval()
+    classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, how.model, (12, 12)).eval()
     save_classifier(tmp_path / "classifier.pt", classifier, how.model, frames)
     sets = some_sets(5)
     expected = pipeline_logits(classifier, frames, np.sort(sets, axis=1)).softmax(dim=-1)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, sequential_summary
 from tactile_viewgcn.frames.split import TEST
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.recognition.calibration import (
     MAX_TEMPERATURE,
@@ -22,7 +23,6 @@ from tactile_viewgcn.recognition.calibration import (
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.sequential import SequentialTrials, logits_by_count, sequences, sequential_trials
-from tactile_viewgcn.systems.classifier import view_set_logits
 from tests.small_tables import CPU, recipe, table, trained
 
 RIGHT = np.array([[[True, False, False], [True, True, False], [False, True, True]]])  # one trial, 3 frames, 3 anchors

@@ -15,12 +15,13 @@ from sklearn.pipeline import make_pipeline
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.frames.split import TEST, TRAIN
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import count_weights
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors.kernel import kernel_estimator
 from tactile_viewgcn.sensors.sensor_system import contact_unit
 from tactile_viewgcn.systems import system_class
-from tactile_viewgcn.systems.classifier import Classifier, count_weights
+from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tests.small_tables import CPU, recipe, table, views_of
 

@@ -2,7 +2,7 @@
 
 import torch
 
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import recipe
 
@@ -28,7 +28,7 @@ def built(name, *changes, places=LINE, classes=5):
     """A classifier with features of 16 and maps of 16 x 3 x 3, in evaluation mode."""
     torch.manual_seed(0)
     model = recipe(f"model.system={name}", NARROW, *changes).model
-    return Classifier(places, classes, model, (12, 12)).eval()
+    return build_classifier(places, classes, model, (12, 12)).eval()
 
 
 def some_views(classifier, count=None):

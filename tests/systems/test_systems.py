@@ -16,9 +16,10 @@ import torch.nn.functional as functional
 from stages.dependencies import imported_modules
 from tactile_viewgcn import params
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.nn.network import count_weights, view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.systems import OnBackbone, OnSensors, System, system_class
-from tactile_viewgcn.systems.classifier import Classifier, count_weights, view_set_logits
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.training.losses import sort_by_time
 from tests.small_tables import recipe
 from tests.systems.small_systems import CUBE, built, fill, some_views
@@ -76,7 +77,7 @@ BUILD_EACH_ALONE = """
 import json, sys
 import torch
 from tactile_viewgcn import nn
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.params import load
 
 systems = json.loads(sys.argv[1])
@@ -88,7 +89,7 @@ for built in [None, *systems]:
         vars(nn).pop(name, None)
     if built:
         params = load("params.yaml", (f"model.system={built}", "model.backbone.width=2"))
-        Classifier(torch.randn(4, 3), 3, params.model, (12, 12))
+        build_classifier(torch.randn(4, 3), 3, params.model, (12, 12))
     found[str(built)] = [name for module, name in modules.items() if module in sys.modules]
     if built is None:
         assert not found.pop("None")
@@ -194,7 +195,7 @@ ANSWER = FEATURES * CLASSES + CLASSES
     ],
 )
 def test_the_number_of_weights_of_each_head(name, weights):
-    classifier = Classifier(CUBE, CLASSES, recipe(f"model.system={name}").model)
+    classifier = build_classifier(CUBE, CLASSES, recipe(f"model.system={name}").model)
     assert count_weights(classifier.head) == weights
 
 

@@ -13,7 +13,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.graph import furthest_points
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
 from tactile_viewgcn.params import load, preset_changes
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN, level_sizes, shape_and_view_loss
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.nn.four_nodes import NODES, POSITIONS, fill, plain_norm
@@ -68,12 +68,12 @@ def test_local_convolution_equals_the_plain_loop():
 
 def test_the_released_preset_has_the_released_number_of_weights():
     params = load(ROOT / "params.yaml", tuple(preset_changes("released")))
-    head = Classifier(torch.from_numpy(viewpoints(8)), 27, params.model).head
+    head = build_classifier(torch.from_numpy(viewpoints(8)), 27, params.model).head
     assert sum(weight.numel() for weight in head.parameters()) == 305_138
 
 
 def test_the_paper_s_head_differs_by_its_selectors():
-    head = Classifier(torch.from_numpy(viewpoints(8)), 27, load(ROOT / "params.yaml").model).head
+    head = build_classifier(torch.from_numpy(viewpoints(8)), 27, load(ROOT / "params.yaml").model).head
     assert sum(weight.numel() for weight in head.parameters()) == 305_138 - 69_282 + 6 * (128 * 27 + 27)
 
 

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import pytest
 import torch
+from tactile_viewgcn.tables.stored import StoredCounts
 from torch.nn.functional import mse_loss
 
 from tactile_viewgcn import device
 from tactile_viewgcn.device import Compute, select_device
 from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.systems.classifier import view_set_logits
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.tables import stored
 from tactile_viewgcn.tables.frames import read_frames, write_frames
-from tactile_viewgcn.tables.stored import StoredCounts
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.training.replay import Replay

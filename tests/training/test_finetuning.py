@@ -48,7 +48,7 @@ def fitted(monkeypatch):
     """What is handed to the loop over epochs, which then does nothing."""
     given = {}
 
-    def fit(epochs, optimiser, factor, *_):
+    def fit(name, epochs, steps, optimiser, factor, *_):
         given.update(epochs=epochs, groups=optimiser.param_groups, factor=factor)
         return Progress()
 

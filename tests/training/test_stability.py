@@ -12,7 +12,7 @@ from benchmarks.stability.logits import rms, some_sets, without_dropout
 from benchmarks.stability.rows import Quantity, max_rel_error, share_not_finite
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.split import TEST
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -31,7 +31,7 @@ SETS, LABELS = some_sets(24, 4, 6), np.arange(6) % 4
 def classifier_of(system):
     """The small trained classifier, or another system's with random weights; in training, but without dropout."""
     torch.manual_seed(0)
-    other = Classifier(torch.from_numpy(viewpoints(4)), 4, recipe(f"model.system={system}").model, (12, 12))
+    other = build_classifier(torch.from_numpy(viewpoints(4)), 4, recipe(f"model.system={system}").model, (12, 12))
     return without_dropout((trained() if system == "view_gcn" else other).train())
 
 

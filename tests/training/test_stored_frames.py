@@ -6,13 +6,13 @@ import threading
 import numpy as np
 import pytest
 import torch
+from tactile_viewgcn.tables.stored import StoredCounts
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.frames.split import TRAIN
 from tactile_viewgcn.tables import frames as frames_table
 from tactile_viewgcn.tables import stored
 from tactile_viewgcn.tables.frames import read_frames, write_frames
-from tactile_viewgcn.tables.stored import StoredCounts
 from tactile_viewgcn.training import feature_bank
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.inputs import AHEAD, StoredInputs, batches, input_frames

@@ -1,0 +1,78 @@
+"""A network on view sets: the backbone makes features of frames, the head, a system, logits of their view sets."""
+
+import torch
+from torch import Tensor, nn
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.nn.backbone import build_backbone
+from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.params import Model
+
+STAG_SHAPE = (32, 32)
+MAX_COORDINATE = 1e9  # of a viewpoint: its square, and what an edge's MLP makes of it, stay inside float32
+MAX_NODE_VALUES = 1 << 20  # numbers in the nodes of a batch of view sets; a larger batch gains no speed
+
+
+class ViewNetwork(nn.Module):
+    """Backbone and head for V views.
+
+    Args:
+        system: the head's class.
+        viewpoints: (V, 3).
+        classes: number of classes.
+        model: options of the backbone and of the system.
+        shape: (H, W) of a frame.
+
+    Attributes:
+        backbone: frames (n, 1, H, W) to features (n, *feature_shape).
+        head: features (B, k, *feature_shape) of view sets to logits, see `ViewSystem`.
+        viewpoints: (V, 3).
+
+    Raises:
+        UserError: the system cannot be built for so many views, or at these viewpoints; viewpoints that are not
+            finite, or beyond `MAX_COORDINATE`.
+    """
+
+    viewpoints: Tensor
+
+    def __init__(
+        self,
+        system: type[ViewSystem],
+        viewpoints: Tensor,
+        classes: int,
+        model: Model,
+        shape: tuple[int, int] = STAG_SHAPE,
+    ):
+        super().__init__()
+        outside = viewpoints[~(viewpoints.abs() < MAX_COORDINATE)]
+        if len(outside):
+            raise UserError(
+                f"viewpoints hold {float(outside[0]):g}; expected coordinates between "
+                f"-{MAX_COORDINATE:g} and {MAX_COORDINATE:g}"
+            )
+        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
+        maps = system.takes == "maps"
+        self.backbone = build_backbone(model.backbone, maps=maps)
+        self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
+        self.head = system(Sizes(viewpoints, self.feature_shape, classes), model)
+
+    @property
+    def views(self) -> int:
+        """V."""
+        return len(self.viewpoints)
+
+
+def count_weights(module: nn.Module) -> int:
+    """Number of weights that a module learns."""
+    return sum(weight.numel() for weight in module.parameters())
+
+
+def view_set_logits(head: ViewSystem, features: Tensor, sets: Tensor) -> Tensor:
+    """Logits (A, classes) of view sets (A, k) of indices into features (n, ...), in batches that fit memory.
+
+    Frames are numbered in the order of time.
+    """
+    batch = max(1, MAX_NODE_VALUES // (sets.shape[1] * features[0].numel()))
+    if head.in_time_order:
+        sets = sets.sort(dim=1).values
+    return torch.cat([head(features[part])[0] for part in sets.split(batch)])

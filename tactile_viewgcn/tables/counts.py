@@ -1,0 +1,57 @@
+"""Counts of frames between memory and file: stored in one piece, memory-mapped, and gathered when they are indexed."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import BinaryIO
+
+import h5py
+import numpy as np
+
+
+def write_blocks(dataset: h5py.Dataset, blocks: Iterable[np.ndarray]) -> None:
+    """Fill a dataset (n, H, W) with blocks (k, H, W) of n frames in all."""
+    start = 0
+    for block in blocks:
+        dataset[start : start + len(block)] = block
+        start += len(block)
+
+
+def mapped(path: str | Path | BinaryIO, dataset: h5py.Dataset) -> np.ndarray:
+    """A dataset as an array that the operating system reads from its file, page by page, when it is used.
+
+    Args:
+        path: of the file; a stream, which cannot be mapped, is read whole.
+
+    Raises:
+        TypeError: the dataset does not lie in its file in one piece.
+    """
+    if not isinstance(path, str | Path) or not dataset.size:  # an empty dataset has no place in the file
+        return np.asarray(dataset[()])
+    if dataset.chunks or dataset.id.get_offset() is None:
+        raise TypeError(f"{dataset.name} does not lie in one piece")
+    return np.asarray(np.memmap(path, dataset.dtype, "r", dataset.id.get_offset(), dataset.shape))
+
+
+class Gathered:
+    """An array (n, ...) whose rows are computed when they are indexed: by a slice, by indices or by a mask.
+
+    Args:
+        rows_of: rows (k, ...) by indices (k,) into what they are computed from.
+        index: (n,) of these rows there.
+        shape: of a row.
+        dtype: of the rows.
+    """
+
+    def __init__(
+        self, rows_of: Callable[[np.ndarray], np.ndarray], index: np.ndarray, shape: tuple[int, ...], dtype: np.dtype
+    ):
+        self._rows_of, self._index, self.shape, self.dtype = rows_of, index, (len(index), *shape), dtype
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def __getitem__(self, at: slice | np.ndarray) -> np.ndarray:
+        return self._rows_of(self._index[at])
+
+
+Counts = np.ndarray | Gathered
