@@ -1,11 +1,14 @@
 """The benchmark of speed: its plain counterparts compute what the pipeline does, and its arithmetic is right."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
 from torch import nn
 
 from benchmarks.speed import limits, measurements, plain
+from benchmarks.speed.__main__ import recipe_rows
 from benchmarks.speed.agreement import TOLERANCE, agreement, differences
 from benchmarks.speed.sample import Sample, anchors_of
 from tactile_viewgcn.errors import UserError
@@ -138,3 +141,53 @@ def one_call_a_second(monkeypatch):
     monkeypatch.setattr(measurements, "interleaved", called)
     monkeypatch.setattr(measurements, "EPOCHS", 2)
     monkeypatch.setattr(limits, "training_operations", lambda network, frames: 2 * limits.SIDE["cpu"] ** 3 // 64)
+
+
+@pytest.mark.parametrize(
+    ("measure", "rates"),
+    [
+        (
+            partial(measurements.time_step, batch=24),
+            [
+                ("training step", 24, 24),
+                ("training step", 24, 24),
+                ("training step", 24, 24),
+                ("training step", 24, 64),
+            ],
+        ),
+        (measurements.time_finetuning, [("fine-tuning", 160, 60)] * 4),  # two epochs of 80 view sets; 60 plainly
+        (measurements.time_evaluation, [("features", 80, 80), ("evaluation", 480, 60)]),  # 2 protocols of 3 trials
+        (measurements.time_views, [("drawing", 8192, 8192), ("clustering", 800, 800)]),
+    ],
+)
+def test_rates_are_units_of_work_a_second(measure, rates, sample, one_call_a_second):
+    rows = measure(sample)
+    rounded = [(row["what"], round(row["fast"], 6), round(row["counterpart"], 6)) for row in rows]
+    assert rounded == rates
+
+
+def test_the_recipe_is_multiplied_out():
+    names = [("training step", "batch 160, 1"), ("training step", "batch 32, 1"), ("evaluation", "")]
+    names += [("fine-tuning", "reuse 1"), ("fine-tuning", "reuse 8")]
+    rates = [(1.0, 1.0), (1000.0, 100.0), (10_000.0, 500.0), (100.0, 50.0), (400.0, 50.0)]
+    rows = [
+        {"what": what, "size": size, "unit": "frames/s", "against": "plain", "fast": fast, "counterpart": slow}
+        for (what, size), (fast, slow) in zip(names, rates, strict=True)
+    ]
+    limit = rows[1] | {"against": "limit: convolutions alone", "fast": 1.0}
+    hours = {row["part"]: row for row in recipe_rows([limit, *rows])}
+    assert hours["pretraining"]["fast hours"] == pytest.approx(1095.93 / 3600)
+    assert hours["pretraining"]["ratio"] == pytest.approx(10)
+    assert hours["evaluation"]["plain hours"] == pytest.approx(644.76 / 3600)
+    assert hours["fine-tuning, reuse 8"]["ratio"] == pytest.approx(8)
+    assert hours["together, reuse 1"]["fast hours"] == pytest.approx((1095.93 + 5479.65 + 32.238) / 3600)
+    assert hours["together, reuse 8"]["plain hours"] == pytest.approx((10959.3 + 10959.3 + 644.76) / 3600)
+
+
+def test_the_sample_is_some_anchors_of_each_class_on_each_side_spread_over_its_recordings():
+    small = anchors_of(table(), 20)
+    assert small.anchor.all()
+    for side in (TRAIN, TEST):
+        on = small.side == side
+        assert np.bincount(small.label[on]).tolist() == [20] * 4
+        assert set(small.recording[on]) == set(table().recording[table().anchor & (table().side == side)])
