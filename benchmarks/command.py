@@ -1,17 +1,21 @@
-"""The command of a benchmark: its options, and the table and picture that it leaves."""
+"""The command of a benchmark: its options, timing in turns, and the table and picture that it leaves."""
 
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 
 import click
+import numpy as np
+import pandas as pd
+import torch
 from matplotlib.figure import Figure
-from tactile_viewgcn.markdown_tables import markdown, write_table
+from torch.utils.benchmark import Timer
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import load
 
+BLOCK = 0.2  # seconds that a variant runs in a round, at least
 Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows, and the picture
 
 
@@ -41,3 +45,35 @@ def benchmark(measure: Callable[..., Result]) -> click.Command:
                 picture.savefig(part, format="png")
 
     return command
+
+
+def interleaved(variants: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.ndarray]:
+    """Seconds (rounds,) of a call of each variant, the median of as many calls as fill a block.
+
+    The variants take turns, round by round: what else the machine does then meets all of them alike, and their ratio
+    is taken within a round. A first call in each round warms up, and a device is waited for: see
+    `torch.utils.benchmark`.
+    """
+    threads = torch.get_num_threads()
+    timers = [Timer("variant()", globals={"variant": variant}, num_threads=threads) for variant in variants.values()]
+    seconds = [[timer.blocked_autorange(min_run_time=BLOCK).median for timer in timers] for _ in range(rounds)]
+    return dict(zip(variants, np.array(seconds).T, strict=True))
+
+
+def median_ratio(seconds: np.ndarray, other: np.ndarray) -> float:
+    """The median over rounds of the ratio within a round."""
+    return float(np.median(seconds / other))
+
+
+def write_table(folder: Path, rows: list[dict], text: str) -> None:
+    """`results.csv` of the rows, and `results.md` with a text above them."""
+    with atomic_write(folder / "results.csv") as part:
+        pd.DataFrame(rows, dtype=object).to_csv(part, index=False)
+    with atomic_write(folder / "results.md") as part:
+        part.write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
+
+
+def markdown(rows: list[dict]) -> str:
+    """Rows as a Markdown table, numbers at three digits."""
+    table = pd.DataFrame(rows, dtype=object).map(lambda value: f"{value:.3g}" if isinstance(value, float) else value)
+    return table.to_markdown(index=False, disable_numparse=True)

@@ -6,7 +6,7 @@ import click
 from tqdm import tqdm
 
 from studies.cells import code_of_stages, experiment_of, key_of, read_answers, seconds_per_cell, shard_of, stored
-from studies.grid import FOLDER, Study, names, read_study
+from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.queue import Queue
 from studies.runner import run_cells
 from tactile_viewgcn.errors import UserError
@@ -71,7 +71,8 @@ def run(
 
     if quick:
         print(f"{study.name}: a rehearsal on tiny data; its figures mean nothing")
-    code, cells = code_of_stages(), {}
+    code = code_of_stages()
+    cells: dict[str, Cell] = {}
     for cell in study.cells(quick=quick, on_top=changes):
         same = cells.setdefault(key_of(cell, code), cell)
         if same is not cell:

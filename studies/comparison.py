@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -96,7 +97,7 @@ def rows_of(variants: list[Variant], references: Iterable[str], rng: np.random.G
             for variant in variants:
                 wrong, groups = weighted(variant.wrong(protocol, variant.trainings), variant, weighting)
                 errors = [100 * variant.wrong(protocol, {training}).mean() for training in variant.trainings]
-                row = {"variant": variant.name, "protocol": protocol, "weighting": weighting}
+                row: dict[str, Any] = {"variant": variant.name, "protocol": protocol, "weighting": weighting}
                 row |= percent(("error", "low", "high"), wrong, proportion_interval(wrong, groups, rng))
                 spread = np.std(errors, ddof=1) if len(errors) > 1 else np.nan
                 row |= {"trainings": len(errors), "std": spread} | {name: variant.cost(name) for name in COLUMNS}
@@ -146,8 +147,10 @@ def compared(
     row |= percent(names[:3], values, group_interval(values, groups, rng)) | {names[3]: sign_flip(values, groups, rng)}
     if weighting == "frame" and len(common) >= MIN_SEEDS and len({deal for _, deal in common}) == 1:
         # Student's interval of the mean difference; trainings on several deals share their groups, and have none
-        means = [[each.wrong(protocol, {one}).mean() for one in sorted(common)] for each in (variant, reference)]
-        seeds = 100 * np.subtract(*means)
+        first, second = (
+            np.array([each.wrong(protocol, {one}).mean() for one in sorted(common)]) for each in (variant, reference)
+        )
+        seeds = 100 * (first - second)
         half = student.ppf(0.975, len(seeds) - 1) * seeds.std(ddof=1) / len(seeds) ** 0.5
         row |= dict(zip(names[4:], (seeds.mean() - half, seeds.mean() + half), strict=True))
     return row

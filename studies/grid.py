@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.params import PRESETS, load, preset_changes, read_yaml
-from tactile_viewgcn.schema import as_change
+from tactile_viewgcn.params import PRESETS, load, preset_changes
+from tactile_viewgcn.schema import as_change, read_yaml
 
 FOLDER = Path("studies")
 COLUMNS = ("pretrain s", "finetune s", "ms alone", "ms in batches", "peak MB")

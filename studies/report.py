@@ -102,7 +102,8 @@ def tables(
         errors |= {"std": frame["std"].map("{:.1f}".format), "trainings": frame["trainings"]}
         parts += [f"Error, {protocol} protocol:", _markdown(errors)]
         for name in references:
-            vs, differences = f"vs {name} ", {}
+            vs = f"vs {name} "
+            differences: dict[str, pd.Series] = {}
             for weighting, part in zip(WEIGHTINGS, (frame, group), strict=True):
                 differences |= {f"per {weighting}": _intervals(part, f"{vs}more", vs)}
                 differences |= {f"p, {weighting}": part[f"{vs}p"].map("{:.3f}".format).replace("0.000", "<.001")}

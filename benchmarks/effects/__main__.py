@@ -5,8 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.command import Result, benchmark
-from benchmarks.interleaved import interleaved, median_ratio
+from benchmarks.command import Result, benchmark, interleaved, median_ratio
 from benchmarks.solver.scenes import FRAMES
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.objects import select_objects

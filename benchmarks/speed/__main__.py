@@ -6,16 +6,15 @@ from io import StringIO
 from pathlib import Path
 
 import click
+import numpy as np
 import torch
 from tactile_viewgcn.markdown_tables import markdown
 
-from benchmarks.command import Result, benchmark
-from benchmarks.speed import measurements, plain
+from benchmarks.command import Result, benchmark, markdown
+from benchmarks.speed import measurements
 from benchmarks.speed.agreement import WITHIN, agreement
-from benchmarks.speed.operators import operator_rows
-from benchmarks.speed.recipe import recipe_rows
 from benchmarks.speed.sample import take_sample
-from tactile_viewgcn.device import Compute, keep_freed_memory, select_device
+from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.process import processor
@@ -29,9 +28,11 @@ MEASUREMENTS = (
     measurements.time_views,
 )
 FULL, QUICK = {"per_class": 24, "rounds": 3}, {"per_class": 12, "rounds": 1}
+#: passes and anchors of STAG's `classification`, the paper's numbers; evaluation is ten trials of two protocols
+PRETRAINING, FINETUNING, EVALUATION = (30, 36_531), (15, 36_531), (20, 16_119)
 TEXT = f"""# What the fast paths gain
 
-{{machine}}.
+{{machine}}, torch {torch.__version__} with {{threads}} threads; fast path in {{precision}}.
 
 One network of a short training on the same view sets, against plain float32: `difference` is what the logits of
 {WITHIN:.0%} of the view sets stay within, as a share of the largest logit, and `largest` that of all view sets.
@@ -43,10 +44,6 @@ two protocols on 16,119, not run but multiplied out from the rates below, agains
 batches of 32 frames and of 20 view sets, every view of every view set through the backbone in every trial.
 
 {{recipe}}
-
-A training step of the backbone, batch 32, by its operators. Profiling makes a step slower; the shares are what counts.
-
-{{operators}}
 
 Medians of interleaved rounds: `fast` is the rate of the pipeline, `counterpart` that of what it is compared `against`,
 and `ratio` how many times as fast the pipeline is (median of the rounds' ratios), below 1 against a limit."""
@@ -60,30 +57,39 @@ def speed(params: Params, quick: bool, frames: Path) -> Result:
     Reads the frames of `dvc repro preprocess`. Takes up to ten minutes on two cores; --quick is one round on less data.
     """
     keep_freed_memory()
-    system, kind = params.model.system, params.model.backbone.kind
-    if (system, kind) != ("view_gcn", "resnet"):
-        raise UserError(
-            f"model.system and backbone.kind are {system} and {kind}; expected view_gcn and resnet, which alone have "
-            "plain counterparts: change params.yaml"
-        )
+    if params.model.system != "view_gcn":
+        raise UserError(f"model.system is {params.model.system}; expected view_gcn, which alone has plain counterparts")
     compute = select_device(params.device, params.precision)
     with redirect_stderr(StringIO()):  # the progress of trainings that are run many times
         sample = take_sample(read_frames(frames), params, compute, **(QUICK if quick else FULL))
         agreed = agreement(sample)
         rows = [row for measurement in MEASUREMENTS for row in measurement(sample)]
-        operators = "None on a graphics card, which repeats its kernels as one graph."
-        if compute.device.type == "cpu":
-            slow = plain.plain_backbone(sample.classifier.backbone)
-            operators = markdown(operator_rows(measurements.training_steps(sample, slow, batch=32)))
-    tables = {"agreement": markdown(agreed), "recipe": markdown(recipe_rows(rows)), "operators": operators}
-    return TEXT.format(machine=machine(compute), **tables), rows, None
+    cards = [torch.cuda.get_device_name()] if compute.device.type == "cuda" else []
+    about = {"machine": ", ".join([processor(), *cards]), "precision": compute.precision}
+    tables = {"agreement": markdown(agreed), "recipe": markdown(recipe_rows(rows))}
+    return TEXT.format(threads=torch.get_num_threads(), **about, **tables), rows, None
 
 
-def machine(compute: Compute) -> str:
-    """The processor and the graphics card in use, torch and its threads, and the precision of the fast path."""
-    devices = [processor(), *([torch.cuda.get_device_name()] if compute.device.type == "cuda" else [])]
-    threads, precision = torch.get_num_threads(), compute.precision
-    return f"{', '.join(devices)}, torch {torch.__version__} with {threads} threads; fast path in {precision}"
+def recipe_rows(rows: list[dict]) -> list[dict]:
+    """Hours of each part of the paper's recipe and of all of it, from the rows of everything that was measured."""
+
+    def hours(passes: int, anchors: int, row: dict) -> np.ndarray:
+        """(2,) fast and plain."""
+        return passes * anchors / np.array([row["fast"], row["counterpart"]]) / 3600
+
+    plain = [row for row in rows if row["against"] == "plain"]
+    (step,) = (row for row in plain if row["what"] == "training step" and row["size"].startswith("batch 32,"))
+    (trials,) = (row for row in plain if row["what"] == "evaluation")
+    pretraining, evaluation = hours(*PRETRAINING, step), hours(*EVALUATION, trials)
+    parts = {"pretraining": pretraining, "evaluation": evaluation}
+    for row in plain:
+        if row["what"] == "fine-tuning":
+            parts[f"fine-tuning, {row['size']}"] = finetuning = hours(*FINETUNING, row)
+            parts[f"together, {row['size']}"] = pretraining + finetuning + evaluation
+    return [
+        {"part": part, "fast hours": fast, "plain hours": slow, "ratio": slow / fast}
+        for part, (fast, slow) in parts.items()
+    ]
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from benchmarks.interleaved import interleaved, median_ratio
+from benchmarks.command import interleaved, median_ratio
 from benchmarks.speed import limits, plain
 from benchmarks.speed.sample import Sample
 from tactile_viewgcn.device import Compute
@@ -18,7 +18,7 @@ from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.losses import frame_loss, frame_losses, set_loss, set_losses
+from tactile_viewgcn.training.losses import FrameLoss, SetLoss, frame_losses, set_losses
 from tactile_viewgcn.training.optim import build_optimiser
 from tactile_viewgcn.training.replay import Replay
 from tactile_viewgcn.views.clustering import cluster_pools, pool_scores
@@ -88,9 +88,8 @@ def training_step(
     linear = nn.Linear(copy.features, len(sample.table.classes), device=compute.device)
     optimiser = build_optimiser(config, [{"params": [*copy.parameters(), *linear.parameters()]}])
     augment = sample.augmentation(config)
-    loss_of = frame_loss(copy, linear, augment, compute)
-    if not launched:
-        loss_of = Replay(loss_of, [*copy.parameters(), *linear.parameters()], [augment.rng])
+    loss = FrameLoss(copy, linear, augment, compute)
+    loss_of = loss if launched else Replay(loss, loss.parameters(), [augment.rng])
     one_batch = {"batch": len(frames), "compute": compute, "order": torch.Generator()}
     return lambda: descend(optimiser, frame_losses(loss_of, frames, labels, **one_batch))
 
@@ -110,7 +109,7 @@ def time_finetuning(sample: Sample) -> list[dict]:
     optimiser = build_optimiser(config, [{"params": slow.parameters()}])
     plan = [(part, np.indices(part.shape)[1]) for part in np.split(sets, range(plain.SETS, len(sets), plain.SETS))]
     compute = Compute(sample.compute.device, "float32")
-    loss_of = set_loss(slow, None, sample.augmentation(config), compute)
+    loss_of = SetLoss(slow, None, sample.augmentation(config), compute)
 
     def plainly() -> None:
         descend(optimiser, set_losses(loss_of, frames, labels, plan, in_time_order=False, compute=compute))

@@ -15,15 +15,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
-from tactile_viewgcn.markdown_tables import describe_data, write_table
 from tqdm import tqdm
 
+from benchmarks.command import write_table
 from benchmarks.stability import invariance, network
 from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, no_outcome
 from benchmarks.stability.subject import Subject
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.params import load
+from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
 
@@ -49,14 +49,14 @@ def main(frames: Path, classifier: Path, out: Path, changes: tuple[str, ...]) ->
         with TemporaryDirectory() as folder:
             subject = read_subject(frames, classifier, changes, Path(folder))
             rows = [*rows_of_tests(), *run(CHECKS, subject)]
-        count, seconds = len({(row["part"], row["check"]) for row in rows}), time.perf_counter() - begin
-        total = f"stability: {len(rows)} quantities of {count} checks: {verdicts(rows)}, in {seconds:.0f} s"
+        counts, checks = Counter(row["verdict"] for row in rows), {(row["part"], row["check"]) for row in rows}
+        verdicts = ", ".join(f"{counts[name]} {name}" for name in (RIGHT, REFUSED, WRONG))
+        seconds = time.perf_counter() - begin
+        total = f"stability: {len(rows)} quantities of {len(checks)} checks: {verdicts}, in {seconds:.0f} s"
         write_table(out, rows, f"{about(subject)}\n{TEXT}{total}.")
     except UserError as error:
         raise click.ClickException(str(error)) from None
     print(total)
-    for part in dict.fromkeys(row["part"] for row in rows):
-        print(f"  {part}: {summary([row for row in rows if row['part'] == part])}")
     wrong = [f"{row['part']}, {row['check']}, {row['quantity']}" for row in rows if row["verdict"] == WRONG]
     if wrong:
         raise click.ClickException(f"{len(wrong)} WRONG, see {out / 'results.md'}: {'; '.join(wrong)}")
@@ -109,26 +109,12 @@ def run(checks: Iterable[Callable[[Subject], Iterator[Quantity]]], subject: Subj
 
 def about(subject: Subject) -> str:
     """The data, system and device of the checks of the trained classifier."""
-    height, width = subject.table.live.shape
+    (height, width), source = subject.table.live.shape, subject.params.data.source
     return (
-        f"{describe_data(subject.params.data)}. {subject.params.model.system} for {subject.classifier.views} views of "
-        f"{height} x {width} sensors and {len(subject.table.classes)} classes, evaluated in "
-        f"{subject.compute.precision} on {subject.compute.device}."
+        f"{'Simulated by the virtual glove' if source == VIRTUAL else source}. {subject.params.model.system} for "
+        f"{subject.classifier.views} views of {height} x {width} sensors and {len(subject.table.classes)} classes, "
+        f"evaluated in {subject.compute.precision} on {subject.compute.device}."
     )
-
-
-def verdicts(rows: list[dict]) -> str:
-    """Number of rows with each verdict."""
-    counts = Counter(row["verdict"] for row in rows)
-    return ", ".join(f"{counts[name]} {name}" for name in (RIGHT, REFUSED, WRONG))
-
-
-def summary(rows: list[dict]) -> str:
-    """Verdicts of a part's rows, how near the nearest is to being wrong, and the seconds they took."""
-    right = [row for row in rows if row["verdict"] == RIGHT and row["tolerance"]]
-    shares = [(row["error"] / row["tolerance"], row["check"]) for row in right]
-    worst = "at most {:.2g} of the tolerance ({}), ".format(*max(shares)) if shares else ""
-    return f"{verdicts(rows)}; {worst}{sum(row['seconds'] for row in rows):.1f} s"
 
 
 if __name__ == "__main__":

@@ -103,7 +103,8 @@ def sure_answers(subject: Subject) -> Iterator[Quantity]:
     last = [layer for layer in raised.head.modules() if isinstance(layer, nn.Linear)][-1]
     with torch.no_grad():
         last.bias += 1e4
-    counts = subject.table.counts.astype(np.float32)  # fractions are refused where training read integers
+    everything = np.arange(len(subject.table.label))
+    counts = subject.table.counts[everything].astype(np.float32)  # fractions are refused where training read integers
     path, table = subject.folder / "raised.pt", replace(subject.table, counts=counts, transform="clip", scale=1.0)
     save_classifier(path, raised, subject.params.model, table)
     inputs, baseline = np.clip(inputs, 0, 1), np.zeros(inputs.shape[1:])

@@ -90,7 +90,7 @@ def test_the_quick_run_measures_one_ball_and_one_object_at_two_settings(monkeypa
     row = {"scene": "1.0e+01", "method": "ours", "setting": "0.02", "error": 1e-3, "seconds": 0.1}
     monkeypatch.setattr(solver, "measure", lambda *args: calls.append(args) or [row])
     result = CliRunner().invoke(solver.solver, ["--quick"], catch_exceptions=False)
-    assert result.exit_code == 0 and "| 1.0e+01 | ours | 0.02 | 0.001 | 0.1 |" in result.output
+    assert result.exit_code == 0 and "| 1.0e+01 | ours     | 0.02      | 0.001   | 0.1 " in result.output
     ball, coin = calls
     assert [len(simulation.cells) for simulation, *_ in calls] == [1, 2]  # the empty hand is the coin's other
     assert {len(settings) for settings in ball[1].values()} == {2} and set(coin[1]) == {"ours", "Radau"}

@@ -8,9 +8,8 @@ import torch
 from torch import nn
 
 from benchmarks.speed import limits, measurements, plain
+from benchmarks.speed.__main__ import recipe_rows
 from benchmarks.speed.agreement import TOLERANCE, agreement, differences
-from benchmarks.speed.operators import operator_rows
-from benchmarks.speed.recipe import recipe_rows
 from benchmarks.speed.sample import Sample, anchors_of
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
@@ -101,12 +100,6 @@ def test_the_plain_backbone_learns_as_the_pipeline_s_does():
         torch.testing.assert_close(running, other, rtol=1e-5, atol=1e-5)
 
 
-def test_descending_takes_a_step_down_each_loss():
-    weight = nn.Parameter(torch.tensor(1.0))
-    measurements.descend(torch.optim.SGD([weight], 0.1), (factor * weight for factor in (1.0, 2.0)))
-    assert weight.item() == pytest.approx(1 - 0.1 - 0.2)
-
-
 def test_the_plain_drawing_takes_a_frame_of_each_cluster_of_the_anchor_s_pool():
     rng = np.random.default_rng(0)
     pool, views = np.arange(90) % 3, 4
@@ -129,13 +122,6 @@ def test_the_operations_of_a_training_step_are_those_counted_by_hand():
     first, second, linear = 64 * 4 * 9, 16 * 8 * 4 * 9, 128 * 5  # multiplications on a frame of 8 x 8
     by_hand = 2 * first + 3 * second + 3 * linear  # forward, weights, and inputs but for the frame's
     assert limits.training_operations(network, torch.zeros(2, 1, 8, 8)) == 2 * 2 * by_hand
-
-
-def test_convolutions_run_in_either_precision_on_any_frame():
-    slow = plain.plain_backbone(Backbone(8))
-    for precision in ("float32", "bfloat16"):
-        limits.convolutions(slow, torch.rand(2, 1, 9, 12), precision)()
-    assert not any(layer._forward_hooks for layer in slow.modules())
 
 
 def test_a_comparison_holds_rates_and_the_median_of_the_rounds_ratios():
@@ -205,17 +191,3 @@ def test_the_sample_is_some_anchors_of_each_class_on_each_side_spread_over_its_r
         on = small.side == side
         assert np.bincount(small.label[on]).tolist() == [20] * 4
         assert set(small.recording[on]) == set(table().recording[table().anchor & (table().side == side)])
-
-
-def test_the_rows_find_the_operator_that_takes_the_time_and_its_shares_add_up():
-    large, small = torch.rand(600, 600), torch.rand(4, 4)
-
-    def step():
-        (large @ large).add_(1)
-        small.exp()
-
-    first, *_, others = rows = operator_rows({"a": step, "b": lambda: small.exp()})
-    assert (first["operator"], others["operator"]) == ("mm", "all others")
-    assert first["a, %"] > 50 > first["b, %"] == 0
-    for name in "ab":
-        assert sum(row[f"{name}, %"] for row in rows) == pytest.approx(100)
