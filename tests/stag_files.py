@@ -1,9 +1,5 @@
-"""Small files in exactly STAG's formats, with made-up contents. Run as a script for a large one:
+"""Small files in exactly STAG's formats, with made-up contents."""
 
-python -m tests.stag_files metadata.mat --recordings 3 --sessions 3 --frames 1667 --objects 27
-"""
-
-import argparse
 from pathlib import Path
 
 import h5py
@@ -42,49 +38,42 @@ def metadata(
     rng = np.random.default_rng(seed)
     places = np.flatnonzero(SENSORS)
     pressed = [rng.choice(places, 30, replace=False) for _ in range(objects)]
-    names, columns, blocks = (
-        [],
-        {key: [] for key in ("object", "recording", "batch", "frame", "ts", "split", "valid")},
-        [],
-    )
+    names: list[str] = []
+    blocks: list[np.ndarray] = []
+    ids: list[tuple[int, int, int, bool]] = []  # object, recording, session and side of each recording
     for session in range(sessions):
         for label in range(objects):
             count = recordings if label or empty_recordings is None else empty_recordings
             for number in range(count):
                 excess = np.zeros((frames, 1024), dtype=np.float32)
                 if label:
-                    own = rng.choice(pressed[label], 20, replace=False)
-                    force = rng.uniform(15, 60, size=(frames - blank, 20))
-                    excess[blank:, own] = force
+                    some = rng.choice(pressed[label], 20, replace=False)
+                    excess[blank:, some] = rng.uniform(15, 60, size=(frames - blank, 20))
                 counts = np.full((frames, 1024), 510, dtype=np.int16)
-                rest = 514 + session + rng.standard_normal((frames, len(places)), dtype=np.float32)
-                counts[:, places] = np.round(rest + excess[:, places]).astype(np.int16)
+                baseline = 514 + session + rng.standard_normal((frames, len(places)), dtype=np.float32)
+                counts[:, places] = np.round(baseline + excess[:, places]).astype(np.int16)
                 blocks.append(counts.reshape(frames, 32, 32))
-                columns["object"].append(np.full(frames, label))
-                columns["recording"].append(np.full(frames, len(names)))
-                columns["batch"].append(np.full(frames, session))
-                columns["frame"].append(np.arange(frames))
-                columns["ts"].append(np.arange(frames) * 0.136)
-                columns["split"].append(np.full(frames, int(session == sessions - 1 and number == count - 1)))
-                columns["valid"].append(np.arange(frames) >= blank)
+                ids.append((label, len(names), session, session == sessions - 1 and number == count - 1))
                 names.append(f"{len(names):03d}-{_name(label)}")
-    joined = {key: np.concatenate(parts)[:, None] for key, parts in columns.items()}
+    label, recording, batch, test = np.repeat(np.array(ids, dtype=np.uint8), frames, axis=0).T[..., None]
+    frame = np.tile(np.arange(frames), len(names))[:, None]
+    valid = (frame >= blank).astype(np.uint8)
     return {
         "pressure": np.concatenate(blocks),
-        "objectId": joined["object"].astype(np.uint8),
+        "objectId": label,
         "objects": _cells([_name(i) for i in range(objects)]),
-        "recordingId": joined["recording"].astype(np.uint8),
+        "recordingId": recording,
         "recordings": _cells(names),
-        "batchId": joined["batch"].astype(np.uint8),
+        "batchId": batch,
         "batches": _cells([f"{i:03d}" for i in range(sessions)]),
-        "frame": joined["frame"].astype(np.int32),
-        "ts": joined["ts"],
-        "splitId": joined["split"].astype(np.uint8),
+        "frame": frame.astype(np.int32),
+        "ts": frame * 0.136,
+        "splitId": test,
         "splits": _cells(["train", "test"]),
-        "hasValidLabel": joined["valid"].astype(np.uint8),
-        "isBalanced": joined["valid"].astype(np.uint8),
-        "isTransition": np.zeros_like(joined["valid"], dtype=np.uint8),
-        "isGrap": joined["valid"].astype(np.uint8),
+        "hasValidLabel": valid,
+        "isBalanced": valid,
+        "isTransition": np.zeros_like(valid),
+        "isGrap": valid,
     }
 
 
@@ -167,12 +156,3 @@ def _cells(texts: list[str]) -> np.ndarray:
     cells = np.empty((1, len(texts)), dtype=object)
     cells[0] = texts
     return cells
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
-    for option, default in (("objects", 4), ("recordings", 3), ("sessions", 1), ("frames", 40), ("seed", 0)):
-        parser.add_argument(f"--{option}", type=int, default=default)
-    arguments = vars(parser.parse_args())
-    save_matlab5(arguments.pop("path"), metadata(**arguments))

@@ -13,7 +13,7 @@ from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.counts import Counts
+from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets
@@ -68,7 +68,7 @@ def all_trials(
 def run_trials(
     classifier: Classifier,
     features: Tensor,
-    points: Counts,
+    points: np.ndarray | Gathered,
     labels: np.ndarray,
     pool: np.ndarray,
     anchors: np.ndarray,

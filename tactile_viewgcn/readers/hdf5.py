@@ -27,7 +27,7 @@ from tactile_viewgcn.readers.source import (
     Block,
     Source,
     check_shape,
-    mistakes_in_frames,
+    checked_blocks,
     numbered,
     open_hdf5,
     raise_mistakes,
@@ -42,14 +42,11 @@ OPTIONAL_COLUMNS = ("time", "valid", "grasp", "grasp_valid")
 
 @dataclass(frozen=True)
 class Header:
-    """Attributes and form of one recording's file; `columns` includes "split" if the file names its side."""
+    """What one recording's file says of itself; `columns` includes "split" if it names its side."""
 
     file: Path
-    object: str
-    session: str
     recording: str
-    weight: float | None
-    split: int | None
+    attributes: dict[str, str]
     frames: int
     shape: tuple[int, int]
     dtype: np.dtype
@@ -78,20 +75,26 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
             headers.append(_read_header(file, path.parent if path.is_file() else path, labelled))
         except UserError as error:
             mistakes.append(str(error))
-    if mistakes := mistakes + _disagreements(headers, path):
+    mistakes += _disagreements(headers, path)
+    if mistakes and headers:  # frames have mistakes too
         alike = [each for each in headers if (each.shape, each.columns) == (headers[0].shape, headers[0].columns)]
-        raise_mistakes(mistakes + (mistakes_in_frames(_source(alike, path)) if alike else []))
+        try:
+            for _ in checked_blocks(_source(alike, path)):
+                pass
+        except UserError as error:
+            mistakes.append(str(error))
+    raise_mistakes(mistakes)
     return _source(headers, path)
 
 
 def _source(headers: list[Header], path: Path) -> Source:
     """The source of recordings that go together."""
-    objects = numbered([header.object for header in headers])
-    sessions = sorted({header.session for header in headers})
+    objects = numbered([header.attributes["object"] for header in headers])
+    sessions = sorted({header.attributes["session"] for header in headers})
     weights = np.full(len(objects), np.nan)
     for header in headers:
-        if header.weight is not None:
-            weights[objects.index(header.object)] = header.weight
+        if "weight" in header.attributes:
+            weights[objects.index(header.attributes["object"])] = float(header.attributes["weight"])
     return Source(
         path,
         objects,
@@ -108,21 +111,23 @@ def _source(headers: list[Header], path: Path) -> Source:
 def _blocks(headers: list[Header], objects: list[str], sessions: list[str]) -> Iterator[Block]:
     """The frames of all recordings, block by block."""
     for number, header in enumerate(headers):
-        ids = {"object": objects.index(header.object), "recording": number, "session": sessions.index(header.session)}
-        if header.split is not None:
-            ids["split"] = header.split
+        attributes = header.attributes
+        constant = {
+            "object": objects.index(attributes["object"]),
+            "recording": number,
+            "session": sessions.index(attributes["session"]),
+            "time": np.nan,
+        }
+        if "split" in attributes:
+            constant["split"] = SPLITS[attributes["split"]]
         with open_hdf5(header.file) as file:
             for start in range(0, header.frames, BLOCK_FRAMES):
-                at = slice(start, start + BLOCK_FRAMES)
-                pressure = file["pressure"][at]
-                block = {"pressure": pressure, "frame": np.arange(start, start + len(pressure))}
-                block |= {column: np.full(len(pressure), value) for column, value in (ids | {"time": np.nan}).items()}
-                for column in header.columns:
-                    if column != "split":
-                        block[column] = file[column][at]
+                at = slice(start, min(start + BLOCK_FRAMES, header.frames))
+                block = {name: np.full(at.stop - start, value) for name, value in constant.items()}
+                block |= {name: file[name][at] for name in header.columns if name != "split"}
                 if "time" in header.columns:
                     block["time"] = block["time"] - file["time"][0]
-                yield block
+                yield block | {"pressure": file["pressure"][at], "frame": np.arange(start, at.stop)}
 
 
 def _disagreements(headers: list[Header], path: Path) -> list[str]:
@@ -154,38 +159,23 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
         if not isinstance(pressure, h5py.Dataset):
             raise UserError(f"{path}: no dataset /pressure; found {', '.join(file) or 'nothing'}")
         shape, dtype = check_shape(pressure.shape, str(path)), storage_type(pressure.dtype, str(path))
-        columns = [name for name in OPTIONAL_COLUMNS if name in file]
+        columns, mistakes = [name for name in OPTIONAL_COLUMNS if name in file], []
+        for name in columns:
+            if not isinstance(file[name], h5py.Dataset):
+                mistakes.append(f"/{name} is a group; expected a dataset")
+            elif file[name].shape != (len(pressure),):
+                mistakes.append(f"/{name} has shape {file[name].shape}; expected ({len(pressure)},)")
+            elif file[name].dtype.kind not in "biuf":
+                mistakes.append(f"/{name} is of type {file[name].dtype}; expected numbers")
         attributes = {} if labelled else dict(NOT_LABELLED)
         for name, value in file.attrs.items():
             attributes[name] = value.decode() if isinstance(value, bytes) else str(value)  # bytes: of fixed length
-        mistakes = [
-            *filter(None, (_column_mistake(file[name], name, len(pressure)) for name in columns)),
-            *_attribute_mistakes(attributes, labelled),
-        ]
+        mistakes += _attribute_mistakes(attributes, labelled)
         if mistakes:
             raise UserError("; ".join(f"{path}: {mistake}" for mistake in mistakes))
-        split = SPLITS[attributes["split"]] if "split" in attributes else None
-        return Header(
-            file=path,
-            object=attributes["object"],
-            session=attributes["session"],
-            recording=attributes.get("recording", path.relative_to(root).with_suffix("").as_posix()),
-            weight=float(attributes["weight"]) if "weight" in attributes else None,
-            split=split,
-            frames=len(pressure),
-            shape=shape,
-            dtype=dtype,
-            columns=columns if split is None else [*columns, "split"],
-        )
-
-
-def _column_mistake(column: h5py.Dataset | h5py.Group, name: str, frames: int) -> str | None:
-    """What is wrong with an optional column, which has one number a frame."""
-    if not isinstance(column, h5py.Dataset):
-        return f"/{name} is a group; expected a dataset"
-    if column.shape != (frames,):
-        return f"/{name} has shape {column.shape}; expected ({frames},)"
-    return None if column.dtype.kind in "biuf" else f"/{name} is of type {column.dtype}; expected numbers"
+        recording = attributes.get("recording", path.relative_to(root).with_suffix("").as_posix())
+        columns += ["split"] if "split" in attributes else []
+        return Header(path, recording, attributes, len(pressure), shape, dtype, columns)
 
 
 def _attribute_mistakes(attributes: dict[str, str], labelled: bool) -> list[str]:

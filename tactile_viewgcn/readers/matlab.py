@@ -55,13 +55,7 @@ def mat_fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
             with open_hdf5(path) as file:
                 return {name: _of_hdf5(file, file[name]) for name in names if name in file}
         fields = io.loadmat(str(path), variable_names=names)
-        return {
-            name: [str(np.squeeze(cell)) for cell in fields[name].ravel()]
-            if fields[name].dtype == object
-            else fields[name]
-            for name in names
-            if name in fields
-        }
+        return {name: _of_scipy(fields[name]) for name in names if name in fields}
 
 
 def mat_frames(path: Path, name: str) -> tuple[np.dtype, Callable[[slice], np.ndarray]]:
@@ -86,3 +80,8 @@ def _of_hdf5(file: h5py.File, dataset: h5py.Dataset) -> Any:
     if h5py.check_ref_dtype(dataset.dtype):
         return ["".join(map(chr, file[reference][()].ravel())) for reference in dataset[()].ravel()]
     return dataset[()].T
+
+
+def _of_scipy(values: np.ndarray) -> Any:
+    """The same of a field as SciPy reads it: a cell array as an array of objects."""
+    return [str(np.squeeze(cell)) for cell in values.ravel()] if values.dtype == object else values

@@ -160,16 +160,6 @@ def checked_blocks(source: Source) -> Iterator[Block]:
     raise_mistakes(mistakes)
 
 
-def mistakes_in_frames(source: Source) -> list[str]:
-    """What `checked_blocks` would raise, in one text; none where it would not."""
-    try:
-        for _ in checked_blocks(source):
-            pass
-    except UserError as error:
-        return [str(error)]
-    return []
-
-
 def _mistakes_of_block(block: Block, source: Source, start: int) -> list[str]:
     """Ids, columns and pressure out of range; `start` is the number of the first frame."""
     counts, path, mistakes = block["pressure"], source.path, []
@@ -180,16 +170,23 @@ def _mistakes_of_block(block: Block, source: Source, start: int) -> list[str]:
                 f"{path}: pressure from {counts.min()} to {counts.max()}; "
                 f"expected counts from {limits.min} to {limits.max}"
             )
-    for column, among in (("object", "objects"), ("recording", "recordings"), ("session", "sessions")):
-        count = len(getattr(source, among))
-        mistakes += _out_of_range(block[column], f"{column} id", (0, count - 1), f"({count} {among})", path, start)
-    if mistakes:
-        return mistakes
+    names = {"object": source.objects, "recording": source.recordings, "session": source.sessions}
     for column, kind in COLUMNS.items():
-        if column in block and kind is not np.float64:
-            low, high = (0, 1) if kind is np.bool_ else (np.iinfo(kind).min, np.iinfo(kind).max)
-            mistakes += _out_of_range(block[column], column, (low, high), "in whole numbers", path, start)
-    if counts.dtype.kind == "f" and not (inside := np.abs(counts) <= MAX_PRESSURE).all():
+        if column not in block or kind is np.float64:
+            continue
+        low, high, remark = 0, 1, "in whole numbers"
+        if column in names:
+            high, remark = len(names[column]) - 1, f"({len(names[column])} {column}s)"
+        elif kind is not np.bool_:
+            low, high = np.iinfo(kind).min, np.iinfo(kind).max
+        values = block[column]
+        inside = (values >= low) & (values <= high) & (values == np.floor(values))
+        if not inside.all():
+            at, what = int(inside.argmin()), f"{column} id" if column in names else column
+            mistakes.append(
+                f"{path}: {what} {values[at]} of frame {start + at} is out of range; expected {low} to {high} {remark}"
+            )
+    if not mistakes and counts.dtype.kind == "f" and not (inside := np.abs(counts) <= MAX_PRESSURE).all():
         bad = int(inside.all(axis=(1, 2)).argmin())
         value, recording = counts[bad][~inside[bad]][0], source.recordings[int(block["recording"][bad])]
         mistakes.append(
@@ -197,17 +194,3 @@ def _mistakes_of_block(block: Block, source: Source, start: int) -> list[str]:
             f"from every sensor, up to {MAX_PRESSURE:g}"
         )
     return mistakes
-
-
-def _out_of_range(
-    values: np.ndarray, what: str, limits: tuple[int, int], remark: str, path: Path, start: int
-) -> list[str]:
-    """The first value that is no whole number within the limits, ends included."""
-    inside = (values >= limits[0]) & (values <= limits[1]) & (values == np.floor(values))
-    if inside.all():
-        return []
-    at = int(inside.argmin())
-    return [
-        f"{path}: {what} {values[at]} of frame {start + at} is out of range; "
-        f"expected {limits[0]} to {limits[1]} {remark}"
-    ]

@@ -76,10 +76,12 @@ def _shapes(files: list[Path]) -> list[tuple[int, int, int]]:
             shapes[file] = _shape(file)
         except UserError as error:
             mistakes.append(str(error))
-    for file, (_, *shape) in shapes.items():
-        first, (_, *expected) = next(iter(shapes.items()))
-        if shape != expected:
-            mistakes.append(f"{file}: frames of {tuple(shape)}; expected {tuple(expected)} as in {first}")
+    first = next(iter(shapes), files[0])
+    mistakes += [
+        f"{file}: frames of {shape[1:]}; expected {shapes[first][1:]} as in {first}"
+        for file, shape in shapes.items()
+        if shape[1:] != shapes[first][1:]
+    ]
     raise_mistakes(mistakes)
     return list(shapes.values())
 

@@ -132,7 +132,7 @@ class Recordings:
         sensors = np.flatnonzero(self.live)
 
         def rows_of(index: np.ndarray) -> np.ndarray:
-            return self.frames(index).reshape(len(index), -1).take(sensors, axis=1)
+            return self.frames(index).reshape(len(index), self.live.size).take(sensors, axis=1)
 
         return Gathered(rows_of, np.arange(len(self)), sensors.shape, self.dtype)
 

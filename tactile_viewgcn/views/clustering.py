@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.frames.split import TRAIN, VALIDATION
 from tactile_viewgcn.params import Cluster
-from tactile_viewgcn.tables.counts import Counts
+from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.views import NO_CLUSTER, Views
 from tactile_viewgcn.views.sampling import random_clusters
@@ -43,7 +43,7 @@ def cluster_frames(table: Frames, viewpoints: np.ndarray, params: Cluster, rng: 
 
 
 def cluster_pools(
-    points: Counts,
+    points: np.ndarray | Gathered,
     pool: np.ndarray,
     views: int,
     params: Cluster,
@@ -69,7 +69,7 @@ def cluster_pools(
     return cluster
 
 
-def pool_scores(points: Counts, pool: np.ndarray, components: int) -> list[np.ndarray]:
+def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray, components: int) -> list[np.ndarray]:
     """Principal components (n_p, c) of the frames of each pool p, from points (n, d) and pools (n,)."""
     return [principal_components(points[pool == number], components) for number in range(pool.max() + 1)]
 

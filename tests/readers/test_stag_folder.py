@@ -7,25 +7,11 @@ from scipy import io
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.readers import stag_folder as module
 from tactile_viewgcn.readers.stag_folder import read_folder
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tactile_viewgcn.tables.recordings import write_recordings
 from tests.sources import read
-from tests.stag_files import metadata, save_folder, save_matlab73
+from tests.stag_files import metadata, save_matlab73
 
 TREE = metadata(objects=3, recordings=2, sessions=2, frames=20, blank=3)
-
-
-def test_a_folder_is_read_recording_by_recording(tmp_path):
-    source = read_folder(save_folder(tmp_path / "raw", TREE))
-    found = read(source)
-    np.testing.assert_array_equal(found["pressure"], TREE["pressure"])
-    for column, field in (("object", "objectId"), ("recording", "recordingId"), ("session", "batchId")):
-        np.testing.assert_array_equal(found[column], TREE[field].ravel(), err_msg=column)
-    np.testing.assert_array_equal(found["frame"], TREE["frame"].ravel())
-    np.testing.assert_allclose(found["time"], TREE["ts"].ravel(), atol=1e-9)
-    assert found.keys() == {"pressure", "object", "recording", "session", "frame", "time"}
-    assert source.objects == ["empty_hand", "object1", "object2"]
-    assert source.recordings[::6] == ["000/000-empty_hand", "001/006-empty_hand"]
-    assert (source.sessions, source.shape, source.dtype) == (["000", "001"], (32, 32), np.int16)
 
 
 def _raw(folder, name, **fields):
@@ -56,13 +42,6 @@ def test_a_long_recording_comes_in_blocks(tmp_path, monkeypatch):
     assert [len(block["pressure"]) for block in blocks] == [4, 4, 2]
     assert np.concatenate([block["pressure"][:, 0, 0] for block in blocks]).tolist() == list(range(10))
     assert np.concatenate([block["frame"] for block in blocks]).tolist() == list(range(10))
-
-
-def test_real_numbers_of_a_raw_recording_keep_their_fractions(tmp_path):
-    _raw(tmp_path, "000/000-mug", pressure=np.full((3, 4, 4), 514.5))
-    write_recordings(tmp_path / "t.h5", read_folder(tmp_path), "0" * 32)
-    with Recordings(tmp_path / "t.h5") as table:
-        assert table.frames(np.arange(3)).mean() == 514.5
 
 
 COUNTS = np.full((3, 4, 5), 510, dtype=np.int16)
@@ -105,15 +84,6 @@ def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_pa
     )
 
 
-@pytest.mark.parametrize("save", [io.savemat, save_matlab73])
-def test_raw_recordings_are_compared_in_both_forms_of_matlab(tmp_path, save):
-    for name, counts in (("000-mug", COUNTS), ("001-pen", COUNTS[:, :3])):
-        (tmp_path / "000" / name).mkdir(parents=True)
-        save(tmp_path / "000" / name / "pressuredata.mat", {"pressure": counts})
-    with pytest.raises(UserError, match=r"001-pen.*: frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"):
-        read_folder(tmp_path)
-
-
 def test_a_raw_recording_of_another_type_is_named_when_it_is_read(tmp_path):
     _raw(tmp_path, "000/000-mug", pressure=COUNTS)
     _raw(tmp_path, "000/001-pen", pressure=COUNTS / 8)
@@ -123,15 +93,6 @@ def test_a_raw_recording_of_another_type_is_named_when_it_is_read(tmp_path):
         next(blocks)
 
 
-def test_a_raw_recording_cut_short_is_named(tmp_path):
-    _raw(tmp_path, "raw/000/000-mug", pressure=COUNTS)
-    path = _raw(tmp_path, "raw/000/001-pen", pressure=COUNTS)
-    path.write_bytes(path.read_bytes()[:-9])
-    with pytest.raises(UserError, match=r"001-pen.pressuredata\.mat: not a readable MAT-file, or cut short"):
-        write_recordings(tmp_path / "t.h5", read_folder(tmp_path / "raw"), "0" * 32)
-    assert not list(tmp_path.glob("t.h5*"))
-
-
 def test_a_raw_recording_may_be_saved_as_matlab_7(tmp_path):
     tree = {"pressure": np.arange(2 * 3 * 4, dtype=np.int16).reshape(2, 3, 4), "tStamp": np.array([[7.0], [7.25]])}
     (tmp_path / "000/000-mug").mkdir(parents=True)
@@ -139,8 +100,3 @@ def test_a_raw_recording_may_be_saved_as_matlab_7(tmp_path):
     found = read(read_folder(tmp_path))
     np.testing.assert_array_equal(found["pressure"], tree["pressure"])
     assert found["time"].tolist() == [0, 0.25]
-
-
-def test_a_folder_without_raw_recordings_is_refused(tmp_path):
-    with pytest.raises(UserError, match=r"no \[batch\]/\[recording\]/pressuredata\.mat in it"):
-        read_folder(tmp_path)

@@ -99,25 +99,6 @@ def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch,
     assert again.seconds > again.resumed[1] or after == 4
 
 
-def test_a_checkpoint_that_does_not_fit_the_memory_is_read_where_it_lies_and_written_over(tmp_path, monkeypatch):
-    path, changes, load, mapped = tmp_path / "training.pt", ("finetune.feature_reuse=4",), torch.load, []
-
-    def watched(*given, **names):
-        mapped.append(names["mmap"])
-        return load(*given, **names)
-
-    whole, _ = finetuned(None, *changes)
-    with monkeypatch.context() as patch:
-        interrupt(patch, 2)
-        with pytest.raises(Interrupted):
-            finetuned(path, *changes)
-    monkeypatch.setattr(module, "fits_memory", lambda size: size != path.stat().st_size)
-    monkeypatch.setattr(module.torch, "load", watched)
-    resumed, progress = finetuned(path, *changes)
-    assert mapped == [True] and progress.resumed[0] == 2
-    assert alike(whole, resumed)
-
-
 def test_only_the_epochs_that_are_left_are_run(tmp_path, monkeypatch):
     path, epochs = tmp_path / "training.pt", []
     with monkeypatch.context() as patch:

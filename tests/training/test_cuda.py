@@ -6,15 +6,12 @@ from dataclasses import replace
 
 import pytest
 import torch
-from tactile_viewgcn.tables.stored import StoredCounts
 from torch.nn.functional import mse_loss
 
 from tactile_viewgcn import device
 from tactile_viewgcn.device import Compute, select_device
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.network import view_set_logits
-from tactile_viewgcn.tables import stored
-from tactile_viewgcn.tables.frames import read_frames, write_frames
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.training.replay import Replay
@@ -139,21 +136,6 @@ def test_frames_that_do_not_fit_the_card_stay_in_the_computers_memory(reuse, mon
     assert CUDA.frames(torch.zeros(3, 12, 12)).device.type == "cpu"
     for name, values in finetune_classifier(*given)[0].state_dict().items():
         torch.testing.assert_close(values, fits[name], rtol=1e-3, atol=1e-4)
-
-
-@pytest.mark.parametrize("reuse", [1, 4])
-def test_frames_in_a_file_are_learnt_as_those_in_memory(reuse, tmp_path, monkeypatch):
-    params, losses = recipe("finetune.epochs=3", f"finetune.feature_reuse={reuse}"), []
-    write_frames(tmp_path / "frames.h5", table())
-    in_memory = read_frames(tmp_path / "frames.h5")
-    monkeypatch.setattr(stored, "fits_memory", lambda size: False)
-    in_file = read_frames(tmp_path / "frames.h5")
-    assert isinstance(in_file.counts, StoredCounts)
-    for frames in (in_memory, in_file):
-        begun = pretrain_backbone(frames, params, CUDA)[2].curves["loss"]
-        ended = finetune_classifier(frames, views_of(frames, params), pretrained(), params, CUDA)[1].curves["loss"]
-        losses.append(begun + ended)
-    assert losses[1] == pytest.approx(losses[0], rel=0.02)
 
 
 def test_a_trained_classifier_gives_the_same_answers():

@@ -1,0 +1,89 @@
+"""Network input of frames, whether their counts lie in memory or are mapped from the table's file."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
+from tactile_viewgcn.frames.split import TRAIN
+from tactile_viewgcn.tables import frames as frames_table
+from tactile_viewgcn.tables.frames import read_frames, write_frames
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.inputs import FrameInputs
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
+
+VALIDATED = "split.validation=0.25"
+
+
+@pytest.fixture
+def both(tmp_path):
+    """The table in memory, and the same as it is read, with each fourth anchor."""
+    write_frames(tmp_path / "frames.h5", table(VALIDATED))
+    read = read_frames(tmp_path / "frames.h5")
+    assert isinstance(read.counts.base, np.memmap) and not read.counts.flags.writeable
+    return fewer_anchors(replace(read, counts=np.array(read.counts)), 4), fewer_anchors(read, 4)
+
+
+def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutions_read(both):
+    index = np.random.default_rng(0).permutation(both[1].on(TRAIN))
+    frames, expected = FrameInputs(both[1], index, CPU), both[0].inputs(index)
+    assert len(frames) == len(index)
+    batch = frames[torch.tensor([5, 0, 5])]
+    assert batch.shape == (3, 1, 12, 12) and batch.is_contiguous(memory_format=torch.channels_last)
+    np.testing.assert_array_equal(batch[:, 0], expected[[5, 0, 5]])
+    parts = list(frames.split(50))
+    assert [len(part) for part in parts] == [50] * (len(index) // 50) + [len(index) % 50]
+    np.testing.assert_array_equal(torch.cat(parts)[:, 0], expected)
+    logarithms = FrameInputs(both[1], index, Compute(torch.device("cpu"), "float64"), "log")
+    np.testing.assert_array_equal(logarithms[torch.arange(4)][:, 0], both[0].inputs(index[:4], "log"))
+    assert logarithms[torch.arange(4)].dtype == torch.float64
+
+
+@pytest.mark.parametrize("fits", [True, False])
+def test_all_input_is_kept_on_a_card_where_it_fits(both, monkeypatch, fits):
+    asked, sent = [], []
+    monkeypatch.setattr(Compute, "fits", lambda self, size: asked.append(size) or fits)
+    monkeypatch.setattr(Compute, "to_device", lambda self, values: sent.append(len(values)) or values)
+    frames = FrameInputs(both[1], both[1].on(TRAIN), Compute(torch.device("cuda"), "float32"))
+    expected = both[1].inputs(both[1].on(TRAIN)[[3, 1]])
+    for _ in range(2):
+        np.testing.assert_array_equal(frames[torch.tensor([3, 1])][:, 0], expected)
+    assert asked == [len(frames) * 12 * 12 * 4]
+    assert sent == ([len(frames)] if fits else []) + [2, 2]  # the indices, or what they stand for
+
+
+def test_points_and_means_are_computed_from_the_frames_that_are_indexed(both, monkeypatch):
+    monkeypatch.setattr(frames_table, "BLOCK_FRAMES", 50)
+    index = np.random.default_rng(0).permutation(both[1].on(TRAIN))
+    points, expected = both[1].points(index), both[0].inputs(index)[:, both[0].live]
+    assert points.shape == expected.shape and len(points) == len(expected)
+    for at in (slice(None), slice(3, 17, 5), np.array([7, 2, 7]), np.arange(len(index)) % 3 == 0):
+        np.testing.assert_array_equal(points[at], expected[at])
+    np.testing.assert_array_equal(both[1].mean_input(index), both[0].inputs(index).mean(axis=0))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("finetune.feature_reuse=4", "finetune.moments=clean"),
+        ("finetune.num_views=random", "augment.shift=1", "model.system=cnn_lstm"),
+    ],
+)
+def test_both_trainings_and_the_trials_give_the_same_from_memory_and_from_the_file(both, changes):
+    params, results = recipe("pretrain.epochs=1", "finetune.epochs=2", *changes), []
+    for frames in both:
+        backbone, linear, progress = pretrain_backbone(frames, params, CPU)
+        views = views_of(frames, params)
+        pretrained = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
+        classifier, tuned = finetune_classifier(frames, views, pretrained, params, CPU)
+        trials = evaluate_table(classifier, frames, params.cluster, params.evaluate, CPU, 0, timed=False)
+        weights = [*backbone.state_dict().values(), *classifier.state_dict().values()]
+        results.append((weights, progress.curves, tuned.curves, trials.scores, views.means(frames)))
+    in_memory, mapped = results
+    assert all(torch.equal(a, b) for a, b in zip(in_memory[0], mapped[0], strict=True))
+    assert in_memory[1:4] == mapped[1:4]
+    np.testing.assert_array_equal(in_memory[4], mapped[4])
