@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -45,7 +45,8 @@ class Gathered:
     def __init__(
         self, rows_of: Callable[[np.ndarray], np.ndarray], index: np.ndarray, shape: tuple[int, ...], dtype: np.dtype
     ):
-        self._rows_of, self._index, self.shape, self.dtype = rows_of, index, (len(index), *shape), dtype
+        self._rows_of, self._index, self.dtype = rows_of, index, dtype
+        self.shape: tuple[Any, ...] = (len(index), *shape)
 
     def __len__(self) -> int:
         return len(self._index)

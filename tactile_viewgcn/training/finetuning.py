@@ -166,16 +166,19 @@ class _Finetuning:
         )
 
     def losses(self, epoch: int) -> Iterator[Tensor]:
-        """The loss of each batch of an epoch; after the last epoch of one batch alone, so that no more is drawn."""
+        """The loss of each batch of an epoch, each computed when it is asked for."""
         config, train = self.config, self.train
         self.network.train()
         if self.bank is not None and epoch == 0:
             self.bank.fill(self.network.backbone, train.frames, batch=config.batch, augment_frames=self.augment_frames)
         drawn = self.first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
-        plan = islice(train.batches(drawn, config), 1 if epoch == config.epochs else None)
-        in_time_order = self.network.head.in_time_order
         return set_losses(
-            self.loss_of, train.frames, train.labels, plan, in_time_order=in_time_order, compute=self.compute
+            self.loss_of,
+            train.frames,
+            train.labels,
+            train.batches(drawn, config),
+            in_time_order=self.network.head.in_time_order,
+            compute=self.compute,
         )
 
     @torch.inference_mode()

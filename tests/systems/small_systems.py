@@ -2,6 +2,7 @@
 
 import torch
 
+from tactile_viewgcn.nn.system import Sizes
 from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import recipe
@@ -29,6 +30,12 @@ def built(name, *changes, places=LINE, classes=5):
     torch.manual_seed(0)
     model = recipe(f"model.system={name}", NARROW, *changes).model
     return build_classifier(places, classes, model, (12, 12)).eval()
+
+
+def head_of(kind, *changes, places=LINE, classes=5, features=16):
+    """A system's network alone; `features` is C, or the shape (C, H, W) of maps."""
+    shape = features if isinstance(features, tuple) else (features,)
+    return kind(Sizes(torch.as_tensor(places), shape, classes), recipe(*changes).model)
 
 
 def some_views(classifier, count=None):

@@ -7,7 +7,7 @@ import torch
 
 from tactile_viewgcn.systems import gcn
 from tactile_viewgcn.systems.gcn import GCN, normalised_adjacency
-from tests.systems.small_systems import LINE, built, fill, only_leaky, some_views
+from tests.systems.small_systems import LINE, built, fill, head_of, only_leaky, some_views
 
 
 def test_the_normalised_adjacency_by_hand():
@@ -21,17 +21,18 @@ def test_the_normalised_adjacency_by_hand():
 
 @pytest.mark.parametrize("readout", ["max", "mean"])
 def test_two_layers_of_gcn_by_hand(readout):
-    head = only_leaky(GCN(viewpoints=LINE[:3], features=1, classes=1, neighbours=2, readout=readout, dropout=0.5))
-    fill(head.layers[0].weight, [2])
-    fill(head.layers[0].bias, [-1])
-    fill(head.layers[1].weight, [1])
-    fill(head.layers[1].bias, [-1])
+    options = "model.neighbours=2", f"model.readout={readout}"
+    system = only_leaky(head_of(GCN, *options, places=LINE[:3], features=1, classes=1))
+    fill(system.layers[0].weight, [2])
+    fill(system.layers[0].bias, [-1])
+    fill(system.layers[1].weight, [1])
+    fill(system.layers[1].bias, [-1])
     r = 1 / math.sqrt(6)
     # first layer: [-3, 3, 5] -> ReLU[-1.5 + 3r, -3r + 1 + 5r, 3r + 2.5] = [0, 1 + 2r, 2.5 + 3r]
     # second: [-1, 2r, 1.5 + 3r] -> ReLU[-1/2 + 2r², -r + 2r/3 + 1.5r + 3r², 2r² + 0.75 + 1.5r], r² = 1/6
     nodes = [0, 1 / 2 + 7 * r / 6, 13 / 12 + 3 * r / 2]
     expected = max(nodes) if readout == "max" else sum(nodes) / 3
-    assert head(torch.tensor([[[-1.0], [2], [3]]]))[0].item() == pytest.approx(expected)
+    assert system(torch.tensor([[[-1.0], [2], [3]]]))[0].item() == pytest.approx(expected)
 
 
 def test_gcn_takes_the_first_of_listed_neighbours():

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tactile_viewgcn.systems.gvcnn import GVCNN, grouped_mean, squash
-from tests.systems.small_systems import fill, only_leaky
+from tests.systems.small_systems import LINE, fill, head_of, only_leaky
 
 
 def test_a_score_is_sigma_of_log_of_the_absolute_value():
@@ -52,7 +52,7 @@ def test_the_scores_gradient_is_that_of_the_groups_weights():
 
 
 def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
-    system = only_leaky(GVCNN(maps=(1, 1, 2), views=2, classes=1, dropout=0.5))
+    system = only_leaky(head_of(GVCNN, places=LINE[:2], features=(1, 1, 2), classes=1))
     fill(system.score.weight, [1, -1])
     fill(system.score.bias, [0])
     # the two maps [1, 4] and [2, 1]: scores 3/4 and 1/2, both in the upper half; [2, 2.25]: 1/5, in the lower
@@ -65,7 +65,7 @@ def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_score_that_is_not_finite_makes_the_logits_of_its_view_set_nan(bad):
     torch.manual_seed(0)
-    system = GVCNN(maps=(2, 1, 1), views=3, classes=4, dropout=0.0)
+    system = head_of(GVCNN, "model.dropout=0", places=LINE[:3], features=(2, 1, 1), classes=4)
     maps = torch.randn(2, 3, 2, 1, 1)
     maps[1, 0, 0] = bad
     logits, _ = system(maps)

@@ -10,18 +10,18 @@ from tactile_viewgcn.systems.mvcnn import MVCNN
 from tactile_viewgcn.systems.vote import Vote
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
-from tests.systems.small_systems import NARROW, fill, only_leaky
+from tests.systems.small_systems import NARROW, fill, head_of, only_leaky
 
 
 def test_mvcnn_takes_the_maximum_and_mean_the_mean_by_hand():
     views = torch.tensor([[[1.0, -2], [0.5, -4], [-3, -3]]])
-    for system_class, expected in ((MVCNN, [1, 0.2 * -2]), (MeanViews, [0.2 * -0.5, 0.2 * -3])):
-        system = only_leaky(system_class(features=2, classes=2, dropout=0.5))
+    for kind, expected in ((MVCNN, [1, 0.2 * -2]), (MeanViews, [0.2 * -0.5, 0.2 * -3])):
+        system = only_leaky(head_of(kind, features=2, classes=2))
         torch.testing.assert_close(system(views)[0], torch.tensor([expected]))
 
 
 def test_vote_averages_probabilities_by_hand():
-    system = Vote(features=2, classes=2)
+    system = head_of(Vote, features=2, classes=2)
     fill(system.classifier.weight, torch.eye(2))
     fill(system.classifier.bias, [0, 0])
     log3 = math.log(3)  # probabilities 3/4 and 1/4, then 1/2 and 1/2, then 1/10 and 9/10
@@ -45,7 +45,7 @@ def test_vote_begins_as_the_pretrained_classifier_and_is_not_trained():
 
 
 def test_certain_views_do_not_overflow_the_vote():
-    system = Vote(features=2, classes=2)
+    system = head_of(Vote, features=2, classes=2)
     fill(system.classifier.weight, torch.eye(2))
     fill(system.classifier.bias, [0, 0])
     found = system(torch.tensor([[[1000.0, 0], [1000, 0]]]))[0]

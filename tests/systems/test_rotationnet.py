@@ -11,7 +11,7 @@ import torch
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.systems.rotationnet import RotationNet, best_permutation, cube_rotations
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.systems.small_systems import CUBE, LINE
+from tests.systems.small_systems import CUBE, LINE, head_of
 
 
 @cache
@@ -55,16 +55,16 @@ def test_vertices_in_another_order_have_the_same_rotations():
 def test_rotations_of_viewpoints_that_are_no_cube_are_refused_in_one_line(kind, views):
     places = torch.from_numpy(viewpoints(views, kind))
     with pytest.raises(UserError, match=f"model.assignments is rotations.* found {views} others: set views 8") as found:
-        RotationNet(viewpoints=places, features=2, classes=2, assignments="rotations")
+        head_of(RotationNet, "model.assignments=rotations", places=places, features=2, classes=2)
     assert "\n" not in str(found.value)
 
 
 def test_the_best_rotation_and_its_score_are_those_of_brute_force():
     torch.manual_seed(0)
-    head = RotationNet(viewpoints=CUBE, features=4, classes=3, assignments="rotations")
-    scores, (log_p,) = head(torch.randn(2, 8, 4))
+    system = head_of(RotationNet, "model.assignments=rotations", places=CUBE, features=4, classes=3)
+    scores, (log_p,) = system(torch.randn(2, 8, 4))
     ratio = (log_p[..., :3] - log_p[..., 3:]).permute(0, 3, 1, 2).detach()
-    place = head._best_assignment(ratio)
+    place = system._best_assignment(ratio)
     for b in range(2):
         for label in range(3):
             best, turn = brute_force(ratio[b, label], turns())
@@ -74,8 +74,8 @@ def test_the_best_rotation_and_its_score_are_those_of_brute_force():
 
 def test_the_best_permutation_and_its_score_are_those_of_brute_force():
     torch.manual_seed(0)
-    head = RotationNet(viewpoints=LINE, features=4, classes=3, assignments="any")
-    scores, (log_p,) = head(torch.randn(5, 4, 4))
+    system = head_of(RotationNet, "model.assignments=any", places=LINE, features=4, classes=3)
+    scores, (log_p,) = system(torch.randn(5, 4, 4))
     torch.testing.assert_close(log_p.exp().sum(dim=-1), torch.ones(5, 4, 4))
     ratio = (log_p[..., :3] - log_p[..., 3:]).permute(0, 3, 1, 2).detach()
     place, involutions = best_permutation(ratio), 0
@@ -90,15 +90,15 @@ def test_the_best_permutation_and_its_score_are_those_of_brute_force():
 
 def test_turning_the_views_of_a_cube_changes_nothing_and_exchanging_two_does():
     torch.manual_seed(0)
-    head = RotationNet(viewpoints=CUBE, features=4, classes=3, assignments="rotations")
+    system = head_of(RotationNet, "model.assignments=rotations", places=CUBE, features=4, classes=3)
     views = torch.randn(2, 8, 4)
-    for turn in head.possible:
-        torch.testing.assert_close(head(views[:, turn])[0], head(views)[0])
-    assert (head(views[:, [1, 0, 2, 3, 4, 5, 6, 7]])[0] - head(views)[0]).abs().max() > 1e-3
+    for turn in system.possible:
+        torch.testing.assert_close(system(views[:, turn])[0], system(views)[0])
+    assert (system(views[:, [1, 0, 2, 3, 4, 5, 6, 7]])[0] - system(views)[0]).abs().max() > 1e-3
 
 
 def test_rotationnet_s_loss_by_hand():
-    head = RotationNet(viewpoints=LINE[:2], features=1, classes=2, assignments="any")
+    system = head_of(RotationNet, "model.assignments=any", places=LINE[:2], features=1, classes=2)
     # (views, viewpoints, [class 0, class 1, not there])
     straight = [[[1 / 2, 1 / 4, 1 / 4], [1 / 4, 1 / 4, 1 / 2]], [[1 / 8, 1 / 8, 3 / 4], [3 / 4, 1 / 8, 1 / 8]]]
     crossed = [[[1 / 2, 1 / 4, 1 / 4], [1 / 8, 3 / 8, 1 / 2]], [[1 / 8, 3 / 4, 1 / 8], [3 / 4, 1 / 8, 1 / 8]]]
@@ -107,22 +107,22 @@ def test_rotationnet_s_loss_by_hand():
     first = 2 * math.log(2) + 2 * math.log(4 / 3)
     # class 1 of the second: ratios [[1, 3/4], [6, 1]], the views exchanged; those of class 0 would not be
     second = math.log(4) + math.log(8 / 3) + math.log(4 / 3) + math.log(8)
-    loss = head.loss(torch.zeros(2, 2), [log_p], torch.tensor([0, 1]))
+    loss = system.loss(torch.zeros(2, 2), [log_p], torch.tensor([0, 1]))
     assert loss.item() == pytest.approx((first + second) / 4)
 
 
 def test_rotationnet_s_loss_of_more_views_equals_the_plain_loop():
     torch.manual_seed(0)
-    head = RotationNet(viewpoints=LINE, features=4, classes=3, assignments="any")
+    system = head_of(RotationNet, "model.assignments=any", places=LINE, features=4, classes=3)
     labels = torch.tensor([2, 0, 1, 2, 0])
-    logits, (log_p,) = head(3 * torch.randn(5, 4, 4))
+    logits, (log_p,) = system(3 * torch.randn(5, 4, 4))
     total = 0
     for own, label in zip(log_p.detach(), labels.tolist(), strict=True):
         _, turn = brute_force(own[..., label] - own[..., 3], permutations(range(4)))
         for i in range(4):
             for j in range(4):
                 total -= own[i, j, label if turn[i] == j else 3].item() / (5 * 4)
-    assert head.loss(logits, [log_p], labels).item() == pytest.approx(total)
+    assert system.loss(logits, [log_p], labels).item() == pytest.approx(total)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -130,9 +130,9 @@ def test_rotationnet_s_loss_of_more_views_equals_the_plain_loop():
 def test_scores_and_loss_of_views_that_are_not_finite_are_nan(bad, views, assignments):
     torch.manual_seed(0)
     places = CUBE if assignments == "rotations" else LINE
-    head = RotationNet(viewpoints=places, features=4, classes=3, assignments=assignments)
+    system = head_of(RotationNet, f"model.assignments={assignments}", places=places, features=4, classes=3)
     features = torch.randn(2, views, 4)
     features[1, 2, 0] = bad
-    scores, aux = head(features)
+    scores, aux = system(features)
     assert scores[0].isfinite().all() and scores[1].isnan().all()
-    assert head.loss(scores, aux, torch.tensor([0, 1])).isnan()
+    assert system.loss(scores, aux, torch.tensor([0, 1])).isnan()

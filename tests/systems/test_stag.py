@@ -4,12 +4,12 @@ import torch
 from torch import nn
 
 from tactile_viewgcn.systems.stag import STAGNet
-from tests.systems.small_systems import fill
+from tests.systems.small_systems import LINE, fill, head_of
 
 
 def test_it_is_the_convolution_of_all_maps_then_the_average_then_a_linear_layer():
     torch.manual_seed(0)
-    system = STAGNet(views=3, features=4, classes=5)
+    system = head_of(STAGNet, places=LINE[:3], features=4)
     maps = torch.randn(2, 3, 4, 6, 5)
     join = nn.Conv2d(3 * 4, 4, 1)
     fill(join.weight, system.join.weight.detach())
@@ -19,7 +19,7 @@ def test_it_is_the_convolution_of_all_maps_then_the_average_then_a_linear_layer(
 
 
 def test_each_place_in_stag_s_set_has_its_own_weights_by_hand():
-    system = STAGNet(views=2, features=1, classes=2)
+    system = head_of(STAGNet, places=LINE[:2], features=1, classes=2)
     fill(system.join.weight, [10, 1])
     fill(system.join.bias, [0.5])
     fill(system.classifier.weight, [1, -1])

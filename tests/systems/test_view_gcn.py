@@ -17,6 +17,7 @@ from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN, level_sizes, shape_and_view_loss
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.nn.four_nodes import NODES, POSITIONS, fill, plain_norm
+from tests.systems.small_systems import head_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -86,13 +87,8 @@ def test_the_levels_that_a_number_of_views_allows():
 @pytest.mark.parametrize("joint", [False, True])
 def test_any_number_of_views_gives_logits_and_gradients(views, joint):
     torch.manual_seed(0)
-    head = ViewGCN(
-        torch.from_numpy(viewpoints(views)),
-        5,
-        features=16,
-        selector="joint" if joint else "per_view",
-        selector_hidden=3,
-    )
+    options = f"model.selector={'joint' if joint else 'per_view'}", "model.selector_hidden=3"
+    head = head_of(ViewGCN, *options, places=viewpoints(views))
     features = torch.randn(4, views, 16, requires_grad=True)
     logits, view_logits = head(features)
     assert logits.shape == (4, 5)
@@ -111,7 +107,7 @@ def test_a_start_at_the_maximum_is_the_pretrained_classifier_s_answer_to_it(view
     features = torch.randn(6, views, 16)
     for seed in range(2):
         torch.manual_seed(seed)
-        head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16, start="max").eval()
+        head = head_of(ViewGCN, "model.start=max", places=viewpoints(views)).eval()
         head.load_frame_classifier(frame)
         logits.append(head(features)[0])
     assert torch.equal(*logits)
@@ -120,7 +116,7 @@ def test_a_start_at_the_maximum_is_the_pretrained_classifier_s_answer_to_it(view
 
 def test_what_the_graph_adds_to_the_start_is_trained():
     torch.manual_seed(0)
-    head = ViewGCN(torch.from_numpy(viewpoints(4)), 3, features=8, start="max", dropout=0.0)
+    head = head_of(ViewGCN, "model.start=max", "model.dropout=0", places=viewpoints(4), classes=3, features=8)
     head.load_frame_classifier({"weight": torch.zeros(3, 8), "bias": torch.zeros(3)})
     head.frame_classifier.requires_grad_(False)
     features, labels = torch.randn(12, 4, 8), torch.arange(12) % 3
@@ -136,7 +132,7 @@ def test_what_the_graph_adds_to_the_start_is_trained():
 @pytest.mark.parametrize("views", [2, 5, 8, 12])
 def test_a_network_for_v_views_takes_any_number_of_them(views):
     torch.manual_seed(0)
-    head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16).eval()
+    head = head_of(ViewGCN, places=viewpoints(views)).eval()
     for count in range(1, views + 1):
         logits, view_logits = head(torch.randn(3, count, 16))
         assert logits.shape == (3, 5)
@@ -149,7 +145,7 @@ def test_a_network_for_v_views_takes_any_number_of_them(views):
 def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
     torch.manual_seed(0)
     places = torch.from_numpy(viewpoints(8))
-    head = ViewGCN(places, 5, features=16).eval()
+    head = head_of(ViewGCN, places=places).eval()
     views, seen = torch.randn(2, 4, 16), []
     head.convolutions[0].register_forward_hook(lambda _, inputs, __: seen.append(inputs[1][0]))
     head(views)
@@ -158,12 +154,12 @@ def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
 
 @pytest.mark.stability("a graph of one view")
 def test_one_view_has_no_graph(row):
-    head = ViewGCN(torch.zeros(1, 3), 5)
+    head = head_of(ViewGCN, places=torch.zeros(1, 3))
     row("layers of a graph", len(head.convolutions) + len(head.messages) + len(head.samplers))
 
 
 def test_the_head_computes_in_float32_under_autocast():
-    head = ViewGCN(torch.from_numpy(viewpoints(4)), 5, features=16).eval()
+    head = head_of(ViewGCN, places=viewpoints(4)).eval()
     features = torch.randn(2, 4, 16)
     plain = head(features)[0]
     with torch.autocast("cpu", torch.bfloat16):
@@ -185,17 +181,17 @@ def test_gradients_equal_finite_differences(row):
 
 def test_too_few_neighbours_listed_is_refused():
     with pytest.raises(UserError, match=r"model.neighbours \[3, 3\] has 2 entries.*3 levels of 8 views"):
-        ViewGCN(torch.from_numpy(viewpoints(8)), 5, neighbours=[3, 3])
+        head_of(ViewGCN, "model.neighbours=[3,3]", places=viewpoints(8))
 
 
 @pytest.mark.parametrize(("views", "count"), [(1, 3), (4, 5), (4, 0)])
 def test_more_views_than_the_network_is_for_and_none_are_refused(views, count):
-    head = ViewGCN(torch.from_numpy(viewpoints(views)), 5, features=16)
+    head = head_of(ViewGCN, places=viewpoints(views))
     with pytest.raises(UserError, match=f"view sets of {count} views; the network takes 1 to {views}"):
         head(torch.zeros(2, count, 16))
 
 
 def test_the_order_of_points_is_that_of_the_coordinates_a_checkpoint_keeps():
     places = torch.from_numpy(viewpoints(40, "random", 3))
-    network = ViewGCN(places, 3, features=8)
-    assert torch.equal(network.order, ViewGCN(network.viewpoints, 3, features=8).order)
+    network = head_of(ViewGCN, places=places)
+    assert torch.equal(network.order, head_of(ViewGCN, places=network.viewpoints).order)

@@ -157,7 +157,7 @@ def test_a_side_draws_one_set_around_each_of_its_anchors():
     side = SideViewSets(VALIDATION, frames, views_of(frames, recipe()), CPU, 0, "anchor")
     index = frames.on(VALIDATION)
     np.testing.assert_array_equal(side.labels, frames.label[index])
-    np.testing.assert_array_equal(side.frames[:, 0], frames.inputs(index))
+    np.testing.assert_array_equal(side.frames[torch.arange(len(index))][:, 0], frames.inputs(index))
     sets = side.draw()
     np.testing.assert_array_equal(index[sets[:, 0]], np.flatnonzero(frames.anchor & (frames.side == VALIDATION)))
     assert sets.max() < len(index)

@@ -6,15 +6,10 @@ import re
 import pytest
 import torch
 from torch import nn
-from tqdm import tqdm
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.training.checkpoint import Checkpoint
 from tactile_viewgcn.training.loop import CHECK_EVERY, fit
-
-
-def silent_bar():
-    return tqdm(disable=True)
 
 
 def forgetting(**modules):
@@ -27,7 +22,7 @@ def fit_slope(factor, *, epochs, lr=1.0, steps=1, validate=dict):
     weight = nn.Parameter(torch.zeros(()))
     optimiser = torch.optim.SGD([weight], lr)
     losses = lambda _: (weight * 1 for _ in range(steps))  # noqa: E731
-    progress = fit(epochs, optimiser, factor, losses, validate, silent_bar(), forgetting())
+    progress = fit("loop", epochs, 1, optimiser, factor, losses, validate, forgetting())
     assert progress.epoch == epochs
     return float(weight.detach()), progress.curves
 
@@ -53,12 +48,13 @@ def test_each_epoch_is_told_once_it_is_over():
     weight, told = nn.Parameter(torch.zeros(())), []
     values, losses = iter([0.5, 0.25]), lambda _: iter([weight * 1])
     fit(
+        "loop",
         2,
+        1,
         torch.optim.SGD([weight], 1.0),
         lambda _: 1.0,
         losses,
         lambda: {"validation_error": next(values)},
-        silent_bar(),
         forgetting(),
         lambda epoch, line: told.append((epoch, line)),
     )
@@ -88,7 +84,7 @@ def diverging(bad, *, epoch, step=1, steps=2, epochs=3):
             lost = now == epoch and number >= step
             yield weights.first + weights.second * (bad if lost else 1.0)
 
-    progress = fit(epochs, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(weights=weights))
+    progress = fit("loop", epochs, 1, optimiser, lambda _: 1.0, losses, dict, forgetting(weights=weights))
     return progress, weights, taken
 
 
@@ -126,7 +122,7 @@ def test_the_loss_is_compared_with_the_first_one_of_all_however_it_has_risen_sin
     creeping, sizes = Weights(), [2.0, 15.0, 250.0]
     optimiser = torch.optim.SGD(creeping.parameters(), 1e-12)
     losses = lambda epoch: (creeping.first * sizes[min(epoch, 2)] for _ in range(2))  # noqa: E731
-    found = fit(3, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(weights=creeping))
+    found = fit("loop", 3, 1, optimiser, lambda _: 1.0, losses, dict, forgetting(weights=creeping))
     assert found.epoch == 1 and "the loss is 250" in found.diverged
 
 
@@ -142,7 +138,7 @@ def test_a_last_step_that_ruins_the_weights_is_seen_although_every_loss_was_fine
     optimiser = torch.optim.SGD(weights.parameters(), 1.0)
     losses = lambda epoch: iter([weights.first**2 * (0.0 if epoch == 0 else 10.0)])  # noqa: E731
     factors = {0: 1.0, 1: rate}
-    progress = fit(2, optimiser, factors.get, losses, dict, silent_bar(), forgetting(weights=weights))
+    progress = fit("loop", 2, 1, optimiser, factors.get, losses, dict, forgetting(weights=weights))
     assert progress.epoch == 1 and "diverged in epoch 2" in progress.diverged and weights.values == (1.0, 1.0)
 
 
@@ -150,7 +146,7 @@ def test_the_look_at_the_end_leaves_what_batch_normalisation_remembers():
     norm = nn.BatchNorm1d(2)
     optimiser = torch.optim.SGD(norm.parameters(), 1e-3)
     losses = lambda epoch: (norm(torch.full((4, 2), float(epoch)) + torch.eye(4, 2)).square().mean() for _ in "ab")  # noqa: E731
-    fit(2, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(norm=norm))
+    fit("loop", 2, 1, optimiser, lambda _: 1.0, losses, dict, forgetting(norm=norm))
     assert norm.num_batches_tracked == 4
 
 
@@ -159,4 +155,4 @@ def test_a_huge_learning_rate_diverges_in_the_first_epoch_and_is_refused():
     optimiser = torch.optim.SGD(weights.parameters(), 1e30)
     losses = lambda _: (weights.first**2 for _ in range(5))  # noqa: E731
     with pytest.raises(UserError, match=r"diverged in epoch 1 at a learning rate of 1e\+30.*lower lr"):
-        fit(5, optimiser, lambda _: 1.0, losses, dict, silent_bar(), forgetting(weights=weights))
+        fit("loop", 5, 1, optimiser, lambda _: 1.0, losses, dict, forgetting(weights=weights))
