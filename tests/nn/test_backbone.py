@@ -1,5 +1,7 @@
 """The modified ResNet-18."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 from torch import nn
@@ -204,10 +206,10 @@ def test_maps_keep_the_precision_they_are_computed_in_and_features_are_float32(r
     assert backbone.double()(frames.double()).dtype == torch.float64
 
 
-def test_a_backbone_is_built_with_the_options_given():
-    options = {"kind": "resnet", "width": 3, "blocks": 1, "dropout": 0.4, "readout": "grid"}
-    backbone = build_backbone((12, 12), **options)
+def test_a_backbone_is_built_with_the_options_of_params():
+    options = SimpleNamespace(width=3, blocks=1, dropout=0.4, readout="grid")
+    backbone = build_backbone(options)
     assert (backbone.features, len(backbone.stage1), backbone.dropout.p) == (6, 1, 0.4)
-    assert backbone.eval()(torch.zeros(1, 1, 12, 12)).shape == (1, 6)
     assert backbone.grid is not None
-    assert build_backbone((12, 12), **options, maps=True).eval()(torch.zeros(1, 1, 12, 12)).shape == (1, 6, 3, 3)
+    assert backbone.eval()(torch.zeros(1, 1, 12, 12)).shape == (1, 6)
+    assert build_backbone(options, maps=True).eval()(torch.zeros(1, 1, 12, 12)).shape == (1, 6, 3, 3)

@@ -70,3 +70,14 @@ def test_the_surer_of_two_sure_views_is_selected():
         nodes[0, surest] = 120.0
         chosen, _, _ = sampler(nodes, POSITIONS, 1)
         assert chosen.item() == 120
+
+
+def test_a_selector_with_a_hidden_layer_is_not_linear_by_hand():
+    sampling = SelectiveViewSampling(1, 2, samples=2, neighbours=2, hidden=1).eval()
+    for layer, weight in zip(sampling.layers, ([[[2]], [[2]]], [[[1], [3]], [[1], [3]]]), strict=True):
+        fill(layer.weight, weight)
+        nn.init.zeros_(layer.bias)
+    candidates = torch.tensor([[[[1.0], [-5]], [[-10], [2]]]])
+    # hidden 2, -10, -20, 4; LeakyReLU of slope 0.2: 2, -2, -4, 4
+    expected = [[[[2, 6], [-2, -6]], [[-4, -12], [4, 12]]]]
+    torch.testing.assert_close(sampling.logits(candidates), torch.tensor(expected, dtype=torch.float32))

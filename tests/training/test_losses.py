@@ -172,6 +172,12 @@ def test_the_bank_holds_each_frame_s_features_from_training_mode():
     assert not bank.values.requires_grad
 
 
+def test_the_bank_is_filled_with_features_of_augmented_frames():
+    frames, bank = torch.zeros(200, 1, 2, 2), FeatureBank(200, (4,), CPU)
+    bank.fill(nn.Flatten(), frames, batch=50, augment_frames=augmentation(noise=0.5))
+    assert float(bank.values.std()) == pytest.approx(0.5, rel=0.1)
+
+
 def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank():
     classifier, fresh = Sums(), np.array([[1], [0], [2], [0]])
     bank = filled_bank(Modes(), FRAMES)

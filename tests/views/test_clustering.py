@@ -60,6 +60,18 @@ def test_kmeans_recovers_known_blobs():
     assert same_partition(cluster, blob)
 
 
+def test_kmeans_keeps_the_best_of_its_restarts():
+    scores = np.random.default_rng(3).random((100, 9))[:, :2]
+
+    def spread(restarts, seed):
+        cluster = kmeans(scores, 9, restarts=restarts, seed=seed)
+        return sum(((scores[cluster == k] - scores[cluster == k].mean(axis=0)) ** 2).sum() for k in range(9))
+
+    once, best = ([spread(restarts, seed) for seed in range(6)] for restarts in (1, 40))
+    assert max(best) < 1.02 * min(best)
+    assert max(once) > 1.05 * max(best)
+
+
 def test_each_pool_is_clustered_on_its_own():
     rng = np.random.default_rng(1)
     points, blob = blobs(6, 10, rng)

@@ -1,6 +1,5 @@
 """Drawing view sets: one frame from each cluster of a pool."""
 
-import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -83,14 +82,6 @@ def test_the_random_assignment_puts_the_anchor_in_every_column_equally_often():
     np.testing.assert_allclose(counts / DRAWS, 1 / 24, atol=0.015)
 
 
-@pytest.mark.parametrize("assignment", ["area", "matched"])
-def test_arranged_clusters_are_drawn_by_the_numbers_they_have(assignment):
-    cluster, pool = np.arange(12) % 4, np.arange(12) // 8
-    drawn, anchors = ViewSets(cluster, pool, 4), np.arange(12)
-    by_index, drawn_as = (drawn.draw(anchors, np.random.default_rng(0), kind) for kind in ("index", assignment))
-    np.testing.assert_array_equal(drawn_as, by_index)
-
-
 @given(clustered())
 @settings(max_examples=40, deadline=None)
 def test_empty_clusters_are_counted(case):
@@ -157,7 +148,7 @@ def test_every_other_frame_of_a_pool_joins_an_unclustered_set_equally_often():
 
 def test_view_sets_of_some_frames_number_them_from_nought():
     cluster, pool = np.array([9, 0, 1, 9, 1, 0], np.int16), np.array([7, 3, 3, 7, 5, 5])
-    views = Views(cluster, pool, np.zeros((2, 3)), np.zeros((2, 9)))
+    views = Views(cluster, pool, np.zeros((2, 3)))
     sets = sets_of(views, np.array([1, 2, 4, 5]), np.random.default_rng(0)).draw(
         np.array([0, 3]), np.random.default_rng(0)
     )
@@ -166,10 +157,10 @@ def test_view_sets_of_some_frames_number_them_from_nought():
 
 def test_views_without_their_clusters_are_dealt_out_anew_and_keep_the_rest():
     rng = np.random.default_rng(0)
-    views = Views(np.arange(8).astype(np.int16) % 2, np.arange(8) // 4, rng.random((2, 3)), rng.random((2, 9)))
+    views = Views(np.arange(8).astype(np.int16) % 2, np.arange(8) // 4, rng.random((2, 3)))
     free = views.unclustered()
     assert views.clustered and not free.clustered
-    for name in ("pool", "viewpoints", "references"):
+    for name in ("pool", "viewpoints"):
         np.testing.assert_array_equal(getattr(free, name), getattr(views, name))
     index = np.arange(8)
     beside = {
@@ -181,17 +172,10 @@ def test_views_without_their_clusters_are_dealt_out_anew_and_keep_the_rest():
 @pytest.mark.parametrize("cluster", [[2, NO_CLUSTER, 0], [NO_CLUSTER] * 3])
 def test_views_come_back_as_they_were_written(tmp_path, cluster):
     rng = np.random.default_rng(0)
-    views = Views(np.array(cluster, np.int16), np.array([0, 4, 1]), rng.random((3, 3)), rng.random((3, 7)))
+    views = Views(np.array(cluster, np.int16), np.array([0, 4, 1]), rng.random((3, 3)))
     write_views(tmp_path / "views.h5", views)
     back = read_views(tmp_path / "views.h5")
-    for name in ("cluster", "pool", "viewpoints", "references"):
+    for name in ("cluster", "pool", "viewpoints"):
         np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
         assert getattr(back, name).dtype == getattr(views, name).dtype
     assert back.clustered == (0 in cluster)
-
-
-def test_the_file_uses_the_projects_words(tmp_path):
-    cluster = np.zeros(4, dtype=np.int16)
-    write_views(tmp_path / "views.h5", Views(cluster, cluster.astype(np.int64), np.eye(3), np.zeros((3, 2))))
-    with h5py.File(tmp_path / "views.h5") as file:
-        assert set(file) == {"cluster", "pool", "viewpoints", "references"} and not file.attrs
