@@ -14,10 +14,7 @@ from tactile_viewgcn.glove.simulation import Simulation
 from tactile_viewgcn.glove.writer import simulate
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN
-from tactile_viewgcn.readers.stag_metadata import read_metadata
-from tactile_viewgcn.readers.stag_writer import write_metadata
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-from tests.gloves import LAYER, recipe, simulated_counts
+from tests.gloves import LAYER, recipe
 from tests.sources import read
 
 HAND = stag_hand()
@@ -82,39 +79,12 @@ def test_frames_have_ten_bits_and_the_ball_is_felt_while_it_is_held(folder):
         assert np.median(strongest[ball & columns["valid"]]) > 1.5 * np.median(strongest[empty])
 
 
-def test_ingest_and_stags_form_keep_every_frame(folder, tmp_path):
-    write_metadata(tmp_path / "metadata.mat", open_source(folder))
-    first, second = read(open_source(folder)), read(read_metadata(tmp_path / "metadata.mat"))
-    assert first.keys() == second.keys() == {
-        "pressure", "object", "recording", "session", "frame", "time", "split", "valid", "grasp",
-    }  # fmt: skip
-    for name, values in first.items():
-        np.testing.assert_array_equal(values, second[name], err_msg=name)
-    write_recordings(tmp_path / "table", open_source(folder), "0" * 32)
-    with Recordings(tmp_path / "table") as table:
-        np.testing.assert_array_equal(table.frames(np.arange(len(table))), first["pressure"])
-        assert np.count_nonzero(table.live) <= 548
-        assert table.recordings == ["000/000-empty_hand", "000/001-ball", "000/002-coin"] + [
-            f"001/{name}" for name in ("000-empty_hand", "001-ball", "002-coin")
-        ]
-
-
 def test_one_seed_gives_the_same_files_and_another_others(tmp_path):
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         simulate(recipe(["ball"], seed=seed, sessions=1), tmp_path / name)
     assert md5(tmp_path / "a") == md5(tmp_path / "b") != md5(tmp_path / "c")
     first, third = (read(open_source(tmp_path / name))["pressure"][:, HAND.row, HAND.column] for name in "ac")
     assert (first != third).mean() > 0.5
-
-
-def test_repeats_are_further_recordings(tmp_path):
-    simulate(recipe(["ball"], repeats=2, sessions=1), tmp_path / "recordings")
-    source = open_source(tmp_path / "recordings")
-    assert source.recordings == ["000/000-empty_hand", "000/001-empty_hand", "000/002-ball", "000/003-ball"]
-    pressure = read(source)["pressure"].reshape(4, 18, 32, 32)
-    assert len({recording.tobytes() for recording in pressure}) == 4
-    once, _ = simulated_counts(recipe(["ball"], sessions=1))
-    np.testing.assert_array_equal(pressure[[0, 2]][..., HAND.row, HAND.column], once)
 
 
 def test_recordings_are_the_same_whatever_the_number_of_processes(tmp_path, monkeypatch):
@@ -151,17 +121,3 @@ def test_a_failure_on_the_way_leaves_nothing_and_the_earlier_recordings_alone(tm
         simulate(recipe(["ball"], seed=1, sessions=1), tmp_path / "recordings")
     assert md5(tmp_path / "recordings") == before
     assert [path.name for path in tmp_path.iterdir()] == ["recordings"]
-
-
-def test_recordings_take_the_place_of_those_of_another_recipe(tmp_path):
-    simulate(recipe(["coin", "ball"], frames=17, sessions=1), tmp_path / "recordings")
-    simulate(recipe(["ball"], frames=17, sessions=1), tmp_path / "recordings")
-    assert open_source(tmp_path / "recordings").objects == ["empty_hand", "ball"]
-
-
-def test_grasps_too_short_and_objects_in_the_palm_leave_nothing(tmp_path):
-    with pytest.raises(UserError, match="18 frames for 2 grasps leave 9 each"):
-        simulate(recipe(["ball"], grasps=2), tmp_path / "recordings")
-    with pytest.raises(UserError, match=r"object ball starts .* mm inside the palm; expected it outside"):
-        simulate(recipe([ball_inside_the_palm()]), tmp_path / "recordings")
-    assert list(tmp_path.iterdir()) == []
