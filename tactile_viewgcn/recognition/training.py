@@ -62,7 +62,7 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
     on_sensors = system_class(params.model.system).takes == "sensors"
     clustering = replace(params.cluster, method="none") if on_sensors else params.cluster  # they know no clusters
     places = viewpoints(params.views, params.viewpoints, seed)
-    views = cluster_frames(frames, places, clustering, stream(seed + clustering.seed, "cluster"))
+    views = cluster_frames(frames, places, clustering, stream(seed, "cluster"))
     if not on_sensors:
         notes += noise_warnings(frames, params.finetune.noise)
     with torch.random.fork_rng():
