@@ -44,12 +44,12 @@ class Plan:
 
     Attributes:
         drive: at T + 1 knots; frame t ends at knot t + 1.
-        held: (T,) bool, the steady part of a grasp.
+        steady: (T,) bool, the steady part of a grasp.
         grasp: (T,) number of the grasp.
     """
 
     drive: Drive
-    held: np.ndarray
+    steady: np.ndarray
     grasp: np.ndarray
 
 
@@ -79,8 +79,8 @@ def plan(
     """
     phase, progress, grasp = schedule(frames, grasps)
     drawn = [_draw(one, rng, grasps) for one, rng in zip(grasp_objects, rngs, strict=True)]
-    held = Grasps(*(np.stack(values) for values in zip(*(vars(one).values() for one in drawn), strict=True)))
-    closed = np.stack([closure(hands, solids, held, g) for g in range(grasps)], axis=1)  # (B, G, 5)
+    grips = Grasps(*(np.stack(values) for values in zip(*(vars(one).values() for one in drawn), strict=True)))
+    closed = np.stack([closure(hands, solids, grips, g) for g in range(grasps)], axis=1)  # (B, G, 5)
     # (T,) each, 0 to 1: the object has arrived, the fingers have closed, they squeeze.
     near = np.select([phase == 0, phase == 1, phase == 5], [0, progress, 1 - progress], 1.0)
     closing = np.select([phase <= 1, phase == 2, phase == 5], [0, progress, 1 - progress], 1.0)
@@ -88,8 +88,8 @@ def plan(
     drift = np.zeros((len(grasp_objects), frames, 11))
     if effects & {"shift", "tremor"}:
         drift = np.stack([_drift(rng, frames, 11) for rng in rngs])
-    position, rotation = held.position[:, grasp].copy(), held.rotation[:, grasp].copy()
-    squeeze = held.squeeze[:, grasp] * loaded[:, None]
+    position, rotation = grips.position[:, grasp].copy(), grips.rotation[:, grasp].copy()
+    squeeze = grips.squeeze[:, grasp] * loaded[:, None]
     if "shift" in effects:
         position += SHIFT_POSITION * loaded[:, None] * drift[..., :3]
         rotation += SHIFT_ROTATION * loaded[:, None] * drift[..., 3:6]
@@ -100,7 +100,7 @@ def plan(
     load = np.zeros((len(grasp_objects), frames, 3))
     if "weight" in effects:
         load[..., 2] = -1e-3 * GRAVITY * np.array([[one.weight] for one in grasp_objects]) * loaded
-    opposition = ASIDE + (held.opposition[:, grasp] - ASIDE) * near
+    opposition = ASIDE + (grips.opposition[:, grasp] - ASIDE) * near
     frames_of = (posture, squeeze, opposition, position, rotation, load)
     drive = Drive(*(np.concatenate([values[:, :1], values], axis=1) for values in frames_of))
     return Plan(drive, phase == 4, grasp)
@@ -124,17 +124,17 @@ def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return phase, (inside + 1 - starts[phase]) / lengths[phase], grasp
 
 
-def closure(hands: Hands, solids: Solids, held: Grasps, g: int) -> np.ndarray:
+def closure(hands: Hands, solids: Solids, grips: Grasps, g: int) -> np.ndarray:
     """Closure (B, 5), 0 open to 1 closed, at which each finger first touches the object in grasp g."""
-    count = len(held.position)
+    count = len(grips.position)
     if not solids.has_primitives:
         return np.full((count, 5), IDLE)
     rows, first = np.arange(count), np.full((count, 5), np.nan)
-    rotation = Rotation.from_rotvec(held.rotation[:, g]).as_matrix()
+    rotation = Rotation.from_rotvec(grips.rotation[:, g]).as_matrix()
     for closed in np.linspace(0, 1, CLOSURES):
         q = np.broadcast_to(OPEN + closed * (CLOSED - OPEN), (count, 5, 2))
-        pose = hands.pose(rows, q, held.opposition[:, g])
-        contacts = collisions(hands, solids, rows, pose, held.position[:, g], rotation, palm=False)
+        pose = hands.pose(rows, q, grips.opposition[:, g])
+        contacts = collisions(hands, solids, rows, pose, grips.position[:, g], rotation, palm=False)
         touches = np.zeros(first.shape, dtype=bool)
         touches[contacts.row, contacts.patch // 3] = True
         first[touches & np.isnan(first)] = closed

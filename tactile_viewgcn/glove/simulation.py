@@ -32,12 +32,12 @@ class Simulation:
         self.recipe, self.cells = recipe, recipe.cells if cells is None else cells
         fits = [self._fit(session) for session in range(recipe.sessions)]
         self.hands = Hands([fits[session] for session, _ in self.cells])
-        held = [recipe.objects[number] for _, number in self.cells]
-        self.names = [grasp_object.name for grasp_object in held]
-        self.solids = Solids([list(grasp_object.parts) for grasp_object in held])
-        self.stiffness = np.array([grasp_object.stiffness for grasp_object in held])
+        objects = [recipe.objects[number] for _, number in self.cells]
+        self.names = [one.name for one in objects]
+        self.solids = Solids([list(one.parts) for one in objects])
+        self.stiffness = np.array([one.stiffness for one in objects])
         self.plan = plan(
-            held, self.hands, self.solids, self._streams("scene"),
+            objects, self.hands, self.solids, self._streams("scene"),
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
         )  # fmt: skip
         seed = recipe.seed

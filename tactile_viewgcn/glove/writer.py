@@ -89,7 +89,7 @@ def _create_file(folder: Path, simulation: Simulation, b: int) -> h5py.File:
         compression="gzip", compression_opts=1, shuffle=True,
     )  # fmt: skip
     file["time"] = np.arange(recipe.frames) / recipe.rate
-    file["valid"] = simulation.plan.held
+    file["valid"] = simulation.plan.steady
     file["grasp"] = simulation.plan.grasp.astype(np.int16)
     file.attrs.update({
         "object": grasp_object.name, "session": f"{session:03d}", "weight": float(grasp_object.weight),

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.glove.shapes import BOX, REVOLVED, Primitive, Solids, box, capsule, cylinder, sphere, torus, tube
+from tactile_viewgcn.glove.shapes import Solids, box, capsule, cylinder, sphere, torus, tube
 
 HAND_WORKED = [  # shape, point, distance
     (sphere(2), (5, 0, 0), 3),
@@ -125,15 +124,6 @@ def test_the_bounding_radius_is_that_of_the_smallest_sphere_about_the_centre(par
     assert (distance(part, 0.99 * part.bounding_radius * around) < 0).any()
 
 
-@pytest.mark.parametrize("part", [part for part in PARTS if part.cut[3] < np.inf])
-def test_the_bounding_radius_of_what_is_cut_is_that_of_the_whole(part):
-    whole = Primitive(part.kind, part.half, part.round, part.offset)
-    assert (
-        part.bounding_radius == whole.bounding_radius
-        and (distance(part, 1.0001 * part.bounding_radius * directions()) > 0).all()
-    )
-
-
 def test_many_unions_at_once_give_what_each_primitive_gives_alone():
     rng = np.random.default_rng(0)
     unions = [[], list(PARTS[:3]), [PARTS[9]], list(PARTS[3:])]
@@ -151,53 +141,25 @@ def test_many_unions_at_once_give_what_each_primitive_gives_alone():
         assert solids.bounding_radius[b[n], p[n]] == unions[b[n]][p[n]].bounding_radius
 
 
-def test_centre_and_turn_are_kept_for_whoever_places_the_object():
-    solids = Solids([[sphere(1.0)], [sphere(1.0), box(1, 1, 1, centre=(1, 2, 3), rotation=(0, 0, np.pi / 2))]])
-    np.testing.assert_array_equal(solids.centre[1, 1], [1, 2, 3])
-    np.testing.assert_allclose(solids.rotation[1, 1] @ [1, 0, 0], [0, 1, 0], atol=1e-15)
-    np.testing.assert_allclose(solids.rotation[1, 0], Rotation.identity().as_matrix())
-    assert solids.kind[1].tolist() == [REVOLVED, BOX]
-
-
 @pytest.mark.parametrize(
-    "make",
+    ("make", "sentence"),
     [
-        lambda: sphere(-0.01),
-        lambda: sphere(np.nan),
-        lambda: sphere(np.inf),
-        lambda: box(0.02, -0.03, 0.04),
-        lambda: cylinder(0.02, -0.04),
-        lambda: torus(-0.02, 0.01),
+        (lambda: sphere(np.nan), "shape sizes are"),
+        (lambda: sphere(np.inf), "shape sizes are"),
+        (lambda: box(0.02, -0.03, 0.04), "shape sizes are"),
+        (lambda: torus(-0.02, 0.01), "shape sizes are"),
+        (lambda: sphere(0), "has no extent"),
+        (lambda: cylinder(0.02, 0), "has no extent"),
+        (lambda: tube(0.02, 0.02, 0.04), "has no extent"),
+        (lambda: tube(0.03, 0.036, 0.08, 0.004), "tube wall is 0.006 m, rounded by 0.004 m; expected at most half"),
+        (lambda: tube(0.05, 0.036, 0.08), "inner radius 0.05 m is more than the outer one, 0.036 m"),
+        (lambda: capsule(0.02, 0.03), "capsule length is 0.03 m, rounded by 0.02 m; expected at most half of it"),
     ],
 )
-def test_sizes_that_are_negative_or_no_numbers_are_refused(make):
-    with pytest.raises(UserError, match=r"shape sizes are \(.*\); expected finite numbers of metres, none negative"):
+def test_shapes_that_cannot_be_are_refused(make, sentence):
+    with pytest.raises(UserError, match=sentence):
         make()
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: sphere(0),
-        lambda: box(0.02, 0, 0.04),
-        lambda: cylinder(0, 0.04),
-        lambda: cylinder(0.02, 0),
-        lambda: torus(0.02, 0),
-        lambda: tube(0.02, 0.02, 0.04),
-    ],
-)
-def test_shapes_without_extent_are_refused(make):
-    with pytest.raises(UserError, match=r"shape with half sizes .* has no extent; give it some"):
-        make()
-
-
-def test_a_rounding_of_half_a_wall_is_allowed_and_a_larger_one_refused():
+def test_a_rounding_of_half_a_wall_is_allowed():
     assert tube(0.03, 0.036, 0.08, 0.003).half[0] == 0
-    with pytest.raises(UserError, match=r"tube wall is 0.006 m, rounded by 0.004 m; expected at most half of it"):
-        tube(0.03, 0.036, 0.08, 0.004)
-    with pytest.raises(UserError, match=r"inner radius 0.05 m is more than the outer one, 0.036 m"):
-        tube(0.05, 0.036, 0.08)
-    with pytest.raises(UserError, match=r"box side is 0.02 m, rounded by 0.011 m; expected at most half of it"):
-        box(0.02, 0.03, 0.04, round=0.011)
-    with pytest.raises(UserError, match=r"capsule length is 0.03 m, rounded by 0.02 m; expected at most half of it"):
-        capsule(0.02, 0.03)

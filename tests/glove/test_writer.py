@@ -15,7 +15,7 @@ from tactile_viewgcn.glove.writer import simulate
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-from tests.gloves import LAYER, recipe, simulated_counts
+from tests.gloves import LAYER, recipe
 from tests.sources import read
 
 HAND = stag_hand()
@@ -102,16 +102,6 @@ def test_one_seed_gives_the_same_files_and_another_others(tmp_path):
     assert (first != third).mean() > 0.5
 
 
-def test_repeats_are_further_recordings(tmp_path):
-    simulate(recipe(["ball"], repeats=2, sessions=1), tmp_path / "recordings")
-    source = open_source(tmp_path / "recordings")
-    assert source.recordings == ["000/000-empty_hand", "000/001-empty_hand", "000/002-ball", "000/003-ball"]
-    pressure = read(source)["pressure"].reshape(4, 18, 32, 32)
-    assert len({recording.tobytes() for recording in pressure}) == 4
-    once, _ = simulated_counts(recipe(["ball"], sessions=1))
-    np.testing.assert_array_equal(pressure[[0, 2]][..., HAND.row, HAND.column], once)
-
-
 def test_recordings_are_the_same_whatever_the_number_of_processes(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "MIN_RECORDINGS_PER_WORKER", 1)
     one, two = (simulate(recipe(["coin"]), tmp_path / str(workers), workers=workers) for workers in (1, 2))
@@ -146,17 +136,3 @@ def test_a_failure_on_the_way_leaves_nothing_and_the_earlier_recordings_alone(tm
         simulate(recipe(["ball"], seed=1, sessions=1), tmp_path / "recordings")
     assert md5(tmp_path / "recordings") == before
     assert [path.name for path in tmp_path.iterdir()] == ["recordings"]
-
-
-def test_recordings_take_the_place_of_those_of_another_recipe(tmp_path):
-    simulate(recipe(["coin", "ball"], frames=17, sessions=1), tmp_path / "recordings")
-    simulate(recipe(["ball"], frames=17, sessions=1), tmp_path / "recordings")
-    assert open_source(tmp_path / "recordings").objects == ["empty_hand", "ball"]
-
-
-def test_grasps_too_short_and_objects_in_the_palm_leave_nothing(tmp_path):
-    with pytest.raises(UserError, match="18 frames for 2 grasps leave 9 each"):
-        simulate(recipe(["ball"], grasps=2), tmp_path / "recordings")
-    with pytest.raises(UserError, match=r"object ball starts .* mm inside the palm; expected it outside"):
-        simulate(recipe([ball_inside_the_palm()]), tmp_path / "recordings")
-    assert list(tmp_path.iterdir()) == []
