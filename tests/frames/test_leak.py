@@ -73,7 +73,7 @@ def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
 def test_a_session_s_shift_is_no_leak_of_first_frames(tmp_path):
     """Six sessions of two objects each: the session tells two objects from ten, the first frame nothing."""
     rng = np.random.default_rng(0)
-    session, label, number, frame = (axis.ravel() for axis in np.indices((6, 2, 4, 10)))
+    session, label, number, _ = (axis.ravel() for axis in np.indices((6, 2, 4, 10)))
     label = 2 * session + label
     counts = 500 + rng.normal(0, 20, (6, 4, 5))[session] + rng.normal(0, 1, (len(session), 4, 5))
     columns = {"object": label, "recording": 4 * label + number, "session": session}
