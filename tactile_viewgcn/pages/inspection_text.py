@@ -111,8 +111,8 @@ def _error(leak: Leak) -> str:
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:
-    indents = {"initial_indent": "  ", "subsequent_indent": "    "}
-    return [line for text in texts for line in textwrap.wrap(text, WIDTH, **indents)]
+    wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
+    return [line for text in texts for line in wrapper.wrap(text)]
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:
