@@ -98,10 +98,10 @@ def _leaks(overview: Overview) -> list[str]:
     for kind, leak in overview.leaks.items():
         answer = "tell the object, which is a leak" if leak.tells_object else "do not tell the object"
         lines.append(f"open-hand frames above the baseline {kind} {answer}: {_error(leak)}")
-    if leak := overview.first_frame:
+    if first := overview.first_frame:
         doubt = "" if all_contact else ", a leak if nothing is held yet"
-        answer = f"tells the object{doubt}" if leak.tells_object else "does not tell the object"
-        lines.append(f"the first frame of a recording alone {answer}: {_error(leak)}")
+        answer = f"tells the object{doubt}" if first.tells_object else "does not tell the object"
+        lines.append(f"the first frame of a recording alone {answer}: {_error(first)}")
     return lines or ["no open-hand frames of objects with two recordings: leaks are not checked"]
 
 
