@@ -56,7 +56,6 @@ def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, 
         mean = values.mean(axis=0, where=inside)
         spread = values.std(axis=0, where=inside)
         tighter = np.abs(values - mean) <= OUTLIER_SD * np.maximum(spread, rounding)
-        tighter |= ~tighter.any(axis=0)  # of two values far apart neither is the outlier
         if (tighter == inside).all():
             break
         inside = tighter

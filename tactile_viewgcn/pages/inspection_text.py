@@ -98,10 +98,10 @@ def _leaks(overview: Overview) -> list[str]:
     for kind, leak in overview.leaks.items():
         answer = "tell the object, which is a leak" if leak.tells_object else "do not tell the object"
         lines.append(f"open-hand frames above the baseline {kind} {answer}: {_error(leak)}")
-    if leak := overview.first_frame:
+    if first := overview.first_frame:
         doubt = "" if all_contact else ", a leak if nothing is held yet"
-        answer = f"tells the object{doubt}" if leak.tells_object else "does not tell the object"
-        lines.append(f"the first frame of a recording alone {answer}: {_error(leak)}")
+        answer = f"tells the object{doubt}" if first.tells_object else "does not tell the object"
+        lines.append(f"the first frame of a recording alone {answer}: {_error(first)}")
     return lines or ["no open-hand frames of objects with two recordings: leaks are not checked"]
 
 
@@ -111,8 +111,8 @@ def _error(leak: Leak) -> str:
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:
-    indents = {"initial_indent": "  ", "subsequent_indent": "    "}
-    return [line for text in texts for line in textwrap.wrap(text, WIDTH, **indents)]
+    wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
+    return [line for text in texts for line in wrapper.wrap(text)]
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:

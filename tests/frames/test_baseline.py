@@ -66,17 +66,6 @@ def test_trimming_all_sensors_at_once_is_trimming_each(frames, seed, excess):
         np.testing.assert_allclose((mean[at], noise[at]), naive, rtol=1e-6)
 
 
-def test_a_sensor_that_never_varies_has_the_noise_of_rounding():
-    mean, noise = trimmed_moments(np.full((50, 1, 1), 510, dtype=np.int16))
-    assert mean.item() == 510
-    assert noise.item() == pytest.approx(0.288675, abs=1e-6)
-
-
-def test_of_two_values_far_apart_neither_is_the_outlier():
-    mean, noise = trimmed_moments(np.array([500, 1024], dtype=np.int16)[:, None, None])
-    assert (mean.item(), noise.item()) == (762, 262)
-
-
 def test_the_rest_of_the_empty_hand_is_found_in_each_session(tmp_path):
     baseline = {0: np.array([[514.2, 515.0]]), 1: np.array([[516.6, 513.4]])}
     parts = [(0, 0), (0, 1), (1, 0), (1, 1)]  # session and object of each recording of 2000 frames
@@ -91,16 +80,6 @@ def test_the_rest_of_the_empty_hand_is_found_in_each_session(tmp_path):
     np.testing.assert_allclose(measured.mean, [baseline[0], baseline[1]], atol=0.1)
     np.testing.assert_allclose(measured.noise, 0.99, atol=0.06)
     np.testing.assert_array_equal(measured.of_frame, sessions)
-
-
-def test_the_recordings_of_an_empty_hand_are_taken_together(tmp_path):
-    each = [3, 3, 9]
-    counts = np.repeat([510, 512, 900], each).astype(np.int16)[:, None, None]
-    with written(
-        tmp_path / "t", counts, object=np.repeat([0, 0, 1], each), recording=np.repeat(range(3), each)
-    ) as recordings:
-        measured = empty_hand_baseline(recordings)
-    assert (measured.mean.item(), measured.noise.item()) == (511, 1)
 
 
 def test_a_session_that_no_frame_belongs_to_needs_no_empty_hand(tmp_path):
@@ -145,16 +124,6 @@ def test_of_a_long_empty_hand_frames_from_its_first_to_its_last_are_measured(tmp
     assert measured.mean.ravel().tolist() == [514, 514]
 
 
-def test_recordings_without_any_empty_hand_are_told_what_to_do(tmp_path):
-    sentence = r"^no object is named 'empty_hand'; .* set preprocess\.baseline to auto$"
-    counts = resting(np.full((1, 2), 514.0), 10)
-    with (
-        written(tmp_path / "t", counts, objects=["mug", "pen"]) as recordings,
-        pytest.raises(UserError, match=sentence),
-    ):
-        empty_hand_baseline(recordings)
-
-
 def test_quiet_frames_are_those_of_the_smallest_sum_in_each_recording(tmp_path):
     sums = np.r_[[9, 2, 8, 1, 7, 3, 6, 4, 5, 0, 2, 1], [90, 91, 92, 93, 94, 95, 96, 97, 98, 99, 99, 99]]
     counts = np.stack([sums, 500 + sums], axis=1)[:, None, :].astype(np.int16)
@@ -172,23 +141,6 @@ def test_quiet_takes_five_frames_where_the_share_is_fewer_and_all_where_there_ar
     with written(tmp_path / "t", counts, recording=np.repeat([0, 1], [20, 2])) as recordings:
         measured = quiet_baseline(recordings, 0.01)
     assert measured.mean.ravel().tolist() == [2, 101]
-
-
-def test_quiet_recovers_the_rest_of_a_recording_that_mostly_holds(tmp_path):
-    baseline = np.linspace(512, 516, 12).reshape(3, 4)
-    counts = resting(baseline, 4000)
-    counts[1000:] += 10
-    with written(tmp_path / "t", counts, objects=["mug"]) as recordings:
-        measured = quiet_baseline(recordings, 0.25)
-    np.testing.assert_allclose(measured.mean[0], baseline, atol=0.1)
-
-
-def test_a_recording_without_frames_is_passed_over_by_quiet(tmp_path):
-    counts = resting(np.full((1, 1), 514.0), 20)
-    with written(tmp_path / "t", counts, recordings=["a", "b"]) as recordings:
-        measured = quiet_baseline(recordings, 0.5)
-    assert measured.names == ["a", "b"]
-    assert np.isfinite(measured.mean).all()
 
 
 def test_no_rest_is_one_constant_for_every_frame(tmp_path):

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.filtering import flagged, in_contact
 from tactile_viewgcn.tables import recordings as module
@@ -54,11 +53,6 @@ def test_contact_is_what_counting_sensor_by_sensor_finds(recordings, sensors, si
     assert contact.tolist() == [_in_contact(frame, sensors, sigmas) for frame in range(FRAMES)]
 
 
-def test_some_frames_touch_and_some_do_not(recordings):
-    contact = in_contact(recordings, BASELINE, sensors=5, sigmas=5.0)[OBJECTS > 0]
-    assert 5 < contact.sum() < 35
-
-
 def _baseline(mean, noise, frames):
     entry = np.ones((1, 1, 3), dtype=np.float32)
     return Baseline(["s"], mean * entry, noise * entry, np.zeros(frames, dtype=np.int16))
@@ -73,35 +67,10 @@ def test_as_many_sensors_as_asked_for_must_lie_above_the_threshold_and_not_on_it
     assert contact.tolist() == [False, False, True, True, False]
 
 
-def test_a_sensor_that_never_varies_touches_nothing(tmp_path):
-    counts = np.array([[900, 510, 510], [900, 900, 510]], dtype=np.int16)[:, None, :]
-    with written(tmp_path / "t", counts, object=1) as recordings:
-        assert recordings.live.tolist() == [[False, True, False]]
-        assert in_contact(recordings, _baseline(510, 1, 2), sensors=1, sigmas=5.0).tolist() == [False, True]
-        assert in_contact(recordings, _baseline(510, 1, 2), sensors=2, sigmas=5.0).tolist() == [False, False]
-
-
-def test_frames_of_the_empty_hand_are_always_kept(recordings):
-    contact = in_contact(recordings, BASELINE, sensors=1000, sigmas=5.0)
-    np.testing.assert_array_equal(contact, OBJECTS == 0)
-
-
 def test_without_an_empty_hand_no_frame_is_kept_untouched(tmp_path):
     counts = np.array([[510, 510, 510], [900, 900, 900]], dtype=np.int16)[:, None, :]
     with written(tmp_path / "t", counts, objects=["mug"]) as recordings:
         assert in_contact(recordings, _baseline(510, 1, 2), sensors=3, sigmas=5.0).tolist() == [False, True]
-
-
-def test_a_frame_is_held_against_the_rest_of_its_own_session(tmp_path):
-    counts = np.array([520, 520, 510, 510], dtype=np.int16)[:, None, None]
-    baseline = Baseline(
-        ["low", "high"],
-        np.array([510, 519], np.float32)[:, None, None],
-        np.ones((2, 1, 1), np.float32),
-        np.array([0, 1, 0, 1]),
-    )
-    with written(tmp_path / "t", counts, object=1, session=baseline.of_frame) as recordings:
-        assert in_contact(recordings, baseline, sensors=1, sigmas=5.0).tolist() == [True, False, False, False]
 
 
 def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):
@@ -110,14 +79,3 @@ def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):
         assert flagged(recordings).tolist() == steady.tolist()
     with written(tmp_path / "b", COUNTS[:4], valid=valid) as recordings:
         assert flagged(recordings).tolist() == valid.tolist()
-
-
-def test_flags_are_given_as_a_copy(tmp_path):
-    with written(tmp_path / "t", COUNTS[:4], valid=np.ones(4, dtype=bool)) as recordings:
-        flagged(recordings)[:] = False
-        assert recordings.columns["valid"].all()
-
-
-def test_recordings_without_flags_are_told_what_to_do(recordings):
-    with pytest.raises(UserError, match=r"t: no validity flags .* preprocess\.filter flags .*: set it to auto$"):
-        flagged(recordings)

@@ -35,20 +35,33 @@ def test_a_grasp_begins_as_the_hand_opens_after_contact_and_frames_between_belon
 @pytest.mark.parametrize("drift", [{}, {"between": 2 * SIGNAL, "common": 2 * SIGNAL}, {"between": 5, "within": 10}])
 def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift):
     glove = drifting(**drift)
-    found = measured(tmp_path / "t", glove)
-    assert found.notes == []
-    assert len(found.names) == 1 + 4 * 6  # the empty hand never closes
-    assert found.names[:3] == ["recording0, grasp 1", "recording1, grasp 1", "recording1, grasp 2"]
+    baseline = measured(tmp_path / "t", glove)
+    assert baseline.notes == []
+    assert len(baseline.names) == 1 + 4 * 6  # the empty hand never closes
+    assert baseline.names[:3] == ["recording0, grasp 1", "recording1, grasp 1", "recording1, grasp 2"]
     for recording in range(1, 5):
         for grasp in range(6):
             at = (glove.columns["recording"] == recording) & (glove.columns["grasp"] == grasp)
-            numbers = found.of_frame[at & ~glove.open]
+            numbers = baseline.of_frame[at & ~glove.open]
             assert np.unique(numbers).tolist() == [1 + 6 * (recording - 1) + grasp]
             truth = glove.baseline[at & glove.open].mean(axis=0)
-            np.testing.assert_allclose(found.mean[numbers[0]], truth, atol=5 * SD / np.sqrt(OPEN - 2 * MARGIN))
+            np.testing.assert_allclose(baseline.mean[numbers[0]], truth, atol=5 * SD / np.sqrt(OPEN - 2 * MARGIN))
     if not drift.get("within"):  # the empty hand drifts too
-        np.testing.assert_allclose(found.noise, SD, rtol=0.25)
-    assert (found.mean.dtype, found.noise.dtype) == (np.float32, np.float32)
+        np.testing.assert_allclose(baseline.noise, SD, rtol=0.25)
+    assert (baseline.mean.dtype, baseline.noise.dtype) == (np.float32, np.float32)
+
+
+def test_the_noise_is_that_of_the_grasp_s_own_session(tmp_path):
+    glove = drifting(objects=2, recordings=2, grasps=3)
+    session = glove.columns["recording"] % 2
+    more = np.random.default_rng(1).normal(0, 4, glove.counts.shape) * (session == 1)[:, None, None]
+    with written(
+        tmp_path / "t", glove.counts + np.rint(more).astype(np.int16), **glove.columns | {"session": session}
+    ) as recordings:
+        baseline = grasp_baseline(recordings, sensors=5, sigmas=3.0)
+    of_session = [np.unique(baseline.of_frame[session == number]) for number in (0, 1)]
+    np.testing.assert_allclose(baseline.noise[of_session[0]].mean(), SD, rtol=0.1)
+    np.testing.assert_allclose(baseline.noise[of_session[1]].mean(), np.hypot(SD, 4), rtol=0.1)
 
 
 def test_of_a_long_open_hand_frames_from_its_first_to_its_last_are_measured(tmp_path, monkeypatch):
@@ -67,7 +80,7 @@ def test_of_a_long_open_hand_frames_from_its_first_to_its_last_are_measured(tmp_
     np.testing.assert_allclose(few.mean, 514.3, atol=4 * SD / np.sqrt(5))
 
 
-def test_with_it_contact_is_found_that_the_session_s_empty_hand_hides(tmp_path):
+def test_with_it_contact_is_baseline_that_the_session_s_empty_hand_hides(tmp_path):
     glove = drifting(between=2 * SIGNAL, within=10)
     with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
         contact = in_contact(recordings, grasp_baseline(recordings, **CONTACT), **CONTACT)
@@ -78,27 +91,26 @@ def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording_and_a_
     glove = drifting(between=SIGNAL)
     recording, grasp = glove.columns["recording"], glove.columns["grasp"]
     brief = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & (np.arange(len(grasp)) % (OPEN + HELD) >= 6)
-    found = measured(tmp_path / "t", glove, ~brief)  # 4 and 3 open-hand frames are left
-    of = dict(zip(zip(recording[~brief], grasp[~brief], strict=True), found.of_frame, strict=True))  # of the last frame
-    assert found.notes == [
-        "baseline: 2 of 24 grasps have fewer than 5 open-hand frames before them and use those of the nearest grasp of "
-        "their recording"
-    ]
+    baseline = measured(tmp_path / "t", glove, ~brief)  # 4 and 3 open-hand frames are left
+    of = dict(
+        zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True)
+    )  # of the last frame
+    (note,) = baseline.notes
+    assert note.topic == "baseline" and note.text.startswith("2 of 24 grasps have fewer than 5 open-hand frames")
     assert of[1, 0] == of[1, 1] and of[1, 3] == of[1, 2] != of[1, 1]
-    assert len(found.names) == 1 + 24 - 2
+    assert len(baseline.names) == 1 + 24 - 2
 
 
 def test_a_recording_without_open_hand_has_its_session_s_empty_hand_and_is_named(tmp_path):
     glove = drifting()
     recording = glove.columns["recording"]
     kept = ~((recording == 2) & glove.open)
-    found = measured(tmp_path / "t", glove, kept, recordings=["a", "b", "c", "d", "e"], sessions=["monday"])
-    assert found.notes == [
-        "baseline: 1 of 5 recordings have fewer than 5 open-hand frames and use their session's empty hand: c",
-    ]
-    (number,) = np.unique(found.of_frame[recording[kept] == 2])
-    assert found.names[number] == "monday"
-    np.testing.assert_allclose(found.mean[number], 514.3, atol=0.4)
+    baseline = measured(tmp_path / "t", glove, kept, recordings=["a", "b", "c", "d", "e"], sessions=["monday"])
+    (note,) = baseline.notes
+    assert "1 of 5 recordings" in note.text and note.text.endswith("use their session's empty hand: c")
+    (number,) = np.unique(baseline.of_frame[recording[kept] == 2])
+    assert baseline.names[number] == "monday"
+    np.testing.assert_allclose(baseline.mean[number], 514.3, atol=0.4)
 
 
 def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has_neither_is_named(tmp_path):
@@ -114,14 +126,6 @@ def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has
     )
     with pytest.raises(UserError, match=sentence):
         measured(tmp_path / "u", glove, short, **names)
-
-
-def test_a_cell_without_a_sensor_has_what_it_reads(tmp_path):
-    glove = drifting()
-    glove.counts[:, 0, 3] = 510
-    found = measured(tmp_path / "t", glove)
-    assert (found.mean[:, 0, 3] == 510).all()
-    assert (np.delete(found.mean.reshape(len(found.mean), -1), 3, axis=1) > 512).all()
 
 
 def test_frames_are_prepared_with_it(tmp_path):

@@ -24,24 +24,6 @@ def test_flags_keep_the_frames_that_the_source_calls_valid(tmp_path):
     np.testing.assert_allclose(frames.time, COLUMNS["frame"][COLUMNS["valid"]] * 0.136)
 
 
-def test_contact_keeps_the_frames_that_hold_and_the_whole_empty_hand(tmp_path):
-    _, selection, _ = prepared(tmp_path, "preprocess.filter=contact")
-    np.testing.assert_array_equal(selection.keep, COLUMNS["valid"] | (COLUMNS["object"] == 0))
-
-
-def test_contact_against_the_quiet_frames_of_each_recording_needs_no_empty_hand(tmp_path):
-    held = COLUMNS["object"] > 0
-    columns = {name: values[held] for name, values in COLUMNS.items()} | {"object": COLUMNS["object"][held] - 1}
-    changes = [
-        f"preprocess.{change}"
-        for change in ("baseline=quiet", "quiet_share=0.25", "filter=contact", "contact_sigmas=8")
-    ]
-    frames, selection, _ = prepared(tmp_path, *changes, counts=COUNTS[held], columns=columns, objects=["mug", "pen"])
-    np.testing.assert_array_equal(selection.keep, columns["valid"])
-    assert frames.classes == ["mug", "pen"]
-    assert len(frames.baseline_names) == 18
-
-
 def test_the_rest_of_the_frames_own_session_is_subtracted(tmp_path):
     frames, _, _ = prepared(tmp_path)
     assert frames.baseline_names == ["session0", "session1"]
@@ -78,19 +60,14 @@ def test_without_rest_a_constant_is_subtracted(tmp_path):
     np.testing.assert_allclose(frames.inputs(np.arange(len(frames))), np.clip(excess / 20, 0, 1), rtol=1e-6)
 
 
-def test_the_transform_and_its_scale_come_from_the_parameters(tmp_path):
-    frames, _, _ = prepared(tmp_path, "preprocess.transform=log", "preprocess.scale=75")
-    assert (frames.transform, frames.scale) == ("log", 75)
-
-
 def test_a_recording_and_an_object_that_the_filter_empties_are_named(tmp_path):
     valid = COLUMNS["valid"] & (COLUMNS["object"] != 2) & (COLUMNS["recording"] != 4)
     frames, selection, rows = prepared(tmp_path, columns=COLUMNS | {"valid": valid})
     recordings = ", ".join(f"recording{i}" for i in (4, 6, 7, 8, 15, 16, 17))
-    assert f"filter: 7 of 18 recordings dropped, no frame has a flag: {recordings}" in selection.notes
-    dropped = "warning: filter: 1 of 3 objects dropped, no frame has a flag: object2; lower "
-    assert any(note.startswith(dropped) for note in selection.notes)
-    assert f"filter flags: {360 - valid.sum()} of 360 frames dropped, without a flag" in selection.notes
+    dropped, emptied, warning = (note for note in selection.notes if note.topic == "filter")
+    assert dropped.text == f"flags: {360 - valid.sum()} of 360 frames dropped, without a flag"
+    assert emptied.text == f"7 of 18 recordings dropped, no frame has a flag: {recordings}"
+    assert warning.level == "warning" and "object2" in warning.text
     assert frames.classes == ["empty_hand", "object1"]
     assert [row["kept"] for row in rows] == [3 * HELD, 3 * HELD, 2 * HELD, 3 * HELD, 0, 0]
 
@@ -190,4 +167,4 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     assert len(frames) == 520
     assert "empty_hand" not in frames.classes
     assert [len(frames.on(side)) for side in (TRAIN, TEST)] == [26 * 3 * 5, 26 * 5]
-    assert any("empty_hand is not on both sides" in note for note in selection.notes)
+    assert any("empty_hand is not on both sides" in note.text for note in selection.notes)

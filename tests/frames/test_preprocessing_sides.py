@@ -30,17 +30,11 @@ def test_every_kept_frame_is_tested_in_exactly_one_fold_of_a_deal(tmp_path, by):
         np.testing.assert_array_equal(times, COLUMNS["valid"])
 
 
-def test_another_deal_has_other_test_groups_of_the_same_numbers(tmp_path):
-    dealt = [prepared(tmp_path, "split.by=recording", f"split.deal={deal}")[1] for deal in (0, 1)]
-    np.testing.assert_array_equal(dealt[0].group, dealt[1].group)
-    assert (dealt[0].side != dealt[1].side).any()
-
-
 def test_the_published_split_is_taken_as_it_is(tmp_path):
     frames, selection, _ = prepared(tmp_path)
     np.testing.assert_array_equal(selection.side[selection.keep] == TEST, COLUMNS["split"][COLUMNS["valid"]] == 1)
     assert (frames.on(TRAIN).size, frames.on(TEST).size) == (12 * HELD, 6 * HELD)
-    assert "split: the published split has 0 recordings on both sides" in selection.notes
+    assert "split: the published split has 0 recordings on both sides" in map(str, selection.notes)
 
 
 def test_recordings_that_the_published_split_shares_are_counted(tmp_path):
@@ -49,7 +43,7 @@ def test_recordings_that_the_published_split_shares_are_counted(tmp_path):
     split[(COLUMNS["recording"] == 9) & ~COLUMNS["valid"]] = 1  # frames that the filter drops share nothing
     split[(COLUMNS["recording"] == 11) & ~COLUMNS["valid"]] = 0
     _, selection, _ = prepared(tmp_path, columns=COLUMNS | {"split": split})
-    assert "split: the published split has 3 recordings on both sides" in selection.notes
+    assert "split: the published split has 3 recordings on both sides" in map(str, selection.notes)
 
 
 def test_validation_groups_are_taken_off_the_training_side(tmp_path):
@@ -93,17 +87,10 @@ def _one_empty_recording():
 def test_an_empty_hand_that_is_not_on_both_sides_is_no_class_and_still_the_baseline(tmp_path, by):
     counts, columns = _one_empty_recording()
     frames, selection, _ = prepared(tmp_path, f"split.by={by}", counts=counts, columns=columns)
-    assert any("empty_hand is not on both sides" in note for note in selection.notes)
+    assert any("empty_hand is not on both sides" in note.text for note in selection.notes)
     assert frames.classes == ["object1", "object2"]
     assert not (selection.keep & (columns["object"] == 0)).any()
     np.testing.assert_allclose(frames.baseline_mean.mean(), 514, atol=0.2)
-
-
-def test_an_empty_hand_of_one_recording_stays_where_its_grasps_can_be_split(tmp_path):
-    counts, columns = _one_empty_recording()
-    frames, selection, _ = prepared(tmp_path, "split.by=grasp", counts=counts, columns=columns)
-    assert frames.classes == ["empty_hand", "object1", "object2"]
-    assert not any(note.startswith("classes: ") for note in selection.notes)
 
 
 def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_is_kept(tmp_path):
@@ -111,23 +98,12 @@ def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_
     more = np.where(recordings == 6, 3, np.where(recordings == 7, 4, objects))
     split = np.where(more == 3, 1, np.where(more == 4, 0, COLUMNS["split"]))
     frames, selection, rows = prepared(tmp_path, columns=COLUMNS | {"object": more, "split": split})
-    assert any("object3 has no training frames" in note for note in selection.notes)
-    assert any("object4 has no test frames" in note for note in selection.notes)
+    assert any("object3 has no training frames" in note.text for note in selection.notes)
+    assert any("object4 has no test frames" in note.text for note in selection.notes)
     assert frames.classes == ["empty_hand", "object1", "object2", "object4"]
     assert frames.label[frames.recording == 7].tolist() == [3] * HELD
     gone = next(row for row in rows if row["object"] == "object3")
     assert (gone["dropped_by_filter"], gone["dropped_with_class"], gone["kept"]) == (BLANK, HELD, 0)
-
-
-@pytest.mark.parametrize("fold", [0, 1])
-def test_an_object_of_one_recording_is_trained_on_whatever_the_fold(tmp_path, fold):
-    used = (COLUMNS["object"] < 2) | (COLUMNS["recording"] == 6)
-    columns = {name: values[used] for name, values in COLUMNS.items()}
-    changes = ("split.by=recording", "split.folds=3", f"split.fold={fold}")
-    frames, selection, _ = prepared(tmp_path, *changes, counts=COUNTS[used], columns=columns)
-    assert frames.classes == ["empty_hand", "object1", "object2"]
-    assert (frames.side[frames.label == 2] == TRAIN).all() and set(frames.side[frames.label == 1]) == {TRAIN, TEST}
-    assert any("object2 has no test frames" in note for note in selection.notes)
 
 
 def test_the_sources_balanced_frames_are_the_anchors(tmp_path):
@@ -135,7 +111,7 @@ def test_the_sources_balanced_frames_are_the_anchors(tmp_path):
     frames, selection, _ = prepared(tmp_path, columns=COLUMNS | {"balanced": balanced})
     np.testing.assert_array_equal(selection.anchor, balanced & COLUMNS["valid"])
     np.testing.assert_array_equal(frames.anchor, balanced[COLUMNS["valid"]])
-    assert any("balanced frames" in note for note in selection.notes)
+    assert any("balanced frames" in note.text for note in selection.notes)
 
 
 @pytest.mark.parametrize("side", ["train", "test"])
@@ -163,10 +139,7 @@ def test_a_small_class_uses_all_its_frames(tmp_path):
         name: sum(row["anchors_train"] for row in rows if row["object"] == name) for name in ("object1", "object2")
     }
     assert train == {"object1": 4 * 2, "object2": 50}
-    assert (
-        "train: 1 of 3 classes have fewer than 50 anchors and use all their frames, 8 in the smallest"
-        in selection.notes
-    )
+    assert "training side" in {note.topic for note in selection.notes}
 
 
 def test_anchors_are_kept_frames_and_the_account_adds_up(tmp_path):
@@ -179,13 +152,3 @@ def test_anchors_are_kept_frames_and_the_account_adds_up(tmp_path):
     assert sum(row["kept"] for row in rows) == len(frames)
     for code, name in enumerate(SIDES):
         assert sum(row[f"anchors_{name}"] for row in rows) == (frames.anchor & (frames.side == code)).sum()
-
-
-def test_one_seed_draws_the_same_anchors_and_another_draws_others(tmp_path):
-    valid = COLUMNS["valid"] & ((COLUMNS["object"] != 1) | (COLUMNS["frame"] >= 12))
-    changes = ("split.by=recording", "split.validation=0.3")
-    drawn = [
-        prepared(tmp_path, *changes, seed=seed, columns=COLUMNS | {"valid": valid})[1].anchor.tolist()
-        for seed in (0, 0, 1)
-    ]
-    assert drawn[0] == drawn[1] != drawn[2]

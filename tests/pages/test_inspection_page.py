@@ -37,59 +37,65 @@ def recordings(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def seen(recordings):
+def overview(recordings):
     return inspect_source(recordings)
 
 
 @pytest.fixture(scope="module")
-def page(seen):
-    return inspection_page(seen)
+def page(overview):
+    return inspection_page(overview)
+
+
+def with_changes(overview, **changes):
+    """The overview of another inspection."""
+    return replace(overview, inspection=replace(overview.inspection, **changes))
 
 
 def text_of(page):
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", page)))
 
 
-def test_the_page_says_what_the_inspection_found(seen, page):
-    text = text_of(page)
+def test_the_page_says_what_the_inspection_found(overview, page):
+    text, inspection = text_of(page), overview.inspection
     assert "3 objects in 12 recordings of 2 sessions" in text and "8 x 12 sensors, of which 95 vary" in text
     assert all(name in text for name in NAMES) and "-S 'data.source=\"" in text
-    for one in recommend(seen):
-        assert one.reason in text and str(one).partition(":")[0] in text
+    for note in recommend(overview):
+        assert note.text in text and str(note).partition(":")[0] in text
     assert "Usable, with 1 warning. Each object has 4 recordings or more." in text and "24 sensors hardly vary." in text
-    assert f"at least {seen.contact_sensors} sensors read clearly more than the open hand" in text
+    assert f"at least {inspection.contact_sensors} sensors read clearly more than the open hand" in text
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
 
 
-def test_objects_that_were_recorded_once_or_never_touched_are_warned_of(seen, monkeypatch):
+def test_objects_that_were_recorded_once_or_never_touched_are_warned_of(overview, monkeypatch):
     monkeypatch.setattr(module, "picture", lambda figure, alt: Picture(alt, "data:", 100))
     settings = {"preprocess.baseline": "grasp", "split.by": "recording"}
-    assert [text for text, _ in attention(seen, settings)] == ["24 sensors hardly vary."]
-    mug, oil = (seen.objects.index(name) for name in ("mug", "Öl & <b>"))
-    recorded = np.where(np.arange(3) == oil, 1, 4)
-    once = replace(seen, groups={"recording": recorded}, contact=np.where(seen.label == mug, 0, seen.contact))
+    assert [text for text, _ in attention(overview, settings)] == ["24 sensors hardly vary."]
+    of = overview.inspection
+    mug, oil = (of.objects.index(name) for name in ("mug", "Öl & <b>"))
+    groups = {"recording": np.where(np.arange(3) == oil, 1, 4)}
+    once = with_changes(overview, groups=groups, contact=np.where(of.label == mug, 0, of.contact))
     untouched, single, _ = (text for text, _ in attention(once, settings))
     assert untouched == "Never in contact: mug." and single.startswith("Recorded once: Öl & <b>.")
-    hardly = replace(seen, groups={"recording": np.array([1, 1, 4])})
+    hardly = with_changes(overview, groups={"recording": np.array([1, 1, 4])})
     assert "Not yet: there are no two objects with two recordings each." in inspection_page(hardly)
 
 
 @pytest.mark.parametrize(
-    ("groups", "told"),
+    ("groups", "reason"),
     [
         ({"recording": [1, 1, 4], "grasp": [3, 3, 12]}, "Each object has 3 grasps or more."),
         ({"recording": [1, 1, 4], "source": [2, 2, 2]}, "Each object is on both published sides."),
     ],
 )
-def test_what_is_held_out_is_what_the_command_says(seen, monkeypatch, groups, told):
+def test_what_is_held_out_is_what_the_command_says(overview, monkeypatch, groups, reason):
     monkeypatch.setattr(module, "picture", lambda figure, alt: Picture(alt, "data:", 100))
-    text = text_of(inspection_page(replace(seen, groups={by: np.array(each) for by, each in groups.items()})))
-    assert told in text and "Recorded once" not in text and "Not yet" not in text
+    text = text_of(inspection_page(with_changes(overview, groups={by: np.array(each) for by, each in groups.items()})))
+    assert reason in text and "Recorded once" not in text and "Not yet" not in text
 
 
-def test_the_pictures_say_how_many_sensors_are_dead_and_where_contact_is(seen, page):
+def test_the_pictures_say_how_many_sensors_are_dead_and_where_contact_is(overview, page):
     pictures = [base64.b64decode(data).decode() for data in re.findall(r'base64,([^"]+)"', page)]
     assert any(">does not vary: 1<" in picture for picture in pictures)
-    held = seen.readings.held[0]
-    assert len(held) == len(seen.readings.activity[0]) == 60
-    assert held[5:10].all() and not held[18:28].any(), "the first grasp, and the pause after it"
+    in_contact = overview.in_contact[0]
+    assert len(in_contact) == len(overview.activity[0]) == 60
+    assert in_contact[5:10].all() and not in_contact[18:28].any(), "the first grasp, and the pause after it"
