@@ -18,7 +18,7 @@ from tactile_viewgcn.systems import OnBackbone, OnSensors
 from tactile_viewgcn.tables.frames import write_frames
 from tests.small_tables import ROOT, SMALL, fewer_anchors, table
 
-LEFT_OUT = "pretrain was left out: model.system does not need it\n"
+LEFT_OUT = "pretrain: left out, model.system does not need it\n"
 
 
 @pytest.fixture
