@@ -4,64 +4,74 @@ import ast
 import subprocess
 import sys
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 import pytest
 
-from tests.imports import imported_modules
+from tests.imports import ROOT, imported_modules
 
-ROOT = Path(__file__).parents[1]
-PROGRAMS = {"stages", "studies", "benchmarks"}
-
-#: Folder -> the folders that it may import from. "root": the files of tactile_viewgcn itself.
+#: Folder -> the folders that it may import from; all may import the package's own files, "root".
 ALLOWED = {
-    "root": {"root"},
-    "recordings": {"root"},
-    "glove": {"recordings", "root"},
-    "frames": {"recordings", "root"},
-    "views": {"frames", "recordings", "root"},
-    "nn": {"root"},
-    "training": {"nn", "views", "frames", "recordings", "root"},
-    "recognition": {"training", "nn", "views", "frames", "recordings", "root"},
-    "evaluation": {"recognition", "nn", "views", "frames", "recordings", "root"},
+    "root": set(),
+    "readers": set(),
+    "tables": {"readers"},
+    "frames": {"readers", "tables"},
+    "views": {"tables"},
+    "nn": set(),
+    "sensors": {"nn"},
+    "systems": {"nn", "sensors"},
+    "training": {"tables", "views", "nn", "sensors", "systems"},
+    "recognition": {"readers", "tables", "frames", "views", "nn", "sensors", "systems", "training"},
+    "evaluation": {"tables", "views", "nn", "sensors", "systems", "training", "recognition"},
+    "pages": {"readers", "tables", "frames", "systems", "evaluation"},
+    "glove": set(),
 }
 # what may use all of the package: its commands, and what `from tactile_viewgcn import` gives
 ENTRANCES = {"tactile_viewgcn/__init__.py", "tactile_viewgcn/cli.py", "tactile_viewgcn/__main__.py"}
+NAMES = "tactile_viewgcn.systems"  # the names of the systems, which params.py checks
 KNOWS_MLFLOW = "tactile_viewgcn/tracking.py"
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tactile_viewgcn").rglob("*.py"))
-BENCHMARKS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks").rglob("*.py"))
 
 
-def folder_of(module: str) -> str:
-    """`recordings` of tactile_viewgcn.tables.recordings, `root` of tactile_viewgcn.files."""
-    words = module.split(".")
-    return words[1] if len(words) > 1 and words[1] in ALLOWED else "root"
+def folder_of(path):
+    """`tables` of tactile_viewgcn/tables/frames.py, `root` of tactile_viewgcn/files.py."""
+    words = path.split("/")
+    return words[1] if len(words) > 2 else "root"
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if path not in ENTRANCES])
-def test_a_file_imports_only_from_folders_before_its_own(path):
-    here = folder_of(path.removesuffix(".py").replace("/", "."))
-    imports = imported_modules(ROOT / path)
-    targets = {folder_of(name) for name in imports if name.startswith("tactile_viewgcn.")}
-    assert targets <= ALLOWED[here] | {here}
-    assert not PROGRAMS & {name.partition(".")[0] for name in imports}
+def imported_paths(path):
+    """The package's files that a file itself imports."""
+    names = (name.replace(".", "/") for name in imported_modules(ROOT / path) if name != NAMES)
+    return {file for name in names for file in (f"{name}.py", f"{name}/__init__.py") if file in FILES} - {path}
 
 
-@pytest.mark.parametrize("path", BENCHMARKS)
-def test_benchmarks_import_neither_stages_nor_studies_nor_tests(path):
-    assert not {"stages", "studies", "tests"} & {name.partition(".")[0] for name in imported_modules(ROOT / path)}
+def test_every_file_imports_only_from_folders_before_its_own():
+    wrong = {
+        (path, target)
+        for path in set(FILES) - ENTRANCES
+        for target in imported_paths(path) - {"tactile_viewgcn/__init__.py"}
+        if folder_of(target) not in ALLOWED[folder_of(path)] | {folder_of(path), "root"}
+    }
+    assert wrong == set()
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if path != KNOWS_MLFLOW])
-def test_only_tracking_knows_mlflow(path):
-    assert not {name for name in imported_modules(ROOT / path) if name.partition(".")[0] == "mlflow"}
+def test_neither_folders_nor_files_import_each_other_in_a_circle():
+    for graph in (ALLOWED, {path: imported_paths(path) for path in FILES}):
+        assert list(TopologicalSorter(graph).static_order())
 
 
-def test_tracking_imports_mlflow_in_functions_alone():
-    tree = ast.parse((ROOT / KNOWS_MLFLOW).read_text())
-    names = {ast.unparse(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)}
-    assert not any("mlflow" in name for name in names)
-    assert "mlflow" in {name.partition(".")[0] for name in imported_modules(ROOT / KNOWS_MLFLOW)}
+def test_the_package_knows_no_programs_and_benchmarks_know_neither_stages_nor_studies_nor_tests():
+    benchmarks = [path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks").rglob("*.py")]
+    others = {"stages", "studies", "tests"}
+    for paths, unknown in ((FILES, others | {"benchmarks"}), (benchmarks, others)):
+        for path in paths:
+            assert not unknown & {name.partition(".")[0] for name in imported_modules(ROOT / path)}, path
+
+
+def test_only_tracking_knows_mlflow_and_imports_it_in_functions_alone():
+    know = {path for path in FILES if any(name.partition(".")[0] == "mlflow" for name in imported_modules(ROOT / path))}
+    assert know == {KNOWS_MLFLOW}
+    top = ast.parse((ROOT / KNOWS_MLFLOW).read_text()).body
+    assert not any("mlflow" in ast.unparse(node) for node in top if isinstance(node, ast.Import | ast.ImportFrom))
 
 
 def test_the_package_and_its_commands_load_neither_torch_nor_mlflow():
@@ -70,12 +80,7 @@ def test_the_package_and_its_commands_load_neither_torch_nor_mlflow():
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if "/nn/" in path])
-def test_networks_know_no_file_and_no_dvc(path):
-    assert not {"h5py", "pathlib", "dvc", "csv", "json"} & imported_modules(ROOT / path)
-
-
-def test_no_files_import_each_other_in_a_circle():
-    modules = {path.removesuffix(".py").removesuffix("/__init__").replace("/", "."): path for path in FILES}
-    graph = {module: imported_modules(ROOT / path) & set(modules) - {module} for module, path in modules.items()}
-    assert list(TopologicalSorter(graph).static_order())
+@pytest.mark.parametrize("folder", ["nn", "sensors", "systems"])
+def test_building_blocks_know_no_file_and_no_dvc(folder):
+    unknown = {"h5py", "pathlib", "dvc", "csv", "json"}
+    assert [path for path in FILES if folder_of(path) == folder and unknown & imported_modules(ROOT / path)] == []

@@ -47,50 +47,45 @@ def test_the_committed_values_are_those_of_head_whatever_the_file_says_now(tmp_p
     assert committed_params(path) == {"views": 8, "model.backbone.width": 64}
 
 
-def test_the_revision_says_whether_files_were_changed(tmp_path, monkeypatch):
+@pytest.fixture
+def repository(tmp_path, monkeypatch):
+    """The working folder, with files that are committed."""
     monkeypatch.chdir(tmp_path)
     assert git_revision() == {}
-    (tmp_path / "a").write_text("1")
-    git(tmp_path, "init", "-q")
-    git(tmp_path, "add", "a")
-    git(tmp_path, "commit", "-qm", "first")
-    clean = git_revision()
-    assert len(clean["mlflow.source.git.commit"]) == 40 and clean["git.dirty"] == "false"
-    (tmp_path / "a").write_text("2")
-    assert git_revision() == clean | {"git.dirty": "true", "git.changed": "a"}
-
-
-def test_a_lock_file_that_dvc_has_written_is_no_change(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    locks = [tmp_path / "dvc.lock", tmp_path / "data" / "dvc.lock", tmp_path / "new" / "dvc.lock"]
-    for lock in locks:
-        lock.parent.mkdir(exist_ok=True)
-        lock.write_text("1")
-    (tmp_path / "dvc.yaml").write_text("1")
-    git(tmp_path, "init", "-q")
-    git(tmp_path, "add", "dvc.yaml", "dvc.lock", "data/dvc.lock")
-    git(tmp_path, "commit", "-qm", "first")
-    for lock in locks[:2]:
-        lock.write_text("2")
-    git(tmp_path, "add", "new/dvc.lock")  # as an experiment does
-    assert git_revision()["git.dirty"] == "false" and "git.changed" not in git_revision()
-    (tmp_path / "dvc.yaml").write_text("2")
-    assert git_revision()["git.changed"] == "dvc.yaml"
-
-
-def test_changed_files_are_named_whole_whatever_their_names(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    names = ["a, b", "moved -> here", "öl"]
-    for name in [*names, *map(str, range(MOST_FILES))]:
+    for name in (
+        "a, b",
+        "moved -> here",
+        "öl",
+        "dvc.lock",
+        "data/dvc.lock",
+        "results/summary.json",
+        *map(str, range(MOST_FILES)),
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(name)
     git(tmp_path, "init", "-q")
     git(tmp_path, "add", ".")
     git(tmp_path, "commit", "-qm", "first")
-    (tmp_path / "a, b").write_text("changed")
-    (tmp_path / "öl").write_text("changed")
-    git(tmp_path, "mv", "moved -> here", "new")
-    assert git_revision()["git.changed"].split("\n") == ["a, b", "moved -> here", "new", "öl"]
+    return tmp_path
+
+
+def test_the_revision_names_the_changed_files_whole_whatever_their_names(repository):
+    clean = git_revision()
+    assert len(clean["mlflow.source.git.commit"]) == 40 and clean["git.dirty"] == "false" and "git.changed" not in clean
+    for name in ("a, b", "öl"):
+        (repository / name).write_text("changed")
+    git(repository, "mv", "moved -> here", "new")
+    assert git_revision() == clean | {"git.dirty": "true", "git.changed": "a, b\nmoved -> here\nnew\nöl"}
     for number in range(MOST_FILES):
-        (tmp_path / str(number)).write_text("changed")
+        (repository / str(number)).write_text("changed")
     listed = git_revision()["git.changed"].split("\n")
     assert len(listed) == MOST_FILES + 1 and listed[-1] == "and 4 more"
+
+
+def test_what_every_run_writes_is_no_change(repository):
+    for name in ("dvc.lock", "data/dvc.lock", "results/summary.json"):
+        (repository / name).write_text("changed")
+    (repository / "new").mkdir()
+    (repository / "new" / "dvc.lock").write_text("1")
+    git(repository, "add", "new/dvc.lock")  # as an experiment does
+    assert git_revision()["git.dirty"] == "false" and "git.changed" not in git_revision()

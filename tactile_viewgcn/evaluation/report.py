@@ -101,7 +101,7 @@ def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluat
 
     The costs are timing.json and those in summary.json, which DVC shows.
     """
-    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", summary(metrics, timing))):
+    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", flat_numbers(summary(metrics, timing)))):
         with atomic_write(folder / f"{name}.json") as part:
             part.write_text(json.dumps(tree, indent=2) + "\n")
     trials = evaluation.protocols

@@ -1,16 +1,18 @@
 """What every stage's command line shares: parameters are checked first, errors are one line, epochs are told."""
 
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import click
 import pytest
 import torch
 from click.testing import CliRunner
-from stages.job import Job
 
-from stages.command import stage
+from stages import command
+from stages.command import Job, options, started
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.tracking import Run
+from tactile_viewgcn.notes import Note
 from tests.stages.running import left, refused, run_stage
 
 ROOT = Path(__file__).parents[2]
@@ -45,10 +47,11 @@ def test_debug_shows_the_traceback(place):
 def failing(error):
     """A stage that raises this."""
 
-    @stage("seed")
-    @click.option("--out")
-    def broken(params, job, out):
-        raise error
+    @click.command()
+    @options
+    def broken(**common):
+        with started("needs", {}, **common):
+            raise error
 
     return CliRunner().invoke(broken, ["--params", str(ROOT / "params.yaml"), "--record", "record.json"])
 
@@ -83,7 +86,36 @@ def test_a_fault_of_ours_keeps_its_traceback(monkeypatch, error):
 
 
 def test_where_no_bar_is_shown_each_epoch_prints_a_line(capsys):
-    job = Job("pretrain", Run(), {})
-    job.on_epoch(30)(3, {"loss": 1.2344, "validation_error": 0.5})
+    job = Job("pretrain", None, {}, epochs=30)
+    job.epoch(3, {"loss": 1.2344, "validation_error": 0.5})
     assert job.curves == {"loss": [1.2344], "validation_error": [0.5]}
     assert capsys.readouterr().err.startswith("pretrain: epoch 3/30, loss 1.234, validation error 0.500, ")
+
+
+def test_a_note_is_printed_and_kept_with_its_stage(capsys):
+    job = Job("cluster", None, {})
+    job.note(Note("few frames; set views to 4", level="warning", topic="clusters", key="views", value=4))
+    assert capsys.readouterr().out == "  warning: clusters: few frames; set views to 4\n"
+    (note,) = job.notes
+    assert (note.stage, note.key, note.value) == ("cluster", "views", 4)
+
+
+def checkpoint_key(**changes):
+    tree = {"seed": 0, "model": SimpleNamespace(system="lda"), "md5": "a", "stage": "finetune"} | changes
+    params = SimpleNamespace(seed=tree["seed"], model=tree["model"])
+    return Job(tree["stage"], params, {"frames": tree["md5"]}).checkpoint_key()
+
+
+def test_another_parameter_input_or_code_is_another_training(monkeypatch, tmp_path):
+    key = checkpoint_key()
+    others = [checkpoint_key(seed=1), checkpoint_key(md5="b"), checkpoint_key(stage="pretrain")]
+    assert len({key, *others, checkpoint_key(model=SimpleNamespace(system="trees"))}) == 5 and checkpoint_key() == key
+    ignored = shutil.ignore_patterns("__pycache__")
+    for package in ("stages", "tactile_viewgcn"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=ignored)
+    shutil.copy(ROOT / "dvc.yaml", tmp_path)
+    monkeypatch.setattr(command, "ROOT", tmp_path)
+    assert checkpoint_key() == key
+    for name, same in (("plots.py", True), ("systems/mvcnn.py", True), ("views/sampling.py", False)):
+        (tmp_path / "tactile_viewgcn" / name).write_text("# another version\n")
+        assert (checkpoint_key() == key) == same

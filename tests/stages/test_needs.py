@@ -18,7 +18,7 @@ from tactile_viewgcn.systems import OnBackbone, OnSensors
 from tactile_viewgcn.tables.frames import write_frames
 from tests.small_tables import ROOT, SMALL, fewer_anchors, table
 
-LEFT_OUT = "pretrain was left out: model.system does not need it\n"
+LEFT_OUT = "pretrain: left out, model.system does not need it\n"
 
 
 @pytest.fixture
@@ -100,13 +100,13 @@ def test_a_system_with_a_backbone_is_refused_there(place):
 
 
 @pytest.mark.parametrize(
-    "launcher, told",
+    ("launcher", "says"),
     [
         ("torchrun --nproc-per-node 2", "params.yaml: launcher is 'torchrun --nproc-per-node 2'; expected a text of "),
         ("OMP_NUM_THREADS=2 torchrn -m", "launcher: no program 'torchrn' here; expected python -m, or torchrun"),
     ],
 )
-def test_a_launcher_that_starts_nothing_is_told_before_the_trainings(place, launcher, told):
+def test_a_launcher_that_starts_nothing_is_refused_before_the_trainings(place, launcher, says):
     result = CliRunner().invoke(needs, ["--set", f"launcher={launcher}", "--out", "needs.json"])
-    assert result.exit_code == 1 and result.output.startswith(f"Error: {told}") and result.output.count("\n") == 1
+    assert result.exit_code == 1 and result.output.startswith(f"Error: {says}") and result.output.count("\n") == 1
     assert not Path("needs.json").exists()

@@ -132,12 +132,11 @@ def test_nothing_runs_twice_and_git_sees_no_data(clone):
 
 def changed_stages(place):
     """The stages of which `dvc status` says that code of theirs has changed, those after them left out."""
-    lines = sh("dvc", "status", cwd=place).splitlines()
     stage, changed = "", set()
-    for line in lines:
+    for line in sh("dvc", "status", *ALL, cwd=place).splitlines():
         stage = line.rstrip(":") if not line.startswith("\t") else stage
         changed |= {stage} if "modified:" in line and "tactile_viewgcn/" in line else set()
-    return changed
+    return changed & set(ALL)
 
 
 @pytest.mark.parametrize(
@@ -165,14 +164,17 @@ def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warnin
     (shown,) = json.loads(sh("dvc", "metrics", "show", "--json", cwd=fresh))[""]["data"].values()
     assert shown["data"] == json.loads((clone / "results" / "summary.json").read_text())
     output = sh("sh", "-c", "dvc exp run -S views=2 2>&1", cwd=fresh, MLFLOW_TRACKING_URI="disabled")
-    assert ran(output) == ALL and "WARNING" not in output and "No file hash info" not in output
+    warnings = [line for line in output.splitlines() if "WARNING" in line or "failed to load" in line]
+    assert (
+        ran(output) == ALL and [line for line in warnings if "simulate" not in line and "/virtual/" not in line] == []
+    )
     columns = sh("dvc", "exp", "show", "--only-changed", "--csv", cwd=fresh).splitlines()[0].split(",")
     assert len(columns) < 20
 
 
 def test_dvc_shows_metrics_and_plots(clone):
     (shown,) = json.loads(sh("dvc", "metrics", "show", "--json", cwd=clone))[""]["data"].values()
-    assert set(shown["data"]) == {"error", "top3_error", "seconds", "ms_per_view_set"}
+    assert {"error.recording", "error.object", "ms_per_view_set"} < set(shown["data"])
     sh("dvc", "plots", "show", "-o", clone.parent / "plots", cwd=clone)
     page = (clone.parent / "plots" / "index.html").read_text()
     assert all(title in page for title in ("Confusion over all trials", "Error of each trial", "Error per object"))
@@ -184,7 +186,7 @@ def test_the_pipeline_is_a_row_and_links_to_the_other_stages(clone):
     assert set(stages) == set(TIMED) - {"evaluate"} and row.info.run_name == "view_gcn V=4"
     assert row.data.params["pretrain.epochs"] == "2" and row.data.params["frames.test"] == "96"
     summary = json.loads((clone / "results" / "summary.json").read_text())
-    assert row.data.metrics["error.object"] == summary["error"]["object"]
+    assert row.data.metrics["error.object"] == summary["error.object"]
     assert row.data.metrics["seconds.total"] > row.data.metrics["seconds.finetune"] > 0
     assert len(client.get_metric_history(row.info.run_id, "trials.error.object")) == 2
     assert [metric.step for metric in client.get_metric_history(stages["pretrain"].info.run_id, "loss")] == [1, 2]

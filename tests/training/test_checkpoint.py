@@ -1,9 +1,7 @@
 """A training that was interrupted ends as one that was not."""
 
-import shutil
 import time
 from threading import Thread
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +15,6 @@ from tactile_viewgcn.training.checkpoint import (
     Checkpoint,
     Progress,
     checkpoint_path,
-    code_files,
     training_checkpoint,
 )
 from tactile_viewgcn.training.finetuning import finetune_classifier
@@ -149,38 +146,14 @@ def test_it_loads_as_plain_values_alone(tmp_path, monkeypatch):
     assert content["progress"]["epoch"] == 1
 
 
-def path_of(*, lr=0.1, md5="a", stage="finetune", compute=CPU):
-    return checkpoint_path(stage, SimpleNamespace(finetune=SimpleNamespace(lr=lr), seed=0), {"frames": md5}, compute)
+def path_of(*, key="a", stage="finetune", compute=CPU):
+    return checkpoint_path(stage, key, compute)
 
 
-def test_another_parameter_input_stage_or_precision_has_another_file():
-    other = [Compute(torch.device("cpu"), "bfloat16"), Compute(torch.device("cuda"), "float32")]
-    paths = [
-        path_of(),
-        path_of(lr=0.2),
-        path_of(md5="b"),
-        path_of(stage="pretrain"),
-        *(path_of(compute=c) for c in other),
-    ]
-    assert len(set(paths)) == 6
-    assert path_of() == paths[0]
-
-
-def test_other_code_has_another_file(tmp_path, monkeypatch):
-    before = path_of()
-    shutil.copytree(module.PACKAGE, tmp_path / "package", ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(module, "PACKAGE", tmp_path / "package")
-    assert path_of() == before
-    (tmp_path / "package" / "plots.py").write_text("# draws otherwise\n")
-    assert path_of() == before
-    (tmp_path / "package" / "views" / "sampling.py").write_text("# another version\n")
-    assert path_of() != before
-
-
-def test_the_code_of_a_training_is_listed_and_what_only_reports_is_not():
-    files = code_files()
-    assert {"nn/view_gcn.py", "training/loop.py", "views/sampling.py", "frames/transform.py", "device.py"} <= set(files)
-    assert not {"tracking.py", "plots.py", "params.py", "evaluation/report.py"} & set(files)
+def test_another_key_stage_or_precision_has_another_file():
+    others = [Compute(torch.device("cpu"), "bfloat16"), Compute(torch.device("cuda"), "float32")]
+    paths = [path_of(), path_of(key="b"), path_of(stage="pretrain"), *(path_of(compute=one) for one in others)]
+    assert len(set(paths)) == 5 and path_of() == paths[0]
 
 
 def test_it_lies_in_the_original_repository(tmp_path, monkeypatch):
@@ -197,15 +170,15 @@ def test_without_a_file_nothing_is_kept_and_no_epoch_done():
 
 def test_of_two_processes_with_one_training_one_waits(tmp_path, monkeypatch):
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    given = ("pretrain", SimpleNamespace(seed=0), {}, CPU)
+    training = ("pretrain", "key", CPU)
     order = []
 
     def second():
-        with training_checkpoint(*given) as path:
+        with training_checkpoint(*training) as path:
             order.append("second")
             assert not path.exists()  # the first is done with it
 
-    with training_checkpoint(*given) as path:
+    with training_checkpoint(*training) as path:
         path.write_bytes(b"under way")
         thread = Thread(target=second)
         thread.start()
@@ -217,7 +190,7 @@ def test_of_two_processes_with_one_training_one_waits(tmp_path, monkeypatch):
 
 def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    with pytest.raises(Interrupted), training_checkpoint("pretrain", SimpleNamespace(seed=0), {}, CPU) as path:
+    with pytest.raises(Interrupted), training_checkpoint("pretrain", "key", CPU) as path:
         path.write_bytes(b"under way")
         raise Interrupted
     assert path.read_bytes() == b"under way"
