@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import torch
 from click.testing import CliRunner
-from skops.io import dumps
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.svm import SVC
+from skops.io import dumps
 
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
