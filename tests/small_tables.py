@@ -60,7 +60,10 @@ def table(*changes: str) -> Frames:
         write_recordings(path, read_metadata(save_matlab5(source, tree)), "")
         with Recordings(path) as recordings:
             return prepare(
-                recordings, decide(recordings, params.preprocess).params, params.split, np.random.default_rng(params.seed)
+                recordings,
+                decide(recordings, params.preprocess).params,
+                params.split,
+                np.random.default_rng(params.seed),
             )[0]
 
 

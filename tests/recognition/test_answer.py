@@ -2,11 +2,18 @@
 
 import numpy as np
 import pytest
-from tactile_viewgcn.recognition.unlabelled import answer_source
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, answer_contact, answer_recording, bisecting
+from tactile_viewgcn.recognition.answer import (
+    NO_CONTACT,
+    OBJECT,
+    UNKNOWN,
+    answer_contact,
+    answer_recording,
+    answer_source,
+    bisecting,
+)
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tests.small_glove import HELD, OBJECTS, SHAPE, empty_hand, recogniser, recording, write
 

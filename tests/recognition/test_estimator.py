@@ -19,7 +19,7 @@ from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.answer import answer_recording
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.tables.frames import TRAIN
+from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
@@ -37,7 +37,8 @@ RAW = {
 }
 NETWORK = {
     "preprocess.scale": 60,
-    "model.backbone.kind": "perceptron",
+    "model.backbone.width": 8,
+    "model.backbone.readout": "grid",
     "pretrain.epochs": 15,
     "pretrain.batch": 8,
     "finetune.epochs": 3,
@@ -117,7 +118,7 @@ def test_best_takes_any_number_of_frames_and_its_probabilities_are_calibrated():
 
 
 @pytest.mark.parametrize("system", ["ensemble", "view_gcn"])
-def test_its_weights_are_those_of_the_stages(system):
+def test_its_answers_are_those_of_the_stages(system):
     """The training recordings of a table, given as arrays, make the file that the table makes."""
     network = "model.backbone.width=4", "model.backbone.blocks=1", f"model.system={system}"
     given = "baseline=none", "zero=514", "filter=none", "contact_sensors=14", "scale=150"
@@ -129,7 +130,7 @@ def test_its_weights_are_those_of_the_stages(system):
     if system == "view_gcn":
         backbone, linear, _ = pretrain_backbone(frames, params, CPU)
         weights = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
-    expected = finetune_classifier(frames, views, weights, params, CPU)[0].state_dict()
+    expected = finetune_classifier(frames, views, weights, params, CPU)[0]
 
     train = frames.on(TRAIN)
     rows = [train[frames.recording[train] == number] for number in np.unique(frames.recording[train])]
@@ -140,10 +141,14 @@ def test_its_weights_are_those_of_the_stages(system):
         params={key: yaml.safe_load(text) for key, text in values.items()} | {"precision": "float32"},
     )
     classifier.fit([frames.counts[index] for index in rows], [frames.label[index[0]] for index in rows])
-    weights = classifier.recogniser_.classifier.state_dict()
-    assert weights.keys() == expected.keys()
-    for name, value in expected.items():
-        assert (weights[name] == value).all(), name
+    inputs = CPU.frames(torch.from_numpy(frames.inputs(frames.on(TEST), expected.transform)))
+    expected.prepare(CPU)
+    sets = torch.arange(len(inputs) // 4 * 4).view(-1, 4)
+    with torch.inference_mode():
+        first, second = (
+            one.logits(one.frame_values(inputs), sets) for one in (expected, classifier.recogniser_.classifier)
+        )
+    assert (first == second).all()
 
 
 def test_a_classifier_is_cloned_pickled_and_dumped(tmp_path):
@@ -200,7 +205,7 @@ def test_a_class_without_contact_is_told_and_has_probability_0():
     with pytest.warns(UserWarning, match="no frame has 6 sensors above 5 sd: mug"):
         classifier = made().fit(X, y)
     assert classifier.predict_proba(X[:1])[0, 1] == 0
-    assert any("mug" in note for note in classifier.notes_)
+    assert any("mug" in note.text and note.level == "warning" for note in classifier.notes_)
 
 
 def test_a_recording_without_contact_is_any_object():
@@ -224,7 +229,7 @@ def test_what_is_auto_is_decided_by_the_recordings():
     X, y, _ = grasps()
     classifier = TactileClassifier(views=4).fit(X, y)
     assert classifier.score(*grasps(2, seed=1)[:2]) == 1
-    assert any(note.startswith("preprocess.filter contact: ") for note in classifier.notes_)
+    assert any("filter" in str(note) for note in classifier.notes_)
     chosen = classifier.recogniser_.preprocessing.params
     assert chosen.filter == "contact" and chosen.baseline in ("grasp", "quiet")
 

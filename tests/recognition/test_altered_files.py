@@ -1,0 +1,191 @@
+"""A classifier's file that somebody altered runs no code and crashes nothing: one line from all that load it."""
+
+import io
+import json
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+import zipfile
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from click.testing import CliRunner
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.svm import SVC
+from skops.io import dumps
+
+from tactile_viewgcn.cli import cli
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition import model_file as module
+from tactile_viewgcn.recognition.model_file import ARCHIVE, read_archive
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.sensors import kernels
+from tactile_viewgcn.sensors.forest import Forest
+from tests.small_glove import OBJECTS, model_file, recording, write
+
+RAN = "the code in the file has run"
+POINTS, LABELS = np.random.default_rng(0).normal(size=(30, 80)), np.arange(30) % 3
+
+
+class Code:
+    """What runs a command when it is unpickled."""
+
+    def __reduce__(self):
+        return os.system, (f"echo {RAN}",)
+
+
+@cache
+def content(system: str) -> bytes:
+    """The file of a classifier of this system on the small glove."""
+    path = Path(os.environ["PYTEST_FOLDER"]) / f"{system}.pt"
+    return model_file(path, f"model.system={system}").read_bytes()
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTEST_FOLDER", str(tmp_path))
+
+
+def with_archive(data: bytes, system: str = "trees") -> dict:
+    """The content of a file whose pipeline is another archive."""
+    tree = torch.load(io.BytesIO(content(system)), weights_only=True)
+    tree["learnt"]["fitted"]["pipeline"] = {ARCHIVE: torch.frombuffer(bytearray(data), dtype=torch.uint8)}
+    return tree
+
+
+def with_trees(name: str, node: int, value: int) -> dict:
+    """The same with another number in one place of the trees' arrays."""
+    archive = torch.load(io.BytesIO(content("trees")), weights_only=True)["learnt"]["fitted"]["pipeline"][ARCHIVE]
+    state = read_archive(archive.numpy().tobytes()).__getstate__()
+    state[name][node] = value
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Forest, "__getstate__", lambda self: state)
+        return with_archive(dumps(Forest()))
+
+
+def naming(module_name: str, function: str) -> dict:
+    """An archive of skops that asks for a function."""
+    schema = json.loads(zipfile.ZipFile(io.BytesIO(dumps(np.zeros(1)))).read("schema.json"))
+    node = {"__class__": function, "__module__": module_name, "__loader__": "FunctionNode", "__id__": 1}
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("schema.json", json.dumps(schema | node | {"content": node}))
+    return with_archive(file.getvalue())
+
+
+def compressed() -> dict:
+    return with_archive(dumps(Forest(2).fit(np.zeros((30, 80)), LABELS), compression=zipfile.ZIP_DEFLATED))
+
+
+def neighbour_of_no_class() -> dict:
+    archive = torch.load(io.BytesIO(content("knn")), weights_only=True)["learnt"]["fitted"]["pipeline"][ARCHIVE]
+    neighbours = read_archive(archive.numpy().tobytes())
+    neighbours._y = neighbours._y + 10**6
+    return with_archive(dumps(neighbours), "knn")
+
+
+def without(name: str) -> dict:
+    tree = torch.load(io.BytesIO(content("trees")), weights_only=True)
+    del tree[name]
+    return tree
+
+
+#: what was altered, and the reason that the line has
+ALTERED = {
+    "a pickle": (lambda: {"weights": Code()}, "UnpicklingError: Weights only load failed"),
+    "a pickle as the pipeline": (lambda: with_archive(pickle.dumps(Code())), "BadZipFile: File is not a zip file"),
+    "os.system": (lambda: naming("os", "system"), "a pipeline of type os.system is not trusted"),
+    "a tree that loops": (lambda: with_trees("left_child", 0, 0), "a tree's node has a child that is not below it"),
+    "a tree that points outside": (lambda: with_trees("right_child", 0, 10**9), "a child that is not below it"),
+    "a feature outside": (lambda: with_trees("feature", 0, 10**9), "asks for a feature that there is not"),
+    "scikit-learn's own trees": (
+        lambda: with_archive(dumps(ExtraTreesClassifier(2).fit(POINTS, LABELS))),
+        "sklearn.tree._tree.Tree is not trusted",
+    ),
+    "another estimator": (lambda: with_archive(dumps(SVC().fit(POINTS, LABELS))), "type sklearn.svm._classes.SVC is"),
+    "a compressed archive": (compressed, "a pipeline's archive is compressed"),
+    "a neighbour of no class": (neighbour_of_no_class, "a neighbour's label is none of the classes"),
+    "a file of an earlier version": (lambda: without("format"), "no classifier of this version; train it again"),
+    "a key missing": (lambda: without("live"), "KeyError: 'live'"),
+    "other weights": (lambda: with_archive(dumps(Forest(2).fit(POINTS[:, :5], LABELS))), "ValueError: X has"),
+}
+FOUR = ("a pickle", "os.system", "a tree that loops", "a tree that points outside")  # what the issue names
+
+
+def altered(folder: Path, name: str) -> Path:
+    torch.save(ALTERED[name][0](), folder / "classifier.pt")
+    return folder / "classifier.pt"
+
+
+@pytest.mark.parametrize("name", ALTERED)
+def test_the_recogniser_refuses_it_in_one_line(tmp_path, capfd, name):
+    path = altered(tmp_path, name)
+    with pytest.raises(UserError) as error:
+        Recogniser(path)
+    line = str(error.value)
+    assert line.startswith(f"{path}: ") and ALTERED[name][1] in line and len(line.splitlines()) == 1
+    assert RAN not in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("name", FOUR)
+def test_the_command_and_mlflow_print_the_same_line(tmp_path, capfd, name):
+    path = altered(tmp_path, name)
+    write(tmp_path / "new" / "1.h5", recording(OBJECTS[0], 80))
+    result = CliRunner().invoke(cli, ["predict", str(path), str(tmp_path / "new")])
+    assert isinstance(result.exception, UserError) and ALTERED[name][1] in str(result.exception)
+    import mlflow
+
+    model = saved(tmp_path, path)
+    with pytest.raises(UserError) as error:
+        mlflow.pyfunc.load_model(str(model))
+    assert ALTERED[name][1] in str(error.value) and len(str(error.value).splitlines()) == 1
+    assert RAN not in capfd.readouterr().out
+
+
+def saved(folder: Path, path: Path) -> Path:
+    """An MLflow model of the file, in a folder."""
+    import mlflow
+
+    loader = "tactile_viewgcn.recognition.mlflow_model"
+    mlflow.pyfunc.save_model(folder / "model", loader_module=loader, data_path=str(path), pip_requirements=[])
+    return folder / "model"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FOUR)
+def test_mlflow_s_server_ends_with_the_same_line(tmp_path, name):
+    model = saved(tmp_path, altered(tmp_path, name))
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    words = ["-m", "mlflow", "models", "serve", "-m", str(model), "--env-manager", "local", "-p", port]
+    scripts = str(Path(sys.executable).parent)  # of uvicorn, which MLflow calls by its name
+    environment = os.environ | {"PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"}
+    with (tmp_path / "log").open("w") as log:
+        process = subprocess.Popen(
+            [sys.executable, *words], env=environment, stdout=log, stderr=log, start_new_session=True
+        )
+    try:
+        assert process.wait(540)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGTERM)
+    lines = (tmp_path / "log").read_text().splitlines()
+    assert any(line.startswith("tactile_viewgcn.errors.UserError") and ALTERED[name][1] in line for line in lines)
+    assert RAN not in lines
+
+
+def test_every_pipeline_that_we_write_is_trusted(monkeypatch):
+    """Also that of many points, which has landmarks."""
+    monkeypatch.setattr(kernels, "MAX_POINTS", 10)
+    monkeypatch.setattr(kernels, "LANDMARKS", 5)
+    classifier = kernels.KernelClassifier().fit(POINTS, LABELS)
+    again = module._unpacked(module._packed({"pipelines": {1: classifier}}))["pipelines"][1]
+    assert (again.predict_proba(POINTS) == classifier.predict_proba(POINTS)).all()

@@ -1,0 +1,56 @@
+"""Kernel ridge regression and means over blocks, by hand."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+from scipy.special import softmax
+
+from tactile_viewgcn.sensors.kernels import BLOCKS, KernelClassifier, block_weights, ridge_regression
+
+
+def test_blocks_are_means_over_live_cells_and_half_empty_ones_are_left_out():
+    live = np.ones((4, 4), dtype=bool)
+    live[:2, :2] = [[True, False], [False, False]]  # a quarter of the first block
+    readings = np.arange(16.0).reshape(4, 4)[live]
+    expected = [(2 + 3 + 6 + 7) / 4, (8 + 9 + 12 + 13) / 4, (10 + 11 + 14 + 15) / 4, readings.mean()]
+    np.testing.assert_allclose(readings @ block_weights(live), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(6, 6), (5, 7), (8, 3), (9, 11)])
+def test_blocks_are_the_squares_of_any_glove(shape):
+    """Also where the width is no multiple of the block: the naive loop over squares."""
+    rows, columns = np.nonzero(np.ones(shape, dtype=bool))
+    expected = []
+    for size in BLOCKS:
+        for top in range(0, shape[0], size):
+            for left in range(0, shape[1], size):
+                inside = (rows // size == top // size) & (columns // size == left // size)
+                if inside.sum() >= size**2 / 2:
+                    expected.append(inside / inside.sum())
+    np.testing.assert_allclose(block_weights(np.ones(shape, dtype=bool)), np.transpose(expected), rtol=1e-6)
+
+
+def test_kernel_ridge_regression_by_hand():
+    rng = np.random.default_rng(1)
+    points, labels, asked = rng.normal(size=(20, 5)), np.repeat([0, 2], 10), rng.normal(size=(4, 5))
+    between = cdist(points, points, "sqeuclidean")
+    kernel, to_asked = (np.exp(-2 * d / between.mean()) for d in (between, cdist(asked, points, "sqeuclidean")))
+    weights = np.linalg.solve(kernel + 0.3 * np.eye(20), labels[:, None] == [0, 2])
+    classifier = KernelClassifier().fit(points, labels)
+    np.testing.assert_allclose(classifier.predict_proba(asked), softmax(8 * to_asked @ weights, axis=1), rtol=1e-6)
+    assert list(classifier.classes_) == [0, 2]
+
+
+def test_points_that_are_all_equal_are_answered_by_their_share():
+    classifier = KernelClassifier().fit(np.ones((4, 3)), np.array([0, 1, 1, 1]))
+    (probabilities,) = classifier.predict_proba(np.ones((1, 3)))
+    assert np.isfinite(probabilities).all() and probabilities[1] > probabilities[0]
+
+
+def test_many_points_are_answered_from_landmarks_nearly_alike():
+    rng = np.random.default_rng(2)
+    points, indicators = rng.normal(size=(4100, 2)), rng.integers(2, size=(4100, 2)).astype(float)
+    exact, landmarks = ridge_regression(4000, 0.1), ridge_regression(4100, 0.1)
+    asked = rng.normal(size=(50, 2))
+    first, second = (each.fit(points, indicators).predict(asked) for each in (exact, landmarks))
+    np.testing.assert_allclose(first, second, atol=0.01)

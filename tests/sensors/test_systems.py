@@ -1,0 +1,212 @@
+"""Systems on the sensors: what they answer is what scikit-learn's pipelines answer, joined by hand."""
+
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+import torch
+from sklearn.decomposition import PCA
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.linear_model import LogisticRegression
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import make_pipeline
+
+from tactile_viewgcn.evaluation.evaluate import evaluate_table
+from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.sensors import max_network
+from tactile_viewgcn.sensors.classifier import SensorClassifier
+from tactile_viewgcn.sensors.kernels import BlockMeans, KernelClassifier
+from tactile_viewgcn.sensors.pipelines import MEMBERS
+from tactile_viewgcn.sensors.systems import FLOOR, MOST_SETS, Ensemble, TrainingFrames
+from tactile_viewgcn.sensors.unit import contact_unit
+from tactile_viewgcn.systems import Member, OnSensors
+from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.sensor_fitting import powers_of_two
+from tests.small_tables import CPU, recipe, table, views_of
+
+PLAIN = {
+    "trees": lambda: ExtraTreesClassifier(500, random_state=0),
+    "logistic": lambda: LogisticRegression(max_iter=500),
+    "knn": lambda: KNeighborsClassifier(5, metric="cosine"),
+    "lda": lambda: make_pipeline(PCA(50, random_state=0), LinearDiscriminantAnalysis()),
+    "kernel": lambda: make_pipeline(BlockMeans(table().live), KernelClassifier()),
+}
+
+
+@pytest.fixture(autouse=True)
+def _few_steps(monkeypatch):
+    monkeypatch.setattr(max_network, "STEPS", 60)
+
+
+def data(pools: int = 6, frames: int = 12, sizes: tuple[int, ...] = (4,)) -> TrainingFrames:
+    """Three objects on a 4 x 4 glove: each presses a row of its own, one sensor of it a frame."""
+    rng = np.random.default_rng(0)
+    pool = np.repeat(np.arange(pools), frames)
+    label = pool % 3
+    sensors = rng.normal(size=(len(label), 4, 4))
+    sensors[np.arange(len(label)), label, rng.integers(4, size=len(label))] += 20
+    live = np.ones((4, 4), dtype=bool)
+    return TrainingFrames(sensors.reshape(-1, 16).astype(np.float32), label, 3, pool, sizes, live, seed=0)
+
+
+def fitted(name: str, frames=None) -> SensorClassifier:
+    params, frames = recipe(f"model.system={name}"), table() if frames is None else frames
+    return finetune_classifier(frames, views_of(frames, params), {}, params, CPU)[0]
+
+
+def inputs(index: np.ndarray) -> torch.Tensor:
+    return CPU.frames(torch.from_numpy(table().inputs(index, "counts")))
+
+
+def counts_above(index: np.ndarray) -> np.ndarray:
+    """Counts above the baseline of the live sensors, written out."""
+    frames = table()
+    above = frames.counts[index].astype(np.float32) - frames.baseline_mean[frames.baseline[index]]
+    return above[:, frames.live]
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("name", PLAIN)
+def test_answers_are_the_plain_estimators_averaged_by_hand(name):
+    frames = table()
+    assert frames.transform == "clip"  # and yet the pipeline reads counts
+    train = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
+    test = np.flatnonzero(frames.side == TEST)
+    unit, dead_zone = contact_unit(counts_above(train)), 2 if name == "kernel" else 0
+    points = [np.log1p(np.maximum(counts_above(index) / np.float32(unit) - dead_zone, 0)) for index in (train, test)]
+    expected = PLAIN[name]().fit(points[0], frames.label[train]).predict_proba(points[1]).astype(np.float32)
+    classifier = fitted(name)
+    values = classifier.frame_values(inputs(test))
+    torch.testing.assert_close(values, torch.from_numpy(expected), rtol=1e-5, atol=1e-6)
+    sets = torch.from_numpy(np.random.default_rng(0).integers(len(test), size=(50, 4)))
+    mean = torch.from_numpy(expected[sets.numpy()].mean(axis=1))
+    torch.testing.assert_close(classifier.logits(values, sets).softmax(dim=-1), mean, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", get_args(OnSensors))
+def test_equal_trainings_give_equal_answers_better_than_chance_and_the_file_keeps_them(tmp_path, name):
+    params, frames, classifier = recipe(f"model.system={name}"), table(), fitted(name)
+    save_classifier(tmp_path / "classifier.pt", classifier, params.model, frames)
+    loaded, content = load_classifier(tmp_path / "classifier.pt")
+    assert content["transform"] == "counts"
+    first, second = (
+        evaluate_table(one, frames, params.cluster, params.evaluate, CPU, params.seed, timed=False)
+        for one in (fitted(name), loaded)
+    )
+    for protocol, trials in first.protocols.items():
+        assert (trials.predicted == second.protocols[protocol].predicted).all()
+        assert trials.correct.mean() > 0.5  # of four classes
+    test, sets = np.flatnonzero(frames.side == TEST)[:8], torch.arange(8).view(2, 4)
+    answers = [one.logits(one.frame_values(inputs(test)), sets) for one in (classifier, loaded)]
+    assert (answers[0] == answers[1]).all()
+    assert classifier.packages == (() if name == "max_network" else ("scikit-learn", "skops"))
+
+
+def test_a_class_without_training_frames_is_never_answered():
+    frames = table()
+    merged = replace(frames, label=np.where(frames.label == 2, 1, frames.label).astype(frames.label.dtype))
+    probabilities = fitted("knn", merged).frame_values(inputs(np.flatnonzero(frames.side == TEST)))
+    assert probabilities.shape[1] == 4 and (probabilities[:, 2] == 0).all()
+
+
+def test_neighbours_are_no_more_than_there_are_training_frames():
+    few = replace(table(), anchor=table().anchor & (np.arange(len(table())) % 48 == 0))
+    count = int((few.anchor & (few.side == TRAIN)).sum())
+    assert 1 < count < 5 and fitted("knn", few).system.fitted["pipeline"].n_neighbors == count
+
+
+def test_view_sets_stay_in_a_pool_and_have_its_label():
+    frames = data(sizes=(1, 4))
+    sets, labels = frames.view_sets(5)
+    assert [of_size.shape for of_size in sets] == [(30, 1), (30, 4)]
+    for members, label in zip([*sets[0], *sets[1]], [*labels, *labels], strict=True):
+        assert len(set(frames.pools[members])) == 1
+        assert set(frames.labels[members]) == {label}
+        assert len(set(members)) == len(members)  # there are enough frames
+    assert all((first == second).all() for first, second in zip(sets, frames.view_sets(5)[0], strict=True))
+
+
+def test_frames_repeat_where_a_pool_has_fewer_and_large_pools_give_more_sets():
+    assert data(frames=2).view_sets(5)[0][0].shape == (30, 4)
+    assert data(frames=400).view_sets(5)[0][0].shape == (600, 4)  # a hundred of each pool
+    assert len(data(pools=60, frames=400).view_sets(5)[0][0]) == 60 * (MOST_SETS // 60)
+
+
+def test_view_sets_mix_neither_objects_nor_split_groups_nor_recordings(monkeypatch):
+    """A recording of several grasps is a pool a grasp, where these are the split groups."""
+    frames, grasp, fits = table(), np.arange(len(table())) % 3, []
+    split = replace(frames, group=frames.group * 3 + grasp)
+    monkeypatch.setattr(SensorClassifier, "fit", lambda self, *arguments, **_: fits.append(arguments))
+    fitted("max_kernel", split)
+    index = np.flatnonzero(split.anchor & (split.side == TRAIN))
+    whole, pools = np.stack([split.label, split.recording, split.group])[:, index], fits[0][2]
+    assert len(np.unique(pools)) == len(np.unique(whole, axis=1).T)
+    assert all(len(np.unique(whole[:, pools == pool], axis=1).T) == 1 for pool in np.unique(pools))
+
+
+def test_sizes_are_powers_of_two_and_all_views():
+    assert [powers_of_two(views) for views in (8, 12, 1)] == [(1, 2, 4, 8), (1, 2, 4, 8, 12), (1,)]
+
+
+def test_each_size_has_a_pipeline_of_the_maximum_and_sizes_in_between_take_the_smaller():
+    frames = data(sizes=(2, 4))
+    system = MEMBERS["max_logistic"]().fit(frames)
+    sets, labels = frames.view_sets(10)
+    bits = np.concatenate([frames.frames > threshold for threshold in (4, 8, 16)], axis=1).astype(np.float32)
+    plain = {
+        size: LogisticRegression(C=0.1, max_iter=500).fit(bits[of_size].max(axis=1), labels)
+        for size, of_size in zip((2, 4), sets, strict=True)
+    }
+    values = system.frame_values(frames.frames)[sets[1][:5]]
+    for views, size in ((1, 2), (2, 2), (3, 2), (4, 4)):
+        expected = plain[size].predict_proba(values[:, :views].max(axis=1))
+        np.testing.assert_allclose(np.exp(system.logits(values[:, :views])), expected, rtol=1e-5)
+    assert (system.logits(values[:, ::-1]) == system.logits(values)).all()
+
+
+def test_the_network_learns_view_sets_of_every_size_and_sees_their_maximum_alone(monkeypatch):
+    monkeypatch.setattr(max_network, "SHIFT", 0)  # the objects here are a row apart
+    frames, before = data(sizes=(1, 2, 4)), torch.get_rng_state()
+    system = MEMBERS["max_network"]().fit(frames)
+    assert (torch.get_rng_state() == before).all()
+    values, (of_one, _, of_four) = system.frame_values(frames.frames), frames.view_sets(10)[0]
+    for sets in (of_one, of_four):
+        assert np.mean(system.logits(values[sets]).argmax(axis=1) == frames.labels[sets[:, 0]]) > 0.9
+    maximum = values[of_four].max(axis=1, keepdims=True)
+    np.testing.assert_allclose(system.logits(maximum), system.logits(values[of_four]), rtol=1e-6)
+
+
+def test_maps_are_shifted_by_a_row_or_a_column_at_most():
+    maps = torch.arange(1.0, 10).view(1, 1, 3, 3)
+    assert (max_network.shifted(maps, 1, 1) == maps).all()
+    moved = max_network.shifted(maps, 2, 0)[0, 0]  # up and to the right
+    assert moved.tolist() == [[0, 4, 5], [0, 7, 8], [0, 0, 0]]
+
+
+def test_the_ensemble_adds_its_members_logarithms():
+    frames, names = data(), ("trees", "max_kernel")
+    system = Ensemble([MEMBERS[name]() for name in names]).fit(frames)
+    sets, expected = frames.view_sets(1)[0][0], 0
+    for name in names:
+        alone = MEMBERS[name]().fit(frames)
+        expected += np.log(np.exp(alone.logits(alone.frame_values(frames.frames)[sets])) + FLOOR)
+    np.testing.assert_allclose(system.logits(system.frame_values(frames.frames)[sets]), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_a_glove_of_another_scale_gets_the_same_answers(tmp_path):
+    """Counts and baselines a thousand times as large: the unit takes care of it."""
+    frames, params, answers = table(), recipe("model.system=max_kernel"), []
+    larger = replace(frames, counts=frames.counts * 1000.0, baseline_mean=frames.baseline_mean * 1000.0)
+    for scaled in (frames, larger):
+        save_classifier(tmp_path / "classifier.pt", fitted("max_kernel", scaled), params.model, scaled)
+        counts = scaled.counts[scaled.side == TEST][:8].reshape(2, 4, *scaled.live.shape)
+        answers.append(Recogniser(tmp_path / "classifier.pt").probabilities(counts))
+    np.testing.assert_allclose(*answers, rtol=1e-3)
+
+
+def test_members_are_those_that_params_allows():
+    assert MEMBERS.keys() == set(get_args(Member))
