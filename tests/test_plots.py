@@ -1,24 +1,8 @@
 """Pictures: what is drawn is what was given."""
 
-from itertools import pairwise
-
 import numpy as np
-import pytest
 
 from tactile_viewgcn.plots import cluster_means, confusions, curves, error_intervals, mean_frames, time_lines
-
-
-def check_labels(figure):
-    """The labels of both axes lie inside the drawn figure and leave each other alone."""
-    figure.draw_without_rendering()
-    page, axes = figure.bbox, figure.axes[0]
-    rows = [label.get_window_extent() for label in axes.get_yticklabels()]
-    columns = [label.get_window_extent() for label in axes.get_xticklabels()]
-    assert rows and columns
-    for box in rows + columns:
-        assert page.x0 <= box.x0 and box.x1 <= page.x1 and page.y0 <= box.y0 and box.y1 <= page.y1
-    assert all(below.y1 <= above.y0 for above, below in pairwise(rows))
-    assert all(left.x1 <= right.x0 for left, right in pairwise(columns))
 
 
 def names(ticks):
@@ -34,12 +18,6 @@ def test_confusions_are_drawn_as_shares_of_each_row_side_by_side():
     assert names(left.get_xticklabels()) == names(left.get_yticklabels()) == ["cup", "a_b", "tape"]
     assert (left.get_xlabel(), left.get_ylabel()) == ("predicted", "held")
     assert "object" in left.get_title() and "recording" in right.get_title()
-
-
-@pytest.mark.parametrize("count", [2, 27])
-@pytest.mark.parametrize("protocols", [["object"], ["object", "recording"]])
-def test_the_labels_of_few_and_of_many_classes_can_be_read(count, protocols):
-    check_labels(confusions({name: np.eye(count) for name in protocols}, ["safety_glasses"] * count))
 
 
 def test_cluster_means_lie_in_a_row_per_class_with_a_gap_between():
@@ -61,11 +39,6 @@ def test_cluster_means_lie_in_a_row_per_class_with_a_gap_between():
     assert names(axes.get_xticklabels()) == ["0", "1", "2"]
 
 
-@pytest.mark.parametrize("shape", [(2, 1, 12, 12), (27, 8, 4, 4), (3, 20, 1, 1)])
-def test_the_labels_of_few_and_of_many_views_can_be_read(shape):
-    check_labels(cluster_means(np.ones(shape), np.ones(shape[2:], dtype=bool), ["multimeter"] * shape[0]))
-
-
 def test_cluster_means_of_silent_sensors_can_be_drawn():
     figure = cluster_means(np.zeros((2, 2, 3, 3)), np.ones((3, 3), dtype=bool), ["cup", "pen"])
     assert figure.axes[0].images[0].get_clim() == (0, 1)
@@ -81,10 +54,11 @@ def test_mean_frames_share_one_scale_and_leave_out_what_is_no_sensor():
 
 
 def test_errors_stand_with_their_intervals_and_guessing():
-    (axes,) = error_intervals({"recording": (0.4, 0.3, 0.6), "object": (0.2, 0.1, 0.3)}, chance=0.9).axes
+    errors = {"recording": {"mean": 0.4, "low": 0.3, "high": 0.6}, "object": {"mean": 0.2, "low": None, "high": None}}
+    (axes,) = error_intervals(errors, chance=0.9).axes
     assert names(axes.get_yticklabels()) == ["recording", "object"]
     drawn = [line.get_xdata() for line in axes.lines]
-    assert np.allclose(drawn[0], [30, 60]) and np.allclose(drawn[1], 40) and np.allclose(drawn[-1], 90)
+    assert [list(line) for line in drawn] == [[30, 60], [40], [20], [90, 90]]
 
 
 def test_curves_have_a_panel_for_each_quantity():

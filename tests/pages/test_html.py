@@ -80,13 +80,6 @@ def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
     assert "default-src 'none'" in text and "http://" not in text and "url(" not in text
 
 
-def test_every_table_and_picture_is_in_a_panel_that_scrolls_and_says_so():
-    text = page_of("Öl")
-    assert text.count('<div class="panel" tabindex="0"><') == text.count("<table>") + text.count("<img") == 3
-    assert ".panel::before" in text and "wider than the screen: scroll sideways" in text
-    assert '<th class="n">error</th>' in text and '<span class="bar" style="width:50.0%">' in text
-
-
 def test_what_a_template_is_not_given_is_an_error():
     with pytest.raises(UndefinedError, match="step"):
         environment().from_string(PAGE).render(title="a", given="b", verdict=Verdict("good", "c", []))
