@@ -129,18 +129,18 @@ class Backbone:
 @dataclass(frozen=True, config=SECTION)
 class Model:
     selector_neighbours: ClassVar = 4  # released: nodes that a sampled view is chosen from, itself included
-    selector_hidden: ClassVar = 0  # released: hidden units of the selector, 0: a linear classifier
     dropout: ClassVar = 0.5  # ours: on the shape descriptor
     readout: ClassVar = "max"  # ours: of gcn
-    assignments: ClassVar = "any"  # ours: of rotationnet: any permutation of the views
 
     system: System
     backbone: Backbone
     neighbours: Count | Annotated[list[Count], Strict(), MinLen(1)]
     selector: Literal["per_view", "joint"]
+    selector_hidden: Natural
     edge_distance: Literal["squared", "plain"]
     view_loss: Literal["sum", "mean"]
     start: Literal["random", "max"]
+    assignments: Literal["any", "rotations"]
     members: Annotated[list[Member], Strict(), MinLen(1), Unique]
 
 
@@ -230,6 +230,12 @@ class Params:
             wrong.append("model.selector joint needs all views, finetune.num_views is random: expected per_view")
         if fewer_views and model.system in ("stag", "rotationnet"):
             wrong.append(f"model.system is {model.system}, which needs all views: expected finetune.num_views full")
+        cube = self.viewpoints in ("auto", "cube") and self.views == PLACES["cube"]
+        if model.system == "rotationnet" and model.assignments == "rotations" and not cube:
+            wrong.append(
+                "model.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube, "
+                "or assignments any"
+            )
         if self.views != (places := PLACES.get(self.viewpoints, self.views)):
             wrong.append(f"viewpoints is {self.viewpoints}, which has {places} places; views is {self.views}")
         if self.preprocess.baseline == "none" and self.preprocess.filter == "contact":

@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 import numpy as np
 import torch
-from tactile_viewgcn.markdown_tables import markdown
 
 from benchmarks.command import Result, benchmark, markdown
 from benchmarks.speed import measurements
