@@ -103,8 +103,8 @@ def finetune_classifier(
     """
     config, seed = params.finetune, params.seed
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
-    viewpoints = torch.from_numpy(views.viewpoints)
-    classifier = build_classifier(viewpoints, len(table.classes), params.model, table.counts.shape[1:])
+    viewpoints, (height, width) = torch.from_numpy(views.viewpoints), table.live.shape
+    classifier = build_classifier(viewpoints, len(table.classes), params.model, (height, width))
     if not isinstance(classifier, ViewNetwork):
         return classifier, fit_sensor_system(classifier, table, config.num_views, seed)
     classifier.backbone.load_state_dict(pretrained["backbone"])

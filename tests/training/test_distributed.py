@@ -34,7 +34,7 @@ RECIPE = (
 
 def train():
     """Parameters and curves of both trainings."""
-    params, frames = recipe(*RECIPE), fewer_anchors(table("split.validation=0.3"), 2)
+    params, frames = recipe(*RECIPE), fewer_anchors(table("split.validation=0.3"), 3)
     with distributed.process_group(CPU):
         backbone, linear, begun = pretrain_backbone(frames, params, CPU)
         weights = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
@@ -50,7 +50,8 @@ def gradients_of_a_batch():
     linear = torch.nn.Linear(4, 3)
     augment_frames = Augmentation(0.5, recipe().augment, torch.Generator().manual_seed(1))
     with distributed.process_group(CPU):
-        loss = distributed.parallel(FrameLoss(torch.nn.Flatten(), linear, augment_frames, CPU))(frames, labels)
+        loss_of = distributed.parallel(FrameLoss(torch.nn.Flatten(), linear, augment_frames, CPU))
+        loss = loss_of(frames, labels)
         loss.backward()
         gathered = distributed.gather(frames[distributed.rows(7)], 7)
         return linear.weight.grad, distributed.mean(loss.detach()), torch.equal(gathered, frames)
@@ -81,7 +82,7 @@ def by_two(folder, function):
         listener.bind(("127.0.0.1", 0))
         port = str(listener.getsockname()[1])
     both = torch.multiprocessing.start_processes(run_one, (port, folder, function), nprocs=2, join=False, daemon=True)
-    deadline = time.monotonic() + 180
+    deadline = time.monotonic() + 500
     try:
         while not both.join(timeout=1):
             assert time.monotonic() < deadline

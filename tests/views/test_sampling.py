@@ -129,7 +129,7 @@ def test_a_frame_falls_into_each_part_equally_often():
 def test_unclustered_view_sets_are_distinct_frames_of_one_pool(sizes, count, seed):
     rng = np.random.default_rng(seed)
     pool = rng.permutation(np.repeat(np.arange(len(sizes)) * 5, sizes))
-    views = Views(np.full(len(pool), NO_CLUSTER, np.int16), pool, np.zeros((count, 3)), np.zeros((count, 9)))
+    views = Views(np.full(len(pool), NO_CLUSTER, np.int16), pool, np.zeros((count, 3)))
     anchors = np.arange(len(pool))
     sets = sets_of(views, anchors, rng).draw(anchors, rng)
     assert (pool[sets] == pool[anchors, None]).all()
@@ -138,7 +138,7 @@ def test_unclustered_view_sets_are_distinct_frames_of_one_pool(sizes, count, see
 
 
 def test_every_other_frame_of_a_pool_joins_an_unclustered_set_equally_often():
-    views = Views(np.full(7, NO_CLUSTER, np.int16), np.zeros(7, dtype=int), np.zeros((3, 3)), np.zeros((3, 9)))
+    views = Views(np.full(7, NO_CLUSTER, np.int16), np.zeros(7, dtype=int), np.zeros((3, 3)))
     rng, index = np.random.default_rng(0), np.arange(7)
     sets = np.concatenate([sets_of(views, index, rng).draw(np.array([4]), rng) for _ in range(3000)])
     joined = np.bincount(sets.ravel(), minlength=7) / 3000
