@@ -37,8 +37,6 @@ ELSEWHERE = {
     "tactile-viewgcn report plumy-wolf --out plumy-wolf.html": "needs an experiment",
     "tactile-viewgcn report 0123456789abcdef0123456789abcdef": "needs a run in MLflow",
     "dvc queue start -j 2": "starts processes that outlive a test; tests/stages/test_pipeline.py runs the queue",
-    "tactile-viewgcn predict models/sequential.pt - --follow --stop-at 0.9 < frames.csv": "a shell's redirection; "
-    "tests/recognition/test_prediction.py runs it",
     "git checkout params.yaml": "changes the checkout",
     "mlflow ui": "a server that does not end",
     "export MLFLOW_TRACKING_URI=sqlite:///mlflow.db": "sets a variable",
