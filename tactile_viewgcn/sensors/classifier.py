@@ -52,11 +52,10 @@ class SensorClassifier:
         noise: float,
         seed: int,
     ) -> None:
-        """Fit the system to counts (n, S) above baseline of frames in contact.
+        """Fit the system to counts (n, S) above baseline of frames in contact; the rest is as in `TrainingFrames`.
 
         Args:
             noise: standard deviation of the counts; infinite where it is unknown.
-            labels, pools, classes, sizes, live, seed: see `TrainingFrames`.
         """
         self.live, self.unit = live, contact_unit(counts, noise)
         frames = counts / np.float32(self.unit)
