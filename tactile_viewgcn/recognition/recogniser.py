@@ -42,8 +42,7 @@ class Recogniser:
     def baseline(self, name: str = "") -> np.ndarray:
         """Baseline (H, W) in counts of a session of the training data; without a name, the mean of all sessions.
 
-        Of a baseline that drifts (`preprocess.baseline` is `grasp` or `quiet`) it is the mean over the session: rather
-        give the mean of your own open-hand frames, right before the grasp.
+        Where the baseline drifts, rather give the mean of your own open-hand frames, right before the grasp.
 
         Raises:
             UserError: an unknown session.
