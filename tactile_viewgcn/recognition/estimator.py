@@ -233,9 +233,7 @@ def _strongest(arrays: list[np.ndarray]) -> float:
 
 def _groups(groups: Any, rows: int) -> np.ndarray:
     """Group (n,) of each row, from 0."""
-    if groups is None:
-        return np.arange(rows)
-    groups = np.asarray(groups)
+    groups = np.arange(rows) if groups is None else np.asarray(groups)
     if groups.shape != (rows,):
         raise UserError(f"groups has shape {groups.shape}; expected ({rows},), a group for each row of X")
     return np.unique(groups, return_inverse=True)[1]

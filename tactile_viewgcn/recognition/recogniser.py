@@ -124,8 +124,7 @@ class Recogniser:
     ) -> tuple[np.ndarray, int]:
         """Class probabilities (classes,) and the number of frames used: as few as the confidence threshold needs.
 
-        The probabilities are calibrated for random frames of a recording: leave time between frames, since frames that
-        follow one another are nearly the same.
+        The probabilities are calibrated for random frames of a recording: leave time between frames.
 
         Args:
             frames: raw counts (H, W), one after another; none is asked for once the threshold is reached, or after V.

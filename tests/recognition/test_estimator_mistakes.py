@@ -75,13 +75,13 @@ IN_FIT = {
 }
 
 
-@pytest.mark.parametrize("given, line", IN_FIT.values(), ids=IN_FIT)
-def test_a_mistake_in_fit_is_told_in_one_line(given, line):
-    arguments = {key: given[key] for key in ("preset", "system", "views", "random_state") if key in given}
-    params = given.get("params", {})
+@pytest.mark.parametrize("mistake, line", IN_FIT.values(), ids=IN_FIT)
+def test_a_mistake_in_fit_ends_in_one_line(mistake, line):
+    arguments = {key: mistake[key] for key in ("preset", "system", "views", "random_state") if key in mistake}
+    params = mistake.get("params", {})
     classifier = TactileClassifier(**arguments, params=CHOSEN | params if isinstance(params, dict) else params)
     with pytest.raises((ValueError, TypeError), match=line) as error:
-        classifier.fit(given.get("X", recordings()), given.get("y", Y), groups=given.get("groups"))
+        classifier.fit(mistake.get("X", recordings()), mistake.get("y", Y), groups=mistake.get("groups"))
     assert len(str(error.value).splitlines()) == 1 or error.type is not UserError  # scikit-learn's own may have more
     assert not hasattr(classifier, "recogniser_")
 
@@ -108,7 +108,7 @@ IN_PREDICT = {
 
 
 @pytest.mark.parametrize("form, X, line", IN_PREDICT.values(), ids=IN_PREDICT)
-def test_a_mistake_in_predict_is_told_in_one_line(form, X, line):
+def test_a_mistake_in_predict_ends_in_one_line(form, X, line):
     with pytest.raises(ValueError, match=line) as error:
         fitted(form).predict(X)
     assert len(str(error.value).splitlines()) == 1

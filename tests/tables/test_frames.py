@@ -70,7 +70,7 @@ def test_full_scale_is_the_input_of_a_sensor_at_the_scale(transform, value):
 
 
 @pytest.mark.parametrize("transform", ["clip", "log"])
-def test_inputs_are_counts_above_the_frames_own_rest_transformed(transform):
+def test_inputs_are_counts_above_the_frames_baseline_transformed(transform):
     frames = made(transform=transform)
     index = np.array([7, 0, 4, 7])
     read = frames.inputs(index)
