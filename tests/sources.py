@@ -49,9 +49,9 @@ def source(
     )
 
 
-def written(path: Path, counts: np.ndarray, **how: object) -> Recordings:
+def written(path: Path, counts: np.ndarray, **changes: object) -> Recordings:
     """The same as a table written to `path` and opened."""
-    write_recordings(path, source(counts, **how), "0" * 32)
+    write_recordings(path, source(counts, **changes), "0" * 32)
     return Recordings(path)
 
 

@@ -21,8 +21,6 @@ def metadata(
     recordings: int = 3,
     sessions: int = 1,
     frames: int = 40,
-    seed: int = 0,
-    empty_recordings: int | None = None,
     blank: int = 0,
 ) -> dict[str, np.ndarray]:
     """The fields of a `classification` metadata.mat, as scipy reads them.
@@ -32,10 +30,9 @@ def metadata(
 
     Args:
         recordings: per object and session; frames: per recording.
-        empty_recordings: of the empty hand per session, else as of the others.
         blank: frames at the start of each recording without contact and with hasValidLabel 0.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     places = np.flatnonzero(SENSORS)
     pressed = [rng.choice(places, 30, replace=False) for _ in range(objects)]
     names: list[str] = []
@@ -43,8 +40,7 @@ def metadata(
     ids: list[tuple[int, int, int, bool]] = []  # object, recording, session and side of each recording
     for session in range(sessions):
         for label in range(objects):
-            count = recordings if label or empty_recordings is None else empty_recordings
-            for number in range(count):
+            for number in range(recordings):
                 excess = np.zeros((frames, 1024), dtype=np.float32)
                 if label:
                     some = rng.choice(pressed[label], 20, replace=False)
@@ -53,7 +49,7 @@ def metadata(
                 baseline = 514 + session + rng.standard_normal((frames, len(places)), dtype=np.float32)
                 counts[:, places] = np.round(baseline + excess[:, places]).astype(np.int16)
                 blocks.append(counts.reshape(frames, 32, 32))
-                ids.append((label, len(names), session, session == sessions - 1 and number == count - 1))
+                ids.append((label, len(names), session, session == sessions - 1 and number == recordings - 1))
                 names.append(f"{len(names):03d}-{_name(label)}")
     label, recording, batch, test = np.repeat(np.array(ids, dtype=np.uint8), frames, axis=0).T[..., None]
     frame = np.tile(np.arange(frames), len(names))[:, None]
@@ -77,12 +73,12 @@ def metadata(
     }
 
 
-def as_weights(tree: dict[str, np.ndarray], grasps: int = 4) -> dict[str, np.ndarray]:
-    """The same recordings with the fields of a `weights` file: grasps, no split, no flags."""
+def as_weights(tree: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The same recordings with the fields of a `weights` file: four grasps, no split, no flags."""
     gone = ("splitId", "splits", "hasValidLabel", "isBalanced", "isTransition", "isGrap")
     out = {name: value for name, value in tree.items() if name not in gone}
     frames = int(tree["frame"].max()) + 1
-    out["graspIndex"] = (tree["frame"] * grasps // frames).astype(np.uint8)
+    out["graspIndex"] = (tree["frame"] * 4 // frames).astype(np.uint8)
     out["graspValid"] = tree["hasValidLabel"]
     out["weights"] = np.arange(tree["objects"].size, dtype=np.uint16)[:, None]
     return out
@@ -114,16 +110,16 @@ def save_matlab73(path: Path, tree: dict[str, np.ndarray]) -> Path:
 
 def save_folder(path: Path, tree: dict[str, np.ndarray]) -> Path:
     """`[batch]/[recording]/pressuredata.mat`, the raw recordings."""
-    for number, (name, mine) in enumerate(_recordings(tree)):
-        batch = str(np.squeeze(tree["batches"].ravel()[int(tree["batchId"][mine][0, 0])]))
+    for number, (name, of_recording) in enumerate(_recordings(tree)):
+        batch = str(np.squeeze(tree["batches"].ravel()[int(tree["batchId"][of_recording][0, 0])]))
         folder = path / batch / name
         folder.mkdir(parents=True)
         io.savemat(
             folder / "pressuredata.mat",
             {
-                "pressure": tree["pressure"][mine],
-                "frame": tree["frame"][mine],
-                "tStamp": tree["ts"][mine] + 1000.0 + number,
+                "pressure": tree["pressure"][of_recording],
+                "frame": tree["frame"][of_recording],
+                "tStamp": tree["ts"][of_recording] + 1000.0 + number,
             },
         )
     return path
@@ -132,14 +128,14 @@ def save_folder(path: Path, tree: dict[str, np.ndarray]) -> Path:
 def save_hdf5(path: Path, tree: dict[str, np.ndarray]) -> Path:
     """The project's own form: a folder with one HDF5 file per recording."""
     path.mkdir(parents=True, exist_ok=True)
-    for name, mine in _recordings(tree):
+    for name, of_recording in _recordings(tree):
         with h5py.File(path / f"{name}.h5", "w") as file:
-            file["pressure"] = tree["pressure"][mine]
-            file["time"] = tree["ts"][mine].ravel()
-            file["valid"] = tree["hasValidLabel"][mine].ravel().astype(bool)
+            file["pressure"] = tree["pressure"][of_recording]
+            file["time"] = tree["ts"][of_recording].ravel()
+            file["valid"] = tree["hasValidLabel"][of_recording].ravel().astype(bool)
             file.attrs["object"] = name.split("-")[1]
-            file.attrs["session"] = str(np.squeeze(tree["batches"].ravel()[int(tree["batchId"][mine][0, 0])]))
-            file.attrs["split"] = ("train", "test")[int(tree["splitId"][mine][0, 0])]
+            file.attrs["session"] = str(np.squeeze(tree["batches"].ravel()[int(tree["batchId"][of_recording][0, 0])]))
+            file.attrs["split"] = ("train", "test")[int(tree["splitId"][of_recording][0, 0])]
     return path
 
 

@@ -56,18 +56,13 @@ class Header:
 def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
     """One recording, or all .h5 and .hdf5 files below a folder in the order of their paths.
 
-    Objects are numbered in the order of their names, the empty hand (`object` = "empty_hand") first.
-
     Args:
         labelled: False: files may lack `object`, which is `UNLABELLED` then, and `session`; those without are of one.
 
     Raises:
-        UserError: no recordings, an attribute missing, or files that do not agree in shape, columns or name; the
-            message lists the mistakes of all files.
+        UserError: lists the mistakes of all files, and where they do not agree in shape, columns or name.
     """
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.suffix in SUFFIXES)
-    if not files:
-        raise UserError(f"{path}: no .h5 or .hdf5 recordings in it")
     headers: list[Header] = []
     mistakes: list[str] = []
     for file in files:
@@ -147,11 +142,7 @@ def _disagreements(headers: list[Header], path: Path) -> list[str]:
 
 
 def _read_header(path: Path, root: Path, labelled: bool) -> Header:
-    """Header of one file below `root`.
-
-    Raises:
-        UserError: lists all mistakes of the file.
-    """
+    """Header of one file below `root`; a UserError lists all its mistakes."""
     with open_hdf5(path) as file:
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
@@ -170,28 +161,22 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
         attributes = {} if labelled else dict(NOT_LABELLED)
         for name, value in file.attrs.items():
             attributes[name] = value.decode() if isinstance(value, bytes) else str(value)  # bytes: of fixed length
-        mistakes += _attribute_mistakes(attributes, labelled)
+        mistakes += [
+            f"no attribute {name!r}; expected a text on the file's root"
+            for name in ("object", "session")
+            if labelled and not attributes.get(name)
+        ]
+        weight, split = attributes.get("weight", "0"), attributes.get("split", "train")
+        try:
+            in_grams = 0 <= float(weight) < np.inf
+        except ValueError:
+            in_grams = False
+        if not in_grams:
+            mistakes.append(f"attribute weight is {weight!r}; expected grams")
+        if split not in SPLITS:
+            mistakes.append(f"attribute split is {split!r}; expected train or test")
         if mistakes:
             raise UserError("; ".join(f"{path}: {mistake}" for mistake in mistakes))
         recording = attributes.get("recording", path.relative_to(root).with_suffix("").as_posix())
         columns += ["split"] if "split" in attributes else []
         return Header(path, recording, attributes, len(pressure), shape, dtype, columns)
-
-
-def _attribute_mistakes(attributes: dict[str, str], labelled: bool) -> list[str]:
-    """Attributes that are missing or not among the allowed values."""
-    mistakes = [
-        f"no attribute {name!r}; expected a text on the file's root"
-        for name in ("object", "session")
-        if labelled and not attributes.get(name)
-    ]
-    weight, split = attributes.get("weight", "0"), attributes.get("split", "train")
-    try:
-        in_grams = 0 <= float(weight) < np.inf
-    except ValueError:
-        in_grams = False
-    if not in_grams:
-        mistakes.append(f"attribute weight is {weight!r}; expected grams")
-    if split not in SPLITS:
-        mistakes.append(f"attribute split is {split!r}; expected train or test")
-    return mistakes

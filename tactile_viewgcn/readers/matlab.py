@@ -17,10 +17,7 @@ NOT_NUMBERS = ("char", "cell", "struct", "object", "function", "opaque")
 
 @contextmanager
 def readable_mat(path: Path) -> Iterator[None]:
-    """Context that turns every error of reading a MAT-file into a UserError; for reading alone, without checks.
-
-    A damaged file fails in SciPy and zlib in a dozen ways.
-    """
+    """Turn every error of reading a MAT-file into a UserError: a damaged file fails in SciPy and zlib in many ways."""
     try:
         yield
     except UserError:
@@ -33,7 +30,7 @@ def readable_mat(path: Path) -> Iterator[None]:
 
 
 def mat_shapes(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Shape and type of each field, from the headers alone; `struct` and `cell` are types too.
+    """Shape and type (also `struct` or `cell`) of each field, from the headers alone.
 
     A header of MATLAB 5 does not say in which type whole numbers of class double are stored.
     """
@@ -54,8 +51,11 @@ def mat_fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
         if h5py.is_hdf5(path):
             with open_hdf5(path) as file:
                 return {name: _of_hdf5(file, file[name]) for name in names if name in file}
-        fields = io.loadmat(str(path), variable_names=names)
-        return {name: _of_scipy(fields[name]) for name in names if name in fields}
+        fields = {name: values for name, values in io.loadmat(str(path), variable_names=names).items() if name in names}
+        return {
+            name: [str(np.squeeze(cell)) for cell in values.ravel()] if values.dtype == object else values
+            for name, values in fields.items()
+        }
 
 
 def mat_frames(path: Path, name: str) -> tuple[np.dtype, Callable[[slice], np.ndarray]]:
@@ -80,8 +80,3 @@ def _of_hdf5(file: h5py.File, dataset: h5py.Dataset) -> Any:
     if h5py.check_ref_dtype(dataset.dtype):
         return ["".join(map(chr, file[reference][()].ravel())) for reference in dataset[()].ravel()]
     return dataset[()].T
-
-
-def _of_scipy(values: np.ndarray) -> Any:
-    """The same of a field as SciPy reads it: a cell array as an array of objects."""
-    return [str(np.squeeze(cell)) for cell in values.ravel()] if values.dtype == object else values

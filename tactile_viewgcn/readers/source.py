@@ -63,11 +63,7 @@ class Source:
 
 
 def open_hdf5(path: Path) -> h5py.File:
-    """A source's HDF5 file, open for reading.
-
-    Raises:
-        UserError: it is no such file, or cut short.
-    """
+    """A source's HDF5 file, open for reading; a UserError where it is no such file, or cut short."""
     try:
         return h5py.File(path, "r")
     except OSError as error:
@@ -109,11 +105,7 @@ def storage_type(dtype: np.dtype, where: str) -> np.dtype:
 
 
 def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
-    """(H, W) of pressure of shape (T, H, W).
-
-    Raises:
-        UserError: not three axes, or frames larger than `MAX_SIDE`; `where` begins the message.
-    """
+    """(H, W) of pressure (T, H, W); a UserError that begins with `where` for other axes, or above `MAX_SIDE`."""
     if len(shape) != 3:
         raise UserError(f"{where}: pressure has shape {shape}; expected (frames, rows, columns)")
     if not all(1 <= side <= MAX_SIDE for side in shape[1:]):
@@ -128,7 +120,7 @@ def listed(names: list[str]) -> str:
 
 
 def raise_mistakes(mistakes: list[str]) -> None:
-    """Raise a UserError that lists the first ten mistakes and counts the others; do nothing if there are none."""
+    """Raise a UserError that lists the first ten mistakes, if there are any, and counts the others."""
     if mistakes:
         more = [f"and {len(mistakes) - MAX_LISTED} more"] if len(mistakes) > MAX_LISTED else []
         raise UserError("; ".join(mistakes[:MAX_LISTED] + more))

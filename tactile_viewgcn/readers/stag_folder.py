@@ -26,16 +26,13 @@ RAW_FIELDS = ("pressure", "tStamp", "frame")
 def read_folder(path: Path) -> Source:
     """A STAG folder `[batch]/[recording]/pressuredata.mat`, one recording in memory at a time.
 
-    A recording's object is its name without the number ("003-tea_box" holds tea_box). Raw recordings have no flags
-    and no split. Objects are numbered in the order of their names, the empty hand first.
+    A recording's object is its name without the number ("003-tea_box" holds tea_box). There are no flags, no split.
 
     Raises:
-        UserError: no recordings, or fields of the wrong kind or shape; the message lists the mistakes of all files,
-            from their headers. Other damage is reported when its file is read.
+        UserError: lists fields of the wrong kind or shape in all files, from their headers. Other damage is reported
+            when its file is read.
     """
     files = sorted(path.glob("*/*/pressuredata.mat"))
-    if not files:
-        raise UserError(f"{path}: no [batch]/[recording]/pressuredata.mat in it")
     sessions = sorted({file.parent.parent.name for file in files})
     object_of = [re.sub(r"^\d+-", "", file.parent.name) for file in files]
     objects = numbered(object_of)
@@ -64,11 +61,7 @@ def read_folder(path: Path) -> Source:
 
 
 def _shapes(files: list[Path]) -> list[tuple[int, int, int]]:
-    """(T, H, W) of all raw recordings, whose frames are of one shape.
-
-    Raises:
-        UserError: lists the files that cannot be read or differ from the first.
-    """
+    """(T, H, W) of all raw recordings; a UserError lists the files that cannot be read or differ from the first."""
     shapes: dict[Path, tuple[int, int, int]] = {}
     mistakes = []
     for file in files:
@@ -87,10 +80,7 @@ def _shapes(files: list[Path]) -> list[tuple[int, int, int]]:
 
 
 def _shape(path: Path) -> tuple[int, int, int]:
-    """(T, H, W) of a raw recording, after checks of its fields' kinds and lengths by the file's header alone.
-
-    Types are compared when the frames are read, see `mat_shapes`.
-    """
+    """(T, H, W) of a raw recording, after checks of its fields' kinds and lengths by the file's header alone."""
     header = mat_shapes(path)
     if "pressure" not in header:
         raise UserError(f"{path}: no field pressure; expected STAG's pressuredata.mat")

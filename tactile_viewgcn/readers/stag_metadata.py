@@ -92,11 +92,7 @@ def read_metadata(path: Path) -> Source:
 
 
 def frame_column(values: np.ndarray, name: str, frames: int, path: Path) -> np.ndarray:
-    """A per-frame field as a column (T,): seconds as they are, indices and flags as int64.
-
-    Raises:
-        UserError: not one number per frame, or indices and flags that are no whole numbers.
-    """
+    """A per-frame field as a column (T,): seconds as they are, indices and flags as int64, else a UserError."""
     if values.size != frames:
         raise UserError(f"{path}: {name} has {values.size} values for {frames} frames; expected one for each frame")
     if values.dtype.kind not in "biuf":

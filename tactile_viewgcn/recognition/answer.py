@@ -43,7 +43,6 @@ class Row:
     """The answer to one recording or window of a source.
 
     Attributes:
-        recording: its name.
         object: what the source says is held; UNLABELLED if it does not say.
         start, end: seconds since the recording's first frame; NaN without times.
         frames: all frames.
@@ -114,7 +113,7 @@ def bisecting(index: np.ndarray) -> np.ndarray:
 
 def answer_source(
     recogniser: Recogniser, source: Source, *, window: float | None = None, stop_at: float | None = None
-) -> tuple[list[Row], list[str] | list[Note]]:
+) -> tuple[list[Row], list[Note]]:
     """The answers to the recordings of a source, and notes on what was not as expected.
 
     Args:
@@ -123,12 +122,10 @@ def answer_source(
 
     Raises:
         UserError: recordings unlike the training's in form or scale, or without the times that windows need; a
-            `window` or `stop_at` out of range.
+            `window` out of range.
     """
     if window is not None and not (np.isfinite(window) and window > 0):
         raise UserError(f"window is {window:g}; expected seconds above 0")
-    if stop_at is not None:
-        recogniser.check_sequential(stop_at, "stop_at")
     rows, used = [], []
     with as_table(source, recogniser.preprocessing) as recordings:
         baseline, contact = find_contact(recordings, recogniser.preprocessing)

@@ -46,11 +46,7 @@ def _axes(values: Any) -> int:
 def checked_arrays(recordings: Sequence[Any], shape: tuple[int, int] | None = None) -> list[np.ndarray]:
     """Recordings as arrays (T_i, H, W) of one type, which holds the numbers of all of them.
 
-    Args:
-        shape: (H, W) that they must have; None: that of the first.
-
-    Raises:
-        UserError: none; one that `checked_array` refuses, or of another layout.
+    A UserError for none, for one that `checked_array` refuses, and for another layout than `shape` or the first one's.
     """
     if not len(recordings):
         raise UserError("X holds no recordings; expected one or more, each an array (frames, rows, columns)")
@@ -66,9 +62,7 @@ def checked_arrays(recordings: Sequence[Any], shape: tuple[int, int] | None = No
 def checked_array(recording: Any, name: str) -> np.ndarray:
     """One recording as an array (T, H, W) of the type in which pressure is stored.
 
-    Raises:
-        UserError: of another type or axes, without frames, or with values that are not finite, too large, or counts
-            outside int32; `name` begins the message.
+    A UserError, whose message begins with `name`, for other axes or types, no frames, and values that do not fit.
     """
     try:
         array = np.asarray(recording)

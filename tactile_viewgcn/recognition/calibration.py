@@ -53,7 +53,6 @@ def fit_temperatures(
 
     Args:
         fit: a classifier like it, fitted to the training side of a table; called for systems on the sensors.
-        params: `seed` and `finetune.num_views` are read.
 
     Returns:
         None where it takes V frames alone, or nothing can be left out to calibrate on.
@@ -86,13 +85,7 @@ def cross_calibrate(
     """Temperatures for 1 to V frames, fitted without a validation side.
 
     The training groups are dealt into folds; each fold is answered by a classifier that is fitted to the others. A
-    class of which a fold holds all groups is left out of it.
-
-    Args:
-        fit: the classifier fitted to the training side of a table.
-
-    Returns:
-        None where no class has two training groups.
+    class of which a fold holds all groups is left out of it. None where no class has two training groups.
     """
     train = table.on(TRAIN)
     group, label, answers = table.group[train], table.label[train], []

@@ -56,24 +56,19 @@ def find_contact(recordings: Recordings, fitted: FittedPreprocessing) -> tuple[B
 
 
 def _baseline(recordings: Recordings, fitted: FittedPreprocessing) -> Baseline:
-    """The baseline of the training's kind; where no open hand gives it, the training's own, which a note says."""
+    """The baseline of the training's kind; where no open hand gives it, the training's own, which a note says.
+
+    That of a session is of its empty hand, else of the open hand in its recordings, else the known one.
+    """
     params = fitted.params
     if params.baseline in ("quiet", "none"):
         return measure_baseline(recordings, params)
-    average = fitted.mean_baseline()
+    average, sensors, sigmas = fitted.mean_baseline(), params.contact_sensors, params.contact_sigmas
     known = [(fitted.baselines.get(name, average), fitted.noise) for name in recordings.sessions]
     if params.baseline == "grasp":
-        sensors, sigmas = params.contact_sensors, params.contact_sigmas
         return grasp_baseline(recordings, sensors=sensors, sigmas=sigmas, known=known)
-    return _session_baseline(recordings, fitted, known)
-
-
-def _session_baseline(
-    recordings: Recordings, fitted: FittedPreprocessing, known: list[tuple[np.ndarray, np.ndarray]]
-) -> Baseline:
-    """Baseline of each session: of its empty hand, else of the open hand in its recordings, else the known one."""
-    params, session, empty = fitted.params, recordings.columns["session"], of_empty_hand(recordings)
-    hand = find_open_hand(recordings, sensors=params.contact_sensors, sigmas=params.contact_sigmas, known=known)
+    session, empty = recordings.columns["session"], of_empty_hand(recordings)
+    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas, known=known)
     entries, notes, left = [], [], noise_left(recordings)
     for number, name in enumerate(recordings.sessions):
         of_session = session == number
@@ -85,6 +80,6 @@ def _session_baseline(
         else:
             entries.append(known[number])
             text = f"session {name!r}: fewer than {MIN_FRAMES} frames of the open hand; the training's baseline"
-            notes.append(Note(text, topic="baseline"))
+            notes.append(Note(text))
     means, noises = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.sessions, means, noises, session, notes)

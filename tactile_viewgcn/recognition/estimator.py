@@ -119,8 +119,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     def predict(self, X: Any) -> np.ndarray:
         """The most probable of `classes_` (n,) for rows of X; see `predict_proba`."""
-        best = self.predict_proba(X).argmax(axis=1)
-        return self.classes_[best]
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
     def save(self, path: str | Path) -> None:
         """Write the classifier's file, as the pipeline's models/classifier.pt: `Recogniser` and `predict` read it.
@@ -202,11 +201,10 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """
         from tactile_viewgcn.recognition.answer import NO_CONTACT, answer_recording
 
-        names = self.recogniser_.classes
-        nothing = np.array(
-            [name == EMPTY_HAND for name in names] if EMPTY_HAND in names else [1 / len(names)] * len(names)
-        )
-        probabilities = []
+        probabilities, names = [], self.recogniser_.classes
+        nothing = np.full(len(names), 1 / len(names))
+        if EMPTY_HAND in names:
+            nothing = np.eye(len(names))[names.index(EMPTY_HAND)]
         for number, counts in enumerate(arrays):
             answer = answer_recording(self.recogniser_, counts, name=f"X[{number}]")
             probabilities.append(nothing if answer.status == NO_CONTACT else answer.probabilities)
@@ -235,9 +233,7 @@ def _strongest(arrays: list[np.ndarray]) -> float:
 
 def _groups(groups: Any, rows: int) -> np.ndarray:
     """Group (n,) of each row, from 0."""
-    if groups is None:
-        return np.arange(rows)
-    groups = np.asarray(groups)
+    groups = np.arange(rows) if groups is None else np.asarray(groups)
     if groups.shape != (rows,):
         raise UserError(f"groups has shape {groups.shape}; expected ({rows},), a group for each row of X")
     return np.unique(groups, return_inverse=True)[1]

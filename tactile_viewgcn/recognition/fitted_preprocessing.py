@@ -18,7 +18,7 @@ class FittedPreprocessing:
     """What a model's file says of its training's recordings.
 
     Attributes:
-        params: the parameters that the frames were made by.
+        params: that the frames were made by.
         kept_share: share of the recordings' frames that the filter keeps.
         dtype: of the counts.
         strong_reading: counts above baseline that a share of STRONG_SHARE of the readings of kept frames exceeds.

@@ -38,17 +38,18 @@ class RecogniserModel:
             raise bad_request(str(error)) from None
 
     def _baseline(self, params: dict[str, Any]) -> np.ndarray:
-        session, given = params.get("session", ""), np.asarray(params.get("baseline", ()), dtype=np.float64)
+        session, baseline = params.get("session", ""), np.asarray(params.get("baseline", ()), dtype=np.float64)
         height, width = self.recogniser.shape
-        if not given.size:
+        if not baseline.size:
             return self.recogniser.baseline(session)
         if session:
             raise UserError(f"session {session!r} and a baseline are given; expected one of the two")
-        if given.size != height * width:
+        if baseline.size != height * width:
             raise UserError(
-                f"baseline has {given.size} values; expected {height * width}, row by row of {height} x {width} sensors"
+                f"baseline has {baseline.size} values; expected {height * width}, "
+                f"row by row of {height} x {width} sensors"
             )
-        return given.reshape(height, width)
+        return baseline.reshape(height, width)
 
 
 def _numbers(counts: np.ndarray) -> np.ndarray:

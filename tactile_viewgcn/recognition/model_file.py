@@ -57,8 +57,8 @@ def save_classifier(
     """Write a classifier to a file, with what a `Recogniser` needs to use it on raw counts.
 
     Args:
-        model: the parameters that the classifier was built with.
-        frames: its training data, whose classes, sessions' baselines and preprocessing are written too.
+        model: that the classifier was built with.
+        frames: its training data.
         precision: of its training, in which a `Recogniser` also computes.
         temperatures: for 1 to V frames, see `fit_temperatures`; with them it takes any number of views up to V.
     """
@@ -90,10 +90,7 @@ def save_classifier(
 
 
 def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
-    """Names (R,) of the sessions that have frames, and their baselines (R, H, W).
-
-    It is the mean where a session has several, one a recording or a grasp: those are of the past, and a user has none.
-    """
+    """Names (R,) of the sessions that have frames, and their baselines (R, H, W), the mean where one has several."""
     pairs = np.unique(np.stack([frames.session, frames.baseline], axis=1), axis=0)
     used = np.unique(pairs[:, 0])
     means = [frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(axis=0) for session in used]

@@ -47,8 +47,7 @@ def sensor_map(readings: np.ndarray, unit: float) -> np.ndarray:
 def fit_novelty(frames: Frames, views: int) -> Novelty | None:
     """The novelty of frames that are unlike the training side's, in sets of `views` frames.
 
-    Returns:
-        None where no class has two training recordings with that many frames, so that nothing can be held out.
+    None where no class has two training recordings with that many frames: there is nothing to compare with.
     """
     train = frames.on(TRAIN)
     places = np.stack([frames.group[train], frames.recording[train], frames.label[train]])

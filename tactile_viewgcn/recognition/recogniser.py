@@ -42,8 +42,7 @@ class Recogniser:
     def baseline(self, name: str = "") -> np.ndarray:
         """Baseline (H, W) in counts of a session of the training data; without a name, the mean of all sessions.
 
-        Of a baseline that drifts (`preprocess.baseline` is `grasp` or `quiet`) it is the mean over the session: rather
-        give the mean of your own open-hand frames, right before the grasp.
+        Where the baseline drifts, rather give the mean of your own open-hand frames, right before the grasp.
 
         Raises:
             UserError: an unknown session.
@@ -125,8 +124,7 @@ class Recogniser:
     ) -> tuple[np.ndarray, int]:
         """Class probabilities (classes,) and the number of frames used: as few as the confidence threshold needs.
 
-        The probabilities are calibrated for random frames of a recording: leave time between frames, since frames that
-        follow one another are nearly the same.
+        The probabilities are calibrated for random frames of a recording: leave time between frames.
 
         Args:
             frames: raw counts (H, W), one after another; none is asked for once the threshold is reached, or after V.

@@ -26,11 +26,10 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained classifier, and what it was trained on.
+    """A trained classifier, and the table of frames, without a test side, that it was trained on.
 
     Attributes:
-        frames: the table of frames, without a test side.
-        temperatures: for 1 to V frames, see `calibration.fit_temperatures`.
+        temperatures: see `fit_temperatures`.
         notes: on what was chosen for the recordings and left out of them, and why.
     """
 

@@ -49,15 +49,12 @@ class Forest(ExtraTreesClassifier):
                 nodes[name] = state[name][end - count : end]
             leaf = nodes["left_child"] == LEAF
             values[leaf, 0] = state["leaf_values"][leaves[end - 1] - leaf.sum() : leaves[end - 1]]
-            self.estimators_.append(self._tree(nodes, values))
-
-    def _tree(self, nodes: np.ndarray, values: np.ndarray) -> ExtraTreeClassifier:
-        tree = ExtraTreeClassifier()
-        tree.n_features_in_, tree.n_outputs_ = self.n_features_in_, 1
-        tree.classes_, tree.n_classes_ = self.classes_, self.n_classes_
-        tree.tree_ = Tree(self.n_features_in_, np.array([self.n_classes_]), 1)
-        tree.tree_.__setstate__({"max_depth": 0, "node_count": len(nodes), "nodes": nodes, "values": values})
-        return tree
+            tree = ExtraTreeClassifier()
+            tree.n_features_in_, tree.n_outputs_ = self.n_features_in_, 1
+            tree.classes_, tree.n_classes_ = self.classes_, self.n_classes_
+            tree.tree_ = Tree(self.n_features_in_, np.array([self.n_classes_]), 1)
+            tree.tree_.__setstate__({"max_depth": 0, "node_count": count, "nodes": nodes, "values": values})
+            self.estimators_.append(tree)
 
 
 def check_trees(state: dict[str, Any]) -> None:
@@ -76,10 +73,10 @@ def check_trees(state: dict[str, Any]) -> None:
     inner = left != LEAF
     if state["leaf_values"].shape != ((~inner).sum(), len(state["classes"])):
         raise ValueError("a tree's leaves have other values than its classes")
-    own = np.concatenate([np.arange(count) for count in counts])
+    node = np.concatenate([np.arange(count) for count in counts])
     size = np.repeat(counts, counts)
     for child in (left, right):
-        if not ((own < child) & (child < size))[inner].all():
+        if not ((node < child) & (child < size))[inner].all():
             raise ValueError("a tree's node has a child that is not below it")
     feature = arrays[2][inner]
     if not isinstance(state["features"], int) or not ((feature >= 0) & (feature < state["features"])).all():

@@ -1,10 +1,11 @@
 """The systems on the sensors by name, each a pipeline of scikit-learn on what it reads of the frames."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.sensors.systems import SensorSystem, SetMaximum, SingleFrames
+from tactile_viewgcn.sensors.systems import SensorSystem, SetMaximum, SingleFrames, TrainingFrames
 from tactile_viewgcn.sensors.unit import above_dead_zone, logarithm
 
 THRESHOLDS = (4.0, 8.0, 16.0)  # units: a sensor is pressed lightly, firmly, hard
@@ -49,11 +50,7 @@ def lda() -> SensorSystem:
 
 def kernel() -> SensorSystem:
     """Kernel ridge regression on the sensors above the dead zone and on means over blocks of them."""
-    from sklearn.pipeline import make_pipeline
-
-    from tactile_viewgcn.sensors.kernels import BlockMeans, KernelClassifier
-
-    return SingleFrames(lambda data: make_pipeline(BlockMeans(data.live), KernelClassifier()), above_dead_zone)
+    return SingleFrames(_kernel_regression, above_dead_zone)
 
 
 def max_logistic() -> SensorSystem:
@@ -65,11 +62,7 @@ def max_logistic() -> SensorSystem:
 
 def max_kernel() -> SensorSystem:
     """The same regression as `kernel` on the maximum of each sensor."""
-    from sklearn.pipeline import make_pipeline
-
-    from tactile_viewgcn.sensors.kernels import BlockMeans, KernelClassifier
-
-    return SetMaximum(lambda data: make_pipeline(BlockMeans(data.live), KernelClassifier()), above_dead_zone)
+    return SetMaximum(_kernel_regression, above_dead_zone)
 
 
 def max_network() -> SensorSystem:
@@ -77,6 +70,14 @@ def max_network() -> SensorSystem:
     from tactile_viewgcn.sensors.max_network import MaxNetwork
 
     return MaxNetwork()
+
+
+def _kernel_regression(data: TrainingFrames) -> Any:
+    from sklearn.pipeline import make_pipeline
+
+    from tactile_viewgcn.sensors.kernels import BlockMeans, KernelClassifier
+
+    return make_pipeline(BlockMeans(data.live), KernelClassifier())
 
 
 def above_thresholds(sensors: np.ndarray) -> np.ndarray:

@@ -47,24 +47,17 @@ class TrainingFrames:
             count: of each pool and size; more where a pool has more than `count` times V frames.
 
         Returns:
-            sets: one array (M, k) of frame indices for each size k.
-            labels: (M,)
+            sets: one array (M, k) of frame indices for each size k; and labels (M,).
         """
         rng = np.random.default_rng(self.seed)
         members = [np.flatnonzero(self.pools == pool) for pool in np.unique(self.pools)]
         most = max(1, MOST_SETS // len(members))
         counts = [min(most, max(count, len(frames) // max(self.sizes))) for frames in members]
+        pools = [frames for frames, of_pool in zip(members, counts, strict=True) for _ in range(of_pool)]
         sets = [
-            np.stack(
-                [
-                    rng.choice(frames, size, replace=len(frames) < size)
-                    for frames, of_pool in zip(members, counts, strict=True)
-                    for _ in range(of_pool)
-                ]
-            )
-            for size in self.sizes
+            np.stack([rng.choice(frames, size, replace=len(frames) < size) for frames in pools]) for size in self.sizes
         ]
-        return sets, np.repeat([self.labels[frames[0]] for frames in members], counts)
+        return sets, np.array([self.labels[frames[0]] for frames in pools])
 
 
 class SensorSystem(Protocol):
@@ -108,12 +101,9 @@ class SingleFrames:
 
 @dataclass
 class SetMaximum:
-    """A pipeline, for each size of view set, of the maximum of the frames' points.
+    """A pipeline as in `SingleFrames`, for each size of view set, of the maximum of the frames' points.
 
     View sets of a size in between go to the next smaller one's.
-
-    Args:
-        pipeline, points: see `SingleFrames`.
     """
 
     pipeline: Callable[[TrainingFrames], Any]

@@ -17,13 +17,7 @@ class ArrayRecordings(Recordings):
         sessions: (n,) number of each recording's session, from 0.
     """
 
-    def __init__(
-        self,
-        arrays: Sequence[np.ndarray],
-        objects: list[str],
-        labels: np.ndarray,
-        sessions: np.ndarray,
-    ):
+    def __init__(self, arrays: Sequence[np.ndarray], objects: list[str], labels: np.ndarray, sessions: np.ndarray):
         self.path = Path("X")
         self._pressure = pressure = np.concatenate(arrays)
         lengths = [len(array) for array in arrays]

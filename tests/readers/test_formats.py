@@ -1,6 +1,5 @@
 """Telling what a path holds, and opening it."""
 
-import h5py
 import numpy as np
 import pytest
 
@@ -84,19 +83,10 @@ def test_what_is_no_source_is_refused(tmp_path, name, content, error, sentence):
         open_source(tmp_path / name.partition("/")[0])
 
 
-def test_hdf5_of_another_kind_is_refused(tmp_path):
-    with h5py.File(tmp_path / "weights.mat", "w") as file:
-        file["layer"] = np.zeros(3)
-    with pytest.raises(UserError, match=r"weights\.mat: no field pressure, .*; found layer; expected STAG's metadata"):
-        open_source(tmp_path / "weights.mat")
-
-
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
-@pytest.mark.parametrize("form", ["matlab5", "matlab73", "folder", "hdf5 folder", "hdf5 file"])
+@pytest.mark.parametrize("form", ["matlab73", "folder", "hdf5 folder", "hdf5 file"])
 def test_a_source_cut_short_is_one_sentence_that_names_the_file(tmp_path, form, share):
-    if form == "matlab5":
-        path = cut = save_matlab5(tmp_path / "cut.mat", TREE)
-    elif form == "matlab73":
+    if form == "matlab73":
         path = cut = save_matlab73(tmp_path / "cut.mat", TREE)
     elif form == "folder":
         path = save_folder(tmp_path / "raw", TREE)

@@ -7,11 +7,10 @@ from scipy import io
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.readers import stag_folder as module
 from tactile_viewgcn.readers.stag_folder import read_folder
-from tactile_viewgcn.tables.recordings import write_recordings
 from tests.sources import read
-from tests.stag_files import metadata, save_matlab73
+from tests.stag_files import save_matlab73
 
-TREE = metadata(objects=3, recordings=2, sessions=2, frames=20, blank=3)
+COUNTS = np.full((3, 4, 5), 510, dtype=np.int16)
 
 
 def _raw(folder, name, **fields):
@@ -28,11 +27,11 @@ def test_a_recording_is_named_by_its_session_and_holds_what_its_name_says(tmp_pa
     source = read_folder(tmp_path)
     assert source.recordings == ["a/000-tea_box", "a/12-empty_hand", "b/000-tea_box", "b/001-can-2"]
     assert source.objects == ["empty_hand", "can-2", "tea_box"]
-    found = read(source)
-    assert found["object"].tolist() == [2, 2, 0, 0, 2, 2, 1, 1]
-    assert found["session"].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
-    assert found["frame"].tolist() == [0, 1] * 4
-    assert np.isnan(found["time"]).all()
+    columns = read(source)
+    assert columns["object"].tolist() == [2, 2, 0, 0, 2, 2, 1, 1]
+    assert columns["session"].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+    assert columns["frame"].tolist() == [0, 1] * 4
+    assert np.isnan(columns["time"]).all()
 
 
 def test_a_long_recording_comes_in_blocks(tmp_path, monkeypatch):
@@ -44,28 +43,6 @@ def test_a_long_recording_comes_in_blocks(tmp_path, monkeypatch):
     assert np.concatenate([block["frame"] for block in blocks]).tolist() == list(range(10))
 
 
-COUNTS = np.full((3, 4, 5), 510, dtype=np.int16)
-
-
-@pytest.mark.parametrize(
-    ("fields", "sentence"),
-    [
-        ({"frame": np.arange(3)}, r"no field pressure; expected STAG's pressuredata\.mat"),
-        ({"pressure": COUNTS[0]}, r"pressure has shape \(4, 5\); expected \(frames, rows, columns\)"),
-        ({"pressure": COUNTS[:, :3]}, r"frames of \(3, 5\); expected \(4, 5\) as in .*000-mug"),
-        ({"pressure": COUNTS, "frame": np.arange(4)}, r"frame has 4 values for 3 frames"),
-        ({"pressure": COUNTS, "tStamp": np.arange(2.0)}, r"tStamp has 2 values for 3 frames"),
-        ({"pressure": np.full((3, 4, 5), "a")}, r"pressure is of type .*; expected integer counts or real numbers"),
-    ],
-)
-def test_a_mistake_in_a_raw_recording_names_its_file(tmp_path, fields, sentence):
-    _raw(tmp_path, "raw/000/000-mug", pressure=COUNTS)
-    _raw(tmp_path, "raw/000/001-pen", **fields)
-    with pytest.raises(UserError, match=rf"001-pen.pressuredata\.mat: {sentence}"):
-        write_recordings(tmp_path / "t.h5", read_folder(tmp_path / "raw"), "0" * 32)
-    assert not list(tmp_path.glob("t.h5*"))
-
-
 def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_path, monkeypatch):
     raw = tmp_path / "raw"
     _raw(raw, "000/000-mug", frame=np.arange(3))
@@ -73,6 +50,8 @@ def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_pa
     _raw(raw, "000/002-cup", pressure=COUNTS)
     _raw(raw, "001/003-can", pressure=COUNTS[:, :3])
     _raw(raw, "001/004-ball", pressure=np.full((3, 4, 5), "a"))
+    _raw(raw, "001/005-fork", pressure=COUNTS[0])
+    _raw(raw, "001/006-cat", pressure=COUNTS, tStamp=np.arange(2.0))
     monkeypatch.setattr(io, "loadmat", lambda *_, **__: pytest.fail("a recording was read"))
     with pytest.raises(UserError, match="000-mug") as caught:
         read_folder(raw)
@@ -80,6 +59,8 @@ def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_pa
         "000/000-mug: no field pressure; expected STAG's pressuredata.mat; "
         "000/001-pen: frame has 4 values for 3 frames; expected one for each frame; "
         "001/004-ball: pressure is of type char; expected integer counts or real numbers; "
+        "001/005-fork: pressure has shape (4, 5); expected (frames, rows, columns); "
+        "001/006-cat: tStamp has 2 values for 3 frames; expected one for each frame; "
         "001/003-can: frames of (3, 5); expected (4, 5) as in 000/002-cup"
     )
 
@@ -97,6 +78,6 @@ def test_a_raw_recording_may_be_saved_as_matlab_7(tmp_path):
     tree = {"pressure": np.arange(2 * 3 * 4, dtype=np.int16).reshape(2, 3, 4), "tStamp": np.array([[7.0], [7.25]])}
     (tmp_path / "000/000-mug").mkdir(parents=True)
     save_matlab73(tmp_path / "000/000-mug/pressuredata.mat", tree)
-    found = read(read_folder(tmp_path))
-    np.testing.assert_array_equal(found["pressure"], tree["pressure"])
-    assert found["time"].tolist() == [0, 0.25]
+    columns = read(read_folder(tmp_path))
+    np.testing.assert_array_equal(columns["pressure"], tree["pressure"])
+    assert columns["time"].tolist() == [0, 0.25]

@@ -27,10 +27,10 @@ PER_FRAME = [name for name, values in TREE.items() if len(values) == TOTAL]
 def test_a_weights_file_has_grasps_and_grams_and_no_split(tmp_path, save):
     tree = as_weights(TREE)
     source = read_metadata(save(tmp_path / "metadata.mat", tree))
-    found = read(source)
-    assert found.keys() == {"pressure", "object", "recording", "session", "frame", "time", "grasp", "grasp_valid"}
-    assert found["grasp"][:FRAMES].tolist() == [0] * 5 + [1] * 5 + [2] * 5 + [3] * 5
-    assert found["grasp_valid"].sum() == 12 * (FRAMES - 3)
+    columns = read(source)
+    assert columns.keys() == {"pressure", "object", "recording", "session", "frame", "time", "grasp", "grasp_valid"}
+    assert columns["grasp"][:FRAMES].tolist() == [0] * 5 + [1] * 5 + [2] * 5 + [3] * 5
+    assert columns["grasp_valid"].sum() == 12 * (FRAMES - 3)
     assert source.weights.tolist() == [0, 1, 2]
 
 
@@ -45,9 +45,9 @@ def test_a_blindfolded_file_has_the_interval_of_each_manipulation(tmp_path, save
 @FORMS
 def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save):
     turned = TREE | {"splitId": 1 - TREE["splitId"], "splits": TREE["splits"][:, ::-1]}
-    found = read(read_metadata(save(tmp_path / "metadata.mat", turned)))["split"]
-    np.testing.assert_array_equal(found == TEST, TREE["splitId"].ravel() == 1)
-    np.testing.assert_array_equal(found == TRAIN, TREE["splitId"].ravel() == 0)
+    split = read(read_metadata(save(tmp_path / "metadata.mat", turned)))["split"]
+    np.testing.assert_array_equal(split == TEST, TREE["splitId"].ravel() == 1)
+    np.testing.assert_array_equal(split == TRAIN, TREE["splitId"].ravel() == 0)
 
 
 @FORMS
@@ -59,18 +59,14 @@ def test_frames_come_in_blocks(tmp_path, save, monkeypatch):
 
 
 @FORMS
-def test_real_valued_pressure_is_kept_as_such(tmp_path, save):
-    source = read_metadata(save(tmp_path / "metadata.mat", TREE | {"pressure": TREE["pressure"] / 8}))
-    assert source.dtype == np.float64
-    np.testing.assert_array_equal(read(source)["pressure"], TREE["pressure"] / 8)
-
-
-@FORMS
-def test_frame_numbers_and_times_may_be_missing(tmp_path, save):
+def test_pressure_may_be_real_and_frame_numbers_and_times_missing(tmp_path, save):
     tree = {name: values for name, values in TREE.items() if name not in ("frame", "ts")}
-    found = read(read_metadata(save(tmp_path / "metadata.mat", tree)))
-    np.testing.assert_array_equal(found["frame"], np.arange(TOTAL))
-    assert np.isnan(found["time"]).all()
+    source = read_metadata(save(tmp_path / "metadata.mat", tree | {"pressure": TREE["pressure"] / 8}))
+    columns = read(source)
+    assert source.dtype == np.float64
+    np.testing.assert_array_equal(columns["pressure"], TREE["pressure"] / 8)
+    np.testing.assert_array_equal(columns["frame"], np.arange(TOTAL))
+    assert np.isnan(columns["time"]).all()
 
 
 BAD = {
@@ -91,6 +87,10 @@ BAD = {
     ),
     "broken index": ({"objectId": TREE["objectId"] + 0.5}, r"objectId holds values that are no whole numbers"),
     "split out of range": ({"splitId": TREE["splitId"] + 1}, r"splitId is \[1, 2\]; expected 0 to 1"),
+    "split of other names": (
+        {"splits": np.array([["train", "unseen"]], dtype=object)},
+        r"splits has unseen; expected train and test",
+    ),
     "short column": ({"hasValidLabel": TREE["hasValidLabel"][:-1]}, r"hasValidLabel has 239 values for 240 frames"),
     "no frames": ({name: TREE[name][:0] for name in PER_FRAME}, r"no frames; expected at least one recording"),
     "weights of too few objects": ({"weights": np.zeros((2, 1))}, r"weights has 2 values for 3 objects"),
@@ -110,14 +110,6 @@ def test_a_mistake_in_the_metadata_is_one_sentence_and_nothing_is_left(tmp_path,
     with pytest.raises(UserError, match=rf"bad\.mat: {sentence}"):
         write_recordings(tmp_path / "t.h5", read_metadata(path), "0" * 32)
     assert list(tmp_path.iterdir()) == [path]
-
-
-@FORMS
-def test_a_split_of_other_names_is_refused(tmp_path, save):
-    names = np.array([["train", "unseen"]], dtype=object)
-    path = save(tmp_path / "bad.mat", TREE | {"splits": names})
-    with pytest.raises(UserError, match=r"bad\.mat: splits has unseen; expected train and test"):
-        read_metadata(path)
 
 
 def test_names_that_are_no_cell_array_are_refused_in_hdf5(tmp_path):
@@ -142,32 +134,21 @@ def test_another_kind_of_file_is_refused(tmp_path, content):
 
 @pytest.fixture(scope="module")
 def complete(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cut")
     tree = metadata(objects=2, recordings=1, frames=3)
-    return save_matlab5(folder / "whole.mat", tree), save_matlab73(folder / "whole73.mat", tree)
+    return save_matlab5(tmp_path_factory.mktemp("cut") / "whole.mat", tree)
 
 
 @settings(max_examples=40, deadline=None)
 @given(share=st.floats(0, 1, exclude_max=True))
 def test_a_matlab_5_file_cut_anywhere_inside_an_array_is_refused(complete, share):
-    content, ends = complete[0].read_bytes(), [128]
+    content, ends = complete.read_bytes(), [128]
     while ends[-1] < len(content):
         ends.append(ends[-1] + 8 + struct.unpack_from("<I", content, ends[-1] + 4)[0])
     cut = int(share * len(content))
     assume(cut not in ends)
-    path = complete[0].with_name("cut.mat")
+    path = complete.with_name("cut.mat")
     path.write_bytes(content[:cut])
     with pytest.raises(UserError, match=r"cut\.mat: (not a readable MAT-file, or cut short|no field)"):
-        read_metadata(path)
-
-
-@settings(max_examples=20, deadline=None)
-@given(share=st.floats(0, 1, exclude_max=True))
-def test_a_matlab_7_file_cut_anywhere_is_refused(complete, share):
-    content = complete[1].read_bytes()
-    path = complete[1].with_name("cut73.mat")
-    path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(UserError, match=r"cut73\.mat: not a readable (MAT-|HDF5 )file, or cut short"):
         read_metadata(path)
 
 
@@ -178,35 +159,32 @@ def test_a_matlab_7_file_cut_anywhere_is_refused(complete, share):
 )
 def test_the_real_files_have_the_frames_that_their_authors_state(stag_data, name, frames, recordings, flag, flagged):
     source = read_metadata(stag_data / name / "metadata.mat")
-    found = read(source)
-    assert found["pressure"].shape == (frames, 32, 32)
+    columns = read(source)
+    assert columns["pressure"].shape == (frames, 32, 32)
     assert (len(source.recordings), len(source.objects)) == (recordings, 27)
-    assert len(np.unique(found["recording"])) == recordings
+    assert len(np.unique(columns["recording"])) == recordings
     assert source.objects[0] == "empty_hand"
-    assert found[flag].sum() == flagged
-    live = found["pressure"].min(axis=0) < found["pressure"].max(axis=0)
+    assert columns[flag].sum() == flagged
+    live = columns["pressure"].min(axis=0) < columns["pressure"].max(axis=0)
     np.testing.assert_array_equal(live, SENSORS)
-    assert (found["pressure"][:, ~SENSORS] == 510).all()
+    assert (columns["pressure"][:, ~SENSORS] == 510).all()
 
 
 @pytest.mark.stag
 def test_the_real_blindfolded_file_is_all_test_and_its_empty_hand_has_no_interval(stag_data):
     source = read_metadata(stag_data / "blindfolded_lite" / "metadata.mat")
-    found = read(source)
-    assert (found["split"] == TEST).all()
-    empty = np.unique(found["recording"][found["object"] == 0])
-    assert len(empty) == 1
-    assert source.action.shape == (105, 2)
-    assert source.action[empty[0]].tolist() == [-1, -1]
-    assert (source.action[np.delete(np.arange(105), empty)] >= 0).all()
+    columns = read(source)
+    assert (columns["split"] == TEST).all()
+    (empty,) = np.unique(columns["recording"][columns["object"] == 0])
+    assert source.action.shape == (105, 2) and source.action[empty].tolist() == [-1, -1]
+    assert (np.delete(source.action, empty, axis=0) >= 0).all()
 
 
 @pytest.mark.stag
 def test_the_real_weights_file_has_grams_and_grasps(stag_data):
     source = read_metadata(stag_data / "weights_lite" / "metadata.mat")
-    grams = dict(zip(source.objects, source.weights.tolist(), strict=True))
+    grams, columns = dict(zip(source.objects, source.weights.tolist(), strict=True)), read(source)
     assert (grams["empty_hand"], grams["cat"], grams["mug"], grams["tea_box"]) == (0, 679, 509, 188)
-    found = read(source)
-    assert "split" not in found
-    grasps = [len(np.unique(found["grasp"][found["recording"] == i])) for i in range(27)]
+    assert "split" not in columns
+    grasps = [len(np.unique(columns["grasp"][columns["recording"] == i])) for i in range(27)]
     assert 6 <= min(grasps) <= max(grasps) <= 7

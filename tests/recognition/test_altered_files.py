@@ -4,13 +4,8 @@ import io
 import json
 import os
 import pickle
-import signal
-import socket
-import subprocess
-import sys
+import tempfile
 import zipfile
-from contextlib import suppress
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +23,8 @@ from tactile_viewgcn.recognition.model_file import ARCHIVE, read_archive
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors import kernels
 from tactile_viewgcn.sensors.forest import Forest
-from tests.small_glove import OBJECTS, model_file, recording, write
+from tests.recognition.test_mlflow_model import serve
+from tests.small_glove import OBJECTS, ROOT, model_file, recording, write
 
 RAN = "the code in the file has run"
 POINTS, LABELS = np.random.default_rng(0).normal(size=(30, 80)), np.arange(30) % 3
@@ -41,29 +37,28 @@ class Code:
         return os.system, (f"echo {RAN}",)
 
 
-@cache
-def content(system: str) -> bytes:
-    """The file of a classifier of this system on the small glove."""
-    path = Path(os.environ["PYTEST_FOLDER"]) / f"{system}.pt"
-    return model_file(path, f"model.system={system}").read_bytes()
+def content(system: str = "trees") -> dict:
+    """The content of the file of a classifier of this system on the small glove."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = model_file(Path(folder) / "classifier.pt", f"model.system={system}")
+        return torch.load(path, weights_only=True)
 
 
-@pytest.fixture(autouse=True)
-def _folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTEST_FOLDER", str(tmp_path))
+def pipeline(system: str):
+    """Its pipeline."""
+    return read_archive(content(system)["learnt"]["fitted"]["pipeline"][ARCHIVE].numpy().tobytes())
 
 
 def with_archive(data: bytes, system: str = "trees") -> dict:
-    """The content of a file whose pipeline is another archive."""
-    tree = torch.load(io.BytesIO(content(system)), weights_only=True)
+    """The same content with another archive as the pipeline."""
+    tree = content(system)
     tree["learnt"]["fitted"]["pipeline"] = {ARCHIVE: torch.frombuffer(bytearray(data), dtype=torch.uint8)}
     return tree
 
 
 def with_trees(name: str, node: int, value: int) -> dict:
     """The same with another number in one place of the trees' arrays."""
-    archive = torch.load(io.BytesIO(content("trees")), weights_only=True)["learnt"]["fitted"]["pipeline"][ARCHIVE]
-    state = read_archive(archive.numpy().tobytes()).__getstate__()
+    state = pipeline("trees").__getstate__()
     state[name][node] = value
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Forest, "__getstate__", lambda self: state)
@@ -85,16 +80,13 @@ def compressed() -> dict:
 
 
 def neighbour_of_no_class() -> dict:
-    archive = torch.load(io.BytesIO(content("knn")), weights_only=True)["learnt"]["fitted"]["pipeline"][ARCHIVE]
-    neighbours = read_archive(archive.numpy().tobytes())
+    neighbours = pipeline("knn")
     neighbours._y = neighbours._y + 10**6
     return with_archive(dumps(neighbours), "knn")
 
 
 def without(name: str) -> dict:
-    tree = torch.load(io.BytesIO(content("trees")), weights_only=True)
-    del tree[name]
-    return tree
+    return {key: value for key, value in content().items() if key != name}
 
 
 #: what was altered, and the reason that the line has
@@ -134,6 +126,7 @@ def test_the_recogniser_refuses_it_in_one_line(tmp_path, capfd, name):
     assert RAN not in capfd.readouterr().out
 
 
+@pytest.mark.filterwarnings("default")  # MLflow's own
 @pytest.mark.parametrize("name", FOUR)
 def test_the_command_and_mlflow_print_the_same_line(tmp_path, capfd, name):
     path = altered(tmp_path, name)
@@ -162,22 +155,9 @@ def saved(folder: Path, path: Path) -> Path:
 @pytest.mark.parametrize("name", FOUR)
 def test_mlflow_s_server_ends_with_the_same_line(tmp_path, name):
     model = saved(tmp_path, altered(tmp_path, name))
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    words = ["-m", "mlflow", "models", "serve", "-m", str(model), "--env-manager", "local", "-p", port]
-    scripts = str(Path(sys.executable).parent)  # of uvicorn, which MLflow calls by its name
-    environment = os.environ | {"PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"}
-    with (tmp_path / "log").open("w") as log:
-        process = subprocess.Popen(
-            [sys.executable, *words], env=environment, stdout=log, stderr=log, start_new_session=True
-        )
-    try:
+    with serve(tmp_path, str(model), PYTHONPATH=str(ROOT)) as (process, _, log):
         assert process.wait(540)
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGTERM)
-    lines = (tmp_path / "log").read_text().splitlines()
+    lines = log.read_text().splitlines()
     assert any(line.startswith("tactile_viewgcn.errors.UserError") and ALTERED[name][1] in line for line in lines)
     assert RAN not in lines
 

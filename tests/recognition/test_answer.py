@@ -37,9 +37,11 @@ def test_an_open_hand_is_no_contact_and_has_no_probabilities():
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_a_recording_without_an_open_hand_has_the_training_s_baseline(name):
-    answer = answer_recording(recogniser(), recording(name, 51, before=0, after=0))
-    assert (answer.contact, best(answer)) == (HELD, name)
+def test_a_recording_without_an_open_hand_has_the_training_s_baseline(tmp_path, name):
+    write(tmp_path / "1.h5", recording(name, 51, before=0, after=0))
+    ((row,), (note,)) = answer_source(recogniser(), open_source(tmp_path, labelled=False))
+    assert (row.answer.contact, best(row.answer)) == (HELD, name)
+    assert note.text == "session 'session': fewer than 5 frames of the open hand; the training's baseline"
 
 
 def test_a_glove_that_reads_higher_today_has_the_baseline_of_its_own_open_hand():
@@ -91,13 +93,8 @@ def test_the_first_frames_of_the_bisecting_order_are_spread_over_all():
     [
         (np.zeros((5, 8, 9), np.int16), r"counts: frames of 8 x 9; expected 8 x 10, as the model was trained on"),
         (np.full((5, *SHAPE), 0.5), r"counts holds 0.5; expected whole numbers, raw counts as in training"),
-        (
-            np.full((5, *SHAPE), 3_000_000_000, np.uint32),
-            r"^counts holds counts from 3000000000 to 3000000000; expected",
-        ),
-        (np.full((5, *SHAPE), -(2**40)), r"^counts holds counts from -1099511627776 to -1099511627776; expected"),
+        (np.full((5, *SHAPE), 2**31, np.uint32), r"^counts holds counts from 2147483648 to 2147483648; expected"),
         (np.full((5, *SHAPE), np.inf, np.float16), r"^counts holds inf in frame 0, row 0, column 0"),
-        (np.full((5, *SHAPE), np.nan), r"^counts holds nan in frame 0, row 0, column 0"),
     ],
 )
 def test_another_layout_type_or_no_numbers_are_refused(counts, message):
@@ -171,15 +168,9 @@ def test_a_recording_without_an_open_hand_alone_does_without_its_grasp_s_baselin
     rows, notes = answer_source(model, open_source(tmp_path, labelled=False))
     answers = {row.recording: row.answer for row in rows}
     assert best(answers["held"]) == "pen" and answers["held"].contact == HELD
-    assert notes == [
-        f"baseline: 1 of {1 + len(others)} recordings have fewer than 5 open-hand frames and use {instead}: held"
+    assert [note.text for note in notes] == [
+        f"1 of {1 + len(others)} recordings have fewer than 5 open-hand frames and use {instead}: held"
     ]
     if "open" in answers:
         alone = answer_recording(model, recording("cup", 63) + offset)
         np.testing.assert_allclose(answers["open"].probabilities, alone.probabilities, atol=1e-6)
-
-
-def test_a_session_without_an_open_hand_is_noted(tmp_path):
-    write(tmp_path / "1.h5", recording("ball", 62, before=0, after=0))
-    _, notes = answer_source(recogniser(), open_source(tmp_path, labelled=False))
-    assert notes == ["session 'session': fewer than 5 frames of the open hand; the training's baseline"]

@@ -108,8 +108,7 @@ def test_groups_that_span_classes_are_left_out_as_a_whole():
     frames, parts = table(), []
     cross_calibrate(fit_parts(parts), replace(frames, group=frames.recording % 3), CPU, 0)
     assert parts
-    for part in parts:
-        assert not set(part.group[part.side == VALIDATION]) & set(part.group[part.side == TRAIN])
+    assert not any(set(part.group[part.side == VALIDATION]) & set(part.group[part.side == TRAIN]) for part in parts)
 
 
 def test_answers_that_are_random_are_made_unsure():

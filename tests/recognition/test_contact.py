@@ -46,6 +46,6 @@ def test_noise_that_is_cut_off_is_corrected_once(baseline):
         baselines=dict(zip(names, baselines, strict=True)),
     )
     new = table([8, 9], empty=False)
-    found, contact = find_contact(new, fitted)
-    np.testing.assert_allclose(np.median(found.noise[found.of_frame]), NOISE, rtol=0.25)
+    estimate, contact = find_contact(new, fitted)
+    np.testing.assert_allclose(np.median(estimate.noise[estimate.of_frame]), NOISE, rtol=0.25)
     np.testing.assert_array_equal(contact, np.tile(HELD, 2))

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from sklearn.base import clone
-from sklearn.exceptions import NotFittedError
-from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_score
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from tactile_viewgcn import TactileClassifier
@@ -48,7 +45,7 @@ NETWORK = {
 
 @parametrize_with_checks(
     [TactileClassifier(), TactileClassifier(system="logistic", params={"preprocess.zero": -3})],
-    expected_failed_checks=lambda given: {} if given.params else {"check_classifiers_train": CENTRED},
+    expected_failed_checks=lambda estimator: {} if estimator.params else {"check_classifiers_train": CENTRED},
     xfail_strict=True,
 )
 def test_scikit_learn_s_own_checks(estimator, check):
@@ -57,8 +54,8 @@ def test_scikit_learn_s_own_checks(estimator, check):
     check(estimator)
 
 
-def grasps(per_object: int = 5, *, frames: int = 24, seed: int = 0):
-    """Recordings (T, 8, 6) of raw counts, each longer than the one before; their objects; their numbers.
+def grasps(per_object: int = 5, *, seed: int = 0):
+    """Recordings (T, 8, 6) of raw counts, each longer than the one before, and their objects.
 
     A third of each is an open hand at 500 counts. Then each of three objects presses its own two rows.
     """
@@ -66,15 +63,14 @@ def grasps(per_object: int = 5, *, frames: int = 24, seed: int = 0):
     recordings, labels = [], []
     for number in range(per_object):
         for label, name in enumerate(("ball", "mug", "pen")):
-            length, begin = frames + number, frames // 3
-            counts = 500 + rng.normal(0, 1, (length, 8, 6))
-            counts[begin:, 2 * label : 2 * label + 2] += rng.uniform(20, 60, (length - begin, 2, 6))
+            counts = 500 + rng.normal(0, 1, (24 + number, 8, 6))
+            counts[8:, 2 * label : 2 * label + 2] += rng.uniform(20, 60, (16 + number, 2, 6))
             recordings.append(counts.round().astype(np.int16))
             labels.append(name)
-    return recordings, np.array(labels), np.repeat(np.arange(per_object), 3)
+    return recordings, np.array(labels)
 
 
-def held(recordings) -> np.ndarray:
+def last(recordings) -> np.ndarray:
     """The last four frames of each recording, above its baseline: view sets (n, 4, 8, 6)."""
     return np.stack([recording[-4:] - 500 for recording in recordings])
 
@@ -85,13 +81,13 @@ def made(params=None, **arguments) -> TactileClassifier:
 
 @cache
 def fitted() -> TactileClassifier:
-    return made().fit(*grasps()[:2])
+    return made().fit(*grasps())
 
 
 @pytest.mark.parametrize("system", [None, "trees", "view_gcn", "vote"])
-def test_recordings_of_different_lengths_are_told_apart(system):
-    X, y, _ = grasps()
-    new, truth, _ = grasps(2, seed=1)
+def test_recordings_of_different_lengths_are_distinguished(system):
+    X, y = grasps()
+    new, truth = grasps(2, seed=1)
     classifier = made(NETWORK if system in ("view_gcn", "vote") else {}, system=system).fit(X, y)
     assert classifier.classes_.tolist() == ["ball", "mug", "pen"]
     assert classifier.score(new, truth) == 1
@@ -102,27 +98,22 @@ def test_recordings_of_different_lengths_are_told_apart(system):
 
 @pytest.mark.parametrize("system", [None, "view_gcn"])
 def test_an_array_of_view_sets_has_its_own_number_of_views(system):
-    X, y, _ = grasps()
-    new, truth, _ = grasps(2, seed=1)
-    classifier = TactileClassifier(system=system, params=NETWORK if system else None).fit(held(X), y)
+    X, y = grasps()
+    new, truth = grasps(2, seed=1)
+    classifier = TactileClassifier(system=system, params=NETWORK if system else None).fit(last(X), y)
     assert classifier.params_.views == 4
-    assert classifier.recogniser_.classifier.views == 4
-    assert classifier.score(held(new), truth) == 1
-
-
-def test_best_takes_any_number_of_frames_and_its_probabilities_are_calibrated():
-    X, y, _ = grasps()
-    classifier = TactileClassifier().fit(held(X), y)
-    assert len(classifier.recogniser_.temperatures) == 4
-    assert (classifier.predict(held(X)[:, :2]) == y).all()
+    assert classifier.score(last(new), truth) == 1
+    if system is None:  # the preset `best` takes any number of frames, and its probabilities are calibrated
+        assert len(classifier.recogniser_.temperatures) == 4
+        assert (classifier.predict(last(X)[:, :2]) == y).all()
 
 
 @pytest.mark.parametrize("system", ["ensemble", "view_gcn"])
 def test_its_answers_are_those_of_the_stages(system):
     """The training recordings of a table, given as arrays, make the file that the table makes."""
-    network = "model.backbone.width=8", "model.backbone.blocks=1", f"model.system={system}"
-    given = "baseline=none", "zero=514", "filter=none", "contact_sensors=14", "scale=150"
-    changes = [*SMALL, *network, *(f"preprocess.{change}" for change in given)]
+    network = "model.backbone.width=8", f"model.system={system}"
+    preprocess = "baseline=none", "zero=514", "filter=none", "contact_sensors=14", "scale=150"
+    changes = [*SMALL, *network, *(f"preprocess.{change}" for change in preprocess)]
     params, frames = recipe(*changes), table(*changes)
     places = viewpoints(params.views, params.viewpoints, params.seed)
     views = cluster_frames(frames, places, params.cluster, stream(params.seed, "cluster"))
@@ -151,30 +142,21 @@ def test_its_answers_are_those_of_the_stages(system):
     assert (first == second).all()
 
 
-def test_a_classifier_is_cloned_pickled_and_dumped(tmp_path):
-    X, _, _ = grasps(2, seed=1)
+def test_a_classifier_that_is_pickled_dumped_or_saved_answers_alike(tmp_path):
+    X, _ = grasps(2, seed=1)
     expected = fitted().predict_proba(X)
     again = pickle.loads(pickle.dumps(fitted()))
     joblib.dump(fitted(), tmp_path / "classifier.joblib")
     for copy in (again, joblib.load(tmp_path / "classifier.joblib")):
         assert (copy.predict_proba(X) == expected).all()
-    new = clone(fitted())
-    assert new.get_params() == fitted().get_params()
-    with pytest.raises(NotFittedError):
-        new.predict(X)
-
-
-def test_the_saved_file_is_what_the_recogniser_reads(tmp_path):
-    X, _, _ = grasps(2, seed=1)
     fitted().save(tmp_path / "classifier.pt")
     recogniser = Recogniser(tmp_path / "classifier.pt")
     assert recogniser.classes == ["ball", "mug", "pen"]
-    answers = [answer_recording(recogniser, counts).probabilities for counts in X]
-    assert (np.stack(answers) == fitted().predict_proba(X)).all()
+    assert (np.stack([answer_recording(recogniser, counts).probabilities for counts in X]) == expected).all()
 
 
 def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_path):
-    X, y, _ = grasps(3)
+    X, y = grasps(3)
     before = torch.get_rng_state()
     for name, seed in (("first", 0), ("again", 0), ("other", 1)):
         made(NETWORK, system="view_gcn", random_state=seed).fit(X, y).save(tmp_path / name)
@@ -183,24 +165,8 @@ def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_pa
     assert (torch.get_rng_state() == before).all()
 
 
-def test_groups_are_held_out_together():
-    X, y, number = grasps(4)
-    assert cross_val_score(made(), X, y, groups=number, cv=GroupKFold(4)).tolist() == [1, 1, 1, 1]
-    search = GridSearchCV(made(), {"system": ["logistic", "lda"]}, cv=GroupKFold(2)).fit(X, y, groups=number)
-    assert search.best_score_ == 1
-
-
-def test_labels_of_any_kind_come_back():
-    X, y, _ = grasps(3)
-    numbers = np.array([{"ball": 20, "mug": 3, "pen": 100}[name] for name in y])
-    classifier = made().fit(X, numbers)
-    assert classifier.classes_.tolist() == [3, 20, 100]
-    assert (classifier.predict(X) == numbers).all()
-    assert classifier.recogniser_.classes == ["3", "20", "100"]
-
-
-def test_a_class_without_contact_is_told_and_has_probability_0():
-    X, y, _ = grasps(3)
+def test_a_class_without_contact_has_a_warning_and_probability_0():
+    X, y = grasps(3)
     X = [counts[:7] if name == "mug" else counts for counts, name in zip(X, y, strict=True)]
     with pytest.warns(UserWarning, match="no frame has 6 sensors above 5 sd: mug"):
         classifier = made().fit(X, y)
@@ -209,7 +175,7 @@ def test_a_class_without_contact_is_told_and_has_probability_0():
 
 
 def test_a_recording_without_contact_is_any_object():
-    X, _, _ = grasps(1)
+    X, _ = grasps(1)
     with pytest.warns(UserWarning, match=r"X\[1\] has no frame in contact"):
         probabilities = fitted().predict_proba([X[0], X[0][:7]])
     assert probabilities[0, 0] > 0.5
@@ -217,26 +183,26 @@ def test_a_recording_without_contact_is_any_object():
 
 
 def test_a_recording_without_contact_is_the_empty_hand_where_that_is_a_class():
-    X, y, _ = grasps(4)
+    X, y = grasps(4)
     empty = [counts[:8] for counts in X[::3]]
     classifier = made({"preprocess.baseline": "empty_hand"}).fit([*X, *empty], [*y, *["empty_hand"] * len(empty)])
     assert classifier.classes_.tolist() == ["ball", "empty_hand", "mug", "pen"]
-    new, truth, _ = grasps(2, seed=1)
+    new, truth = grasps(2, seed=1)
     assert (classifier.predict([*new, new[0][:7]]) == [*truth, "empty_hand"]).all()
 
 
 def test_what_is_auto_is_decided_by_the_recordings():
-    X, y, _ = grasps()
+    X, y = grasps()
     classifier = TactileClassifier(views=4).fit(X, y)
-    assert classifier.score(*grasps(2, seed=1)[:2]) == 1
+    assert classifier.score(*grasps(2, seed=1)) == 1
     assert any("filter" in str(note) for note in classifier.notes_)
     chosen = classifier.recogniser_.preprocessing.params
     assert chosen.filter == "contact" and chosen.baseline in ("grasp", "quiet")
 
 
 def test_recordings_that_are_all_contact_are_taken_as_they_are():
-    X, y, _ = grasps()
-    new, truth, _ = grasps(2, seed=1)
+    X, y = grasps()
+    new, truth = grasps(2, seed=1)
     classifier = TactileClassifier(views=4).fit([counts[12:] for counts in X], y)
     assert classifier.recogniser_.preprocessing.params.filter == "none"
     assert classifier.score([counts[12:] for counts in new], truth) == 1

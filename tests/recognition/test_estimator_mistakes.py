@@ -36,7 +36,6 @@ IN_FIT = {
     "a text": ({"X": "data/recordings"}, "X is a text; expected a list of recordings"),
     "nothing": ({"X": None}, "X is None; expected a list of recordings"),
     "one recording, not in a list": ({"X": recordings()[0]}, "an array of 3 axes.* one recording is \\[recording\\]"),
-    "five axes": ({"X": np.ones((4, 1, 2, 3, 3))}, "an array of 5 axes"),
     "a ragged frame": ({"X": with_third([[[1, 2], [3]]])}, "ragged"),
     "an axis too few": ({"X": with_third(np.ones((4, 4)))}, r"X\[2\] has shape \(4, 4\); expected \(frames, rows"),
     "another layout": (
@@ -46,11 +45,9 @@ IN_FIT = {
     "no frames": ({"X": with_third(np.ones((0, 4, 4)))}, r"X\[2\] has no frames"),
     "too many rows": ({"X": [np.ones((2, 65, 4))] * 4}, r"X\[0\]: frames of 65 x 4; expected 1 x 1 to 64 x 64"),
     "NaN": ({"X": with_third(changed(np.nan))}, r"X\[2\] holds nan in frame 1, row 2, column 3"),
-    "infinite": ({"X": with_third(changed(-np.inf))}, r"X\[2\] holds -inf in frame 1, row 2, column 3"),
     "NaN in rows": ({"X": [[1, np.nan], [2, 3], [4, 5], [6, 7]]}, "NaN"),
     "counts too large": ({"X": with_third(changed(2**40, np.int64))}, r"X\[2\] holds counts from 1 to 1099511627776"),
     "texts": ({"X": with_third(np.full((5, 4, 4), "1"))}, r"X\[2\] is of type <U1"),
-    "complex": ({"X": with_third(np.ones((5, 4, 4), complex))}, r"X\[2\] is of type complex128"),
     "sparse": ({"X": sparse.csr_array(np.eye(4))}, "[Ss]parse"),
     "no sensor varies": ({"X": [np.ones((5, 4, 4))] * 4}, "no sensor varies"),
     "labels of another length": ({"y": ["a", "b"]}, r"inconsistent numbers of samples: \[4, 2\]"),
@@ -75,13 +72,13 @@ IN_FIT = {
 }
 
 
-@pytest.mark.parametrize("given, line", IN_FIT.values(), ids=IN_FIT)
-def test_a_mistake_in_fit_is_told_in_one_line(given, line):
-    arguments = {key: given[key] for key in ("preset", "system", "views", "random_state") if key in given}
-    params = given.get("params", {})
+@pytest.mark.parametrize("mistake, line", IN_FIT.values(), ids=IN_FIT)
+def test_a_mistake_in_fit_ends_in_one_line(mistake, line):
+    arguments = {key: mistake[key] for key in ("preset", "system", "views", "random_state") if key in mistake}
+    params = mistake.get("params", {})
     classifier = TactileClassifier(**arguments, params=CHOSEN | params if isinstance(params, dict) else params)
     with pytest.raises((ValueError, TypeError), match=line) as error:
-        classifier.fit(given.get("X", recordings()), given.get("y", Y), groups=given.get("groups"))
+        classifier.fit(mistake.get("X", recordings()), mistake.get("y", Y), groups=mistake.get("groups"))
     assert len(str(error.value).splitlines()) == 1 or error.type is not UserError  # scikit-learn's own may have more
     assert not hasattr(classifier, "recogniser_")
 
@@ -102,13 +99,11 @@ IN_PREDICT = {
     "recordings for view sets": ("view sets", recordings(), "X holds recordings; expected view sets"),
     "too many views": ("view sets", np.ones((2, 6, 4, 4), int), r"counts has shape \(2, 6, 4, 4\)"),
     "rows of other sensors": ("rows", np.ones((2, 3)), "X has 3 features, but TactileClassifier is expecting 4"),
-    "NaN": ("recordings", [changed(np.nan)], r"X\[0\] holds nan in frame 1, row 2, column 3"),
-    "no frames": ("recordings", [np.ones((0, 4, 4))], r"X\[0\] has no frames"),
 }
 
 
 @pytest.mark.parametrize("form, X, line", IN_PREDICT.values(), ids=IN_PREDICT)
-def test_a_mistake_in_predict_is_told_in_one_line(form, X, line):
+def test_a_mistake_in_predict_ends_in_one_line(form, X, line):
     with pytest.raises(ValueError, match=line) as error:
         fitted(form).predict(X)
     assert len(str(error.value).splitlines()) == 1

@@ -9,6 +9,9 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,7 @@ from tactile_viewgcn import tracking
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tests.mlflow_stores import runs_of
 from tests.small_tables import recipe, table, trained
 
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
@@ -83,20 +87,30 @@ MISTAKES = {
 }
 
 
-def test_probabilities_are_a_table_with_a_column_for_each_class(checkpoint):
-    recogniser, counts = Recogniser(checkpoint), np.array(some_counts())
-    answer = RecogniserModel(recogniser).predict({"counts": as_json(some_counts())})
-    assert list(answer.columns) == CLASSES
-    np.testing.assert_array_equal(answer.to_numpy(), recogniser.probabilities(counts))
+def test_the_logged_model_gives_the_recogniser_s_probabilities_in_a_column_for_each_class(checkpoint, store, client):
+    with tracking.stage_run("evaluate") as run:
+        address = run.model(checkpoint, 4, (12, 12), np.dtype(np.int16), CLASSES, ("scikit-learn",))
+        assert runs_of(client)[0].info.status == "RUNNING"  # the stage goes on
+    assert runs_of(client)[0].info.status == "FINISHED"
+    import mlflow
+
+    mlflow.set_tracking_uri(f"sqlite:///{store / 'mlflow.db'}")
+    loaded, recogniser, counts = mlflow.pyfunc.load_model(address), Recogniser(checkpoint), np.array(some_counts())
+    assert loaded.metadata.metadata == {"classes": CLASSES, "views": 4, "shape": [12, 12], "dtype": "int16"}
+    assert loaded.metadata.get_output_schema().input_names() == list(loaded.predict(counts).columns) == CLASSES
     empty = np.arange(144.0) + 400
-    answer = RecogniserModel(recogniser).predict({"counts": counts}, {"session": "", "baseline": empty.tolist()})
-    np.testing.assert_array_equal(answer, recogniser.probabilities(counts, empty.reshape(12, 12)))
-
-
-def test_whole_numbers_may_be_written_as_floats(checkpoint):
-    model, counts = RecogniserModel(Recogniser(checkpoint)), np.array(some_counts())
-    whole = model.predict({"counts": as_json(counts.astype(float).tolist())})
-    np.testing.assert_array_equal(whole, model.predict({"counts": counts}))
+    for params, baseline in (
+        ({}, None),
+        ({"session": "000"}, recogniser.baseline("000")),
+        ({"baseline": empty.tolist()}, empty.reshape(12, 12)),
+    ):
+        for numbers in counts, counts.astype(float):  # whole numbers may be written as floats
+            expected = recogniser.probabilities(counts, baseline)
+            np.testing.assert_array_equal(loaded.predict(numbers, params=params), expected)
+    needs = Path(mlflow.pyfunc.get_model_dependencies(address)).read_text().split()
+    assert f"scikit-learn=={version('scikit-learn')}" in needs
+    assert f"torch=={version('torch').partition('+')[0]}" in needs  # +cpu is in no package index
+    assert not [need for need in needs if "==" not in need]
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -109,9 +123,28 @@ def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(chec
     assert error.value.get_http_status_code() == 400
 
 
+@contextmanager
+def serve(folder: Path, model: str, **variables: str) -> Iterator[tuple[subprocess.Popen, str, Path]]:
+    """The process of `mlflow models serve`, its address, and the file of what it prints, in a folder."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    words = [sys.executable, "-m", "mlflow", "models", "serve", "-m", model, "--env-manager", "local", "-p", port]
+    scripts = str(Path(sys.executable).parent)  # of uvicorn, which MLflow calls by its name
+    environment = os.environ | {"PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"} | variables
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(words, cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True)
+    try:
+        yield process, f"http://127.0.0.1:{port}", folder / "log"
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGTERM)
+        process.wait(30)
+
+
 @pytest.fixture(scope="module")
 def server(checkpoint, tmp_path_factory):
-    """The address of `mlflow models serve` on a logged model, registered under a name with an alias."""
+    """Where a logged model, registered under a name with an alias, is asked; starting takes about 20 seconds."""
     store = tmp_path_factory.mktemp("store")
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
@@ -125,36 +158,14 @@ def server(checkpoint, tmp_path_factory):
     client.create_registered_model("glove")
     entry = client.create_model_version("glove", address, run.id)
     client.set_registered_model_alias("glove", "best", entry.version)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    words = ["-m", "mlflow", "models", "serve", "-m", "models:/glove@best", "--env-manager", "local", "-p", port]
-    python = str(Path(sys.executable).parent)  # of uvicorn, which MLflow calls by its name
-    environment = os.environ | {"MLFLOW_TRACKING_URI": uri, "PATH": f"{python}{os.pathsep}{os.environ['PATH']}"}
-    environment.pop("PYTHONPATH", None)  # the model brings its code
-    with (store / "log").open("w") as log:
-        process = subprocess.Popen(
-            [sys.executable, *words], cwd=store, env=environment, stdout=log, stderr=log, start_new_session=True
-        )
-    try:
-        wait_for(f"http://127.0.0.1:{port}/ping", process, store / "log")
-        yield f"http://127.0.0.1:{port}/invocations"
-    finally:
-        os.killpg(process.pid, signal.SIGTERM)
-        process.wait(30)
-
-
-def wait_for(address: str, process: subprocess.Popen, log: Path) -> None:
-    """Return once the server answers; it takes about 20 seconds."""
-    for _ in range(600):
-        assert process.poll() is None, log.read_text()
-        try:
-            urllib.request.urlopen(address, timeout=5).close()
-        except OSError:
+    with serve(store, "models:/glove@best", MLFLOW_TRACKING_URI=uri, PYTHONPATH="") as (process, place, log):
+        for _ in range(600):  # PYTHONPATH is empty: the model brings its code
+            assert process.poll() is None, log.read_text()
+            with suppress(OSError):
+                urllib.request.urlopen(f"{place}/ping", timeout=5).close()
+                break
             time.sleep(0.2)
-        else:
-            return
-    pytest.fail(f"no answer: {log.read_text()}")
+        yield f"{place}/invocations"
 
 
 def ask(address: str, body: bytes) -> tuple[int, dict]:

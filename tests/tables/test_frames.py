@@ -44,20 +44,6 @@ def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
     )
 
 
-def test_clip_scales_and_cuts_at_both_ends():
-    excess = np.array([[-75, 0], [15, 75], [150, 151], [1000, -0.5]])
-    read = network_input(excess, "clip", 150)
-    np.testing.assert_allclose(read, [[0, 0], [0.1, 0.5], [1, 1], [1, 0]], rtol=1e-6)
-    assert read.dtype == np.float32
-
-
-def test_log_is_the_logarithm_of_one_more_than_what_lies_above_rest():
-    excess = np.array([[-75, 0], [np.e - 1, 1], [np.e**2 - 1, 149]])
-    read = network_input(excess, "log", 150)
-    np.testing.assert_allclose(read, [[0, 0], [1, 0.693147], [2, 5.010635]], rtol=1e-6)
-    assert read.dtype == np.float32
-
-
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(-600, 600, width=32), min_size=1, max_size=8), st.floats(1, 1000, width=32))
 def test_the_transform_of_many_is_that_of_each(excess, scale):
@@ -84,7 +70,7 @@ def test_full_scale_is_the_input_of_a_sensor_at_the_scale(transform, value):
 
 
 @pytest.mark.parametrize("transform", ["clip", "log"])
-def test_inputs_are_counts_above_the_frames_own_rest_transformed(transform):
+def test_inputs_are_counts_above_the_frames_baseline_transformed(transform):
     frames = made(transform=transform)
     index = np.array([7, 0, 4, 7])
     read = frames.inputs(index)
@@ -97,9 +83,8 @@ def test_inputs_are_counts_above_the_frames_own_rest_transformed(transform):
 
 
 @pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float32])
-@pytest.mark.parametrize(("transform", "scale"), [("clip", 150.0), ("log", 0.1)])
-def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, transform, scale):
-    frames = made(dtype=dtype, transform=transform, scale=scale)
+def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype):
+    frames = made(dtype=dtype, transform="log", scale=0.1)
     write_frames(tmp_path / "frames.h5", frames)
     read = read_frames(tmp_path / "frames.h5")
     for field in fields(Frames):
@@ -147,11 +132,3 @@ def test_two_writes_give_equal_bytes_and_other_frames_give_others(tmp_path):
         write_frames(tmp_path / name, made(seed=seed))
     digests = [md5(tmp_path / name) for name in ("a.h5", "b.h5", "c.h5")]
     assert digests[0] == digests[1] != digests[2]
-
-
-def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
-    frames = made()
-    frames.classes.append("\ud800")  # half a letter: no file can hold it
-    with pytest.raises(UnicodeEncodeError):
-        write_frames(tmp_path / "frames.h5", frames)
-    assert list(tmp_path.iterdir()) == []

@@ -10,19 +10,14 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.readers.source import COLUMNS, check_shape, storage_type
 from tactile_viewgcn.tables import recordings as module
-from tactile_viewgcn.tables.recordings import is_table, read_table, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, is_table, read_table, write_recordings
 from tests.sources import source, written
 
 RNG = np.random.default_rng(0)
 COUNTS = RNG.integers(500, 600, size=(50, 4, 6)).astype(np.int16)
 
 
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory):
-    return written(tmp_path_factory.mktemp("table") / "recordings.h5", COUNTS)
-
-
-def test_what_is_written_in_blocks_is_read_back_whole(tmp_path):
+def test_what_is_written_in_blocks_is_read_back_whole_and_as_the_source_that_it_was(tmp_path, monkeypatch):
     columns = {
         "object": np.repeat([0, 1], 25),
         "recording": np.repeat(np.arange(5), 10),
@@ -32,46 +27,38 @@ def test_what_is_written_in_blocks_is_read_back_whole(tmp_path):
         "grasp": np.arange(50) // 4,
         "valid": np.arange(50) % 3 == 0,
     }
-    with written(tmp_path / "t.h5", COUNTS, cuts=(7, 7, 30), weights=np.array([0, 55.5]), **columns) as table:
-        assert (len(table), table.shape, table.dtype) == (50, (4, 6), np.int16)
-        np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
-        assert table.columns.keys() == columns.keys()
-        for name, values in columns.items():
-            np.testing.assert_array_equal(table.columns[name], values, err_msg=name)
-            assert table.columns[name].dtype == COLUMNS[name], name
-        assert table.objects == ["empty_hand", "object1"]
-        assert table.recordings == ["recording0", "recording1", "recording2", "recording3", "recording4"]
-        assert table.sessions == ["session0", "session1"]
-        assert table.weights.tolist() == [0, 55.5]
-
-
-def test_a_table_is_read_as_the_source_that_it_was_written_from(tmp_path, monkeypatch):
-    columns = {"object": np.repeat([0, 1], 25), "valid": np.arange(50) % 3 == 0, "time": np.arange(50) * 0.136}
-    first = source(COUNTS, weights=np.array([0, np.nan]), **columns)
-    write_recordings(tmp_path / "t.h5", replace(first, action=np.array([[-1.0, 2.5]])), "0" * 32)
+    first = replace(
+        source(COUNTS, cuts=(7, 7, 30), weights=np.array([0, np.nan]), **columns), action=np.array([[-1.0, 2.5]])
+    )
+    write_recordings(tmp_path / "t.h5", first, "0" * 32)
     monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
-    table = read_table(tmp_path / "t.h5")
-    assert (table.objects, table.recordings, table.sessions) == (first.objects, first.recordings, first.sessions)
-    assert (table.shape, table.dtype) == (first.shape, first.dtype)
-    assert table.action.tolist() == [[-1.0, 2.5]]
-    np.testing.assert_array_equal(table.weights, [0, np.nan])
-    blocks = list(table.blocks)
+    table, again = Recordings(tmp_path / "t.h5"), read_table(tmp_path / "t.h5")
+    np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
+    assert table.columns.keys() == columns.keys()
+    assert all(values.dtype == COLUMNS[name] for name, values in table.columns.items())
+    for read in (table, again):
+        assert (read.shape, read.dtype) == ((4, 6), np.int16)
+        assert read.objects == ["empty_hand", "object1"] and read.sessions == ["session0", "session1"]
+        assert read.recordings == [f"recording{number}" for number in range(5)]
+        np.testing.assert_array_equal(read.weights, [0, np.nan])
+        assert read.action.tolist() == [[-1.0, 2.5]]
+    blocks = list(again.blocks)
     assert [len(block["pressure"]) for block in blocks] == [20, 20, 10]
     for name, values in ({"pressure": COUNTS} | columns).items():
         np.testing.assert_array_equal(np.concatenate([block[name] for block in blocks]), values, err_msg=name)
 
 
-def test_a_table_is_known_by_its_mark(tmp_path, kept):
+def test_a_table_is_known_by_its_mark(tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["pressure"] = COUNTS
     (tmp_path / "text.h5").write_text("no table")
-    assert is_table(kept.path)
+    assert is_table(written(tmp_path / "t.h5", COUNTS).path)
     assert not any(is_table(tmp_path / name) for name in ("other.h5", "text.h5", "nowhere.h5", "."))
 
 
 @pytest.mark.parametrize("name", ["objects", "live"])
 def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
-    written(tmp_path / "t.h5", COUNTS).__exit__()
+    written(tmp_path / "t.h5", COUNTS)
     with h5py.File(tmp_path / "t.h5", "r+") as file:
         del file[name]
     with pytest.raises(UserError, match=r"t\.h5: damaged, or not written by this version .*dvc repro"):
@@ -86,14 +73,6 @@ def test_live_sensors_are_those_that_ever_vary(tmp_path):
         assert np.argwhere(table.live).tolist() == [[0, 1], [2, 3]]
 
 
-def test_blocks_cover_the_table_in_order(kept, monkeypatch):
-    monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
-    starts, blocks = zip(*kept.blocks(), strict=True)
-    assert starts == (0, 20, 40)
-    assert [len(block) for block in blocks] == [20, 20, 10]
-    np.testing.assert_array_equal(np.concatenate(blocks), COUNTS)
-
-
 def test_chosen_frames_and_live_sensors_are_what_arrays_of_them_give(tmp_path):
     counts = COUNTS.copy()
     counts[:, 1:3, 2] = 510
@@ -104,12 +83,6 @@ def test_chosen_frames_and_live_sensors_are_what_arrays_of_them_give(tmp_path):
         for at in (slice(None), slice(3, 17, 4), np.array([9, 2, 9]), np.arange(len(array)) % 3 == 0, np.arange(0)):
             np.testing.assert_array_equal(gathered[at], array[at])
             assert gathered[at].flags.c_contiguous  # sums over it are the same to the last digit
-
-
-def test_a_source_with_fewer_frames_than_it_says_is_refused(tmp_path):
-    with pytest.raises(UserError, match=r"glove: 50 frames of 51; expected all"):
-        write_recordings(tmp_path / "t.h5", replace(source(COUNTS), frames=51), "0" * 32)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_two_writes_give_equal_bytes(tmp_path):
@@ -159,7 +132,7 @@ def _with(values, at, value):
 
 
 @pytest.mark.parametrize(
-    ("counts", "how", "sentence"),
+    ("counts", "changes", "sentence"),
     [
         (COUNTS[:0], {}, r"glove: no frames; expected at least one recording with frames in it"),
         (
@@ -187,16 +160,11 @@ def _with(values, at, value):
             {"recording": _with(np.zeros(50, int), 3, -1)},
             r"glove: recording id -1 of frame 3 is out of range; expected 0 to 0 \(1 recordings\)",
         ),
-        (
-            COUNTS,
-            {"session": 5, "sessions": ["000"]},
-            r"glove: session id 5 of frame 0 is out of range; expected 0 to 0 \(1 sessions\)",
-        ),
     ],
 )
-def test_a_source_with_a_mistake_is_refused_and_nothing_is_left(tmp_path, counts, how, sentence):
+def test_a_source_with_a_mistake_is_refused_and_nothing_is_left(tmp_path, counts, changes, sentence):
     with pytest.raises(UserError, match=sentence):
-        write_recordings(tmp_path / "t.h5", source(counts, cuts=(10, 30), **how), "0" * 32)
+        write_recordings(tmp_path / "t.h5", source(counts, cuts=(10, 30), **changes), "0" * 32)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -204,13 +172,14 @@ def test_a_source_that_fails_halfway_leaves_the_old_table(tmp_path):
     path = tmp_path / "t.h5"
     write_recordings(path, source(COUNTS), "0" * 32)
     before, second = md5(path), source(COUNTS[:20])
+    with pytest.raises(UserError, match=r"glove: 50 frames of 51; expected all"):
+        write_recordings(path, replace(source(COUNTS), frames=51), "0" * 32)
 
     def blocks():
         yield from second.blocks
         raise UserError("b.mat: cut short")
 
-    broken = type(second)(**{**vars(second), "blocks": blocks()})
     with pytest.raises(UserError, match=r"^b\.mat: cut short$"):
-        write_recordings(path, broken, "0" * 32)
+        write_recordings(path, replace(second, blocks=blocks()), "0" * 32)
     assert md5(path) == before
     assert list(tmp_path.iterdir()) == [path]
