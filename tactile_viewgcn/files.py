@@ -76,19 +76,12 @@ def readable(path: object) -> Iterator[None]:
         ) from error
 
 
-def source_files(path: Path) -> list[Path]:
-    """The file at `path`, or the sorted files below the folder at `path`, video frames excepted."""
-    if not path.is_dir():
-        return [path]
-    return sorted(file for file in path.rglob("*") if file.suffix != VIDEO_SUFFIX and file.is_file())
-
-
 def md5(path: str | Path) -> str:
-    """md5 of a file, or of a folder: over the paths and md5s of its `source_files`."""
+    """md5 of a file, or of a folder: over paths and md5s of its files, sorted, video frames excepted."""
     path = Path(path)
     digest = hashlib.md5(usedforsecurity=False)
     if path.is_dir():
-        for file in source_files(path):
+        for file in sorted(file for file in path.rglob("*") if file.suffix != VIDEO_SUFFIX and file.is_file()):
             digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode())
         return digest.hexdigest()
     with path.open("rb") as stream:

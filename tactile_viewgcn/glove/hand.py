@@ -134,13 +134,13 @@ class Hands:
 
     Attributes:
         local, normal, area, bases, links: those of `Hand`, with a first axis of length B.
-        reference: the first hand; patch: its patches.
+        patch: (S,) of the first hand, as of all.
         centre: (B, N, 3) m in the patch's axes and bounding_radius: (N,) m, of a sphere around each patch's sensors.
         start, count: (N,) first sensor of each patch, and number of its sensors.
     """
 
     def __init__(self, hands: list[Hand]):
-        self.reference, self.patch = hands[0], hands[0].patch
+        self.patch = hands[0].patch
         self.local, self.normal, self.area, self.bases, self.links = (
             np.stack([getattr(hand, name) for hand in hands]) for name in ("local", "normal", "area", "bases", "links")
         )

@@ -143,12 +143,7 @@ OBJECTS = (
     GraspObject("tea_box", 188, CARD, (box(0.068, 0.074, 0.130, 0.005),)),
 )  # fmt: skip
 SHAPES: dict[str, Callable[..., Primitive]] = {
-    "sphere": sphere,
-    "box": box,
-    "cylinder": cylinder,
-    "capsule": capsule,
-    "torus": torus,
-    "tube": tube,
+    shape.__name__: shape for shape in (sphere, box, cylinder, capsule, torus, tube)
 }
 
 

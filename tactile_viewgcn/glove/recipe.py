@@ -3,9 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.contact import Layer
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 
@@ -34,9 +31,6 @@ class Recipe:
         tolerance: relative error of the sensors' forces in a step, see `integrator.py`.
         effects: those of EFFECTS to simulate; the others are not computed. Without `weight` nothing pulls on the
             object, but the squeeze still follows its weight. `weight` needs `motion`.
-
-    Raises:
-        UserError: an unknown effect, no objects, or a number that is too small.
     """
 
     objects: tuple[GraspObject, ...]
@@ -49,18 +43,6 @@ class Recipe:
     tolerance: float = 0.02
     effects: frozenset[str] = frozenset(EFFECTS)
 
-    def __post_init__(self) -> None:
-        unknown = sorted(self.effects - set(EFFECTS))
-        if unknown:
-            raise UserError(f"unknown effect {', '.join(unknown)}; known: {', '.join(EFFECTS)}")
-        if not self.objects:
-            raise UserError("no objects; expected the empty hand and at least one more")
-        for name in ("sessions", "grasps"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} is {getattr(self, name)}; expected at least 1")
-        if not 0 < self.rate < np.inf:
-            raise UserError(f"rate is {self.rate} frames a second; expected more than 0, and finite")
-
     @property
     def cells(self) -> list[Cell]:
         """Every recording, session by session."""
@@ -71,7 +53,7 @@ def recipe_from_params(glove: Any) -> Recipe:
     """Recipe that the section `glove` of params.yaml describes.
 
     Raises:
-        UserError: as `Recipe`, `Layer` and `select_objects` do.
+        UserError: as `Layer` and `select_objects` do.
     """
     size = {"sessions": glove.sessions, "frames": glove.grasps * glove.grasp_frames, "grasps": glove.grasps}
     return Recipe(

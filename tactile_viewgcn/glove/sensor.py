@@ -52,12 +52,7 @@ class Electronics:
 def electronics(
     hand: Hand, glove: np.random.Generator, session: np.random.Generator, effects: frozenset[str]
 ) -> Electronics:  # fmt: skip
-    """Draw the electronics of a glove in a session.
-
-    Args:
-        glove: generator of the glove, in the same state for each of its sessions.
-        session: generator of the session.
-    """
+    """Draw the electronics of a glove in a session; the generator `glove` is in the same state for each session."""
     count = len(hand)
     gain = np.exp(glove.normal(0, GAIN, count) - GAIN**2 / 2)
     defect = glove.random(count)
@@ -94,7 +89,6 @@ class Sensors:
         self.common, self.row_noise = ([getattr(kit, name) for kit in kits] for name in ("common", "row_noise"))
         self.peak = np.zeros_like(self.gain)
         self.drift = np.zeros(len(kits))
-        self.row_size, self.column_size = np.bincount(hand.row, minlength=32), np.bincount(hand.column, minlength=32)
 
     def read(self, pressure: np.ndarray, flexion: np.ndarray) -> np.ndarray:
         """Counts (B, T, 32, 32) int16 for pressure (B, T, S) Pa and flexion (B, T, S) rad."""
@@ -133,10 +127,9 @@ class Sensors:
     def _crosstalk(self, excess: np.ndarray) -> np.ndarray:
         """Leakage of a passive matrix: adds to each sensor of (B, T, S) a share of its row's and column's mean."""
         leaked = excess.copy()
-        lines = (self.hand.row, self.row_size), (self.hand.column, self.column_size)
-        for share, (index, size) in zip(CROSSTALK, lines, strict=True):
+        for share, index in zip(CROSSTALK, (self.hand.row, self.hand.column), strict=True):
             sums = np.zeros((*excess.shape[:-1], 32))
             for line in range(32):
                 sums[..., line] = excess[..., index == line].sum(axis=-1)
-            leaked += share * (sums / np.maximum(size, 1))[..., index]
+            leaked += share * (sums / np.maximum(np.bincount(index, minlength=32), 1))[..., index]
         return leaked

@@ -22,8 +22,7 @@ class Simulation:
     """Simulates recordings of a recipe side by side: all of them, or some `cells`.
 
     Attributes:
-        cells: the B recordings.
-        plan: their scenes.
+        plan: scenes of the B recordings.
         statistics: cost of the integration so far.
         beyond_thickness: number of contacts so far that compressed the layer by more than its thickness.
     """
@@ -43,10 +42,9 @@ class Simulation:
         seed = recipe.seed
         kits = [
             electronics(fits[0], stream(seed, "glove"), stream(seed, "glove session", session), recipe.effects)
-            for session in range(recipe.sessions)
+            for session, _ in self.cells
         ]  # fmt: skip
-        kits_of_cells = [kits[session] for session, _ in self.cells]
-        self.sensors = Sensors(fits[0], kits_of_cells, self._streams("noise"), recipe.effects)
+        self.sensors = Sensors(fits[0], kits, self._streams("noise"), recipe.effects)
         self.statistics, self.beyond_thickness = SolverStatistics(), 0
 
     def blocks(self) -> Iterator[np.ndarray]:

@@ -30,9 +30,8 @@ class SimulationSummary:
 def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> SimulationSummary:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5, all of them or none.
 
-    The form is the one that `recordings/hdf5_reader.py` reads; the last session is the test side of the published
-    split. The recordings do not depend on the number of worker processes. Memory holds one block of pressures of every
-    recording, and about 300 bytes a frame and recording of their scenes.
+    The last session is the test side of the published split. The recordings do not depend on the number of worker
+    processes. Memory holds a block of pressures and about 300 bytes a frame of every recording.
 
     Raises:
         UserError: grasps too short for their phases, or an object that starts inside the palm.

@@ -147,7 +147,7 @@ class Backbone(nn.Module):
 
 def build_backbone(options: BackboneParams, *, maps: bool = False) -> Backbone:
     """The backbone of `model.backbone`; its weights are drawn from torch's default generator."""
-    return Backbone(options.width, options.dropout, options.blocks, options.readout, maps=maps)
+    return Backbone(options.width, options.dropout, readout=options.readout, maps=maps)
 
 
 class Batched(Protocol):

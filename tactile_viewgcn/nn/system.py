@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
+DROPOUT = 0.5  # ours: on the shape descriptor
+
 
 @dataclass(frozen=True)
 class Sizes:
@@ -63,8 +65,8 @@ class ViewSystem(nn.Module):
         """Start from the linear classifier of single frames, `weight` (classes, C) and `bias` (classes,)."""
 
 
-def shape_classifier(inputs: int, features: int, classes: int, dropout: float) -> nn.Sequential:
+def shape_classifier(inputs: int, features: int, classes: int) -> nn.Sequential:
     """The paper's classifier of a shape descriptor, (B, inputs) -> (B, classes)."""
     return nn.Sequential(
-        nn.Linear(inputs, features), nn.Dropout(dropout), nn.LeakyReLU(0.2), nn.Linear(features, classes)
+        nn.Linear(inputs, features), nn.Dropout(DROPOUT), nn.LeakyReLU(0.2), nn.Linear(features, classes)
     )

@@ -1,4 +1,4 @@
-"""GCN: two graph convolutions on the view-graph with fixed weights, then the maximum or the mean over its nodes.
+"""GCN: two graph convolutions on the view-graph with fixed weights, then the maximum over its nodes.
 
 Kipf and Welling, "Semi-supervised classification with graph convolutional networks" (arXiv 1609.02907).
 """
@@ -27,9 +27,8 @@ class GCN(ViewSystem):
         self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
         self.register_buffer("order", furthest_points(self.viewpoints, sizes.views), persistent=False)
         self.neighbours = model.neighbours[0] if isinstance(model.neighbours, list) else model.neighbours
-        self.readout = model.readout
         self.layers = nn.ModuleList(nn.Linear(sizes.features, sizes.features) for _ in range(2))
-        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes, model.dropout)
+        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         count = views.shape[1]
@@ -37,7 +36,7 @@ class GCN(ViewSystem):
         adjacency, nodes = normalised_adjacency(positions, self.neighbours), views
         for layer in self.layers:
             nodes = torch.relu(adjacency @ layer(nodes))
-        return self.classifier(nodes.amax(dim=1) if self.readout == "max" else nodes.mean(dim=1)), []
+        return self.classifier(nodes.amax(dim=1)), []
 
 
 def normalised_adjacency(positions: Tensor, neighbours: int) -> Tensor:

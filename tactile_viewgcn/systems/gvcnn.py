@@ -26,7 +26,7 @@ class GVCNN(ViewSystem):
         super().__init__()
         self.groups = sizes.views
         self.score = nn.Linear(math.prod(sizes.feature_shape), 1)
-        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes, model.dropout)
+        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         views = views.to(self.score.weight.dtype)

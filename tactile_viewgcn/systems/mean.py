@@ -13,7 +13,7 @@ class MeanViews(ViewSystem):
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes, model.dropout)
+        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(views.mean(dim=1)), []

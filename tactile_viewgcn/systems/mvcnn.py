@@ -16,7 +16,7 @@ class MVCNN(ViewSystem):
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes, model.dropout)
+        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(views.amax(dim=1)), []

@@ -19,6 +19,7 @@ from tactile_viewgcn.nn.view_selection import SelectiveViewSampling
 from tactile_viewgcn.params import Model
 
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
+SELECTOR_NEIGHBOURS = 4  # released: nodes that a sampled view is chosen from, itself included
 LEVELS = 3  # V, V / 2, V / 4 nodes
 
 
@@ -97,13 +98,13 @@ class ViewGCN(ViewSystem):
                 features,
                 sizes.classes,
                 nodes,
-                neighbours=min(model.selector_neighbours, above),
+                neighbours=min(SELECTOR_NEIGHBOURS, above),
                 hidden=model.selector_hidden,
                 joint=model.selector == "joint",
             )
             for above, nodes in pairwise(levels)
         )
-        self.classifier = shape_classifier(max(1, len(levels)) * features, features, sizes.classes, model.dropout)
+        self.classifier = shape_classifier(max(1, len(levels)) * features, features, sizes.classes)
         self.frame_classifier = nn.Linear(features, sizes.classes) if model.start == "max" else None
 
     def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:

@@ -7,10 +7,10 @@ import numpy as np
 from benchmarks.solver.other_integrators import integrate_with_scipy
 from benchmarks.solver.scenes import THICKNESS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import HOLDING, Layer, Mechanics
-from tactile_viewgcn.glove.drive import Drive
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hand, Hands, stag_hand
 from tactile_viewgcn.glove.scene import OPEN
 from tactile_viewgcn.glove.shapes import Primitive, Solids, box, sphere
+from tests.gloves import constant_drive
 
 RATE = 7.35  # frames a second, STAG's
 FRAME = 1 / RATE
@@ -61,12 +61,7 @@ def held(
     """Hands around an object, the drive the same at all knots; B is the number of positions (B, 3)."""
     position = np.atleast_2d(np.asarray(position, dtype=float))
     count = len(position)
-    drive = Drive(*(
-        np.broadcast_to(values, (count, knots, *shape)).astype(float)
-        for values, shape in (
-            (posture, (5, 2)), (squeeze, (5,)), (opposition, ()), (position[:, None], (3,)), (0.0, (3,)), (load, (3,))
-        )
-    ))  # fmt: skip
+    drive = constant_drive(position, posture=posture, squeeze=squeeze, opposition=opposition, load=load, knots=knots)
     hands = hands or Hands([stag_hand()] * count)
     return Mechanics(hands, Solids([parts] * count), np.full(count, stiffness), drive, layer, motion=motion)
 

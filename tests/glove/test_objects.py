@@ -10,28 +10,8 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.objects import ACROSS, OBJECTS, GraspObject, select_objects
 from tactile_viewgcn.glove.shapes import box, capsule, sphere, tube
 
-GRAMS = {
-    "empty_hand": 0, "allen_key_set": 350, "ball": 55, "battery": 135, "board_eraser": 41, "bracket": 53, "brain": 23,
-    "cat": 679, "chain": 142, "clip": 24, "coin": 14, "empty_can": 13, "full_can": 382, "gel": 127, "kiwano": 146,
-    "lotion": 320, "mug": 509, "multimeter": 396, "pen": 11, "safety_glasses": 23, "scissors": 83, "screw_driver": 8,
-    "spoon": 4, "spray_can": 29, "stapler": 162, "tape": 30, "tea_box": 188,
-}  # fmt: skip
-CUP = {
-    "name": "cup",
-    "weight": 90,
-    "stiffness": 1e9,
-    "parts": [{"tube": {"inner": 0.03, "outer": 0.034, "length": 0.08}}],
-}
-
-
-def test_names_order_and_weights_are_stags():
-    assert {grasp_object.name: grasp_object.weight for grasp_object in OBJECTS} == GRAMS
-    assert [grasp_object.name for grasp_object in OBJECTS] == list(GRAMS) and len(OBJECTS) == 27
-
-
-def test_only_the_empty_hand_holds_nothing():
-    assert [grasp_object.name for grasp_object in OBJECTS if not grasp_object.parts] == ["empty_hand"]
-    assert OBJECTS[0].extent(np.eye(3), np.array([0.0, 0, 1])) == 0
+TUBE = {"inner": 0.03, "outer": 0.034, "length": 0.08}
+CUP = {"name": "cup", "weight": 90, "stiffness": 1e9, "parts": [{"tube": TUBE}]}
 
 
 def test_extents_by_hand():
@@ -57,22 +37,9 @@ def test_all_are_stags_and_names_come_in_the_wanted_order_after_the_empty_hand()
 def test_a_description_makes_an_object():
     empty, cup = select_objects([CUP])
     assert empty is OBJECTS[0]
-    assert (cup.name, cup.weight, cup.stiffness, cup.orientation, cup.pinch, cup.position) == (
-        "cup",
-        90,
-        1e9,
-        ACROSS,
-        False,
-        None,
-    )
-    assert cup.parts == (tube(0.03, 0.034, 0.08),)
-    bob = {
-        "name": "bob",
-        "weight": 5,
-        "stiffness": 1e7,
-        "parts": [{"sphere": {"radius": 0.02, "centre": [0, 0, 0.01]}}],
-    }
-    bob |= {"pinch": True, "orientation": [0, 0, 1], "position": [0.08, 0, 0.05]}
+    assert cup == GraspObject("cup", 90, 1e9, (tube(0.03, 0.034, 0.08),), ACROSS)
+    bob = {"name": "bob", "weight": 5, "stiffness": 1e7, "pinch": True, "orientation": [0, 0, 1]}
+    bob |= {"position": [0.08, 0, 0.05], "parts": [{"sphere": {"radius": 0.02, "centre": [0, 0, 0.01]}}]}
     grasp_object = select_objects(["ball", CUP, bob])[3]
     assert grasp_object.parts[0].bounding_radius == 0.02 and grasp_object.parts[0].centre == (0, 0, 0.01)
     assert (grasp_object.pinch, grasp_object.orientation, grasp_object.position) == (True, (0, 0, 1), (0.08, 0, 0.05))
@@ -83,38 +50,25 @@ BALL = {"sphere": {"radius": 0.02}}
 
 
 BAD = [
+    ("empty_hand", "no object besides the empty hand; name at least one"),
     ("mugg", "unknown object 'mugg'; did you mean mug?"),
     ("xylophone", "unknown object 'xylophone'; known: empty_hand, allen_key_set, ball,"),
-    (CUP | {"stiffness": 0}, "object cup: stiffness is 0 Pa/m; expected more than 0"),
     (CUP | {"stiffness": NAN}, "object cup: stiffness is nan Pa/m; expected more than 0"),
     (CUP | {"weight": -5}, "object cup: weight is -5 g; expected 0 or more"),
-    (CUP | {"weight": float("inf")}, "object cup: weight is inf g; expected 0 or more"),
     (CUP | {"weight": "heavy"}, "object cup: not understood ("),
     (CUP | {"parts": [{"sphere": {"radius": -1}}]}, "object cup: shape sizes are (0, 0, -1, 0.0); "),
-    (CUP | {"parts": [{"sphere": {"radius": "big"}}]}, "object cup: not understood ("),
     (CUP | {"parts": [{"cone": {"radius": 1}}]}, "object cup: not understood ('cone'); expected name"),
-    (CUP | {"parts": [{"sphere": {"width": 1}}]}, "object cup: not understood (sphere() "),
-    (CUP | {"parts": ["sphere"]}, "object cup: not understood ("),
     (CUP | {"parts": []}, "object cup: no parts; name at least one of sphere, box,"),
     (CUP | {"parts": [BALL | {"box": {}}]}, "object cup: too many values to unpack"),
-    (CUP | {"colour": "red"}, "object cup: not understood ("),
     ({"weight": 1, "stiffness": 1, "parts": []}, "object without a name: not understood ("),
     (CUP | {"name": "../cup"}, "object ../cup: expected a name of letters, digits,"),
     (CUP | {"name": "empty_hand"}, "object empty_hand: that name is taken"),
     (CUP | {"position": [0, 0, NAN]}, "object cup: position is (0, 0, nan); expected 3 numbers"),
-    (CUP | {"orientation": [0, 1]}, "object cup: orientation is (0, 1); expected 3 numbers"),
     (CUP | {"parts": [{"sphere": {"radius": 0.02, "centre": [0, NAN, 0]}}]}, "shape's centre is (0, nan, 0); expected"),
-    (CUP | {"parts": [{"sphere": {"radius": 0.02, "cut": [0, 0, 1]}}]}, "shape's cut is (0, 0, 1); expected 4 numbers"),
 ]
 
 
 @pytest.mark.parametrize(("entry", "sentence"), BAD)
 def test_what_is_no_object_is_refused_by_its_name(entry, sentence):
     with pytest.raises(UserError, match=re.escape(sentence)):
-        select_objects(["ball", entry])
-
-
-@pytest.mark.parametrize("wanted", [["empty_hand"], []])
-def test_nothing_but_the_empty_hand_is_refused(wanted):
-    with pytest.raises(UserError, match="no object besides the empty hand; name at least one"):
-        select_objects(wanted)
+        select_objects([entry])

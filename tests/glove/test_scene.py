@@ -10,12 +10,10 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.collision import collisions
 from tactile_viewgcn.glove.contact import GRAVITY
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
-from tactile_viewgcn.glove.objects import OBJECTS
 from tactile_viewgcn.glove.scene import (
     ASIDE,
     AWAY,
     CLOSED,
-    DIP,
     IDLE,
     OPEN,
     PHASES,
@@ -129,41 +127,12 @@ def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
     np.testing.assert_array_equal(scenes.drive.load[:, 1 + np.flatnonzero(phase <= LAST["close"])], 0)
 
 
-def test_the_empty_hand_touches_nothing_and_its_fingers_bend_a_little():
-    scenes = planned(["empty_hand"], effects=["shift", "tremor", "weight"])
-    hands, shapes = Hands([HAND]), solids(OBJECTS_BY_NAME["empty_hand"])
-    row = np.array([0])
-    for knot in range(51):
-        now = {name: values[:, knot] for name, values in vars(scenes.drive).items()}
-        pose = hands.pose(row, now["posture"], now["opposition"])
-        rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
-        assert len(collisions(hands, shapes, row, pose, now["position"], rotation, palm=True).row) == 0
-    np.testing.assert_allclose(
-        scenes.drive.posture[0, holds(scenes, 0)[0]], np.tile(OPEN + IDLE * (CLOSED - OPEN), (5, 1))
-    )
-    assert not scenes.drive.load.any()
-
-
-def test_no_object_is_wanted_deep_inside_the_palm_nor_through_it():
-    grasp_objects = [grasp_object for grasp_object in OBJECTS if grasp_object.parts and grasp_object.position is None]
-    scenes = planned([grasp_object.name for grasp_object in grasp_objects], frames=60, grasps=3)
-    for row, grasp_object in enumerate(grasp_objects):
-        for grasp in range(3):
-            knot = holds(scenes, grasp)[0]
-            rotation = Rotation.from_rotvec(scenes.drive.rotation[row, knot]).as_matrix()
-            below = grasp_object.extent(rotation, np.array([0, 0, -1.0]))
-            assert scenes.drive.position[row, knot, 2] - below >= -DIP - 1e-12, grasp_object.name
-
-
 def test_fingers_close_until_they_touch():
     grasp_objects = [OBJECTS_BY_NAME["mug"], OBJECTS_BY_NAME["ball"], OBJECTS_BY_NAME["empty_hand"]]
     hands, shapes = Hands([HAND] * 3), solids(*grasp_objects)
     position = np.tile([0.080, 0.002, 0.042], (3, 1, 1))
-    rotation = np.array([Rotation.from_rotvec(grasp_object.orientation).as_rotvec() for grasp_object in grasp_objects])[
-        :, None
-    ]
-    held = Grasps(position=position, rotation=rotation, opposition=np.full((3, 1), 0.95), squeeze=np.zeros((3, 1, 5)))
-    share = closure(hands, shapes, held, 0)
+    rotation = np.array([grasp_object.orientation for grasp_object in grasp_objects])[:, None]
+    share = closure(hands, shapes, Grasps(position, rotation, np.full((3, 1), 0.95), np.zeros((3, 1, 5))), 0)
 
     def touched(part):
         """(B, 5): whether fingers that are closed so far are inside the object."""

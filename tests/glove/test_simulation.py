@@ -9,7 +9,7 @@ from tactile_viewgcn.glove import contact, scene, simulation
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.recipe import EFFECTS, READING
+from tactile_viewgcn.glove.recipe import EFFECTS
 from tactile_viewgcn.glove.scene import OPEN
 from tactile_viewgcn.glove.simulation import Simulation
 from tests.gloves import LAYER, recipe, simulated_counts
@@ -48,18 +48,6 @@ def test_empty_hands_alone_read_the_same_without_a_search_for_contacts(row, monk
         assert len(np.unique(alone)) > 5  # not a constant
 
 
-def test_a_hand_without_an_object_moves_the_same_with_a_search_for_contacts():
-    one = recipe(["ball"], sessions=1)
-    states = []
-    for searches in (False, True):
-        run = Simulation(one, [(0, 0)])
-        run.solids.has_primitives |= searches
-        mechanics = run.mechanics(0, 18)
-        states.append(ImplicitIntegrator(mechanics, 1 / one.rate).run(mechanics.initial_state(), 18))
-    assert np.ptp(states[0][..., :10], axis=1).max() > 0.1  # rad: the fingers close
-    np.testing.assert_array_equal(*states)
-
-
 def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
     one = recipe(sessions=1)
     whole, _ = simulated_counts(one)
@@ -68,19 +56,6 @@ def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
     assert [block.shape[:2] for block in blocks] == [(3, 7), (3, 7), (3, 4)]
     joined = np.concatenate(blocks, axis=1)[..., HAND.row, HAND.column]
     assert np.abs(joined - whole).max() <= 2 and (joined != whole).mean() < 0.01
-
-
-def test_the_frames_are_those_of_the_mechanics_solved_in_one_piece():
-    one = recipe(["ball"], sessions=1, without=READING)
-    counts, run = simulated_counts(one)
-    again = Simulation(one)
-    mechanics = Mechanics(again.hands, again.solids, again.stiffness, again.plan.drive, LAYER, motion=True)
-    states = ImplicitIntegrator(mechanics, 1 / one.rate, one.tolerance).run(mechanics.initial_state(), 18)
-    pressure, flexion = again.sensor_inputs(mechanics, states)
-    assert pressure.shape == (2, 18, 548) and not flexion.any() and pressure[1].max() > 1e3
-    assert not pressure[0].any()  # the empty hand
-    np.testing.assert_array_equal(counts, again.sensors.read(pressure, flexion)[..., HAND.row, HAND.column])
-    assert run.statistics.steps - run.statistics.rejected >= 2 * 18  # at least one for each frame
 
 
 def test_sensor_inputs_are_force_per_area_where_the_skin_faces_it_and_the_joints_flexion():

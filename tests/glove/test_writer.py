@@ -55,43 +55,18 @@ def test_each_object_of_each_session_is_a_file(folder):
                 assert file["valid"].dtype == bool and set(file["grasp"][:][file["valid"][:]]) == {0, 1}
 
 
-def test_the_files_are_a_source_with_the_last_session_on_the_test_side(folder):
+def test_the_files_are_a_source_with_the_last_session_on_the_test_side(folder, tmp_path):
     source = open_source(folder)
     assert source.objects == ["empty_hand", "ball", "coin"] and source.sessions == ["000", "001"]
     assert source.shape == (32, 32) and source.dtype == np.int16
     columns = read(source)
-    assert len(columns["pressure"]) == 6 * 45
-    np.testing.assert_array_equal(columns["split"], np.where(columns["session"] == 1, TEST, TRAIN))
-    np.testing.assert_array_equal(source.weights, [0, 55, 14])
-
-
-def test_frames_have_ten_bits_and_the_ball_is_felt_while_it_is_held(folder):
-    columns = read(open_source(folder))
-    pressure = columns["pressure"].astype(int)
-    assert pressure.min() >= 0 and pressure.max() <= 1023
-    elsewhere = np.ones((32, 32), dtype=bool)
-    elsewhere[HAND.row, HAND.column] = False
-    assert (pressure[:, elsewhere] == 510).all()
-    counts = pressure[:, HAND.row, HAND.column]
-    for session in (0, 1):
-        empty, ball = ((columns["session"] == session) & (columns["object"] == number) for number in (0, 1))
-        excess = np.abs(counts - np.median(counts[empty], axis=0))
-        strongest = np.sort(excess, axis=1)[:, -5:].mean(axis=1)
-        assert np.median(strongest[ball & columns["valid"]]) > 1.5 * np.median(strongest[empty])
-
-
-def test_ingest_keeps_every_frame(folder, tmp_path):
-    first = read(open_source(folder))
-    assert first.keys() == {
-        "pressure", "object", "recording", "session", "frame", "time", "split", "valid", "grasp",
-    }  # fmt: skip
+    assert columns["pressure"].shape == (6 * 45, 32, 32)
     write_recordings(tmp_path / "table", open_source(folder), "0" * 32)
     with Recordings(tmp_path / "table") as table:
-        np.testing.assert_array_equal(table.frames(np.arange(len(table))), first["pressure"])
+        np.testing.assert_array_equal(table.frames(np.arange(len(table))), columns["pressure"])
         assert np.count_nonzero(table.live) <= 548
-        assert table.recordings == ["000/000-empty_hand", "000/001-ball", "000/002-coin"] + [
-            f"001/{name}" for name in ("000-empty_hand", "001-ball", "002-coin")
-        ]
+    np.testing.assert_array_equal(columns["split"], np.where(columns["session"] == 1, TEST, TRAIN))
+    np.testing.assert_array_equal(source.weights, [0, 55, 14])
 
 
 def test_one_seed_gives_the_same_files_and_another_others(tmp_path):

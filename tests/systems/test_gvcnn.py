@@ -65,7 +65,7 @@ def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_score_that_is_not_finite_makes_the_logits_of_its_view_set_nan(bad):
     torch.manual_seed(0)
-    system = head_of(GVCNN, "model.dropout=0", places=LINE[:3], features=(2, 1, 1), classes=4)
+    system = head_of(GVCNN, places=LINE[:3], features=(2, 1, 1), classes=4).eval()
     maps = torch.randn(2, 3, 2, 1, 1)
     maps[1, 0, 0] = bad
     logits, _ = system(maps)

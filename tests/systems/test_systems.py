@@ -123,7 +123,7 @@ def test_the_number_of_weights_of_each_head(name, weights):
 
 
 def test_the_shape_classifier_by_hand():
-    classifier = shape_classifier(2, 2, 1, 0.5).eval()
+    classifier = shape_classifier(2, 2, 1).eval()
     fill(classifier[0].weight, [[1, 1], [1, -1]])
     fill(classifier[0].bias, [0, -3])
     fill(classifier[3].weight, [1, 10])

@@ -116,7 +116,8 @@ def test_a_start_at_the_maximum_is_the_pretrained_classifier_s_answer_to_it(view
 
 def test_what_the_graph_adds_to_the_start_is_trained():
     torch.manual_seed(0)
-    head = head_of(ViewGCN, "model.start=max", "model.dropout=0", places=viewpoints(4), classes=3, features=8)
+    head = head_of(ViewGCN, "model.start=max", places=viewpoints(4), classes=3, features=8)
+    head.classifier[1].p = 0.0
     head.load_frame_classifier({"weight": torch.zeros(3, 8), "bias": torch.zeros(3)})
     head.frame_classifier.requires_grad_(False)
     features, labels = torch.randn(12, 4, 8), torch.arange(12) % 3

@@ -21,7 +21,6 @@ from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
 RECIPE = (
     "cluster.method=none",
     "model.backbone.width=8",
-    "model.backbone.blocks=1",
     "split.validation=0.3",
     "pretrain.epochs=4",
     "finetune.batch=7",
