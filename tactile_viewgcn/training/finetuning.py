@@ -144,11 +144,8 @@ class _Finetuning:
     def run(self, checkpoint_path: Path | None, on_epoch: OnEpoch | None) -> Progress:
         """Train for all epochs, or those that are left."""
         config, network = self.config, self.network
-        rates: list[dict] = [
-            {"params": network.backbone.parameters(), "lr": config.lr_backbone},
-            {"params": network.head.parameters()},
-        ]
-        optimiser = build_optimiser(config, rates)
+        backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
+        optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
         state = {"classifier": network, "optimiser": optimiser} | ({"bank": self.bank} if self.bank else {})
         rngs = {"noise": self.noise_rng}, {"draw": self.train.rng}
         checkpoint = Checkpoint(checkpoint_path, state, *rngs, self.compute.device)

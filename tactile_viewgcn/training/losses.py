@@ -98,8 +98,7 @@ def set_losses(
     Args:
         loss_of: see `SetLoss.forward`.
         frames: (n, 1, H, W), in the order of time inside a recording; labels: (n,).
-        plan: for each batch view sets (B, k) of indices into the frames, each set of one label, and the columns (B, f)
-            whose frames pass through the backbone.
+        plan: `sets` and `fresh` of each batch, see `SideViewSets.batches`.
     """
     for sets, fresh in plan:
         if in_time_order:

@@ -133,13 +133,16 @@ def test_neighbours_of_few_nodes(row):
     expected = [[0, 1, 2, 3], [1, 0, 2, 3], [2, 0, 1, 3], [3, 0, 1, 2]]  # equidistant: the lowest index first
     row("neighbours in a tetrahedron", share_different(nearest(corners, 4), expected))
     row("GCN's adjacency of isolated nodes", max_rel_error(normalised_adjacency(EVEN.float(), 1), torch.eye(8)))
-    head = view_gcn(EVEN, "model.neighbours=1", "model.selector_neighbours=1")
+    head = view_gcn(EVEN, "model.neighbours=1")
+    for sampler in head.samplers:
+        sampler.neighbours = 1
     row("logits of isolated nodes", logits_error(head, nodes_of(8)), SINGLE)
 
 
 @pytest.mark.stability("views selected twice")
 def test_features_and_gradients_where_every_sampled_view_gives_way_to_the_same_one(row):
-    head = view_gcn(EVEN, "model.selector_neighbours=8")
+    head = view_gcn(EVEN)
+    head.samplers[0].neighbours = 8
     with torch.no_grad():  # the first class is the surer the larger the features, and no other
         for weight in head.samplers[0].layers[-1].parameters():
             weight.zero_()

@@ -21,7 +21,6 @@ from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
 RECIPE = (
     "cluster.method=none",
     "model.backbone.width=8",
-    "model.backbone.blocks=1",
     "split.validation=0.3",
     "pretrain.epochs=4",
     "finetune.batch=7",
@@ -58,7 +57,7 @@ def gradients_of_a_batch():
 
 
 def lose_the_other():
-    """What the first process is told when the second ends before it answers."""
+    """The error of the first process when the second ends before it answers."""
     try:
         with distributed.process_group(CPU):
             if dist.get_rank():

@@ -94,11 +94,11 @@ def test_frame_losses_of_an_epoch_add_up_to_the_cross_entropy_of_all_frames(prec
 
 @pytest.mark.parametrize(("count", "size"), [(20, 5), (21, 5), (33, 32), (7, 64), (2, 2)])
 def test_batches_hold_every_frame_once_in_random_order_and_differ_by_one_at_most(count, size):
-    frames, seen = torch.arange(float(count)).view(-1, 1, 1, 1), []
+    frames, passed = torch.arange(float(count)).view(-1, 1, 1, 1), []
 
     class Watched(nn.Flatten):
         def forward(self, batch):
-            seen.append(batch.flatten().tolist())
+            passed.append(batch.flatten().tolist())
             return super().forward(batch)
 
     for order in (0, 0, 1):
@@ -106,7 +106,7 @@ def test_batches_hold_every_frame_once_in_random_order_and_differ_by_one_at_most
             frames, torch.zeros(count).long(), nn.Linear(1, 2), batch=size, order=order, backbone=Watched()
         )
     number = math.ceil(count / size)
-    first, again, other = seen[:number], seen[number : 2 * number], seen[2 * number :]
+    first, again, other = passed[:number], passed[number : 2 * number], passed[2 * number :]
     assert first == again
     assert first != other or count == 2
     assert sorted(number for part in first for number in part) == list(range(count))
@@ -119,11 +119,11 @@ class Sums(nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.seen, self.head = [], First()
+        self.passed, self.head = [], First()
 
     def backbone(self, frames):
-        self.seen.append(frames.flatten(1))
-        return self.seen[-1]
+        self.passed.append(frames.flatten(1))
+        return self.passed[-1]
 
 
 class First(ViewSystem):
@@ -174,8 +174,8 @@ def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank(
     bank = filled_bank(nn.Flatten(), FRAMES)
     losses = losses_of_sets(classifier, FRAMES, LABELS, [(SETS, fresh)], bank)
     assert [float(loss) for loss in losses] == pytest.approx([0], abs=1e-6)
-    (seen,) = classifier.seen
-    assert torch.equal(seen, FRAMES.flatten(1)[[1, 0, 0, 11]])
+    (passed,) = classifier.passed
+    assert torch.equal(passed, FRAMES.flatten(1)[[1, 0, 0, 11]])
 
 
 def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fresh_alone():
