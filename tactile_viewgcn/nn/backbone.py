@@ -46,10 +46,6 @@ class Stem(nn.Module):
     Equivalent to these four layers, in fewer passes over its maps, the largest of the network. A frame has one
     channel, so the mean and variance of every map follow exactly from those of the frame's 3x3 patches, and the
     normalisation becomes part of the convolution's nine weights. ReLU comes after the pooling, with which it commutes.
-
-    Against the four layers a training step of the whole backbone takes 4 to 6 % less processor time in float32 and
-    6 to 10 % less in bfloat16 (AMX, one thread, batches of 32 and 160). On an AMD EPYC with AVX-512, in bfloat16,
-    it takes as long (`python -m benchmarks.speed`).
     """
 
     def __init__(self, outputs: int):
@@ -70,8 +66,11 @@ class Stem(nn.Module):
 
     def _moments(self, frames: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance (C,) of the convolution's maps over the batch; the running ones are updated."""
-        count, centre, covariance = self._patch_moments(frames)
-        weight = self.conv.weight.flatten(1)
+        patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)  # (B, H, W, 3, 3)
+        patches = patches.permute(3, 4, 0, 1, 2).flatten(2).flatten(0, 1)  # (9, B * H * W)
+        count, centre = patches.shape[1], patches.mean(dim=1, keepdim=True)
+        patches = patches - centre
+        covariance, weight = patches @ patches.T / count, self.conv.weight.flatten(1)
         mean = weight @ centre.squeeze(1)
         variance = ((weight @ covariance) * weight).sum(dim=1)
         with torch.no_grad():
@@ -79,14 +78,6 @@ class Stem(nn.Module):
             self.norm.running_mean.lerp_(mean, self.norm.momentum)
             self.norm.running_var.lerp_(variance * (count / max(1, count - 1)), self.norm.momentum)
         return mean, variance
-
-    def _patch_moments(self, frames: Tensor) -> tuple[int, Tensor, Tensor]:
-        """Number of 3x3 patches of the frames, their mean (9, 1) and covariance (9, 9)."""
-        patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)  # (B, H, W, 3, 3)
-        patches = patches.permute(3, 4, 0, 1, 2).flatten(2).flatten(0, 1)  # (9, B * H * W)
-        count, centre = patches.shape[1], patches.mean(dim=1, keepdim=True)
-        patches = patches - centre
-        return count, centre, patches @ patches.T / count
 
 
 class Backbone(nn.Module):

@@ -1,5 +1,7 @@
 """Readings of sensors in units of the glove's own scale, so that one recipe fits every glove."""
 
+from typing import Protocol
+
 import numpy as np
 
 PRESSED_SHARE = 0.1  # of the readings of frames in contact; with STAG's glove they are those above four counts
@@ -28,14 +30,20 @@ def contact_unit(frames: np.ndarray, noise: float = np.inf) -> float:
     return max(min(unit, NOISE_UNITS * noise), LEAST * unit)
 
 
-def successive_noise(counts: np.ndarray, recording: np.ndarray, index: np.ndarray, live: np.ndarray) -> float:
+class Rows(Protocol):
+    """An array (n, ...) in memory, mapped or computed when it is indexed."""
+
+    def __getitem__(self, at: np.ndarray, /) -> np.ndarray: ...
+
+
+def successive_noise(counts: Rows, recording: np.ndarray, index: np.ndarray, live: np.ndarray) -> float:
     """Standard deviation in counts of what sensors read, by successive frames; infinite where it is unknown.
 
     It is that of the median difference, which contact does not change while fewer than half of the sensors feel it.
     Unknown is noise below the steps of the counts, and without successive frames.
 
     Args:
-        counts: (n, H, W), in memory or mapped.
+        counts: (n, H, W).
         recording: (n,) of each frame.
         index: of the frames that are compared, sorted.
         live: bool (H, W) sensors.

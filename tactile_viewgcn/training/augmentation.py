@@ -11,12 +11,9 @@ from tactile_viewgcn.params import AugmentParams
 
 @dataclass(frozen=True)
 class Augmentation:
-    """Random changes of training frames.
+    """Random changes of training frames: `augment`'s, and white noise of standard deviation `noise`.
 
-    Args:
-        noise: standard deviation of white noise, in units of network input.
-        augment: the other changes, see params.yaml.
-        rng: a generator on the device.
+    `noise` is in units of network input; the generator is on the device.
     """
 
     noise: float
@@ -25,9 +22,8 @@ class Augmentation:
 
     def __call__(self, frames: Tensor) -> Tensor:
         """Changed frames (B, 1, H, W), a new tensor unless nothing is to be changed."""
-        augment = self.augment
-        if augment.shift:
-            frames = random_shift(frames, augment.shift, self.rng)
+        if self.augment.shift:
+            frames = random_shift(frames, self.augment.shift, self.rng)
         if self.noise:
             frames = torch.empty_like(frames).normal_(0, self.noise, generator=self.rng).add_(frames)
         return frames

@@ -43,10 +43,7 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
 def checkpoint_path(stage: str, key: str, compute: Compute) -> Path:
     """The path of a stage's training, named by a hash of all that its result depends on.
 
-    Args:
-        key: says which parameters, inputs and code the stage has.
-        compute: the device and the precision really used; torch, NumPy and the numbers of threads and processes count
-            besides.
+    `key` says which parameters, inputs and code the stage has; versions and the machine count besides.
     """
     machine = (compute.device.type, compute.precision, torch.__version__, np.__version__)
     everything = (key, machine, torch.get_num_threads(), distributed.size())
@@ -114,7 +111,7 @@ class Checkpoint:
             self._state[name].load_state_dict(weights)
 
     def _remember(self) -> None:
-        """Copy the weights of the modules in memory, for `restore_weights`."""
+        """Copy the weights of the modules, for `restore_weights`."""
         weights = {
             name: {key: value.clone() for key, value in item.state_dict().items()}
             for name, item in self._state.items()

@@ -23,10 +23,7 @@ TIMEOUT = timedelta(minutes=10)  # for one process to wait for another, which th
 
 @contextmanager
 def process_group(compute: Compute, alone: bool = False) -> Iterator[None]:
-    """Context in which the processes of `torchrun` train together, each on a CUDA device of its own.
-
-    Args:
-        alone: this process does the work alone.
+    """Context in which the processes of `torchrun` train together, unless `alone`, each on a CUDA device of its own.
 
     Raises:
         UserError: more processes than CUDA devices; another process is lost.
@@ -113,10 +110,9 @@ def mean(value: Tensor) -> Tensor:
 
 
 def parallel(loss: nn.Module, *, some_unused: bool = False) -> nn.Module:
-    """The loss with torch's DistributedDataParallel around it; itself where one process trains alone.
+    """The loss in torch's DistributedDataParallel, if processes train together.
 
-    Args:
-        some_unused: not every batch uses all weights.
+    `some_unused`: not every batch uses all weights.
     """
     if not together():
         return loss

@@ -11,13 +11,10 @@ from tactile_viewgcn.training.optim import num_batches
 
 
 class FeatureBank:
-    """The latest features, or maps, of n training frames, for views that do not pass through the backbone again.
+    """The latest features, or maps, of training frames, for views that do not pass through the backbone again.
 
-    Features change slowly in fine-tuning. They come from training mode, with noise and dropout.
-
-    Args:
-        frames: n.
-        feature_shape: of one frame, (C,) or (C, H, W).
+    Features change slowly in fine-tuning. They come from training mode, with noise and dropout. `feature_shape` of a
+    frame is (C,) or (C, H, W).
     """
 
     def __init__(self, frames: int, feature_shape: tuple[int, ...], compute: Compute):

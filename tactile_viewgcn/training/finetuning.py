@@ -32,13 +32,7 @@ from tactile_viewgcn.views.sampling import sets_of
 
 
 class SideViewSets:
-    """The frames of one side as tensors, and the view sets drawn from them.
-
-    Args:
-        side: `split.TRAIN` or `VALIDATION`.
-        views: the clusters that view sets are drawn from.
-        assignment: `cluster.assignment`.
-    """
+    """The frames of one side as tensors, and the view sets drawn from their clusters `views`."""
 
     def __init__(self, side: int, table: Frames, views: Views, compute: Compute, seed: int, assignment: str):
         self._index, self._views, self._assignment = table.on(side), views, assignment
@@ -92,8 +86,7 @@ def finetune_classifier(
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
         params: `seed`, `cluster.assignment`, `model`, `finetune` and `augment` are read.
-        checkpoint_path: where the training is saved after every epoch; a saved one is continued.
-        on_epoch: called after every epoch, see `fit`.
+        checkpoint_path, on_epoch: see `pretrain_backbone`.
 
     Returns:
         classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
@@ -151,11 +144,8 @@ class _Finetuning:
     def run(self, checkpoint_path: Path | None, on_epoch: OnEpoch | None) -> Progress:
         """Train for all epochs, or those that are left."""
         config, network = self.config, self.network
-        rates: list[dict] = [
-            {"params": network.backbone.parameters(), "lr": config.lr_backbone},
-            {"params": network.head.parameters()},
-        ]
-        optimiser = build_optimiser(config, rates)
+        backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
+        optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
         state = {"classifier": network, "optimiser": optimiser} | ({"bank": self.bank} if self.bank else {})
         rngs = {"noise": self.noise_rng}, {"draw": self.train.rng}
         checkpoint = Checkpoint(checkpoint_path, state, *rngs, self.compute.device)

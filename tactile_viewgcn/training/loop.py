@@ -23,11 +23,7 @@ OnEpoch = Callable[[int, dict[str, float]], None]
 
 
 class _Diverged(Exception):
-    """The mean loss, and the epoch, from 1, whose steps spoilt the weights."""
-
-    def __init__(self, loss: float, epoch: int):
-        super().__init__(loss)
-        self.loss, self.epoch = loss, epoch
+    """Its arguments are the mean loss, and the number of good epochs before the one that spoilt the weights."""
 
 
 def fit(
@@ -48,9 +44,9 @@ def fit(
     Args:
         name: of the bar that shows the progress.
         steps: of an epoch.
-        losses: epoch -> the losses of its batches, one by one; asked once more, for epoch `epochs`, for one loss.
+        losses: epoch -> the losses of its batches, one by one.
         validate: values to note after an epoch besides the mean loss.
-        checkpoint: keeps the training after every epoch; a kept one is continued.
+        checkpoint: saved after every epoch; a saved training is continued.
         on_epoch: called after every epoch with its number, from 1, and its values, the mean loss and what `validate`
             gave; first with those of the epochs that the checkpoint holds.
 
@@ -79,9 +75,12 @@ def fit(
                 bar.set_postfix({key: f"{value:.3f}" for key, value in values.items()})
                 on_epoch(progress.epoch, values)
             if epochs:
-                _check_last_step(losses(epochs), progress, checkpoint)
+                with torch.no_grad():
+                    loss = float(distributed.mean(next(losses(epochs))))
+                checkpoint.restore_weights()  # the loss has changed the running moments of batch normalisation
+                _check(loss, MAX_BATCH_LOSS, progress, steps=1)
         except _Diverged as divergence:
-            _return_to_good_epoch(divergence, progress, checkpoint, optimiser)
+            _return_to_good_epoch(*divergence.args, progress, checkpoint, optimiser)
     progress.seconds = time.perf_counter() - begin
     return progress
 
@@ -104,34 +103,25 @@ def _run_epoch(losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, progr
     return mean
 
 
-def _check_last_step(losses: Iterator[Tensor], progress: Progress, checkpoint: Checkpoint) -> None:
-    """Compute one loss with the final weights. Raises _Diverged."""
-    with torch.no_grad():
-        loss = float(distributed.mean(next(losses)))
-    checkpoint.restore_weights()  # computing the loss has changed the running moments of batch normalisation
-    _check(loss, MAX_BATCH_LOSS, progress, steps=1)
-
-
 def _check(loss: float, limit: float, progress: Progress, steps: int) -> None:
     """Raises _Diverged for a mean loss that is not finite, or above `limit` times the first loss, or `limit`.
 
-    Args:
-        steps: of the epoch so far; the loss of the first one is of the weights that the epoch before has left.
+    The loss of the first step of an epoch is of the weights that the epoch before has left.
     """
     if not math.isfinite(loss) or loss > limit * max(1.0, progress.first_loss or 0.0):
-        raise _Diverged(loss, max(1, progress.epoch + (steps > 1)))
+        raise _Diverged(loss, max(0, progress.epoch - (steps == 1)))
 
 
 def _return_to_good_epoch(
-    divergence: _Diverged, progress: Progress, checkpoint: Checkpoint, optimiser: torch.optim.Optimizer
+    loss: float, good: int, progress: Progress, checkpoint: Checkpoint, optimiser: torch.optim.Optimizer
 ) -> None:
-    """Restore the weights from before the epoch that diverged, and note it. UserError where that is the first one."""
-    rates, good = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups), divergence.epoch - 1
+    """Restore the weights of the last good epoch, and note what happened. UserError where there is none."""
+    rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
     progress.diverged = (
-        f"training diverged in epoch {good + 1} at a learning rate of {rates}: the loss is {divergence.loss:g}; "
+        f"training diverged in epoch {good + 1} at a learning rate of {rates}: the loss is {loss:g}; "
         "lower lr in params.yaml"
     )
-    if good < 1:
+    if not good:
         raise UserError(progress.diverged)
     checkpoint.restore_weights(progress.epoch - good)
     progress.epoch = good

@@ -29,12 +29,8 @@ class FrameLoss(nn.Module):
 
     def __init__(self, backbone: nn.Module, classifier: nn.Linear, augment_frames: Augmentation, compute: Compute):
         super().__init__()
-        self.backbone, self.classifier, self.augment_frames, self.compute = (
-            backbone,
-            classifier,
-            augment_frames,
-            compute,
-        )
+        self.backbone, self.classifier = backbone, classifier
+        self.augment_frames, self.compute = augment_frames, compute
 
     def forward(self, frames: Tensor, labels: Tensor) -> Tensor:
         """Frames (B, 1, H, W) and labels (B,) of the whole batch to a scalar."""
@@ -47,11 +43,7 @@ class FrameLoss(nn.Module):
 
 
 class SetLoss(nn.Module):
-    """A network's loss of this process's part of a batch of view sets.
-
-    Args:
-        bank: holds the features of frames that do not pass through the backbone; None where all pass.
-    """
+    """A network's loss of this process's part of a batch of view sets; without a bank all frames pass the backbone."""
 
     def __init__(
         self, network: "ViewNetwork", bank: FeatureBank | None, augment_frames: Augmentation, compute: Compute
@@ -87,10 +79,7 @@ def frame_losses(
     compute: Compute,
     order: torch.Generator,
 ) -> Iterator[Tensor]:
-    """The loss of each batch of single frames (n, 1, H, W) in one epoch.
-
-    Batches are random, differ by one frame at most, and every frame is in one.
-    """
+    """The loss of each batch of single frames (n, 1, H, W) in one epoch, in random order."""
     for index in torch.randperm(len(frames), generator=order).tensor_split(num_batches(len(frames), batch)):
         yield loss_of(frames[index], compute.gather(labels, index))
 
@@ -109,8 +98,7 @@ def set_losses(
     Args:
         loss_of: see `SetLoss.forward`.
         frames: (n, 1, H, W), in the order of time inside a recording; labels: (n,).
-        plan: for each batch view sets (B, k) of indices into the frames, each set of one label, and the columns (B, f)
-            whose frames pass through the backbone.
+        plan: `sets` and `fresh` of each batch, see `SideViewSets.batches`.
     """
     for sets, fresh in plan:
         if in_time_order:

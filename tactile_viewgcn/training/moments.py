@@ -42,7 +42,7 @@ def measure_moments(
 def _average_moments(
     module: nn.Module, count: int, batch_of: Callable[[Tensor], Tensor], order: torch.Generator
 ) -> None:
-    """Replace a module's running moments by their mean over batches of `count` examples, which `batch_of` picks."""
+    """Replace a module's running moments by their mean over the batches that `batch_of` makes of indices."""
     norms = [layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)]
     if not norms:
         return

@@ -28,20 +28,14 @@ def build_optimiser(training: Pretrain | Finetune, groups: list[dict]) -> torch.
 def lr_lambda(training: Pretrain | Finetune) -> Callable[[int], float]:
     """Factor on the learning rates in each epoch, numbered from 0, by the `schedule` of a training."""
     if isinstance(training, Pretrain) and training.schedule == "step":
-        return lambda epoch: step_decay(epoch, step_size=training.step_size, offset=training.step_offset)
+        return lambda epoch: 0.5 ** ((epoch + training.step_offset) // training.step_size)
+
+    def cosine(epoch: int) -> float:
+        return (1 + math.cos(math.pi * epoch / training.epochs)) / 2
+
     return {
         "constant": lambda _: 1.0,
-        "compounding_cosine": lambda epoch: compounding_cosine(epoch, epochs=training.epochs),
-        "cosine": lambda epoch: (1 + math.cos(math.pi * epoch / training.epochs)) / 2,
+        "cosine": cosine,
+        "compounding_cosine": lambda epoch: math.prod(map(cosine, range(2, epoch + 1))),  # released code
         "exponential": lambda epoch: 0.1 ** (epoch / 100),  # Sundaram et al. 2019
     }[training.schedule]
-
-
-def step_decay(epoch: int, *, step_size: int, offset: int = 0) -> float:
-    """Factor on the learning rate that halves every `step_size` epochs, each halving `offset` epochs earlier."""
-    return 0.5 ** ((epoch + offset) // step_size)
-
-
-def compounding_cosine(epoch: int, *, epochs: int) -> float:
-    """The released code's fine-tuning schedule: from epoch 2 on, (1 + cos(pi e / epochs)) / 2, multiplied up."""
-    return math.prod((1 + math.cos(math.pi * e / epochs)) / 2 for e in range(2, epoch + 1))

@@ -74,10 +74,8 @@ def pretrain_backbone(
             features = extract_features(backbone, validation.frames)
         return {"validation_error": error_rate(classifier(features), validation.labels)}
 
-    steps = num_batches(len(train.labels), config.batch)
-    progress = fit(
-        "pretrain", config.epochs, steps, optimiser, lr_lambda(config), losses, validate, checkpoint, on_epoch
-    )
+    steps, factor = num_batches(len(train.labels), config.batch), lr_lambda(config)
+    progress = fit("pretrain", config.epochs, steps, optimiser, factor, losses, validate, checkpoint, on_epoch)
     return backbone, classifier, progress
 
 

@@ -1,14 +1,12 @@
 """Losses that a CUDA card computes, with their gradients, as one graph of kernels instead of launching each of them."""
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from tactile_viewgcn.training import distributed
-
-Shapes = tuple[torch.Size, ...]
 
 
 class Replay:
@@ -31,15 +29,15 @@ class Replay:
         generators: Iterable[torch.Generator] = (),
     ):
         self._function, self._parameters, self._generators = function, list(parameters), list(generators)
-        self._graphs: dict[Shapes, _Recorded | None] = {}
+        self._graphs: dict[tuple[torch.Size, ...], _Recorded | None] = {}
         self._pool: Any = None
         self._stream: torch.cuda.Stream | None = None
 
     def __call__(self, *arguments: Tensor) -> Tensor:
         """The loss."""
-        shapes = tuple(each.shape for each in arguments)
         if arguments[0].device.type != "cuda" or not torch.is_grad_enabled() or distributed.together():
             return self._function(*arguments)
+        shapes = tuple(each.shape for each in arguments)
         if shapes not in self._graphs:
             self._graphs[shapes] = None
             return self._compute(arguments)
@@ -79,11 +77,13 @@ class Replay:
         return _Recorded(graph, kept, loss.detach(), [parameter.grad for parameter in self._parameters])
 
 
-class _Recorded:
+class _Recorded(NamedTuple):
     """A graph, the tensors that it reads and the ones that it writes."""
 
-    def __init__(self, graph: torch.cuda.CUDAGraph, arguments: tuple[Tensor, ...], loss: Tensor, gradients: list):
-        self.graph, self.arguments, self.loss, self.gradients = graph, arguments, loss, gradients
+    graph: torch.cuda.CUDAGraph
+    arguments: tuple[Tensor, ...]
+    loss: Tensor
+    gradients: list
 
 
 class _PrecomputedGradients(torch.autograd.Function):

@@ -18,10 +18,6 @@ def test_squared_distances_by_hand():
     assert torch.equal(squared_distances(FOUR), expected)
 
 
-def test_nearest_by_hand():
-    assert nearest(FOUR, 2).tolist() == [[0, 1], [1, 0], [2, 0], [3, 0]]
-
-
 def test_ties_go_to_the_lowest_index():
     assert nearest(torch.zeros(5, 3), 3).tolist() == [[0, 1, 2]] * 5
     assert nearest(CUBE, 3)[0].tolist() == [0, 1, 2]
@@ -43,25 +39,6 @@ def test_equal_distances_are_ties_whatever_their_rounding(views, scale):
         chosen.append(int(to_chosen.argmax()))
         to_chosen = np.minimum(to_chosen, gaps[chosen[-1]])
     assert furthest_points(positions, views // 2).tolist() == chosen
-
-
-def test_on_the_cube_four_neighbours_are_the_node_and_its_edges():
-    distances = squared_distances(CUBE).gather(1, nearest(CUBE, 4))
-    assert torch.equal(distances, torch.tensor([0.0, 4, 4, 4]).expand(8, 4))
-
-
-@settings(max_examples=25, deadline=None)
-@given(seed=st.integers(0, 1000), nodes=st.integers(1, 12), count=st.integers(1, 6))
-def test_furthest_points_equal_the_plain_loop(seed, nodes, count):
-    count = min(count, nodes)
-    positions = torch.rand(2, nodes, 3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-    found = furthest_points(positions, count)
-    for batch in range(2):
-        points, chosen = positions[batch].numpy(), [0]
-        while len(chosen) < count:
-            gaps = [min(((points[i] - points[j]) ** 2).sum() for j in chosen) for i in range(nodes)]
-            chosen.append(int(np.argmax(gaps)))
-        assert found[batch].tolist() == chosen
 
 
 def test_gathering_equals_the_plain_loop():

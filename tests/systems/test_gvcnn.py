@@ -26,13 +26,6 @@ def test_the_grouped_mean_by_hand():
     torch.testing.assert_close(grouped_mean(features, scores, 1), features.mean(dim=1))
 
 
-def test_a_group_without_views_adds_nothing():
-    features, scores = torch.randn(2, 3, 4, generator=torch.Generator().manual_seed(0)), torch.tensor([0.11, 0.5, 1.0])
-    own = grouped_mean(features, scores.expand(2, 3), 10)
-    torch.testing.assert_close(grouped_mean(features, scores.expand(2, 3), 1000), own)
-    torch.testing.assert_close(own, (scores @ features) / scores.sum())
-
-
 def test_scores_of_0_stay_finite_and_so_do_their_gradients():
     values = torch.zeros(2, 3, requires_grad=True)
     features = 1e3 * torch.randn(2, 3, 64, generator=torch.Generator().manual_seed(0))

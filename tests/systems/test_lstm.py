@@ -1,13 +1,10 @@
 """CNN-LSTM and ConvLSTM against plain loops."""
 
-import math
-
-import pytest
 import torch
 import torch.nn.functional as functional
 
 from tactile_viewgcn.systems.conv_lstm import ConvLSTM
-from tests.systems.small_systems import built, fill, head_of, some_views
+from tests.systems.small_systems import built, head_of, some_views
 
 
 def test_cnn_lstm_classifies_the_last_state_of_the_plain_loop():
@@ -47,19 +44,6 @@ def test_conv_lstm_equals_the_plain_loop_over_views_and_gates():
     system = head_of(ConvLSTM, features=3, classes=4)
     views = torch.randn(2, 5, 3, 4, 6)
     torch.testing.assert_close(system(views)[0], plain_conv_lstm(system, views))
-
-
-def test_conv_lstm_of_one_pixel_and_one_view_by_hand():
-    system = head_of(ConvLSTM, features=1, classes=1)
-    fill(system.gates.weight, torch.zeros(4, 2, 3, 3))
-    fill(system.gates.bias, [0, 0, 0, 0])
-    fill(system.gates.weight[3, 0, 1, 1], 1)  # the candidate is tanh of the map, every gate is half open
-    fill(system.classifier.weight, [1])
-    fill(system.classifier.bias, [0])
-    first, second = 0.5 * math.tanh(2), 0.5 * math.tanh(-1)
-    views = torch.tensor([2.0, -1]).view(1, 2, 1, 1, 1)
-    assert system(views[:, :1])[0].item() == pytest.approx(0.5 * math.tanh(first))
-    assert system(views)[0].item() == pytest.approx(0.5 * math.tanh(0.5 * first + second))
 
 
 def test_bfloat16_maps_give_nearly_the_same_and_leave_the_memory_in_float32(monkeypatch):

@@ -16,12 +16,3 @@ def test_it_is_the_convolution_of_all_maps_then_the_average_then_a_linear_layer(
     fill(join.bias, system.join.bias.detach())
     literal = system.classifier(join(torch.cat(maps.unbind(dim=1), dim=1)).mean(dim=(2, 3)))
     torch.testing.assert_close(system(maps.mean(dim=(3, 4)))[0], literal)
-
-
-def test_each_place_in_stag_s_set_has_its_own_weights_by_hand():
-    system = head_of(STAGNet, places=LINE[:2], features=1, classes=2)
-    fill(system.join.weight, [10, 1])
-    fill(system.join.bias, [0.5])
-    fill(system.classifier.weight, [1, -1])
-    fill(system.classifier.bias, [0, 100])
-    torch.testing.assert_close(system(torch.tensor([[[2.0], [3]]]))[0], torch.tensor([[23.5, 76.5]]))

@@ -73,11 +73,6 @@ def test_the_released_preset_has_the_released_number_of_weights():
     assert sum(weight.numel() for weight in head.parameters()) == 305_138
 
 
-def test_the_paper_s_head_differs_by_its_selectors():
-    head = build_classifier(torch.from_numpy(viewpoints(8)), 27, load(ROOT / "params.yaml").model).head
-    assert sum(weight.numel() for weight in head.parameters()) == 305_138 - 69_282 + 6 * (128 * 27 + 27)
-
-
 def test_the_levels_that_a_number_of_views_allows():
     assert [level_sizes(views) for views in (1, 2, 3, 4, 8, 12, 20)] == [
         [], [2], [3], [4, 2], [8, 4, 2], [12, 6, 3], [20, 10, 5]]  # fmt: skip
@@ -112,35 +107,6 @@ def test_a_start_at_the_maximum_is_the_pretrained_classifier_s_answer_to_it(view
         logits.append(head(features)[0])
     assert torch.equal(*logits)
     torch.testing.assert_close(logits[0], features.amax(dim=1) @ frame["weight"].T + frame["bias"])
-
-
-def test_what_the_graph_adds_to_the_start_is_trained():
-    torch.manual_seed(0)
-    head = head_of(ViewGCN, "model.start=max", places=viewpoints(4), classes=3, features=8)
-    head.classifier[1].p = 0.0
-    head.load_frame_classifier({"weight": torch.zeros(3, 8), "bias": torch.zeros(3)})
-    head.frame_classifier.requires_grad_(False)
-    features, labels = torch.randn(12, 4, 8), torch.arange(12) % 3
-    optimiser = torch.optim.Adam(head.parameters(), 0.01)
-    assert head.loss(*head(features), labels).item() > math.log(3)
-    for _ in range(60):
-        optimiser.zero_grad()
-        head.loss(*head(features), labels).backward()
-        optimiser.step()
-    assert (head(features)[0].argmax(dim=-1) == labels).all()
-
-
-@pytest.mark.parametrize("views", [2, 5, 8, 12])
-def test_a_network_for_v_views_takes_any_number_of_them(views):
-    torch.manual_seed(0)
-    head = head_of(ViewGCN, places=viewpoints(views)).eval()
-    for count in range(1, views + 1):
-        logits, view_logits = head(torch.randn(3, count, 16))
-        assert logits.shape == (3, 5)
-        assert logits.isfinite().all()
-        sizes = [max(1, count >> level) for level in range(len(level_sizes(views)))]
-        assert [out.shape[1:3] for out in view_logits] == [
-            (small, min(4, large, views >> level)) for level, (large, small) in enumerate(pairwise(sizes))]  # fmt: skip
 
 
 def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
@@ -190,9 +156,3 @@ def test_more_views_than_the_network_is_for_and_none_are_refused(views, count):
     head = head_of(ViewGCN, places=viewpoints(views))
     with pytest.raises(UserError, match=f"view sets of {count} views; the network takes 1 to {views}"):
         head(torch.zeros(2, count, 16))
-
-
-def test_the_order_of_points_is_that_of_the_coordinates_a_checkpoint_keeps():
-    places = torch.from_numpy(viewpoints(40, "random", 3))
-    network = head_of(ViewGCN, places=places)
-    assert torch.equal(network.order, head_of(ViewGCN, places=network.viewpoints).order)

@@ -57,7 +57,7 @@ def gradients_of_a_batch():
 
 
 def lose_the_other():
-    """What the first process is told when the second ends before it answers."""
+    """The error of the first process when the second ends before it answers."""
     try:
         with distributed.process_group(CPU):
             if dist.get_rank():

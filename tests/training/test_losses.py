@@ -11,7 +11,6 @@ from torch import nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.system import ViewSystem
-from tactile_viewgcn.randomness import torch_generator
 from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.feature_bank import FeatureBank
 from tactile_viewgcn.training.losses import (
@@ -95,11 +94,11 @@ def test_frame_losses_of_an_epoch_add_up_to_the_cross_entropy_of_all_frames(prec
 
 @pytest.mark.parametrize(("count", "size"), [(20, 5), (21, 5), (33, 32), (7, 64), (2, 2)])
 def test_batches_hold_every_frame_once_in_random_order_and_differ_by_one_at_most(count, size):
-    frames, seen = torch.arange(float(count)).view(-1, 1, 1, 1), []
+    frames, passed = torch.arange(float(count)).view(-1, 1, 1, 1), []
 
     class Watched(nn.Flatten):
         def forward(self, batch):
-            seen.append(batch.flatten().tolist())
+            passed.append(batch.flatten().tolist())
             return super().forward(batch)
 
     for order in (0, 0, 1):
@@ -107,7 +106,7 @@ def test_batches_hold_every_frame_once_in_random_order_and_differ_by_one_at_most
             frames, torch.zeros(count).long(), nn.Linear(1, 2), batch=size, order=order, backbone=Watched()
         )
     number = math.ceil(count / size)
-    first, again, other = seen[:number], seen[number : 2 * number], seen[2 * number :]
+    first, again, other = passed[:number], passed[number : 2 * number], passed[2 * number :]
     assert first == again
     assert first != other or count == 2
     assert sorted(number for part in first for number in part) == list(range(count))
@@ -120,11 +119,11 @@ class Sums(nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.seen, self.head = [], First()
+        self.passed, self.head = [], First()
 
     def backbone(self, frames):
-        self.seen.append(frames.flatten(1))
-        return self.seen[-1]
+        self.passed.append(frames.flatten(1))
+        return self.passed[-1]
 
 
 class First(ViewSystem):
@@ -157,18 +156,10 @@ def filled_bank(backbone, frames):
     return bank
 
 
-class Modes(nn.Flatten):
-    """A backbone that tells in which mode it was."""
-
-    def forward(self, frames):
-        assert self.training
-        return super().forward(frames)
-
-
 def test_the_bank_holds_each_frame_s_features_from_training_mode():
-    frames = torch.arange(24.0).view(12, 1, 1, 2)
-    bank = filled_bank(Modes().eval(), frames)
-    assert torch.equal(bank.values, frames.flatten(1))
+    frames, backbone = torch.arange(24.0).view(12, 1, 1, 2), nn.Flatten().eval()
+    bank = filled_bank(backbone, frames)
+    assert backbone.training and torch.equal(bank.values, frames.flatten(1))
     assert not bank.values.requires_grad
 
 
@@ -180,16 +171,16 @@ def test_the_bank_is_filled_with_features_of_augmented_frames():
 
 def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank():
     classifier, fresh = Sums(), np.array([[1], [0], [2], [0]])
-    bank = filled_bank(Modes(), FRAMES)
+    bank = filled_bank(nn.Flatten(), FRAMES)
     losses = losses_of_sets(classifier, FRAMES, LABELS, [(SETS, fresh)], bank)
     assert [float(loss) for loss in losses] == pytest.approx([0], abs=1e-6)
-    (seen,) = classifier.seen
-    assert torch.equal(seen, FRAMES.flatten(1)[[1, 0, 0, 11]])
+    (passed,) = classifier.passed
+    assert torch.equal(passed, FRAMES.flatten(1)[[1, 0, 0, 11]])
 
 
 def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fresh_alone():
     frames = torch.arange(12.0).view(12, 1, 1, 1)
-    bank = filled_bank(Modes(), frames)
+    bank = filled_bank(nn.Flatten(), frames)
     features = torch.tensor([[[100.0], [101]], [[102], [103]]], requires_grad=True)
     sets, fresh = torch.tensor([[4, 1, 7], [0, 4, 9]]), torch.tensor([[0, 2], [1, 2]])
     first = torch.from_numpy(first_places(np.array([4, 7, 4, 9])))
@@ -198,13 +189,3 @@ def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fr
     nodes.square().sum().backward()
     assert torch.equal(features.grad, 2 * features.detach())
     assert bank.values.flatten().tolist() == [0, 1, 2, 3, 100, 5, 6, 101, 8, 103, 10, 11]  # of frame 4's two the first
-
-
-def test_streams_of_random_numbers_differ_by_purpose_and_seed_and_repeat():
-    first, again, other, purpose = (
-        torch.rand(4, generator=torch_generator(seed, purpose))
-        for seed, purpose in ((5, "noise"), (5, "noise"), (9, "noise"), (5, "order"))
-    )
-    assert torch.equal(first, again)
-    assert not torch.equal(first, other)
-    assert not torch.equal(first, purpose)

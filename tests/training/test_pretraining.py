@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from benchmarks.stability.rows import max_rel_error
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.tables.frames import TEST, VALIDATION
 from tactile_viewgcn.training import pretraining
@@ -54,24 +53,14 @@ def test_one_seed_gives_one_set_of_weights():
     assert not alike(first, brief(4))
 
 
-def test_the_initial_weights_follow_the_seed(monkeypatch):
-    monkeypatch.setattr(pretraining, "fit", lambda *_: Progress())
-    assert alike(brief(3), brief(3))
-    assert not alike(brief(3), brief(4))
-
-
-def test_noise_changes_what_is_learnt():
-    assert not alike(brief(3), brief(3, "pretrain.noise=0"))
-
-
 def test_only_anchors_are_learnt_from(monkeypatch):
-    seen = []
-    monkeypatch.setattr(pretraining, "frame_losses", lambda *given, **_: seen.append(given[1:3]) or iter([]))
+    batches = []
+    monkeypatch.setattr(pretraining, "frame_losses", lambda *words, **_: batches.append(words[1:3]) or iter([]))
     monkeypatch.setattr(pretraining, "fit", lambda *words: words[5](0) and Progress())
     frames = fewer_anchors(table(), 5)
     pretrain_backbone(frames, recipe(), CPU)
     index = np.flatnonzero(frames.anchor & (frames.side == 0))
-    inputs, labels = seen[0]
+    inputs, labels = batches[0]
     inputs = inputs[torch.arange(len(index))]
     assert inputs.shape == (len(index), 1, 12, 12)
     np.testing.assert_array_equal(inputs[:, 0], frames.inputs(index))
@@ -79,31 +68,22 @@ def test_only_anchors_are_learnt_from(monkeypatch):
 
 
 def test_the_recipe_reaches_the_optimiser(monkeypatch):
-    given = {}
+    arguments = {}
 
     def fit(name, epochs, steps, optimiser, factor, *_):
-        given.update(epochs=epochs, group=optimiser.param_groups[0], factors=[factor(e) for e in (0, 9, 10, 20)])
+        arguments.update(epochs=epochs, group=optimiser.param_groups[0], factors=[factor(e) for e in (0, 9, 10, 20)])
         return Progress()
 
     monkeypatch.setattr(pretraining, "fit", fit)
     params = recipe("pretrain.epochs=30", "pretrain.step_offset=1")
     _, classifier, _ = pretrain_backbone(table(), params, CPU)
-    assert given["epochs"] == 30
-    assert given["factors"] == [1, 0.5, 0.5, 0.25]
-    assert {name: given["group"][name] for name in ("lr", "momentum", "weight_decay")} == {
-        "lr": 5e-3,
-        "momentum": 0.9,
-        "weight_decay": 1e-4,
-    }
-    weights = sum(weight.numel() for weight in given["group"]["params"])
+    assert arguments["epochs"] == 30
+    assert arguments["factors"] == [1, 0.5, 0.5, 0.25]
+    group = arguments["group"]
+    assert [group[name] for name in ("lr", "momentum", "weight_decay")] == [5e-3, 0.9, 1e-4]
+    weights = sum(weight.numel() for weight in group["params"])
     assert weights == 674_240 + 128 * 4 + 4
     assert classifier.out_features == 4
-
-
-def test_a_training_that_diverges_says_which_learning_rate_to_lower():
-    params = recipe("pretrain.lr=1e20")
-    with pytest.raises(UserError, match=r"training diverged in epoch \d at a learning rate of 1e\+20.*lower lr"):
-        pretrain_backbone(fewer_anchors(table(), 4), params, CPU)
 
 
 @pytest.mark.stability("last good weights")

@@ -108,13 +108,6 @@ def test_a_stage_that_was_killed_goes_on_and_ends_as_one_that_was_not(place, sta
     assert 0 < record["seconds"] < time.perf_counter() - before + spent
 
 
-def test_another_configuration_starts_anew(place):
-    words = ("--needs", "needs.json", "--frames", "frames.h5", "--out", "other.pt")
-    kill_after_an_epoch(place, "pretrain", *words)
-    assert "before an interruption" not in run(place, "pretrain", *words, "--set", "pretrain.lr=1e-3")
-    assert "before an interruption" in run(place, "pretrain", *words)
-
-
 def second_of(launcher):
     """The number of the process that `torchrun` started as the second one."""
     for folder in Path("/proc").glob("[0-9]*"):
@@ -132,9 +125,9 @@ def test_where_one_of_two_processes_is_killed_all_end_with_a_line_and_the_next_s
     process = subprocess.Popen(started, cwd=place, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
     wait_for_an_epoch(place, "pretrain", process)
     os.kill(second_of(process.pid), signal.SIGKILL)
-    _, told = process.communicate(timeout=200)
+    _, errors = process.communicate(timeout=200)
     assert process.returncode == 1 and not (place / "two.pt").exists()
-    assert [line for line in told.splitlines() if line.startswith("Error: ")] == [f"Error: {LOST}"]
+    assert [line for line in errors.splitlines() if line.startswith("Error: ")] == [f"Error: {LOST}"]
     done = subprocess.run(started, cwd=place, env=ENVIRONMENT, capture_output=True, text=True, check=True, timeout=200)
     assert done.stdout.count("before an interruption") == 1 and (place / "two.pt").exists()
     assert done.stdout.splitlines()[-1].startswith("pretrain: 5 epochs")

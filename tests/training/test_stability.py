@@ -154,7 +154,7 @@ def test_a_training_ends_with_finite_weights_or_is_refused_for_it_diverged(row, 
     frames, params = fewer_anchors(table(), 4), recipe("cluster.method=none", "cluster.assignment=index")
     short = replace(
         params,
-        pretrain=replace(params.pretrain, epochs=2, lr=rate, schedule="step", step_size=100, step_offset=0),
+        pretrain=replace(params.pretrain, epochs=2, lr=rate, schedule="constant"),
         finetune=replace(params.finetune, epochs=2, lr=rate, lr_backbone=rate, schedule="constant"),
     )
     row.record(outcome("pretraining", rate, lambda: pretrain_backbone(frames, short, CPU)[::2]))

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
-from threadpoolctl import threadpool_limits
 
 from tactile_viewgcn.views import clustering
 from tactile_viewgcn.views.clustering import (
@@ -35,12 +34,6 @@ def same_partition(one, other):
     return np.array_equal(one[:, None] == one, other[:, None] == other)
 
 
-def test_pools_of_objects_are_a_class_on_one_side():
-    label, side = np.array([1, 0, 1, 1, 0]), np.array([0, 0, 2, 0, 0])
-    pool = pool_ids(label, np.arange(5), side, "object")
-    assert pool.tolist() == [1, 0, 2, 1, 0]
-
-
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 3), st.integers(0, 2)), min_size=1, max_size=30))
 @settings(max_examples=25, deadline=None)
 def test_pools_are_those_that_a_loop_finds(frames):
@@ -51,13 +44,6 @@ def test_pools_are_those_that_a_loop_finds(frames):
     ):
         numbers = {key: number for number, key in enumerate(sorted(set(keys)))}
         assert pool_ids(label, recording, side, scope).tolist() == [numbers[key] for key in keys]
-
-
-def test_kmeans_recovers_known_blobs():
-    points, blob = blobs(5, 12, np.random.default_rng(0))
-    cluster = kmeans(points, 5, restarts=10, seed=0)
-    assert set(cluster.tolist()) == set(range(5))
-    assert same_partition(cluster, blob)
 
 
 def test_kmeans_keeps_the_best_of_its_restarts():
@@ -80,18 +66,6 @@ def test_each_pool_is_clustered_on_its_own():
     for number in range(2):
         assert set(cluster[pool == number].tolist()) == {0, 1, 2}
         assert same_partition(cluster[pool == number], blob[pool == number])
-
-
-def test_a_recording_s_pool_sees_its_own_frames_alone():
-    rng = np.random.default_rng(2)
-    points, blob = blobs(4, 10, rng)
-    recording, nothing = blob // 2, np.zeros_like(blob)
-    points[:, -1] = 100 * recording
-    per_object = cluster_pools(points, pool_ids(nothing, recording, nothing, "object"), 2, KMEANS, rng)
-    per_recording = cluster_pools(points, pool_ids(nothing, recording, nothing, "recording"), 2, KMEANS, rng)
-    assert same_partition(per_object, recording)
-    for number in range(2):
-        assert same_partition(per_recording[recording == number], blob[recording == number])
 
 
 def test_with_fewer_frames_than_views_each_is_a_cluster_of_its_own():
@@ -133,21 +107,6 @@ def test_components_are_those_of_the_singular_values(shape):
     np.testing.assert_allclose(np.abs(principal_components(points, 4)), np.abs(left * values)[:, :4], atol=1e-9)
 
 
-def test_points_on_a_line_lie_along_the_first_component():
-    along = np.array([-3.0, -1, 0, 4])
-    scores = principal_components(along[:, None] * [0.6, 0, 0.8] + 5, 2)
-    np.testing.assert_allclose(np.abs(scores[:, 0]), np.abs(along), atol=1e-12)
-    np.testing.assert_allclose(scores[:, 1], 0, atol=1e-12)
-
-
-@given(st.integers(0, 12), st.integers(1, 12), st.integers(1, 8))
-@settings(max_examples=25, deadline=None)
-def test_there_are_never_more_components_than_frames_or_sensors(frames, sensors, count):
-    points = np.random.default_rng(0).random((frames, sensors))
-    expected = min(count, frames, sensors) if frames > 1 else 1
-    assert principal_components(points, count).shape == (frames, expected)
-
-
 @settings(max_examples=20, deadline=None)
 @given(st.integers(1, 8), st.integers(0, 10_000), st.sampled_from([1e-30, 1.0, 1e30]))
 def test_frames_that_differ_by_rounding_are_one(distinct, seed, scale):
@@ -156,13 +115,6 @@ def test_frames_that_differ_by_rounding_are_one(distinct, seed, scale):
     scores = scale * (rng.random((distinct, 4)) + np.arange(distinct)[:, None])[owner]
     labels = kmeans(scores * (1 + 1e-13 * rng.random(scores.shape)), 8, restarts=1, seed=0)
     np.testing.assert_array_equal(labels[:, None] == labels, owner[:, None] == owner)
-
-
-def test_frames_that_differ_by_rounding_are_one_on_the_edge_of_a_step_too():
-    scores = np.array([[1.0, (1000.5 + sign * 1e-7) * 2.0**-20] for sign in (-1, 1) * 5])
-    assert kmeans(scores, 8, restarts=1, seed=0).tolist() == [0] * 10
-    apart = np.array([[1.0, 0.0], [1.0, 3 * 2.0**-20]])
-    assert kmeans(np.repeat(apart, 3, axis=0), 8, restarts=1, seed=0).tolist() == [0, 0, 0, 1, 1, 1]
 
 
 def joined_pairwise(scores, most):
@@ -202,13 +154,3 @@ def test_distinct_rows_of_a_large_pool_need_memory_for_its_rows_alone(repeated):
         assert same_partition(number, which)
     else:
         assert number is None
-
-
-@pytest.mark.parametrize("shape", [(60, 20), (20, 60)])
-def test_components_do_not_depend_on_the_number_of_threads(shape):
-    points = np.random.default_rng(0).random(shape)
-    cluster = []
-    for threads in (1, 2):
-        with threadpool_limits(threads):
-            cluster.append(principal_components(points, 8))
-    np.testing.assert_array_equal(*cluster)
