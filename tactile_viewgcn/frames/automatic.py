@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, quiet_frames
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly, quiet_frames
 from tactile_viewgcn.frames.inspection import Inspection, contact_readings, inspect_recordings
 from tactile_viewgcn.frames.leak import Leak, deciding_leaks
 from tactile_viewgcn.notes import Note
@@ -89,10 +89,9 @@ def _baseline(inspection: Inspection, leaks: dict[str, Leak]) -> tuple[str, str]
         if inspection.drifts_from_empty_hand:
             return "grasp", "the open hand drifts from the session's empty hand by as much as contact"
         if leak and leak.tells_object and mended and mended.error > leak.error:
-            errors = (
-                f"{100 * leak.error:.0f} %, with grasp {100 * mended.error:.0f} %, chance {100 * leak.chance:.0f} %"
-            )
-            return "grasp", f"above the empty hand the open hand tells the object: error {errors}"
+            error, with_grasp, chance = (100 * share for share in (leak.error, mended.error, leak.chance))
+            errors = f"error {error:.0f} %, with grasp {with_grasp:.0f} %, chance {chance:.0f} %"
+            return "grasp", f"above the empty hand the open hand tells the object: {errors}"
         return "empty_hand", "recorded in every session"
     if inspection.all_contact:
         return "none", "even the quietest frames are contact: recordings are taken as they are"
@@ -137,22 +136,19 @@ def _scale(inspection: Inspection) -> tuple[float, str]:
 def preprocessing_warnings(inspection: Inspection, frames: Frames, asked: PreprocessSection) -> list[Note]:
     """Warnings of a baseline made of frames in contact, and of a scale that clips much of what sensors in contact read.
 
-    Each names what else could be set; where `auto` chose, that is not `auto`.
-
-    Args:
-        frames: what was made of the recordings.
+    Each names what else could be set for the `frames` made of the recordings; where `auto` chose, that is not `auto`.
     """
     return _baseline_warnings(inspection, frames, asked) + _scale_warnings(inspection, frames, asked)
 
 
 def _baseline_warnings(inspection: Inspection, frames: Frames, asked: PreprocessSection) -> list[Note]:
-    kind, remedy = frames.preprocess["baseline"], {"key": "preprocess.baseline", "value": "auto"}
+    kind = frames.preprocess["baseline"]
     if kind in ("quiet", "grasp") and inspection.all_contact:
         text = (
             f"{kind} is made of frames in contact, as even the quietest are: it is subtracted from the signal; set "
             "preprocess.baseline to auto, which takes the recordings as they are"
         )
-        return [Note(text, "warning", "baseline", **remedy)]
+        return [Note(text, "warning", "baseline", "preprocess.baseline", "auto")]
     taken = np.array([quiet_frames(count, asked.quiet_share) for count in inspection.frames])
     short = int((inspection.frames - inspection.contact < taken).sum())
     if kind != "quiet" or not short:
@@ -164,13 +160,13 @@ def _baseline_warnings(inspection: Inspection, frames: Frames, asked: Preprocess
     if asked.baseline == "auto":
         return [Note(f"{text}record an open hand first, or lower preprocess.quiet_share", "warning", "baseline")]
     text += "set preprocess.baseline to auto, or lower preprocess.quiet_share"
-    return [Note(text, "warning", "baseline", **remedy)]
+    return [Note(text, "warning", "baseline", "preprocess.baseline", "auto")]
 
 
 def _scale_warnings(inspection: Inspection, frames: Frames, asked: PreprocessSection) -> list[Note]:
     if frames.transform != "clip":
         return []
-    index = np.unique(np.linspace(0, len(frames) - 1, CHECKED_FRAMES).astype(int))
+    index = evenly(np.arange(len(frames)), CHECKED_FRAMES)
     excess = frames.inputs(index, "counts")[:, frames.live]
     above = excess[excess > asked.contact_sigmas * inspection.hand.noise[frames.session[index]]]
     if not len(above) or (above > frames.scale).mean() <= MOST_CLIPPED:

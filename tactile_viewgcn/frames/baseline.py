@@ -28,7 +28,6 @@ class Baseline:
         mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
         noise: (R, H, W) standard deviation in counts, see `noise_left`; None if it was not measured.
         of_frame: int16 or int32 (T,), index of the baseline of each frame of the recordings.
-        notes: what was not as expected.
     """
 
     names: list[str]
@@ -42,11 +41,8 @@ def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, 
     """Mean and standard deviation (H, W) of each sensor over counts (T, H, W), without outliers.
 
     Frames further than three standard deviations from the mean are removed. A median would be no finer than whole
-    counts, and the signal's median is one count. The standard deviation is at least that of rounding, see `_step`.
-    Differences from the first frame are summed, so that a large offset costs no digits.
-
-    Args:
-        left: see `noise_left`; what is measured is divided by it.
+    counts, and the signal's median is one count. The standard deviation is at least that of rounding, see `_step`, and
+    divided by `left`, see `noise_left`. Differences from the first frame are summed, so that an offset costs no digits.
     """
     dtype, first = exact_float(counts.dtype), counts[0].astype(np.float64)
     rounding = ROUNDING_SD * _step(counts)
@@ -72,8 +68,7 @@ def noise_left(recordings: Recordings) -> float:
 
     It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise is cut off there.
     """
-    sample = np.unique(np.linspace(0, len(recordings) - 1, SAMPLE).astype(int))
-    counts = recordings.frames(sample)[:, recordings.live]
+    counts = recordings.frames(evenly(np.arange(len(recordings)), SAMPLE))[:, recordings.live]
     return HALF_SD if np.median((counts == counts.min()).mean(axis=0)) > CUT_OFF else 1.0
 
 
@@ -95,6 +90,12 @@ def exact_float(dtype: np.dtype) -> np.dtype:
     return np.result_type(dtype, np.float32)
 
 
+def of_empty_hand(recordings: Recordings) -> np.ndarray:
+    """bool (T,): frames of recordings of the empty hand."""
+    number = recordings.objects.index(EMPTY_HAND) if EMPTY_HAND in recordings.objects else -1
+    return recordings.columns["object"] == number
+
+
 def require_live(recordings: Recordings) -> None:
     """Raise a UserError if no sensor varies."""
     if not recordings.live.any():
@@ -113,8 +114,12 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
     Raises:
         UserError: a session without enough frames of the empty hand.
     """
-    sessions = recordings.columns["session"]
-    empty = recordings.columns["object"] == _empty_hand_index(recordings)
+    if EMPTY_HAND not in recordings.objects:
+        raise UserError(
+            f"no object is named {EMPTY_HAND!r}; preprocess.baseline empty_hand needs its frames: "
+            "record the empty hand, or set preprocess.baseline to auto"
+        )
+    sessions, empty = recordings.columns["session"], of_empty_hand(recordings)
     entries, left = [], noise_left(recordings)
     for number, name in enumerate(recordings.sessions):
         index = np.flatnonzero(empty & (sessions == number))
@@ -137,14 +142,10 @@ def quiet_baseline(recordings: Recordings, share: float) -> Baseline:
     """
     recording, entries = recordings.columns["recording"], []
     for number in range(len(recordings.recordings)):
-        index = np.flatnonzero(recording == number)
-        if not len(index):
-            entries.append(_unused_entry(recordings))
-            continue
-        counts = recordings.frames(index)
+        counts = recordings.frames(np.flatnonzero(recording == number))
         activity = counts.sum(axis=(1, 2), dtype=np.float64)
         quiet = np.argsort(activity, kind="stable")[: quiet_frames(len(counts), share)]
-        entries.append(trimmed_moments(counts[quiet]))
+        entries.append(trimmed_moments(counts[quiet]) if len(counts) else _unused_entry(recordings))
     mean, noise = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.recordings, mean, noise, recording)
 
@@ -163,13 +164,3 @@ def constant_baseline(recordings: Recordings, zero: float) -> Baseline:
 def _unused_entry(recordings: Recordings) -> tuple[np.ndarray, np.ndarray]:
     """Mean and noise (H, W) of a session or recording without frames, which no frame refers to."""
     return np.zeros(recordings.shape, np.float32), np.ones(recordings.shape, np.float32)
-
-
-def _empty_hand_index(recordings: Recordings) -> int:
-    """Index of the empty hand among the objects; UserError if it was not recorded."""
-    if EMPTY_HAND not in recordings.objects:
-        raise UserError(
-            f"no object is named {EMPTY_HAND!r}; preprocess.baseline empty_hand needs its frames: "
-            "record the empty hand, or set preprocess.baseline to auto"
-        )
-    return recordings.objects.index(EMPTY_HAND)

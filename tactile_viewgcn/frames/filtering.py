@@ -3,10 +3,10 @@
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import Baseline
+from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Preprocess
-from tactile_viewgcn.readers.source import EMPTY_HAND, listed
+from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
 
@@ -46,10 +46,7 @@ def in_contact(recordings: Recordings, baseline: Baseline, *, sensors: int, sigm
     Raises:
         UserError: a baseline without noise.
     """
-    contact = pressed_frames(recordings, baseline, sensors=sensors, sigmas=sigmas)
-    if EMPTY_HAND in recordings.objects:
-        contact |= recordings.columns["object"] == recordings.objects.index(EMPTY_HAND)
-    return contact
+    return pressed_frames(recordings, baseline, sensors=sensors, sigmas=sigmas) | of_empty_hand(recordings)
 
 
 def pressed_frames(recordings: Recordings, baseline: Baseline, *, sensors: int, sigmas: float) -> np.ndarray:
@@ -77,10 +74,9 @@ def _notes(recordings: Recordings, passed: np.ndarray, kind: str, condition: str
     text = f"{kind}: {(~passed).sum():,} of {len(passed):,} frames dropped, without {condition}"
     notes = [Note(text, topic="filter")]
     for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
-        before = np.bincount(recordings.columns[column], minlength=len(names)) > 0
-        after = np.bincount(recordings.columns[column][passed], minlength=len(names)) > 0
-        emptied = [names[i] for i in np.flatnonzero(before & ~after)]
-        text = f"{len(emptied)} of {before.sum()} {column}s dropped, no frame has {condition}: {listed(emptied)}"
+        before, after = np.unique(recordings.columns[column]), recordings.columns[column][passed]
+        emptied = [names[i] for i in np.setdiff1d(before, after)]
+        text = f"{len(emptied)} of {len(before)} {column}s dropped, no frame has {condition}: {listed(emptied)}"
         if emptied and column == "recording":
             notes.append(Note(text, topic="filter"))
         elif emptied:

@@ -3,8 +3,16 @@
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, Baseline, evenly, exact_float, trimmed_moments
-from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording, of_empty_hand
+from tactile_viewgcn.frames.baseline import (
+    MIN_FRAMES,
+    MOST_FRAMES,
+    Baseline,
+    evenly,
+    exact_float,
+    of_empty_hand,
+    trimmed_moments,
+)
+from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.readers.source import EMPTY_HAND, listed
 from tactile_viewgcn.tables.recordings import Recordings
@@ -72,8 +80,7 @@ def grasp_baseline(
 def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
     """Number (n,) of the grasp of each frame of a recording, from 1: the next begins as the hand opens after contact.
 
-    Args:
-        opened, contact: bool (n,) of the frames; some are neither.
+    Some frames are neither `opened` nor in `contact`, bool (n,).
     """
     certain = np.flatnonzero(opened | contact)
     begins = np.zeros(len(opened), dtype=np.int64)
@@ -104,10 +111,8 @@ def _notes(
 ) -> list[Note]:
     """How many grasps with contact have another's open hand, and which recordings have what instead of one.
 
-    Args:
-        contact: bool (T,).
-        grasp, source: (T,) number of each frame's grasp, and of the one whose open hand it has, 0 without one.
-        stand_ins: by session, what its recordings without an open hand have.
+    `source` (T,) is the number of the grasp whose open hand a frame has, 0 without one; `stand_ins` says by session
+    what its recordings without an open hand have.
     """
     notes, with_contact = [], np.unique(grasp[contact & (source > 0)])
     borrowed = np.intersect1d(with_contact, grasp[(source > 0) & (source != grasp)])

@@ -7,9 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, require_live, trimmed_moments
-from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording, of_empty_hand
-from tactile_viewgcn.frames.quiet import all_in_contact, quiet_means
+from tactile_viewgcn.frames.baseline import (
+    MIN_FRAMES,
+    MOST_FRAMES,
+    evenly,
+    of_empty_hand,
+    require_live,
+    trimmed_moments,
+)
+from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording, quietest
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.tables.recordings import Recordings
@@ -19,6 +25,11 @@ SIGMAS = 5.0  # standard deviations above the baseline of a pressed sensor, as i
 CONTACT_SHARE = 1 / 40  # of the sensors of a smaller array: as STAG's 14
 NEAR_ZERO = 0.05  # of the range of readings
 SAMPLE = 2000  # frames whose readings are compared
+MOST_ACTIVE = 0.2  # share of a recording's frames that are compared with its quietest
+ALIKE = 0.2  # by so much two recordings of one object are more alike than those of two objects: a cosine
+GROWS = 0.25  # correlation over sensors of what the quietest frames read with what is added to it
+BY_CHANCE = 5.0  # so many standard deviations of that correlation of two random patterns
+COMPARABLE = 0.5  # spread over the sensors of the quietest frames, in spreads of what is added to them
 
 
 @dataclass(frozen=True)
@@ -88,11 +99,7 @@ class Inspection:
 
 
 def inspect_recordings(recordings: Recordings, *, sensors: int | None = None, sigmas: float = SIGMAS) -> Inspection:
-    """Inspect the table of raw counts.
-
-    Args:
-        sensors: fewest that are pressed in a frame of contact; None chooses it by the size of the array.
-        sigmas: standard deviations above the baseline of a pressed sensor.
+    """Inspect the table of raw counts; without `sensors` they are chosen by the size of the array.
 
     Raises:
         UserError: no sensor that varies.
@@ -104,12 +111,13 @@ def inspect_recordings(recordings: Recordings, *, sensors: int | None = None, si
     frames_of = frames_by_recording(recordings)
     first = [index[0] for index in frames_of]
     label, session = columns["object"][first], columns["session"][first]
-    quiet = quiet_means(hand, frames_of)
+    quiet = np.stack([_quietest_mean(hand.counts[index].astype(np.float64)) for index in frames_of])
     opened, contact = (np.array([mask[index].sum() for index in frames_of]) for mask in (hand.open, hand.contact))
     empty = np.bincount(columns["session"][is_empty], minlength=len(recordings.sessions))
     covered = bool((empty[np.unique(session)] >= MIN_FRAMES).all())
-    all_contact = not covered and all_in_contact(
-        hand, frames_of, quiet, label=label, session=session, sensors=sensors, sigmas=sigmas
+    alike = np.median(opened) < MIN_FRAMES or np.median(contact) == 0  # hardly any frame is as quiet, or all are
+    all_contact = not covered and bool(
+        alike or _quietest_are_contact(hand, frames_of, quiet, label, session, sensors, sigmas)
     )
     of_session = _session_baselines(hand, quiet, is_empty, columns["session"], session)
     differs = (np.abs(quiet - of_session[session]) > sigmas * hand.noise[session]).sum(axis=1) >= sensors
@@ -161,12 +169,9 @@ def contact_readings(inspection: Inspection) -> tuple[np.ndarray, np.ndarray]:
 def _session_baselines(
     hand: OpenHand, quiet: np.ndarray, empty: np.ndarray, session: np.ndarray, of_recording: np.ndarray
 ) -> np.ndarray:
-    """Baseline (sessions, S) of each session: of the empty hand, or else the median of the quietest frames.
+    """Baseline (sessions, S) of each session: of the empty hand (T,), or else the median of the quietest means (R, S).
 
-    Args:
-        quiet: (R, S) mean of the quietest frames of each recording.
-        empty: bool (T,) frames of the empty hand.
-        session, of_recording: (T,) index of the session of each frame; (R,) of each recording.
+    `session` (T,) and `of_recording` (R,) are the indices of the sessions of frames and of recordings.
     """
     baselines = np.zeros(hand.noise.shape)
     for number in np.unique(of_recording):
@@ -194,3 +199,65 @@ def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
             pairs = np.unique(np.stack([columns["object"], columns["split"] if by == "source" else group]), axis=1)
             groups[by] = np.bincount(pairs[0], minlength=len(recordings.objects))
     return groups
+
+
+def _quietest_mean(counts: np.ndarray) -> np.ndarray:
+    """Mean (S,) over the five quietest successive frames of a recording (n, S)."""
+    start = quietest(counts)
+    return counts[start : start + MIN_FRAMES].mean(axis=0)
+
+
+def _quietest_are_contact(
+    hand: OpenHand,
+    frames_of: list[np.ndarray],
+    quiet: np.ndarray,
+    label: np.ndarray,
+    session: np.ndarray,
+    sensors: int,
+    sigmas: float,
+) -> bool:
+    """Whether even the quietest frames of the recordings, of means (R, S), are contact.
+
+    They are if a firmer grip presses the sensors more that they press already; or if they differ between recordings by
+    as much as contact, and less so between recordings of one object, which a drifting baseline does not.
+    """
+    growth = [
+        _growth(hand.counts[index].astype(np.float64), mean) for index, mean in zip(frames_of, quiet, strict=True)
+    ]
+    if np.median(growth) > max(GROWS, BY_CHANCE / np.sqrt(quiet.shape[1])):
+        return True
+    difference = np.empty_like(quiet)  # from the session's median recording
+    for number in np.unique(session):
+        of_session = session == number
+        difference[of_session] = quiet[of_session] - np.median(quiet[of_session], axis=0)
+    pressed = (np.abs(difference) > sigmas * hand.noise[session]).sum(axis=1)
+    return bool(np.median(pressed) >= sensors) and _similarity(difference, label, session) > ALIKE
+
+
+def _growth(counts: np.ndarray, quiet: np.ndarray) -> float:
+    """Correlation over the sensors of a recording's quietest frames (S,) with what its most active of (n, S) add.
+
+    It is 0 where these add much more than the quietest read.
+    """
+    activity = counts.sum(axis=1)
+    active = np.argsort(activity, kind="stable")[-max(2, round(MOST_ACTIVE * len(counts))) :]
+    added = counts[active].mean(axis=0) - quiet
+    if not added.std() or quiet.std() < COMPARABLE * added.std():
+        return 0.0
+    return float(np.corrcoef(quiet, added)[0, 1])
+
+
+def _similarity(difference: np.ndarray, label: np.ndarray, session: np.ndarray) -> float:
+    """Mean cosine of differences (R, S) of two recordings of one object, less that of two objects.
+
+    It is 0 where no object has two recordings. Pairs in two sessions count if there are any: drift never comes again.
+    """
+    centred = difference - difference.mean(axis=1, keepdims=True)
+    length = np.linalg.norm(centred, axis=1, keepdims=True)
+    unit = centred / np.where(length > 0, length, 1)
+    cosine, same = unit @ unit.T, label[:, None] == label
+    apart = session[:, None] != session
+    pairs = same & apart if (same & apart).any() else same & ~np.eye(len(label), dtype=bool)
+    if not pairs.any() or same.all():
+        return 0.0
+    return float(cosine[pairs].mean() - cosine[~same].mean())

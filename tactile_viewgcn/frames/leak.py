@@ -1,16 +1,17 @@
 """The leak check: can the object be told from frames without contact? Then an error says little about touch."""
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import Baseline, empty_hand_baseline
+from tactile_viewgcn.frames.baseline import Baseline, empty_hand_baseline, of_empty_hand
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.inspection import Inspection
-from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording, of_empty_hand
+from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.split import SPLIT_SEED, fold_sides, split_groups
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.notes import Note
@@ -67,14 +68,13 @@ def check_leak(
     Raises:
         UserError: groups that the recordings do not have.
     """
-    start, label = time.perf_counter(), recordings.columns["object"]
-    group = np.arange(len(label)) if by == "frame" else split_groups(recordings.columns, by)
-    index = _frames_to_use(hand.open & ~of_empty_hand(recordings), label, group, rng)
-    if len(np.unique(label[index])) < 2:
-        return None
-    of_frame = baseline.of_frame[_last_contact(recordings, hand.contact)[index]]
-    excess = hand.counts[index] - baseline.mean[of_frame][:, recordings.live]
-    return _leak(excess, label[index], group[index], by == "session", rng, start)
+    group = np.arange(len(hand.open)) if by == "frame" else split_groups(recordings.columns, by)
+
+    def excess(index: np.ndarray) -> np.ndarray:
+        of_frame = baseline.of_frame[_last_contact(recordings, hand.contact)[index]]
+        return hand.counts[index] - baseline.mean[of_frame][:, recordings.live]
+
+    return _leak(recordings, hand.open, group, excess, by == "session", rng)
 
 
 def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Generator) -> Leak | None:
@@ -83,17 +83,16 @@ def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Ge
     From a frame the mean of the first frames of its session is subtracted. The empty hand is no object here, and an
     object needs two recordings.
     """
-    start, label, session = time.perf_counter(), recordings.columns["object"], recordings.columns["session"]
-    first = np.zeros(len(label), dtype=bool)
+    first = np.zeros(len(hand.open), dtype=bool)
     first[[index[0] for index in frames_by_recording(recordings)]] = True
-    group = recordings.columns["recording"].astype(np.int64)
-    index = _frames_to_use(first & ~of_empty_hand(recordings), label, group, rng)
-    if len(np.unique(label[index])) < 2:
-        return None
-    counts = hand.counts[index].astype(np.float64)
-    for number in np.unique(session[index]):
-        counts[session[index] == number] -= counts[session[index] == number].mean(axis=0)
-    return _leak(counts, label[index], group[index], False, rng, start)
+
+    def excess(index: np.ndarray) -> np.ndarray:
+        counts, session = hand.counts[index].astype(np.float64), recordings.columns["session"][index]
+        for number in np.unique(session):
+            counts[session == number] -= counts[session == number].mean(axis=0)
+        return counts
+
+    return _leak(recordings, first, recordings.columns["recording"].astype(np.int64), excess, False, rng)
 
 
 def leaks_of_baselines(recordings: Recordings, inspection: Inspection, *kinds: str) -> dict[str, Leak]:
@@ -124,13 +123,10 @@ def deciding_leaks(recordings: Recordings, inspection: Inspection) -> dict[str, 
 def leak_of_split(
     recordings: Recordings, inspection: Inspection, leaks: dict[str, Leak], baseline: Baseline, kind: str, split: Split
 ) -> tuple[Leak | None, list[Note]]:
-    """The leak check with the baseline that was taken and the groups of the split, and notes on it.
+    """The leak check with the baseline of a `kind` that was taken and the groups of the split, and notes on it.
 
-    None where all frames are contact, and as `check_leak` says.
-
-    Args:
-        leaks: made to decide on the baseline; one of them is taken where it is the same check.
-        kind: of the baseline, `preprocess.baseline`.
+    None where all frames are contact, and as `check_leak` says. One of `leaks`, which decided on the baseline, is taken
+    where it is the same check.
     """
     by = "recording" if split.by == "source" else split.by  # whose groups are recordings
     if inspection.all_contact:
@@ -157,9 +153,8 @@ def leak_notes(leak: Leak | None, kind: str) -> list[Note]:
         if kind == "grasp":
             notes.append(Note(f"{text}: choose another split.by", "warning", "leak check"))
         else:
-            remedy = {"key": "preprocess.baseline", "value": "grasp"}
-            text = f"{text}: set preprocess.baseline to grasp, or choose another split.by"
-            notes.append(Note(text, "warning", "leak check", **remedy))
+            text += ": set preprocess.baseline to grasp, or choose another split.by"
+            notes.append(Note(text, "warning", "leak check", "preprocess.baseline", "grasp"))
     return notes
 
 
@@ -170,23 +165,31 @@ def _groups_by(inspection: Inspection) -> str:
 
 
 def _leak(
-    excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool, rng: np.random.Generator, start: float
-) -> Leak:
-    """How often frames (n, S) of objects and groups (n,) tell their object; `start` is when the check began."""
-    cells, answer = _answers(excess, label, group, across)
+    recordings: Recordings,
+    usable: np.ndarray,
+    group: np.ndarray,
+    excess: Callable[[np.ndarray], np.ndarray],
+    across: bool,
+    rng: np.random.Generator,
+) -> Leak | None:
+    """How often usable frames bool (T,), of groups (T,), tell their object; None where nothing can be held out.
+
+    `excess` gives counts (n, S) above a baseline of frames (n,); with `across` groups span objects, as sessions do.
+    """
+    start, label = time.perf_counter(), recordings.columns["object"]
+    index = _frames_to_use(usable & ~of_empty_hand(recordings), label, group, rng)
+    if len(np.unique(label[index])) < 2:
+        return None
+    cells, answer = _answers(excess(index), label[index], group[index], across)
     wrong = (answer != cells[:, 0]).astype(float)
     low, high = proportion_interval(wrong, cells[:, 1], rng) or (0.0, 1.0)
     chance = 1 - np.bincount(cells[:, 0]).max() / len(cells)
     seconds = time.perf_counter() - start
-    return Leak(float(wrong.mean()), low, high, float(chance), len(np.unique(group)), len(excess), seconds)
+    return Leak(float(wrong.mean()), low, high, float(chance), len(np.unique(cells[:, 1])), len(index), seconds)
 
 
 def _frames_to_use(usable: np.ndarray, label: np.ndarray, group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Rising indices of at most 2,000 usable frames of objects with two groups or more, as even as can be over groups.
-
-    Args:
-        usable: bool (T,); label, group: (T,).
-    """
+    """Rising indices of at most 2,000 usable frames of objects with two groups, as even as can be over groups."""
     index = rng.permutation(np.flatnonzero(usable))
     cells, cell = _cells(label[index], group[index])
     has_two = np.bincount(cells[:, 0])[label[index]] > 1
@@ -215,11 +218,7 @@ def _last_contact(recordings: Recordings, contact: np.ndarray) -> np.ndarray:
 def _answers(excess: np.ndarray, label: np.ndarray, group: np.ndarray, across: bool) -> tuple[np.ndarray, np.ndarray]:
     """Object and group (C, 2) of each object's frames in each group, and the object (C,) they are given to, held out.
 
-    That is the one with the largest sum of decision values over the frames.
-
-    Args:
-        excess: (n, S); label, group: (n,).
-        across: groups span objects, as sessions do.
+    That is the one with the largest sum of decision values over the frames (n, S).
     """
     from sklearn.linear_model import RidgeClassifier
     from sklearn.pipeline import make_pipeline

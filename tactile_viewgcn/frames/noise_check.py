@@ -10,11 +10,7 @@ OF_STRONGEST = 0.1  # of the strongest hundredth of the readings: contact, where
 
 
 def noise_warnings(frames: Frames, noise: float) -> list[Note]:
-    """A warning where half of what sensors in contact read is below the noise that training adds; else none.
-
-    Args:
-        noise: standard deviation, as a share of full scale.
-    """
+    """A warning where half of what sensors in contact read is below `noise`, which training adds, of full scale."""
     if frames.transform != "clip":
         return []
     index = np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int))

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, noise_left, trimmed_moments
-from tactile_viewgcn.readers.source import EMPTY_HAND
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, noise_left, of_empty_hand, trimmed_moments
 from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -78,23 +77,13 @@ def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
     return [np.flatnonzero(recording == number) for number in np.unique(recording)]
 
 
-def of_empty_hand(recordings: Recordings) -> np.ndarray:
-    """bool (T,): frames of recordings of the empty hand."""
-    number = recordings.objects.index(EMPTY_HAND) if EMPTY_HAND in recordings.objects else -1
-    return recordings.columns["object"] == number
-
-
 def _empty_hand(
     counts: Counts, index: np.ndarray, empty: np.ndarray, left: float
 ) -> tuple[np.ndarray | None, np.ndarray]:
     """Mean (S,) of the empty hand in a session, None without enough frames of it, and noise (S,).
 
     Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
-    few of them.
-
-    Args:
-        counts: (T, S); index: (n,) of the session's frames; empty: bool (T,) frames of the empty hand.
-        left: see `noise_left`.
+    few of them. `index` (n,) is of the session's frames, `empty` (T,) says which are of the empty hand.
     """
     of_empty = index[empty[index]]
     if len(of_empty) >= MIN_FRAMES:
@@ -107,19 +96,22 @@ def _empty_hand(
 
 
 def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Number of sensors (n,) that read contact in each frame of a recording, and whether the hand seems open (n,).
+    """Number of sensors (n,) that read contact in each frame (n, S) of a recording, and whether it seems open (n,).
 
-    Args:
-        counts: (n, S).
-        threshold: (S,) counts above baseline of a sensor in contact.
-        empty: (S,) the session's empty hand, if there is one.
+    `threshold` (S,) is what a sensor in contact reads above the baseline, `empty` (S,) the session's empty hand.
     """
     start = quietest(counts)
     baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
     if empty is not None and is_contact(baseline - empty, threshold):
         start, baseline = 0, empty
-    before, after = (_followed(part, threshold, baseline) for part in (counts[:start][::-1], counts[start:]))
-    pressed, still = (np.concatenate([back[::-1], ahead]) for back, ahead in zip(before, after, strict=True))
+    pressed, still = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool)
+    for numbers in (
+        range(start, len(counts)),
+        range(start - 1, -1, -1),
+    ):  # the baseline follows forwards, and backwards
+        follower = Follower(baseline, threshold)
+        for number in numbers:
+            pressed[number], still[number] = follower.observe(counts[number])
     return pressed, still
 
 
@@ -141,22 +133,8 @@ def is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
     return bool((up > OPEN_SENSORS + 2 * down).all())
 
 
-def _followed(counts: np.ndarray, threshold: np.ndarray, baseline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As `_pressed`, against a baseline (S,) that follows the open hand from the first frame on."""
-    follower = Follower(baseline, threshold)
-    pressed, still = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool)
-    for number, frame in enumerate(counts):
-        pressed[number], still[number] = follower.observe(frame)
-    return pressed, still
-
-
 class Follower:
-    """A baseline (S,) that follows the open hand.
-
-    Args:
-        baseline: to begin with.
-        threshold: (S,) counts above baseline of a sensor in contact.
-    """
+    """A baseline (S,) that follows the open hand; `threshold` (S,) is what a sensor in contact reads above it."""
 
     def __init__(self, baseline: np.ndarray, threshold: np.ndarray):
         self.baseline, self._threshold, self._weak = baseline.copy(), threshold, WEAK * threshold

@@ -74,7 +74,7 @@ def prepare(
     baseline: Baseline | None = None,
     groups: np.ndarray | None = None,
 ) -> tuple[Frames, Selection]:
-    """The kept frames, and what became of every frame.
+    """The kept frames, whose classes are numbered by their order in the recordings, and what became of every frame.
 
     Args:
         baseline: what `measure_baseline` returns; None measures it.
@@ -86,31 +86,11 @@ def prepare(
     """
     baseline = baseline or measure_baseline(recordings, preprocess)
     selection = select(recordings, baseline, preprocess, split, rng, groups)
-    return _kept_frames(recordings, baseline, selection, preprocess), selection
-
-
-def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline:
-    """The baseline that `preprocess.baseline` names.
-
-    Raises:
-        UserError: no sensor that varies; no frames to estimate the baseline from.
-    """
-    require_live(recordings)
-    if preprocess.baseline == "empty_hand":
-        return empty_hand_baseline(recordings)
-    if preprocess.baseline == "quiet":
-        return quiet_baseline(recordings, preprocess.quiet_share)
-    if preprocess.baseline == "grasp":
-        return grasp_baseline(recordings, sensors=preprocess.contact_sensors, sigmas=preprocess.contact_sigmas)
-    return constant_baseline(recordings, preprocess.zero)
-
-
-def _kept_frames(recordings: Recordings, baseline: Baseline, selection: Selection, preprocess: Preprocess) -> Frames:
-    """The table of the frames that a selection keeps; classes are numbered by their order in the recordings."""
     index = np.flatnonzero(selection.keep)
     columns = {name: values[index] for name, values in recordings.columns.items()}
     objects, label = np.unique(columns["object"], return_inverse=True)
-    return Frames(
+    unknown = np.full(recordings.shape, np.nan)
+    frames = Frames(
         counts=recordings.kept_counts(index),
         label=label.astype(np.int16),
         recording=columns["recording"],
@@ -128,9 +108,24 @@ def _kept_frames(recordings: Recordings, baseline: Baseline, selection: Selectio
         baseline_names=baseline.names,
         transform=preprocess.transform,
         scale=preprocess.scale,
-        noise=np.full(recordings.shape, np.nan)
-        if baseline.noise is None
-        else baseline.noise[np.unique(baseline.of_frame)].mean(axis=0),
+        noise=unknown if baseline.noise is None else baseline.noise[np.unique(baseline.of_frame)].mean(axis=0),
         preprocess=asdict(preprocess),
         kept_share=float(selection.filtered.mean()),
     )
+    return frames, selection
+
+
+def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline:
+    """The baseline that `preprocess.baseline` names.
+
+    Raises:
+        UserError: no sensor that varies; no frames to estimate the baseline from.
+    """
+    require_live(recordings)
+    if preprocess.baseline == "empty_hand":
+        return empty_hand_baseline(recordings)
+    if preprocess.baseline == "quiet":
+        return quiet_baseline(recordings, preprocess.quiet_share)
+    if preprocess.baseline == "grasp":
+        return grasp_baseline(recordings, sensors=preprocess.contact_sensors, sigmas=preprocess.contact_sigmas)
+    return constant_baseline(recordings, preprocess.zero)

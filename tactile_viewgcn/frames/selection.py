@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.baseline import Baseline
+from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
 from tactile_viewgcn.frames.filtering import passing
 from tactile_viewgcn.frames.split import (
     balanced_anchors,
@@ -65,19 +65,19 @@ def select(
     objects = recordings.columns["object"]
     filtered, notes = passing(recordings, baseline, preprocess)
     keep = filtered.copy()
-    if not preprocess.empty_hand_class and EMPTY_HAND in recordings.objects:
-        keep &= objects != recordings.objects.index(EMPTY_HAND)
+    if not preprocess.empty_hand_class:
+        keep &= ~of_empty_hand(recordings)
     if groups is not None:
         group, across = groups, spans_classes(groups, objects)
         side = np.full(len(keep), TRAIN, dtype=np.int8)
-        side[keep] = validation_sides(
-            side[keep], group[keep], objects[keep], share=split.validation, across=across, rng=rng
-        )
-        _require_classes(recordings, keep)
     else:
-        group = split_groups(recordings.columns, split.by)
-        side = _sides(recordings, keep, group, split, rng, notes)
-        _require_classes(recordings, keep)
+        group, across = split_groups(recordings.columns, split.by), split.by == "session"
+        side = _test_side(recordings, keep, group, split, rng, notes)
+    side[keep] = validation_sides(
+        side[keep], group[keep], objects[keep], share=split.validation, across=across, rng=rng
+    )
+    _require_classes(recordings, keep)
+    if groups is None:
         _require_sides(keep, side, split)
         _drop_classes(recordings, keep, side, notes)
         _require_classes(recordings, keep)
@@ -93,9 +93,7 @@ def select(
         notes += unequal
     if split.train_groups != "all":
         unused = surplus_groups(side[keep], group[keep], objects[keep], most=split.train_groups)
-        keep[np.flatnonzero(keep)[unused]] = (
-            False  # after the anchors are drawn: those of the other sides stay the same
-        )
+        keep[np.flatnonzero(keep)[unused]] = False  # after the draw of anchors: those of the other sides stay the same
     return Selection(filtered, keep, side, group, anchor & keep, notes)
 
 
@@ -136,7 +134,7 @@ def selection_counts(recordings: Recordings, selection: Selection) -> list[dict[
     return rows
 
 
-def _sides(
+def _test_side(
     recordings: Recordings,
     keep: np.ndarray,
     group: np.ndarray,
@@ -144,9 +142,9 @@ def _sides(
     rng: np.random.Generator,
     notes: list[Note],
 ) -> np.ndarray:
-    """Side int8 (T,) of each frame by `split.by`; what a user should know of the split is appended to `notes`."""
+    """TRAIN or TEST int8 (T,) by `split.by`; what a user should know of the split is appended to `notes`."""
     side = np.full(len(keep), TRAIN, dtype=np.int8)
-    objects, across = recordings.columns["object"], split.by == "session"
+    objects = recordings.columns["object"]
     if split.by == "source":
         side[recordings.columns["split"] == PUBLISHED_TEST] = TEST
         recording = recordings.columns["recording"]
@@ -157,11 +155,13 @@ def _sides(
         notes.append(Note("by single frames, whose neighbours in time are on the other side: it leaks", topic="split"))
     else:
         side[keep] = fold_sides(
-            group[keep], objects[keep], folds=split.folds, fold=split.fold, across=across, deal=split.deal
+            group[keep],
+            objects[keep],
+            folds=split.folds,
+            fold=split.fold,
+            across=split.by == "session",
+            deal=split.deal,
         )
-    side[keep] = validation_sides(
-        side[keep], group[keep], objects[keep], share=split.validation, across=across, rng=rng
-    )
     return side
 
 

@@ -19,24 +19,6 @@ MOST_OBJECTS = 48  # whose mean frames are drawn
 MANY_GAPS = 0.01  # of the frames
 STATES = ["varies", "does not vary", "hardly varies", "often at the largest reading"]
 COUNTS = "counts above baseline"
-WORDS = {
-    "frame": "one reading of all sensors of the glove",
-    "count": "the unit that the sensors are read in",
-    "baseline": "what the sensors read when nothing presses them; it is subtracted",
-    "open hand": "the glove worn, and nothing pressed, within a recording",
-    "empty hand": "a recording of the open hand alone; the source names its object empty_hand",
-    "contact": "a frame in which enough sensors read clearly more than the open hand; computed here, see Objects",
-    "flagged": "a frame in which the recordings themselves say that an object is held",
-    "recording": "the frames taken in one go, of one object",
-    "session": "the recordings between two fittings of the glove",
-    "noise": "how much a sensor that nothing presses varies: its standard deviation",
-    "drift": "how far the open hand moves within a recording, or from its session, in standard deviations of noise",
-    "leak": "an object that is told without touching it, by drift or by order: errors then say little about touch",
-    "guessing": "always naming the object that has most recordings",
-    "full scale": "counts above the baseline that a neural network sees as 1; more than that it sees as 1 too",
-    "split": "which recordings the classifier learns from, and on which it is tested afterwards",
-    "preset best": "settings of a classifier without a neural network, for few recordings",
-}
 
 
 def inspection_page(overview: Overview) -> str:
@@ -48,6 +30,14 @@ def inspection_page(overview: Overview) -> str:
     mark = {"full scale": scale} if scale <= overview.edges[-1] else {}
     names = [of.objects[label] for label in np.unique(of.label)]
     counted = several(len(names) - (EMPTY_HAND in names), "object")
+    rows = evenly(np.unique(of.label, return_index=True)[1], MOST_LINES)  # of the first recording of each object
+    time_lines = plots.time_lines(
+        [overview.activity[row] for row in rows],
+        [overview.in_contact[row] for row in rows],
+        [float(overview.seconds[row]) for row in rows],
+        [of.objects[of.label[row]] for row in rows],
+    )
+    noise = on_layout(np.median(of.hand.noise[np.unique(of.session)], axis=0), of.live)
     return html.render(
         "inspection.html",
         title=f"Recordings: {overview.path.name}",
@@ -66,17 +56,22 @@ def inspection_page(overview: Overview) -> str:
         object_rows=overview.object_rows(),
         few_flags=of.flagged is not None and of.flagged.sum() < of.contact.sum(),
         mean_frames=_mean_frames(overview),
-        time_lines=_time_lines(overview),
-        reading_rows=_reading_rows(overview),
+        time_lines=picture(time_lines, "Load of recordings over time."),
+        reading_rows=[
+            ("all readings, counts", [f"{value:.4g}" for value in overview.percentiles]),
+            (
+                "sensors in contact, counts above baseline",
+                [f"{value:.4g}" if np.isfinite(value) else "" for value in overview.above],
+            ),
+        ],
         histogram=picture(plots.histogram(overview.histogram, overview.edges, mark), "Histogram of the readings."),
         marked=bool(mark),
         states=_sensor_states(overview),
-        noise=_noise(overview),
+        noise=picture(plots.mean_frames(noise[None], of.live, [""], "counts"), "Noise of each sensor."),
         session_rows=[
             (*row, f"{noise:.3g}", f"{np.median(drift):.1f}" if len(drift) else "")
             for *row, noise, drift in overview.session_rows()
         ],
-        words=WORDS,
     )
 
 
@@ -175,29 +170,6 @@ def _mean_frames(overview: Overview) -> Picture | None:
     return picture(plots.mean_frames(means[drawn], of.live, names, COUNTS, columns=5), "Mean frame of each object.")
 
 
-def _time_lines(overview: Overview) -> Picture:
-    """The load of one recording of each object over time."""
-    of = overview.inspection
-    first = np.unique(of.label, return_index=True)[1]
-    rows = evenly(first, MOST_LINES)
-    figure = plots.time_lines(
-        [overview.activity[row] for row in rows],
-        [overview.in_contact[row] for row in rows],
-        [float(overview.seconds[row]) for row in rows],
-        [of.objects[of.label[row]] for row in rows],
-    )
-    return picture(figure, "Load of recordings over time.")
-
-
-def _reading_rows(overview: Overview) -> list[tuple[str, list[str]]]:
-    """Percentiles of the readings."""
-    above = [f"{value:.4g}" if np.isfinite(value) else "" for value in overview.above]
-    return [
-        ("all readings, counts", [f"{value:.4g}" for value in overview.percentiles]),
-        ("sensors in contact, counts above baseline", above),
-    ]
-
-
 def _sensor_states(overview: Overview) -> Picture:
     """Sensors that are dead, stuck or saturated, on the layout."""
     live = overview.inspection.live
@@ -207,10 +179,3 @@ def _sensor_states(overview: Overview) -> Picture:
     numbers = np.bincount(states.ravel(), minlength=len(STATES))
     names = [f"{name}: {number:,}" for name, number in zip(STATES, numbers, strict=True)]
     return picture(plots.sensor_states(states, names), f"Map of the sensors: {'; '.join(names)}.")
-
-
-def _noise(overview: Overview) -> Picture:
-    """Noise of each sensor, the median of the sessions."""
-    of = overview.inspection
-    noise = on_layout(np.median(of.hand.noise[np.unique(of.session)], axis=0), of.live)
-    return picture(plots.mean_frames(noise[None], of.live, [""], "counts"), "Noise of each sensor.")

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.automatic import preprocessing_warnings
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.notes import warnings_of
@@ -73,27 +72,11 @@ def test_a_network_s_readings_that_drown_in_its_noise_are_warned_of(tmp_path, ch
     assert noise_warnings(replace(made.frames, scale=2.0), NOISE) == []
 
 
-@pytest.mark.parametrize("asked", ["auto", "quiet"])
-def test_who_asked_for_auto_is_not_told_to_set_it(tmp_path, asked):
-    """Auto has taken the baseline quiet, and one recording turns out to be all contact."""
-    made = treated(tmp_path, floats, "baseline=quiet")
-    contact = np.where(np.arange(len(made.inspection.frames)) == 3, made.inspection.frames, made.inspection.contact)
-    params = load(FILE, (*SPLIT, f"preprocess.baseline={asked}")).preprocess
-    (warning,) = preprocessing_warnings(replace(made.inspection, contact=contact), made.frames, params)
-    assert f"in contact in 1 of {OBJECTS * RECORDINGS} recordings" in warning.text
-    assert warning.key == ("preprocess.baseline" if asked == "quiet" else "")
-
-
 def test_a_value_that_is_set_is_kept(tmp_path):
     made = treated(tmp_path, floats, "baseline=quiet", "filter=none", "contact_sensors=5", "scale=3")
     assert chosen(made) == {} and len(made.frames) == 60 * OBJECTS * RECORDINGS
     values = {"baseline": "quiet", "filter": "none", "contact_sensors": 5, "scale": 3.0}
     assert {key: made.frames.preprocess[key] for key in values} == values
-
-
-def test_without_a_baseline_no_contact_is_told_so_that_auto_filters_nothing(tmp_path):
-    made = treated(tmp_path, floats, "baseline=none", "zero=0")
-    assert chosen(made)["filter"] == "none" and len(made.frames) == 60 * OBJECTS * RECORDINGS
 
 
 def test_recordings_like_stags_are_preprocessed_as_in_the_paper(tmp_path):

@@ -67,12 +67,6 @@ def test_as_many_sensors_as_asked_for_must_lie_above_the_threshold_and_not_on_it
     assert contact.tolist() == [False, False, True, True, False]
 
 
-def test_without_an_empty_hand_no_frame_is_kept_untouched(tmp_path):
-    counts = np.array([[510, 510, 510], [900, 900, 900]], dtype=np.int16)[:, None, :]
-    with written(tmp_path / "t", counts, objects=["mug"]) as recordings:
-        assert in_contact(recordings, _baseline(510, 1, 2), sensors=3, sigmas=5.0).tolist() == [False, True]
-
-
 def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):
     valid, steady = np.array([1, 1, 1, 0], dtype=bool), np.array([0, 1, 0, 1], dtype=bool)
     with written(tmp_path / "a", COUNTS[:4], valid=valid, grasp_valid=steady) as recordings:

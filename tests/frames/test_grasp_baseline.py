@@ -4,15 +4,10 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames import grasp_baseline as module
-from tactile_viewgcn.frames.baseline import trimmed_moments
 from tactile_viewgcn.frames.filtering import in_contact
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline, grasps
 from tactile_viewgcn.frames.open_hand import MARGIN
-from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare
-from tactile_viewgcn.params import load
 from tests.drifting import HELD, NOISE, OPEN, SIGNAL, drifting
-from tests.grips import FILE
 from tests.sources import written
 
 CONTACT = {"sensors": 5, "sigmas": 5.0}
@@ -64,22 +59,6 @@ def test_the_noise_is_that_of_the_grasp_s_own_session(tmp_path):
     np.testing.assert_allclose(baseline.noise[of_session[1]].mean(), np.hypot(SD, 4), rtol=0.1)
 
 
-def test_of_a_long_open_hand_frames_from_its_first_to_its_last_are_measured(tmp_path, monkeypatch):
-    glove, counted = drifting(objects=1, grasps=2), []
-    whole = measured(tmp_path / "t", glove)
-
-    def watched(counts):
-        counted.append(len(counts))
-        return trimmed_moments(counts)
-
-    monkeypatch.setattr(module, "trimmed_moments", watched)
-    monkeypatch.setattr(module, "MOST_FRAMES", 5)
-    few = measured(tmp_path / "u", glove)
-    assert counted == [5] * 3  # the empty hand and two grasps, of 8 open-hand frames or more each
-    assert (few.mean != whole.mean).any()
-    np.testing.assert_allclose(few.mean, 514.3, atol=4 * SD / np.sqrt(5))
-
-
 def test_with_it_contact_is_baseline_that_the_session_s_empty_hand_hides(tmp_path):
     glove = drifting(between=2 * SIGNAL, within=10)
     with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
@@ -126,15 +105,3 @@ def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has
     )
     with pytest.raises(UserError, match=sentence):
         measured(tmp_path / "u", glove, short, **names)
-
-
-def test_frames_are_prepared_with_it(tmp_path):
-    glove = drifting(between=2 * SIGNAL)
-    changes = "baseline=grasp", "filter=contact", "contact_sensors=5", "scale=150", "empty_hand_class=false"
-    params = load(FILE, (*(f"preprocess.{change}" for change in changes), "split.by=grasp"))
-    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
-        baseline = measure_baseline(recordings, params.preprocess)
-        frames, _ = prepare(recordings, params.preprocess, params.split, np.random.default_rng(0), baseline)
-    assert len(frames) == 4 * 6 * HELD and frames.baseline_names == baseline.names
-    counts = np.sort(frames.inputs(np.arange(len(frames))).reshape(len(frames), -1) * 150, axis=1)
-    assert (counts[:, :-10] < 6).all() and (counts[:, -10:] > SIGNAL - 6).all()

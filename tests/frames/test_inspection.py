@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.automatic import decide
 from tactile_viewgcn.frames.inspection import inspect_recordings, sensors_in_contact
 from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
@@ -49,11 +48,6 @@ def test_what_sensors_read_at_least_is_the_zero_of_recordings_that_are_all_conta
     with Recordings(tmp_path / "t") as recordings:
         page = shown(recordings)
     assert page.inspection.all_contact and chosen(page)["zero"] == page.inspection.zero == 500
-
-
-def test_one_recording_an_object_cannot_be_split_and_it_says_so(tmp_path):
-    page = inspect_source(all_contact(tmp_path / "glove", recordings=1, frames=40))
-    assert page.inspection.all_contact and page.first_frame is None and chosen(page)["split.by"] == "frame"
 
 
 @pytest.mark.parametrize("open_hand", [0.05, 0.0])  # with 0, half of the noise of 0.015 is cut off
@@ -100,15 +94,6 @@ def test_the_open_hand_of_a_small_array_is_found_below_a_drift_of_twice_the_sign
     assert settings["scale"] == 150 and page.above[3] == pytest.approx(SIGNAL, rel=0.15)
 
 
-def test_recordings_as_stag_publishes_them_get_what_the_paper_sets(tmp_path):
-    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        page = shown(recordings, sensors=4)
-    settings = chosen(page)
-    values = [settings[key] for key in ("baseline", "filter", "scale", "split.by")]
-    assert values == ["empty_hand", "flags", 150, "source"]
-    assert page.inspection.flagged.tolist() == [14] * 18 and page.inspection.empty.tolist() == [60, 60]
-
-
 @pytest.mark.parametrize(
     ("flagged", "contact", "light", "filtered"),
     [(5, 15, 15, "contact"), (7, 8, 8, "flags"), (5, 15, 0, "flags"), (0, 15, 15, "contact")],
@@ -147,17 +132,6 @@ def test_auto_decides_as_inspect_recommends_with_a_split_that_is_published_in_pa
     assert recommend(page)[: len(decision.choices) - 1] == decision.choices[:-1]
 
 
-def test_a_drift_is_not_taken_for_contact(tmp_path):
-    """The open hand differs between recordings by twice the signal, and no empty hand was recorded."""
-    glove = drifting(objects=5, recordings=3, grasps=3, between=60.0)
-    of_object = glove.columns["object"] > 0
-    columns = {name: values[of_object] - (name == "object") for name, values in glove.columns.items()}
-    with written(tmp_path / "t", glove.counts[of_object], **columns, objects=list("abcde")) as recordings:
-        page = shown(recordings, sensors=5)
-    assert not page.inspection.all_contact and chosen(page)["baseline"] == "grasp"
-    assert page.inspection.contact.sum() == (~glove.open[of_object]).sum()
-
-
 def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array():
     assert [sensors_in_contact(count) for count in (1, 16, 96, 384, 548, 1400)] == [2, 2, 3, 10, 14, 14]
 
@@ -192,11 +166,3 @@ def test_the_text_is_80_columns_and_ends_with_a_command_that_params_yaml_takes(t
     params = load(FILE, [words[i + 1] for i, word in enumerate(words) if word == "-S"])
     assert params.data.source == "data/my glöve"
     assert params.preprocess.baseline == chosen(page)["baseline"]
-
-
-def test_a_glove_that_is_not_connected_is_refused(tmp_path):
-    with (
-        written(tmp_path / "t", np.full((20, 3, 3), 512, np.int16)) as recordings,
-        pytest.raises(UserError, match="is the glove connected"),
-    ):
-        inspect_recordings(recordings)

@@ -56,16 +56,6 @@ def test_contact_is_told_from_drift(case):
     assert module.is_contact(np.array(excess), np.full(40, 5.0)) == expected
 
 
-def test_a_recording_that_is_held_throughout_has_no_open_hand(tmp_path):
-    glove = drifting()
-    kept = glove.open & (glove.columns["object"] == 0) | ~glove.open
-    columns = {name: values[kept] for name, values in glove.columns.items()}
-    with written(tmp_path / "t", glove.counts[kept], **columns) as recordings:
-        hand = find_open_hand(recordings, **CONTACT)
-    np.testing.assert_array_equal(hand.open, columns["object"] == 0)
-    np.testing.assert_array_equal(hand.contact, columns["object"] > 0)
-
-
 def test_without_an_empty_hand_a_recording_s_quietest_frames_are_the_open_hand(tmp_path):
     glove = drifting(between=2 * SIGNAL)
     held = glove.columns["object"] > 0

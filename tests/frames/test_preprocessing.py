@@ -1,19 +1,15 @@
 """From raw recordings to frames to learn from: filter, baseline, and what is refused."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.preprocessing import measure_baseline, prepare, preprocess_recordings
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.stag_metadata import read_metadata
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.grips import COLUMNS, COUNTS, FILE, HELD, prepared
-from tests.sources import written
-from tests.stag_files import as_weights, metadata, save_matlab5
 
 
 def test_flags_keep_the_frames_that_the_source_calls_valid(tmp_path):
@@ -39,21 +35,6 @@ def test_the_rest_of_the_frames_own_session_is_subtracted(tmp_path):
         )  # of noise that is cut at the baseline, 0.4 counts are left
 
 
-def test_the_noise_is_that_of_the_baselines_that_frames_have(tmp_path):
-    params = load(FILE, ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150"))
-    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        baseline = measure_baseline(recordings, params.preprocess)
-        names, far = [*baseline.names, "without frames"], np.full((1, *recordings.shape), 1000.0)
-        more = replace(
-            baseline,
-            names=names,
-            mean=np.concatenate([baseline.mean, far]),
-            noise=np.concatenate([baseline.noise, far]),
-        )
-        frames, _ = prepare(recordings, params.preprocess, params.split, np.random.default_rng(0), more)
-    np.testing.assert_allclose(frames.noise, baseline.noise.mean(axis=0))
-
-
 def test_without_rest_a_constant_is_subtracted(tmp_path):
     frames, _, _ = prepared(tmp_path, "preprocess.baseline=none", "preprocess.zero=510", "preprocess.scale=20")
     excess = COUNTS[COLUMNS["valid"]].astype(float) - 510
@@ -75,11 +56,17 @@ def test_a_recording_and_an_object_that_the_filter_empties_are_named(tmp_path):
 NO_FLAGS = {name: values for name, values in COLUMNS.items() if name != "valid"}
 NO_SPLIT = {name: values for name, values in COLUMNS.items() if name != "split"}
 NO_GRASP = {name: values for name, values in COLUMNS.items() if name != "grasp"}
+LATE = (COLUMNS["session"] == 1) & (COLUMNS["object"] == 0)  # the empty hand of the second session
 REFUSED = {
     "no empty hand in a session": (
         (),
-        {"columns": COLUMNS | {"object": np.where(COLUMNS["session"] == 1, 2, COLUMNS["object"])}},
+        {"columns": COLUMNS | {"object": np.where(LATE, 2, COLUMNS["object"])}},
         r"session 'session1' has 0 frames of 'empty_hand'; preprocess\.baseline empty_hand needs 5 or more",
+    ),
+    "four frames of the empty hand in a session": (
+        (),
+        {"columns": COLUMNS | {"object": np.where(LATE & (np.cumsum(LATE) > 4), 2, COLUMNS["object"])}},
+        r"session 'session1' has 4 frames of 'empty_hand'",
     ),
     "no flags": (
         (),
@@ -134,23 +121,6 @@ def test_data_that_cannot_be_learnt_from_is_refused_in_one_sentence(tmp_path, ca
     changes, form, sentence = REFUSED[case]
     with pytest.raises(UserError, match=sentence):
         prepared(tmp_path, *changes, **form)
-
-
-@pytest.mark.parametrize("weights", [False, True])
-def test_files_in_the_format_of_stag_are_prepared(tmp_path, weights):
-    tree = metadata(objects=3, recordings=2, frames=24, blank=6)
-    changes = ("split.by=grasp", "split.folds=4") if weights else ("split.by=source",)
-    params = load(FILE, changes)
-    path = save_matlab5(tmp_path / "metadata.mat", as_weights(tree) if weights else tree)
-    write_recordings(tmp_path / "t", read_metadata(path), "0" * 32)
-    with Recordings(tmp_path / "t") as recordings:
-        frames = preprocess_recordings(recordings, params.preprocess, params.split).frames
-    assert (len(frames), frames.classes) == (3 * 2 * 18, ["empty_hand", "object1", "object2"])
-    assert frames.live.sum() == 548
-    inputs = frames.inputs(np.arange(len(frames)))
-    assert (inputs[:, ~frames.live] == 0).all()
-    assert (inputs[frames.label > 0].max(axis=(1, 2)) > 15 / 150).all()
-    assert (inputs[frames.label == 0].max(axis=(1, 2)) < 10 / 150).all()
 
 
 @pytest.mark.stag

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
+from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
 from tests.grips import BLANK, COLUMNS, COUNTS, HELD, prepared
 
 
@@ -44,19 +44,6 @@ def test_recordings_that_the_published_split_shares_are_counted(tmp_path):
     split[(COLUMNS["recording"] == 11) & ~COLUMNS["valid"]] = 0
     _, selection, _ = prepared(tmp_path, columns=COLUMNS | {"split": split})
     assert "split: the published split has 3 recordings on both sides" in map(str, selection.notes)
-
-
-def test_validation_groups_are_taken_off_the_training_side(tmp_path):
-    before = prepared(tmp_path, "split.by=recording")[1]
-    frames, after, rows = prepared(tmp_path, "split.by=recording", "split.validation=0.3")
-    moved = after.side == VALIDATION
-    assert (before.side[moved] == TRAIN).all()
-    np.testing.assert_array_equal(before.side == TEST, after.side == TEST)
-    assert not set(frames.group[frames.side == VALIDATION]) & set(frames.group[frames.side != VALIDATION])
-    assert [len(np.unique(frames.group[(frames.side == VALIDATION) & (frames.label == i)])) for i in range(3)] == [
-        1
-    ] * 3
-    assert sum(row["anchors_validation"] for row in rows) == 3 * HELD
 
 
 def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
@@ -129,17 +116,6 @@ def test_balanced_frames_of_another_selection_are_not_the_anchors(tmp_path, chan
         anchors = np.bincount(COLUMNS["object"][selection.anchor & (selection.side == side)])
         assert anchors.tolist() == [anchors.min()] * 3
         assert anchors.min() > 0
-
-
-def test_a_small_class_uses_all_its_frames(tmp_path):
-    valid = COLUMNS["valid"] & ((COLUMNS["object"] != 1) | (COLUMNS["frame"] >= 18))
-    change = "preprocess.balance_minimum=50"
-    _, selection, rows = prepared(tmp_path, change, columns=COLUMNS | {"valid": valid})
-    train = {
-        name: sum(row["anchors_train"] for row in rows if row["object"] == name) for name in ("object1", "object2")
-    }
-    assert train == {"object1": 4 * 2, "object2": 50}
-    assert "training side" in {note.topic for note in selection.notes}
 
 
 def test_anchors_are_kept_frames_and_the_account_adds_up(tmp_path):

@@ -151,7 +151,7 @@ def test_clusters_of_one_live_sensor_are_stretches_of_its_reading(row, tmp_path)
     breaks, clustered = 0, views.cluster >= 0
     for pool in np.unique(views.pool[clustered]):
         members = np.flatnonzero((views.pool == pool) & clustered)
-        ordered = views.cluster[members[np.argsort(frames.counts[members, 1, 2], kind="stable")]]
+        ordered = views.cluster[members[np.argsort(frames.counts[members][:, 1, 2], kind="stable")]]
         breaks += int((np.diff(ordered) != 0).sum()) - (len(np.unique(ordered)) - 1)
     row("clusters that are no stretch", breaks)
 
