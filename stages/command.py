@@ -54,11 +54,8 @@ class Job:
         params: the parameters that `params` of the stage in dvc.yaml name, and no others.
         md5s: of each input, by name.
         needed: whether `model.system` needs the stage.
-        run: its run in MLflow.
-        counts: single values for the record and MLflow, by name.
-        curves: a value per epoch, by name.
+        counts: single values for the record and MLflow; curves: a value per epoch; both by name.
         computed: device and precision, where the stage has a choice of them.
-        epochs: of a training.
     """
 
     stage: str
@@ -73,25 +70,24 @@ class Job:
     epochs: int = 0
 
     def note(self, note: Note) -> None:
-        """Print what the user should know of the result, and keep it in the record and in MLflow."""
+        """Print a note, and keep it."""
         width = shutil.get_terminal_size((120, 24)).columns
         click.echo(click.wrap_text(str(note), width, initial_indent="  ", subsequent_indent="    "))
         self.notes.append(replace(note, stage=self.stage))
 
     def computed_on(self, compute: "Compute") -> None:
-        """Keep device and precision, in the record and as tags."""
+        """Keep device and precision."""
         self.computed = {"device": str(compute.device), "precision": compute.precision}
         self.run.tags(self.computed)
 
     def epoch(self, epoch: int, values: dict[str, float]) -> None:
-        """Keep an epoch's values, in the record and in MLflow, and print them where no bar is shown."""
+        """Keep an epoch's values, and print them where no bar is shown."""
         self.run.metrics(values, step=epoch)
         for name, value in values.items():
             self.curves.setdefault(name, []).append(value)
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
-            seconds = seconds_since_start()
-            click.echo(f"{self.stage}: epoch {epoch}/{self.epochs}, {line}, {seconds:.0f} s", err=True)
+            click.echo(f"{self.stage}: epoch {epoch}/{self.epochs}, {line}, {seconds_since_start():.0f} s", err=True)
 
     def checkpoint_key(self) -> str:
         """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
@@ -121,26 +117,23 @@ def started(
 
     Args:
         inputs: the files and folders that the stage reads, by name.
-        params_path, changes, record, debug: see `options`.
         needs: what the stage `needs` has written, for a stage that not every system needs.
         row: its run is the pipeline's row in MLflow, and carries every parameter.
     """
     signal.signal(signal.SIGTERM, _end)  # `dvc queue kill`: the run is closed as KILLED
     try:
-        params, committed, reads = (
-            load(params_path, changes),
-            committed_params(params_path),
-            pipeline_entry(stage)["params"],
-        )
-        values = flatten(params)
+        params, committed = load(params_path, changes), committed_params(params_path)
+        values, reads = flatten(params), pipeline_entry(stage)["params"]
         if row:
             name = run_name(f"{params.model.system} V={params.views}", values, committed, ("model.system", "views"))
         else:
-            values = {
-                key: value for key, value in values.items() if f"{key}.".startswith(tuple(f"{r}." for r in reads))
-            }
+            prefixes = tuple(f"{key}." for key in reads)
+            values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
             name = run_name(stage, values, committed)
-        job = Job(stage, _only(params, reads), _md5s(inputs), _is_needed(stage, needs))
+        job = Job(stage, _only(params, reads), _md5s(inputs))
+        if needs:
+            with readable(needs):
+                job.needed = json.loads(needs.read_text())[stage]
         logged = record is not None and job.needed and not rank()
         with (
             _silent() if rank() else nullcontext(),
@@ -190,13 +183,6 @@ def _md5s(inputs: dict[str, Path]) -> dict[str, str]:
     return {name: md5(path) for name, path in inputs.items()}
 
 
-def _is_needed(stage: str, needs: Path | None) -> bool:
-    if needs is None:
-        return True
-    with readable(needs):
-        return json.loads(needs.read_text())[stage]
-
-
 @contextmanager
 def _silent() -> Iterator[None]:
     with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
@@ -223,11 +209,7 @@ def _what_to_mend(error: Exception) -> str | None:
 
 
 def _write_record(path: Path, job: Job, inputs: dict[str, Path], params: dict[str, dict], row: bool) -> None:
-    """Write what was done, from what, where and at what cost; to MLflow too, where the row does not carry it.
-
-    Args:
-        params: the `values` by dotted key, and those `changed` from the committed params.yaml.
-    """
+    """Write what was done, from what, where and at what cost; to MLflow too, where the row does not carry it."""
     before = job.counts.pop("seconds_before_interruption", 0.0)
     costs = {"seconds": before + seconds_since_start(), "peak_mb": peak_mb()}
     if not row:

@@ -44,16 +44,17 @@ def evaluate(frames: Path, classifier: Path, after: tuple[Path, ...], out: Path,
             protocols = {f"{name} protocol, all trials": name for name in evaluation.protocols}
             counts = {title: evaluation.confusion(name, len(table.classes)) for title, name in protocols.items()}
             run.figure("confusion.png", confusions(counts, table.classes))
-        signature = model.views, table.live.shape, table.counts.dtype, table.classes
-        address = run.model(classifier, *signature, model.packages)
+        address = run.model(
+            classifier, model.views, table.live.shape, table.counts.dtype, table.classes, model.packages
+        )
         timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
         report.write_results(out, metrics, timing, evaluation, table.classes)
         for path in (out, *after):
             run.artifacts(path)
         run.metrics(report.row_metrics(metrics, timing))
-        for name, errors in report.trial_errors(evaluation).items():
-            for trial, error in enumerate(errors, start=1):
-                run.metrics({name: error}, trial)
+        for protocol, trials in evaluation.protocols.items():
+            for trial, correct in enumerate(trials.correct, start=1):
+                run.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
         click.echo("\n".join(report.summary_lines(metrics, timing)))
         if address:
             click.echo(f"  use it: mlflow.pyfunc.load_model({address!r})")

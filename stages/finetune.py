@@ -57,9 +57,11 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
             job.note(warning)
         trained = isinstance(classifier, ViewNetwork) and classifier.head.trainable
         weights = count_weights(classifier.head) if isinstance(classifier, ViewNetwork) else 0
-        fitted = f"is fitted in {progress.seconds:.1f} s" if alone else "is not fine-tuned"
-        trained_by = f"{progress} on {compute.device} in {compute.precision}"
-        line = trained_by if trained else f"{params.model.system} {fitted}"
+        if trained:
+            line = f"{progress} on {compute.device} in {compute.precision}"
+        else:
+            fitted = f"fitted in {progress.seconds:.1f} s" if alone else "not fine-tuned"
+            line = f"{params.model.system} is {fitted}"
         click.echo(f"finetune: {line}")
         job.counts = {"weights.head": weights} | progress.metrics
 

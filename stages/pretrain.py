@@ -10,7 +10,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.tables.frames import read_frames
 
-LEFT_OUT = "left out, model.system does not need it"
+LEFT_OUT = "pretrain: left out, model.system does not need it"
 
 
 @click.command(help=__doc__)
@@ -24,8 +24,8 @@ def pretrain(needs: Path, frames: Path, out: Path, **common: Any) -> None:
             _pretrain(job, frames, out)
         elif not rank():
             with atomic_write(out) as part:
-                part.write_text(f"pretrain: {LEFT_OUT}\n")
-            click.echo(f"pretrain: {LEFT_OUT}")
+                part.write_text(f"{LEFT_OUT}\n")
+            click.echo(LEFT_OUT)
 
 
 def _pretrain(job: Job, frames: Path, out: Path) -> None:

@@ -125,8 +125,6 @@ class Run:
 def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iterator[Run]:
     """The run of one stage: FINISHED when the block ends well, else FAILED with its traceback as artifact, or KILLED.
 
-    Runs of this machine whose process is gone without closing them are closed first, as KILLED.
-
     Args:
         name: what people see; the stage's where it is left out.
         row: an evaluated pipeline, a row of the experiment that people compare.
@@ -169,7 +167,7 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
 
 
 def _close_killed(experiments: list[str]) -> None:
-    """Close this machine's runs that are RUNNING though their process is gone, as after `kill -9`."""
+    """Close this machine's runs whose process is gone, as after `kill -9`."""
     from mlflow import MlflowClient
 
     running = f"attributes.status = 'RUNNING' and tags.host = '{socket.gethostname()}'"
@@ -186,10 +184,9 @@ def _experiments(uri: str) -> list[str]:
 
 
 def _experiment(name: str, folder: Path | None) -> str:
-    """The id of an experiment, created where there is none.
+    """The id of an experiment, created where there is none; of another one where its artifacts lie in another folder.
 
-    One that came to this `folder` in a copied or moved database would write its artifacts to where it was created:
-    there another is taken, whose name says so.
+    That is so in a database that was copied or moved.
     """
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException

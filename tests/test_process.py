@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-from tactile_viewgcn.process import first_to_tell, is_running, peak_mb, rank, seconds_since_start, start_ticks
+from tactile_viewgcn.process import first_to_tell, is_running, peak_mb, rank, start_ticks
 
 
 def test_a_process_is_running_until_it_is_gone():
@@ -19,17 +19,6 @@ def test_another_process_with_the_same_number_is_not_the_one_that_was():
     ticks = start_ticks(os.getpid())
     assert is_running(os.getpid(), ticks)
     assert not ticks or not is_running(os.getpid(), str(int(ticks) - 1))
-
-
-def test_seconds_count_from_the_start_of_the_process_on():
-    code = (
-        "import time; time.sleep(0.3)\nfrom tactile_viewgcn import process\n"
-        "first = process.seconds_since_start(); time.sleep(0.2); print(first, process.seconds_since_start())"
-    )
-    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    first, second = map(float, output.split())
-    assert first > (0.3 if start_ticks(os.getpid()) else 0) and second - first > 0.15
-    assert seconds_since_start() > 0
 
 
 def test_the_peak_of_memory_holds_what_was_held():

@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from tactile_viewgcn.provenance import MOST_FILES, changes_of, committed_params, git_revision, run_name
+from tactile_viewgcn.provenance import MOST_FILES, committed_params, git_revision, run_name
 
 COMMITTED = {"views": 8, "pretrain.lr": 5e-3, "finetune.lr": "5e-4", "glove.objects": "all", "x.flag": True}
 
@@ -24,11 +24,6 @@ COMMITTED = {"views": 8, "pretrain.lr": 5e-3, "finetune.lr": "5e-4", "glove.obje
 def test_a_run_is_named_by_what_differs(changes, name):
     values = {key: 5e-4 if key == "finetune.lr" else value for key, value in COMMITTED.items()} | changes
     assert run_name("mvcnn V=8", values, COMMITTED, skip=("views",)) == name
-
-
-def test_what_differs_keeps_its_value():
-    values = COMMITTED | {"views": 4, "finetune.lr": 5e-4, "new.key": 1}
-    assert changes_of(values, COMMITTED) == {"views": 4}
 
 
 def git(place, *words):

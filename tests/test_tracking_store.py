@@ -92,16 +92,6 @@ def test_a_copied_or_mounted_checkout_keeps_its_own_artifacts(store, monkeypatch
     assert all(run.info.artifact_uri.startswith((copy / "mlruns").as_uri()) for run in here)
 
 
-def test_an_experiment_that_another_process_creates_first_is_used(client, monkeypatch):
-    import mlflow
-
-    number = client.create_experiment("shared")
-    mlflow.set_tracking_uri(client.tracking_uri)
-    get, answers = mlflow.MlflowClient.get_experiment_by_name, iter([None])  # before the other process is done
-    monkeypatch.setattr(mlflow.MlflowClient, "get_experiment_by_name", lambda *words: next(answers, get(*words)))
-    assert tracking._experiment("shared", None) == number
-
-
 @pytest.mark.slow
 def test_processes_that_open_a_fresh_store_at_once_do_not_race(store):
     from mlflow import MlflowClient

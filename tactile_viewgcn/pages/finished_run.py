@@ -63,9 +63,8 @@ class FinishedRun:
     @property
     def notes(self) -> list[Note]:
         """What the stages noted, in their order, and which training diverged."""
-        return [Note(**note) for record in self.records.values() for note in record["notes"]] + divergences(
-            self.metrics
-        )
+        notes = [Note(**note) for record in self.records.values() for note in record["notes"]]
+        return notes + divergences(self.metrics)
 
 
 def read_run(name: str = "") -> FinishedRun:
@@ -124,11 +123,7 @@ def _of_workspace(path: str) -> bytes:
 
 
 def _of_experiment(name: str) -> Read:
-    """Reads the files of a revision that DVC knows.
-
-    Raises:
-        UserError: there is no such revision here.
-    """
+    """Reads the files of a revision that DVC knows; a UserError where there is none."""
     from dvc.api import DVCFileSystem
 
     files = DVCFileSystem(rev=name)

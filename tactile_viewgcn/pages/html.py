@@ -74,13 +74,8 @@ def render(template: str, **content: Any) -> str:
 
 def environment() -> Environment:
     """Of the templates."""
-    made = Environment(
-        loader=PackageLoader("tactile_viewgcn.pages"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    loader = PackageLoader("tactile_viewgcn.pages")
+    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     made.filters |= {"anchor": _anchor, "headings": _headings, "several": several}
     return made
 

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn import plots
+from tactile_viewgcn.evaluation.report import error_text
 from tactile_viewgcn.pages import html, wording
 from tactile_viewgcn.pages.answers import counts_of, worst_pairs
 from tactile_viewgcn.pages.finished_run import FinishedRun
 from tactile_viewgcn.pages.html import Picture, picture, several
 from tactile_viewgcn.pages.verdict import Outcome, again, next_steps, outcome_of, verdict
-from tactile_viewgcn.pages.wording import error_text, percent, pretrains, seconds
+from tactile_viewgcn.pages.wording import percent, pretrains, seconds
 from tactile_viewgcn.provenance import PACKAGES
 from tactile_viewgcn.schema import as_change
 
@@ -30,6 +31,7 @@ def run_page(run: FinishedRun) -> str:
     uncommitted = _uncommitted(origin)
     choices = {note.key: note for note in run.notes if note.level == "choice"}
     used = {key: choices[key].value if key in choices else value for key, value in params.items()}
+    protocols = {name: what for name, what in wording.PROTOCOLS.items() if name in metrics}
     commit = origin.get("mlflow.source.git.commit")
     return html.render(
         "report.html",
@@ -53,16 +55,24 @@ def run_page(run: FinishedRun) -> str:
         road=_road(run, used),
         choices=[(as_change(key, note.value), note.text) for key, note in choices.items()],
         notes=[note for note in run.notes if note.level == "info"],
-        error_bars=_error_bars(run, outcome),
+        error_bars=picture(
+            plots.error_intervals({f"{name} protocol": metrics[name]["error"] for name in protocols}, outcome.chance),
+            f"Errors with their 95 % intervals; guessing errs in {percent(outcome.chance)}.",
+        ),
         errors=[
             (name, what, error_text(metrics[name]["error"]), percent(metrics[name]["top3_error"]))
-            for name, what in wording.PROTOCOLS.items()
-            if name in metrics
+            for name, what in protocols.items()
         ],
         sequential=_sequential(metrics["sequential"]) if "sequential" in metrics else [],
         times=_times(run),
         objects=outcome.objects,
-        confusion=_confusion(run, outcome),
+        confusion=picture(
+            plots.confusions(
+                {f"{outcome.protocol} protocol, all trials": counts_of(run.predictions, outcome.protocol)},
+                run.predictions.classes.tolist(),
+            ),
+            "Which object was held, which one was answered.",
+        ),
         pairs=_pairs(run, outcome),
         scale=f"{used['preprocess.scale']:g}" if params["preprocess.transform"] == "clip" else "",
         curves=_curves(run),
@@ -76,11 +86,7 @@ def run_page(run: FinishedRun) -> str:
 
 
 def _road(run: FinishedRun, used: dict[str, Any]) -> list[tuple[str, str, int, int]]:
-    """What there is at each stage: its name, a remark, frames, recordings.
-
-    Args:
-        used: the parameters, with what was chosen in place of `auto`.
-    """
+    """Name, remark, frames and recordings of each stage; `used`: the parameters, `auto` replaced by what was chosen."""
     read, kept = run.records["ingest"]["counts"], run.records["preprocess"]["counts"]
     recorded = ", ".join(several(read[f"{what}s"], what) for what in ("object", "session", "sensor")) + " that vary"
     treated = f"{wording.FILTERS[used['preprocess.filter']]}; {wording.BASELINES[used['preprocess.baseline']]}"
@@ -93,13 +99,6 @@ def _road(run: FinishedRun, used: dict[str, Any]) -> list[tuple[str, str, int, i
             if kept[f"frames.{side}"]
         ),
     ]
-
-
-def _error_bars(run: FinishedRun, outcome: Outcome) -> Picture:
-    """The errors with their intervals, and guessing."""
-    errors = {f"{name} protocol": run.metrics[name]["error"] for name in wording.PROTOCOLS if name in run.metrics}
-    alt = f"Errors with their 95 % intervals; guessing errs in {percent(outcome.chance)}."
-    return picture(plots.error_intervals(errors, outcome.chance), alt)
 
 
 def _sequential(score: dict[str, Any]) -> list[tuple[str, str, str]]:
@@ -119,13 +118,6 @@ def _times(run: FinishedRun) -> list[tuple[str, str, str, float]]:
     return [
         (stage, what[stage], seconds(times[stage]), times[stage] / times["total"]) for stage in what if stage in times
     ]
-
-
-def _confusion(run: FinishedRun, outcome: Outcome) -> Picture:
-    """Which object was held, and which was answered."""
-    names = [str(name) for name in run.predictions.classes]
-    counts = {f"{outcome.protocol} protocol, all trials": counts_of(run.predictions, outcome.protocol)}
-    return picture(plots.confusions(counts, names), "Which object was held, which one was answered.")
 
 
 def _pairs(run: FinishedRun, outcome: Outcome) -> list[tuple[Picture, str]]:

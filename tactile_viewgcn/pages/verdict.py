@@ -194,9 +194,8 @@ def _test_every_fold(run: FinishedRun) -> Step:
         f"Of the {len(folds)} parts only one was tested. Each can be the test side in turn, and the mean of the errors "
         "then rests on all recordings:"
     )
-    return Step(
-        f"Test every {run.params['split.by']} once.", why, f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
-    )
+    commands = f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
+    return Step(f"Test every {run.params['split.by']} once.", why, commands)
 
 
 def _needed(outcome: Outcome) -> int:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.systems import on_sensors
 
 BASELINES = {
@@ -48,11 +47,6 @@ STAGES = {
 def percent(share: float) -> str:
     """47.3 %, in one word."""
     return f"{100 * share:.1f}\N{NO-BREAK SPACE}%"
-
-
-def error_text(error: dict[str, Any]) -> str:
-    """An error of metrics.json and its 95 % interval in per cent: 48.2 (39.0 to 57.8)."""
-    return percent_interval(error["mean"], error["low"], error["high"])
 
 
 def seconds(value: float) -> str:

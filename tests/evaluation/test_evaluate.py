@@ -91,18 +91,6 @@ def test_a_result_repeats_in_whatever_mode_the_classifier_comes_and_is_far_above
         assert first.scores[protocol]["error"]["mean"] < 0.4  # chance: 0.75
 
 
-def test_the_counts_agree_with_one_another():
-    frames, result = table(), evaluated()
-    anchors = int((frames.anchor & (frames.side == TEST)).sum())
-    for protocol, trials in result.protocols.items():
-        counts, score = result.confusion(protocol, 4), result.scores[protocol]
-        assert trials.predicted.shape == trials.correct.shape == trials.in_top3.shape == (3, anchors)
-        assert counts.sum() == 3 * anchors and np.trace(counts) == trials.correct.sum()
-        np.testing.assert_array_equal(trials.correct, trials.predicted == result.labels)
-        assert (trials.in_top3 >= trials.correct).all()
-        assert 0 <= score["error"]["low"] <= score["error"]["mean"] <= score["error"]["high"] <= 1
-
-
 def test_a_protocol_s_result_does_not_depend_on_the_other():
     both, alone = evaluated("evaluate.trials=1"), evaluated("evaluate.trials=1", "evaluate.protocols=[recording]")
     assert list(alone.protocols) == ["recording"] and both.scores["recording"] == alone.scores["recording"]

@@ -3,8 +3,6 @@
 import base64
 from html.parser import HTMLParser
 
-import pytest
-from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
 from tactile_viewgcn.pages.html import Step, Verdict, environment, picture
@@ -78,11 +76,6 @@ def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
     assert addresses == ["#what-to-do-next", "#öl", "#error-and-time", "#words"]
     assert all(f'id="{name}"' in text for name in ("error-and-time", "öl"))
     assert "default-src 'none'" in text and "http://" not in text and "url(" not in text
-
-
-def test_what_a_template_is_not_given_is_an_error():
-    with pytest.raises(UndefinedError, match="step"):
-        environment().from_string(PAGE).render(title="a", given="b", verdict=Verdict("good", "c", []))
 
 
 def test_a_picture_is_an_svg_with_its_letters_as_text():

@@ -1,4 +1,4 @@
-"""What every stage's command line shares: parameters are checked first, errors are one line, epochs are told."""
+"""What every stage's command line shares: parameters are checked first, errors are one line."""
 
 import shutil
 from pathlib import Path
@@ -12,31 +12,17 @@ from click.testing import CliRunner
 from stages import command
 from stages.command import Job, options, started
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import Note
 from tests.stages.running import left, refused, run_stage
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ("views=0", "views is 0; expected an integer in [1, 1000]"),
-        ("views=eight", "views is 'eight'; expected an integer in [1, 1000]"),
-        ("veiws=8", "unknown key veiws; did you mean views?"),
-        ("cluster.methd=none", "unknown key cluster.methd; did you mean cluster.method?"),
-    ],
-)
-def test_a_bad_parameter_is_refused_before_any_work(place, change, says):
-    result = run_stage("ingest", "--source", "x", "--out", "y", "--record", "z", "--set", change, cwd=place)
-    assert says in refused(result) and left(place) == set()
-
-
-def test_several_mistakes_are_all_listed(place):
+def test_all_mistakes_are_listed_before_any_work(place):
     changes = ("views=0", "finetune.lr=-1", "split.by=hour", "colour=red")
     words = [word for change in changes for word in ("--set", change)]
     line = refused(run_stage("ingest", "--source", "x", "--out", "y", "--record", "z", *words, cwd=place))
     assert all(says in line for says in ("views is 0", "finetune.lr is -1", "split.by is 'hour'", "unknown key colour"))
+    assert left(place) == set()
 
 
 def test_debug_shows_the_traceback(place):
@@ -72,32 +58,10 @@ def test_what_a_user_can_mend_ends_in_one_line(monkeypatch, error, says):
     assert result.exit_code == 1 and says in result.output and result.output.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        ValueError("operands could not be broadcast together"),
-        RuntimeError("CUDA error: an illegal memory access was encountered"),
-        KeyError("memory"),
-    ],
-)
+@pytest.mark.parametrize("error", [ValueError("shapes"), RuntimeError("CUDA error: an illegal memory access")])
 def test_a_fault_of_ours_keeps_its_traceback(monkeypatch, error):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
     assert failing(error).exception is error
-
-
-def test_where_no_bar_is_shown_each_epoch_prints_a_line(capsys):
-    job = Job("pretrain", None, {}, epochs=30)
-    job.epoch(3, {"loss": 1.2344, "validation_error": 0.5})
-    assert job.curves == {"loss": [1.2344], "validation_error": [0.5]}
-    assert capsys.readouterr().err.startswith("pretrain: epoch 3/30, loss 1.234, validation error 0.500, ")
-
-
-def test_a_note_is_printed_and_kept_with_its_stage(capsys):
-    job = Job("cluster", None, {})
-    job.note(Note("few frames; set views to 4", level="warning", topic="clusters", key="views", value=4))
-    assert capsys.readouterr().out == "  warning: clusters: few frames; set views to 4\n"
-    (note,) = job.notes
-    assert (note.stage, note.key, note.value) == ("cluster", "views", 4)
 
 
 def checkpoint_key(**changes):

@@ -42,7 +42,6 @@ def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
     assert {needs_of(name)[1] for name in get_args(OnSensors)} == {'{"pretrain": false}\n'}
     assert needs_of("view_gcn")[0] == "needs: view_gcn needs a pretrained backbone\n"
     assert needs_of("trees")[0] == "needs: trees needs no pretrained backbone\n"
-    assert {path.name for path in place.iterdir()} == {"params.yaml", "needs.json"}
 
 
 IMPORTS = """
@@ -66,8 +65,6 @@ def test_a_pretraining_left_out_loads_no_torch_and_makes_no_run_but_a_record(pla
     assert done.returncode == 0, done.stderr
     assert "pretrain: left out, model.system does not need it\n" in done.stdout
     assert done.stdout.split("imported")[1].split() == []
-    left = {"params.yaml", "frames.h5", "needs.json", "backbone.pt", "pretrain.json"}
-    assert {path.name for path in place.iterdir()} == left
     assert (place / "backbone.pt").read_text() == LEFT_OUT
     record = json.loads((place / "pretrain.json").read_text())
     assert record["stage"] == "pretrain" and record["run_id"] is None and record["counts"] == {}

@@ -97,18 +97,6 @@ def test_warnings_and_curves_are_shown_where_there_are_some(workspace, undrawn):
     assert "dvc exp run" in text and "-S preprocess.baseline=grasp" in text
 
 
-def test_wrong_answers_are_told_with_the_scale_of_their_pictures(workspace, undrawn):
-    run = read_run()
-    run.predictions.predicted["recording"][:] = 0
-    run.metrics["recording"]["error"] = {"mean": 0.75, "low": 0.5, "high": 1.0}
-    (scale,) = (note.value for note in run.notes if note.key == "preprocess.scale")
-    text = text_of(run_page(run))
-    assert (
-        "No: this result is no better than guessing." in text and "The 3 pairs of objects with the most wrong" in text
-    )
-    assert f"Network input 0 is the baseline or less, 1 is {scale:g} counts above it or more." in text
-
-
 def test_a_simulated_run_says_so_and_one_of_a_changed_tree_says_what_was_changed(workspace, undrawn):
     run = read_run()
     run.params["data.source"] = "data/virtual/recordings"

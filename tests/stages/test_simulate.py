@@ -55,15 +55,9 @@ def test_recordings_are_written_with_what_they_cost(place):
 
 BAD = {
     "a negative stiffness of the skin": ("glove.skin_stiffness=-1", "glove.skin_stiffness is -1; expected a number"),
-    "a negative weight": (described(weight=-5), "object cup: weight is -5 g; expected 0 or more"),
-    "a negative stiffness": (described(stiffness=-1), "object cup: stiffness is -1 Pa/m; expected more than 0"),
     "a shape of no size": (
         described(parts=[{"sphere": {"radius": 0}}]),
         "object cup: shape with half sizes (0, 0) and rounding 0 m has no extent; give it some",
-    ),
-    "a position inside the palm": (
-        described(position=[0.05, 0, -0.1]),
-        "mm inside the palm; expected it outside; start it further away",
     ),
     "a position that is no number": (
         described(position=[0, 0, ".nan"]).replace('".nan"', ".nan"),
@@ -71,11 +65,6 @@ BAD = {
     ),
     "another effect": ("glove.leave_out=[frcition]", "glove.leave_out is ['frcition']; expected a list of motion |"),
     "another object": ("glove.objects=[mugg]", "unknown object 'mugg'; did you mean mug?"),
-    "no object": ("glove.objects=[]", "glove.objects is []; expected"),
-    "a fractional seed": ("glove.seed=1.5", "glove.seed is 1.5; expected an integer"),
-    "no sessions": ("glove.sessions=0", "glove.sessions is 0; expected an integer"),
-    "no frames a second": ("glove.frame_rate=0", "glove.frame_rate is 0; expected a number"),
-    "no tolerance": ("glove.tolerance=0", "glove.tolerance is 0; expected a number"),
     "grasps too short": ("glove.grasp_frames=5", "5 frames for 1 grasps leave 5 each; expected more than"),
 }
 
@@ -85,13 +74,6 @@ def test_a_glove_that_cannot_be_is_refused_in_one_line_and_nothing_is_left(place
     setting, says = BAD[case]
     assert says in refused(simulate(place, setting))
     assert [path.name for path in place.iterdir()] == ["params.yaml"]
-
-
-def test_a_refusal_leaves_the_earlier_recordings(place):
-    assert simulate(place).returncode == 0
-    before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
-    refused(simulate(place, "glove.grasp_frames=5"))
-    assert {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()} == before
 
 
 @pytest.fixture
@@ -125,7 +107,7 @@ def repro(place, *words):
 
 
 @pytest.mark.slow
-def test_dvc_simulates_where_the_source_is_what_the_glove_writes(repository):
+def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_else(repository):
     assert repro(repository, "ingest") == ["simulate", "ingest"]
     assert open_source(repository / "data" / "virtual" / "recordings").objects == ["empty_hand", "ball"]
     assert (repository / "runs" / "simulate.json").is_file()
@@ -134,16 +116,9 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes(repository):
     kept = {line[3:] for line in status.splitlines()}
     assert not any(name.startswith("data/virtual/recordings") or name.endswith(".h5") for name in kept)
     assert "data/virtual/dvc.lock" in kept  # what belongs into git is not ignored
-    change(repository, "glove", seed=1)
-    assert repro(repository, "ingest") == ["simulate", "ingest"]
-
-
-@pytest.mark.slow
-def test_dvc_simulates_nothing_where_the_source_is_another(repository):
-    assert simulate(repository).returncode == 0
-    (repository / "recordings").rename(repository / "own")
+    shutil.copytree(repository / "data" / "virtual" / "recordings", repository / "own")
     change(repository, "data", source="own")
+    change(repository, "glove", seed=1)
     assert repro(repository, "ingest") == ["ingest"]
-    assert not (repository / "data" / "virtual" / "recordings").exists()
     change(repository, "data", source="data/virtual/recordings")
     assert repro(repository, "ingest") == ["simulate", "ingest"]
