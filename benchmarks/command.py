@@ -50,9 +50,8 @@ def benchmark(measure: Callable[..., Result]) -> click.Command:
 def interleaved(variants: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.ndarray]:
     """Seconds (rounds,) of a call of each variant, the median of as many calls as fill a block.
 
-    The variants take turns, round by round: what else the machine does then meets all of them alike, and their ratio
-    is taken within a round. A first call in each round warms up, and a device is waited for: see
-    `torch.utils.benchmark`.
+    The variants take turns, so that what else the machine does meets all alike. `torch.utils.benchmark` warms up and
+    waits for a device.
     """
     threads = torch.get_num_threads()
     timers = [Timer("variant()", globals={"variant": variant}, num_threads=threads) for variant in variants.values()]

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from studies.cells import code_of_stages, experiment_of, key_of, read_answers, seconds_per_cell, shard_of, stored
+from studies.cells import code_of_stages, key_of, read_answers, seconds_per_cell, shard_of, stored
 from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.queue import Queue
 from studies.runner import run_cells
@@ -57,12 +57,7 @@ def list_studies() -> None:
 def run(
     study: Study, *, jobs: int, quick: bool, changes: tuple[str, ...] = (), out: Path | None = None, shard: str = ""
 ) -> None:
-    """Run the cells that are missing, then write the report of all that are there.
-
-    Args:
-        changes: `key=value` on top of every cell.
-        out: folder of the report; the study's own where it is left out.
-        shard: `2/8`: the second of eight parts of the cells alone is run, and no report is written.
+    """Run the cells that are missing, then write the report of all that are there; see the options of `main`.
 
     Raises:
         UserError: a cell's parameters are wrong, two cells are the same training, or cells failed.
@@ -83,7 +78,7 @@ def run(
         cells = shard_of(cells, shard)
     queue = Queue()
     finished = queue.finished()
-    before = sum(stored(key) or experiment_of(study.name, key) in finished for key in cells)
+    before = sum(stored(key) or f"{study.name}-{key}" in finished for key in cells)
     part = f", shard {shard}" if shard else ""
     print(f"{study.name}{part}: {len(cells)} cells, {before} of them finished before", flush=True)
     faults = run_cells(study.name, cells, queue, jobs=jobs)

@@ -10,7 +10,6 @@ from pathlib import Path
 from statistics import median
 from typing import Any, get_args
 
-import numpy as np
 import yaml
 
 from studies.grid import FOLDER, Cell
@@ -30,21 +29,12 @@ AFTER_PRETRAINING = ("views", "viewpoints", "cluster.", "model.", "finetune.", "
 
 @dataclass(frozen=True)
 class Answers:
-    """The results of a finished cell.
-
-    Attributes:
-        costs: by the names in `grid.COLUMNS`.
-        sequential: see `evaluate.sequential_scores`; None where `evaluate.confidence_threshold` is 0.
-    """
+    """The results of a finished cell."""
 
     cell: Cell
     predictions: Predictions
-    costs: dict[str, float]
-    sequential: dict[str, Any] | None = None
-
-    def correct(self, protocol: str) -> np.ndarray:
-        """bool (T, A)."""
-        return self.predictions.predicted[protocol] == self.predictions.labels
+    costs: dict[str, float]  # by the names in `grid.COLUMNS`
+    sequential: dict[str, Any] | None = None  # see `evaluate.sequential_scores`
 
 
 def key_of(cell: Cell, code: str) -> str:
@@ -67,11 +57,6 @@ def _md5(source: str) -> str:
     return md5(source)
 
 
-def experiment_of(study: str, key: str) -> str:
-    """The name of a cell's DVC experiment, by which it is known in every clone."""
-    return f"{study}-{key}"
-
-
 def code_of_stages() -> str:
     """A digest of both pipelines and of the code that their stages depend on."""
     digest = hashlib.sha256()
@@ -80,8 +65,9 @@ def code_of_stages() -> str:
         stages = yaml.safe_load(pipeline.read_text())["stages"].values()
         paths = {dep.removeprefix("../../") for stage in stages for dep in stage.get("deps", [])}
         for path in sorted(path for path in paths if path.startswith(CODE)):
-            # the systems' files stand there as a pattern
-            for place in sorted(Path().glob(re.sub(r"\$\{.*?\}", "*", path))):
+            for place in sorted(
+                Path().glob(re.sub(r"\$\{.*?\}", "*", path))
+            ):  # systems/${model.system}.py: all of them
                 for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
                     digest.update(file.read_bytes())
     return digest.hexdigest()
@@ -108,7 +94,7 @@ def stored(key: str) -> bool:
 
 
 def seconds_per_cell(keys: Iterable[str]) -> float | None:
-    """Median over the finished ones of these cells; of the last run of the pipeline where none is; None without one."""
+    """Median over the finished ones of these cells; without any, of the pipeline's last run, or None."""
     timings = [STORE / key / "timing.json" for key in keys if stored(key)] or [LAST] * LAST.exists()
     return median(json.loads(path.read_text())["seconds"]["total"] for path in timings) if timings else None
 
@@ -129,9 +115,8 @@ def read_answers(cell: Cell, key: str) -> Answers:
 def shard_of(cells: dict[str, Cell], shard: str) -> dict[str, Cell]:
     """The cells, by their keys, of one of several machines: `2/8` is the second of eight.
 
-    Cells with a backbone and cells without are cut into equal parts each, as the former take minutes more. Before the
-    cut those that share their frames and their backbone are put side by side: a backbone that cells share is trained
-    on one machine, or on two where the cut goes through them.
+    Cells with a backbone, which take minutes more, and cells without are cut into equal parts each. Before the cut
+    those that share a backbone are put side by side, so that at most two machines train it.
 
     Raises:
         UserError: it is no such text, or no shard of so many.
@@ -143,14 +128,14 @@ def shard_of(cells: dict[str, Cell], shard: str) -> dict[str, Cell]:
     params = {key: flatten(load("params.yaml", cell.changes)) for key, cell in cells.items()}
 
     def shared(key: str) -> str:
-        later = {name for name in params[key] if name.startswith(AFTER_PRETRAINING)}
-        backbone = {name for name in later if name.startswith("model.backbone.")}
-        return repr([(name, value) for name, value in params[key].items() if name not in later - backbone])
+        before = {name for name in params[key] if not name.startswith(AFTER_PRETRAINING)}
+        backbone = {name for name in params[key] if name.startswith("model.backbone.")}
+        return repr([(name, value) for name, value in params[key].items() if name in before | backbone])
 
     part: dict[str, Cell] = {}
-    on_sensors = {key for key in cells if params[key]["model.system"] in get_args(OnSensors)}
-    for alike in (cells.keys() - on_sensors, on_sensors):
-        ordered = sorted((key for key in cells if key in alike), key=shared)
+    for on_sensors in (False, True):
+        alike = [key for key in cells if (params[key]["model.system"] in get_args(OnSensors)) == on_sensors]
+        ordered = sorted(alike, key=shared)
         first, end = ((place * len(ordered) + count - 1) // count for place in (number - 1, number))
         part |= {key: cells[key] for key in ordered[first:end]}
     return part

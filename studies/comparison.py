@@ -9,7 +9,7 @@ import pandas as pd
 from scipy.stats import t as student
 
 from studies.cells import Answers
-from studies.grid import COLUMNS, name_and_place
+from studies.grid import COLUMNS
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.statistics import holm, sign_flip
 from tactile_viewgcn.intervals import group_interval, proportion_interval
@@ -24,7 +24,7 @@ Training = tuple[int, int]  # seed and deal
 class Variant:
     """All trainings of one variant: by seed and deal, its cells fold by fold.
 
-    Arrays over anchors, (A,), have folds and deals side by side. An anchor's split group has one number in all of them.
+    Arrays over anchors, (A,), have folds and deals side by side.
     """
 
     name: str
@@ -38,8 +38,8 @@ class Variant:
         """
         deals: dict[int, np.ndarray] = {}
         for seed, deal in sorted(among):
-            given = [each.predictions for each in self.trainings[seed, deal]]
-            anchors = np.hstack([(one.recordings, one.groups.astype(str)) for one in given])
+            folds = [each.predictions for each in self.trainings[seed, deal]]
+            anchors = np.hstack([(fold.recordings, fold.groups.astype(str)) for fold in folds])
             if not np.array_equal(deals.setdefault(deal, anchors), anchors):
                 raise UserError(f"variant {self.name}: its trainings were tested on different view sets")
         return np.hstack([deals[deal] for deal in sorted(deals)])
@@ -48,8 +48,9 @@ class Variant:
         """(A,) share of seeds and trials that were wrong, of these trainings."""
         deals: dict[int, list[np.ndarray]] = {}
         for seed, deal in sorted(among):
-            folds = [1 - each.correct(protocol).mean(axis=0) for each in self.trainings[seed, deal]]
-            deals.setdefault(deal, []).append(np.hstack(folds))
+            folds = [each.predictions for each in self.trainings[seed, deal]]
+            shares = [1 - (fold.predicted[protocol] == fold.labels).mean(axis=0) for fold in folds]
+            deals.setdefault(deal, []).append(np.hstack(shares))
         return np.hstack([np.mean(deals[deal], axis=0) for deal in sorted(deals)])
 
     def cost(self, name: str) -> float:
@@ -73,11 +74,12 @@ def pooled(answers: Iterable[Answers]) -> list[Variant]:
     for variant in variants.values():
         for training in [key for key, cells in variant.trainings.items() if len(cells) < len(folds)]:
             del variant.trainings[training]
-    if not any(variant.trainings for variant in variants.values()):
+    trained = [variant for variant in variants.values() if variant.trainings]
+    if not trained:
         raise UserError(
             f"no training has finished on all {len(folds)} folds, so that there is no table: run the study again"
         )
-    return [variant for variant in variants.values() if variant.trainings]
+    return trained
 
 
 def rows_of(variants: list[Variant], references: Iterable[str], rng: np.random.Generator) -> pd.DataFrame:
@@ -102,8 +104,7 @@ def rows_of(variants: list[Variant], references: Iterable[str], rng: np.random.G
                 spread = np.std(errors, ddof=1) if len(errors) > 1 else np.nan
                 row |= {"trainings": len(errors), "std": spread} | {name: variant.cost(name) for name in COLUMNS}
                 for name in references:
-                    place = name_and_place(variant.name)[1]
-                    reference = by_name.get(name) or by_name.get(f"{name} / {place}")
+                    reference = by_name.get(name) or by_name.get(f"{name} / {variant.name.partition(' / ')[2]}")
                     row |= compared(variant, reference, protocol, weighting, f"vs {name} ", rng)
                 together.append(row)
             ps = [(row, name) for row in together for name in row if name.endswith(" p") and not np.isnan(row[name])]
@@ -179,13 +180,14 @@ def sequential_rows(variants: list[Variant]) -> pd.DataFrame:
 def power(rows: pd.DataFrame, groups: int) -> str:
     """A sentence on the smallest difference that could have been seen: half of the widest interval of each kind."""
     protocol = rows["protocol"].iloc[-1]
+    heads = [name.removesuffix("more") for name in rows if name.endswith(" more")]
+    kinds = (("per frame", "frame", ""), ("per group", "group", ""), ("over trainings", "frame", "seeds_"))
     widest = {}
-    for kind, ends in {**{f"per {weighting}": "" for weighting in WEIGHTINGS}, "over trainings": "seeds_"}.items():
-        chosen = rows[(rows["protocol"] == protocol) & (("per " + rows["weighting"] == kind) | (ends != ""))]
-        columns = [name.removesuffix(" more") for name in rows if name.endswith(" more")]
-        widths = [(chosen[f"{name} {ends}high"] - chosen[f"{name} {ends}low"]).max() / 2 for name in columns]
+    for kind, weighting, ends in kinds:
+        chosen = rows[(rows["protocol"] == protocol) & (rows["weighting"] == weighting)]
+        widths = [chosen[f"{head}{ends}high"] - chosen[f"{head}{ends}low"] for head in heads]
         if widths and not np.isnan(widths).all():
-            widest[kind] = np.nanmax(widths)
+            widest[kind] = np.nanmax(widths) / 2
     if not widest:
         return "Nothing is compared in pairs here, so no smallest difference can be stated."
     if not max(widest.values()):

@@ -46,27 +46,11 @@ class Cell(BaseModel):
 
 
 class Study(BaseModel):
-    """The content of studies/NAME.yaml.
-
-    Attributes:
-        question: what the list of studies prints.
-        variants: what is compared; the key `preset` stands for the changes of that preset.
-        reference: the variants, one or more, that the others are compared with; None: nothing is compared. A name of
-            `variants` alone in a study with `cross` stands for that variant in the same place of the crossing.
-        seeds, folds: every variant is trained from each, on each; folds `all`: as many as `split.folds` says.
-        columns: the costs that the table shows.
-        deals: ways of dealing groups to the folds (`split.deal`); every variant is trained on each fold of each.
-        set: changes of every cell.
-        cross: further mappings like `variants`: every combination is trained, under the name `A / x`.
-        one_seed, one_deal: variants that are trained from the first seed, or on the first deal, alone.
-        picture: error, or seconds: error against seconds, or curves: error against the number that the names in
-            `cross`, one mapping, begin with.
-        quick: the variants of a rehearsal, which are trained from the first seed on the first deal.
-    """
+    """The content of studies/NAME.yaml; the keys are in docs/studies.md, "Write a study"."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
     name: str
-    question: Annotated[str, Field(max_length=41)]
+    question: Annotated[str, Field(max_length=41)]  # what the list of studies prints
     variants: Variants
     reference: str | list[str] | None
     seeds: Annotated[list[Seed], Field(min_length=1)]
@@ -82,14 +66,10 @@ class Study(BaseModel):
 
     @property
     def references(self) -> list[str]:
-        """The variants that the others are compared with."""
         return [self.reference] if isinstance(self.reference, str) else self.reference or []
 
     def cells(self, *, quick: bool = False, on_top: tuple[str, ...] = ()) -> list[Cell]:
-        """Every cell, or those of a rehearsal; seed by seed and deal by deal, so that the first of all is there early.
-
-        Args:
-            on_top: `key=value` changes of every cell, after all others.
+        """Every cell, or those of a rehearsal, seed by seed and deal by deal; `on_top` are changes after all others.
 
         Raises:
             UserError: `on_top` names one of `AXES`.
@@ -117,14 +97,7 @@ class Study(BaseModel):
             yield " / ".join(name for name, _ in entries), [one for _, part in entries for one in _changes(part)]
 
 
-def name_and_place(variant: str) -> tuple[str, str]:
-    """A and x of the variant `A / x`; x is empty without `cross`."""
-    name, _, place = variant.partition(" / ")
-    return name, place
-
-
 def names() -> list[str]:
-    """The studies that there are."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
@@ -132,8 +105,7 @@ def read_study(name: str) -> Study:
     """The study of that name.
 
     Raises:
-        UserError: there is none, a key of its file is unknown or missing, a value is of another type, or a name in it
-            stands for nothing.
+        UserError: there is none, its keys or types are not those of `Study`, or a name in it stands for nothing.
     """
     path = FOLDER / f"{name}.yaml"
     if not path.exists():

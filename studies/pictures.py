@@ -62,10 +62,12 @@ def error_curves(rows: pd.DataFrame, _sequential: pd.DataFrame, title: str) -> F
         sizes.errorbar(curve["number"], curve["error"], yerr=bars, fmt=style, ms=4, elinewidth=0.8, label=name)
         seconds.plot(curve["seconds"], curve["error"], style, ms=4)
         latencies.plot(curve["ms alone"], curve["error"], style, ms=4)
-    seconds.set_xlabel("seconds of both trainings")
-    latencies.set_xlabel("ms per view set, alone")
-    _log_axis(seconds, rows["seconds"].to_numpy())
-    _log_axis(latencies, rows["ms alone"].to_numpy())
+    for axes, label, cost in (
+        (seconds, "seconds of both trainings", "seconds"),
+        (latencies, "ms per view set, alone", "ms alone"),
+    ):
+        axes.set_xlabel(label)
+        _log_axis(axes, rows[cost].to_numpy())
     unit = rows.loc[rows["number"].idxmax(), "unit"]  # in the plural
     sizes.set(xscale="log", xlabel=unit, ylabel=f"error, % ({rows['protocol'].iloc[0]} protocol)")
     sizes.set_xticks(rows["number"].unique(), rows["number"].unique().astype(str))

@@ -109,9 +109,9 @@ class Queue:
         files = DVCFileSystem(rev=commit)
         try:
             return {name: files.cat_file(f"results/{name}") for name in RESULTS}
-        except FileNotFoundError:
-            raise
         except Exception as error:  # each kind of remote has its own
+            if isinstance(error, FileNotFoundError):
+                raise
             raise UserError(f"DVC's remote: {type(error).__name__}: {error}") from error
 
 

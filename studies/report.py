@@ -10,7 +10,7 @@ import pandas as pd
 
 from studies.cells import Answers
 from studies.comparison import WEIGHTINGS, Variant, pooled, power, rows_of, sequential_rows
-from studies.grid import COLUMNS, Study, name_and_place
+from studies.grid import COLUMNS, Study
 from studies.pictures import error_curves, errors_by_cost, errors_by_variant
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.intervals import percent_interval
@@ -45,7 +45,7 @@ def write_report(
     params = load("params.yaml", answers[0].cell.changes)
     data = "Simulated by the virtual glove" if params.data.source == VIRTUAL else params.data.source
     variants = pooled(answers)
-    finished = {part for variant in variants for part in (variant.name, name_and_place(variant.name)[0])}
+    finished = {part for variant in variants for part in (variant.name, variant.name.partition(" / ")[0])}
     references = [name for name in study.references if name in finished]
     rows = rows_of(variants, references, stream(params.seed, f"study.{study.name}"))
     sequential = sequential_rows(variants)
@@ -86,12 +86,7 @@ def missing(study: Study, variants: list[Variant], on_top: tuple[str, ...]) -> l
 def tables(
     rows: pd.DataFrame, sequential: pd.DataFrame, references: Sequence[str], columns: Sequence[str]
 ) -> list[str]:
-    """The tables as Markdown, each after a line that names it; the last protocol, which is the user's, first.
-
-    Args:
-        rows: see `comparison.rows_of`; sequential: see `comparison.sequential_rows`.
-        columns: costs to show.
-    """
+    """The tables as Markdown, each after a line that names it; the last protocol, which is the user's, first."""
     parts = []
     for protocol in reversed(rows["protocol"].unique()):
         frame, group = (
@@ -107,7 +102,8 @@ def tables(
             for weighting, part in zip(WEIGHTINGS, (frame, group), strict=True):
                 differences |= {f"per {weighting}": _intervals(part, f"{vs}more", vs)}
                 differences |= {f"p, {weighting}": part[f"{vs}p"].map("{:.3f}".format).replace("0.000", "<.001")}
-            differences["over trainings"] = _intervals(frame, f"{vs}more", f"{vs}seeds_", both=True)
+            over_trainings = _intervals(frame, f"{vs}more", f"{vs}seeds_")
+            differences["over trainings"] = over_trainings.where(frame[f"{vs}seeds_low"].notna(), "")
             compared = frame[f"{vs}more"].notna()
             if compared.any():
                 parts += [f"Points more than `{name}`, {protocol} protocol:", _markdown(differences, compared)]
@@ -121,18 +117,12 @@ def tables(
     return parts
 
 
-def _intervals(rows: pd.DataFrame, key: str, ends: str = "", *, both: bool = False) -> pd.Series:
-    """A number of each row in per cent with its interval, the columns `low` and `high` with `ends` before these names.
-
-    Args:
-        both: blank where there is no interval.
-    """
+def _intervals(rows: pd.DataFrame, key: str, ends: str = "") -> pd.Series:
+    """The column `key` of each row in per cent with its interval, the columns `low` and `high` after `ends`."""
 
     def text(row: pd.Series) -> str:
         value, low, high = (row[name] / 100 for name in (key, f"{ends}low", f"{ends}high"))
-        if np.isnan(low):
-            return "" if both else percent_interval(value, None, None)
-        return percent_interval(value, low, high)
+        return percent_interval(value, *((None, None) if np.isnan(low) else (low, high)))
 
     return rows.apply(text, axis=1)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from tqdm import tqdm
 
-from studies.cells import experiment_of, store, stored
+from studies.cells import store, stored
 from studies.grid import Cell
 from studies.queue import Queue
 from tactile_viewgcn.errors import UserError
@@ -20,15 +20,13 @@ def run_cells(
     """Run every cell that is not stored; what waits or runs since an earlier run is kept, what failed is tried again.
 
     Args:
-        name: of the study; cells: by their keys.
-        queue: where they run.
-        wait: called between two looks at the queue.
+        name: of the study; cells: by their keys; wait: called between two looks at the queue.
 
     Returns:
         What went wrong, by the key of the cell.
     """
     texts = {key: f"{number} of {len(cells)}: {cell}" for number, (key, cell) in enumerate(cells.items(), start=1)}
-    missing = {experiment_of(name, key): key for key in cells if not stored(key)}
+    missing = {f"{name}-{key}": key for key in cells if not stored(key)}  # by experiments, the same in every clone
     faults: dict[str, str] = {}
     running: set[str] = set()
     looked = -math.inf
@@ -41,10 +39,12 @@ def run_cells(
                 if state == "Running" and experiment not in running:
                     running.add(experiment)
                     bar.write(f"{texts[key]} ...")
-                if experiment not in finished and state != "Failed":
+                if experiment in finished:
+                    fault = collect(queue, key, experiment, finished[experiment])
+                elif state == "Failed":
+                    fault = queue.fault_of(experiment)
+                else:
                     continue
-                commit = finished.get(experiment)
-                fault = collect(queue, key, experiment, commit) if commit else queue.fault_of(experiment)
                 running.discard(experiment)
                 del missing[experiment]
                 bar.update()

@@ -52,7 +52,7 @@ ELSEWHERE = {
     "mlflow server --host 0.0.0.0 --port 5000 --allowed-hosts 'mlflow.example.org:*,localhost:*' --backend-store-uri "
     "postgresql+psycopg2://localhost/mlflow --artifacts-destination /srv/mlflow": "a server that does not end",
     "sbatch shard.sh folds": "needs Slurm",
-    "dvc exp pull --no-cache origin": "needs experiments; tests/studies/test_pull.py pulls some",
+    "dvc exp pull --no-cache origin": "needs experiments; tests/studies/test_queue.py pulls some",
     "ruff check . && ruff format --check .": "needs the whole checkout to be clean; .ci/run does it",
     "mypy tactile_viewgcn stages": "a minute; .ci/run does it",
     "pytest": "these tests",

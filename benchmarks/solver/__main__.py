@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import click
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.command import Result, benchmark
 from benchmarks.solver.other_integrators import IntegrationFailed, explicit_euler, integrate_with_scipy
-from benchmarks.solver.picture import diagram
 from benchmarks.solver.scenes import FRAMES, SETTINGS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
@@ -22,6 +22,8 @@ TOLERANCES, RTOLS = (0.2, 0.05, 0.02, 0.005), (1e-1, 1e-2, 1e-3, 1e-4)
 STEPS = {"ours, fixed steps": (1, 4), "explicit Euler": (1, 8, 64, 256)}  # a frame
 BALL_RTOL, OBJECTS_RTOL, QUICK_RTOL = 1e-10, 1e-7, 1e-5  # of the reference, Radau
 MAX_EVALUATIONS, NO_LIMIT = 10_000, 1_000_000  # of a method on a ball; of references, and on objects
+STYLES = {"ours": "o-", "ours, fixed steps": "o:", "explicit Euler": "v--", "RK45": "^--", "BDF": "s-", "Radau": "D-"}
+LOWEST, HIGHEST, FAILED = 1e-6, 1e2, 60.0  # errors at the axis' ends, and where a failed run is drawn
 TEXT = f"""Relative error of the sensors' forces against run time: one grasp of {FRAMES} frames, simulated.
 The default tolerance of ours is {{tolerance:g}}.
 The reference is Radau at {{ball_rtol:g}}, for the whole set at {{objects_rtol:g}}.
@@ -108,6 +110,31 @@ def relative_error(pressure: np.ndarray, exact: np.ndarray) -> float:
     difference = np.linalg.norm((pressure - exact).reshape(len(exact), -1), axis=1)
     size = np.linalg.norm(exact.reshape(len(exact), -1), axis=1)
     return float(np.median(difference[size > 0] / size[size > 0]))
+
+
+def diagram(rows: list[dict]) -> Figure:
+    """Error against seconds: a panel for each scene, a line for each method; crosses at the top are failed runs."""
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    columns, lines = min(3, len(scenes)), -(-len(scenes) // 3)
+    figure = Figure(figsize=(5 * columns, 4.3 * lines), dpi=110, layout="constrained")
+    for number, scene in enumerate(scenes, 1):
+        panel = figure.add_subplot(lines, columns, number, xscale="log", yscale="log", ylim=(LOWEST, HIGHEST))
+        panel.set(xlabel="seconds", ylabel="relative error")
+        panel.set_title(f"{scene}, one grasp each" if "record" in scene else f"lambda h = {float(scene):.0e}")
+        panel.axhline(1e-2, color="0.8", lw=1)
+        for color, (method, style) in enumerate(STYLES.items()):
+            runs = [row for row in rows if (row["scene"], row["method"]) == (scene, method)]
+            if not runs:
+                continue
+            seconds, error = np.array([(row["seconds"], row["error"]) for row in runs]).T
+            failed = np.isnan(error)
+            good, crosses = np.clip(error[~failed], LOWEST, HIGHEST), np.full(failed.sum(), FAILED)
+            labels = (None, f"{method}: failed") if failed.all() else (method, None)
+            panel.plot(seconds[~failed], good, style, color=f"C{color}", label=labels[0])
+            panel.plot(seconds[failed], crosses, "x", color=f"C{color}", label=labels[1])
+        panel.legend(fontsize=7)
+    figure.suptitle("Error of the sensors' forces against run time\nx: diverged or gave up; grey line: 1 %")
+    return figure
 
 
 if __name__ == "__main__":

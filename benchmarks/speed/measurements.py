@@ -46,15 +46,18 @@ def comparison(
 
 
 def time_step(sample: Sample, batch: int) -> list[dict]:
-    """The backbone's training step against plain ones, and against the limits for as many operations."""
-    compute, frames = sample.compute, sample.tensors(TRAIN)[0]
-    slow = plain.plain_backbone(sample.classifier.backbone)
+    """The backbone's step of pretraining against plain ones, and against the limits for as many operations."""
+    compute, backbone = sample.compute, sample.classifier.backbone
+    frames, labels = (values[torch.arange(batch) % len(values)] for values in sample.tensors(TRAIN))
+    slow, slow_stem = plain.plain_backbone(backbone), plain.plain_backbone(backbone, torch.channels_last)
+    fast_frames, float32 = compute.frames(frames.squeeze(1)), Compute(compute.device, "float32")
     operations = limits.training_operations(slow, frames[:1])
     product, product_operations = limits.matrix_product(compute)
-    variants = training_steps(sample, slow, batch) | {
-        "limit: convolutions alone": limits.convolutions(
-            slow, frames[torch.arange(batch) % len(frames)], compute.precision
-        ),
+    variants = {
+        "fast": training_step(sample, backbone, fast_frames, labels, compute),
+        "plain": training_step(sample, slow, frames, labels, float32, launched=True),
+        "fast, with a plain stem": training_step(sample, slow_stem, fast_frames, labels, compute),
+        "limit: convolutions alone": limits.convolutions(slow, frames, compute.precision),
         "limit: large matrix products": product,
     }
     work = dict.fromkeys(variants, batch) | {"limit: large matrix products": product_operations / operations}  # frames
@@ -63,26 +66,12 @@ def time_step(sample: Sample, batch: int) -> list[dict]:
     return [comparison("training step", size, "frames", fast, each, name) for name, each in seconds.items()]
 
 
-def training_steps(sample: Sample, slow: Backbone, batch: int) -> dict[str, Callable[[], None]]:
-    """Steps of pretraining: the pipeline's, one of the plain backbone `slow`, and the pipeline's with a plain stem."""
-    compute, backbone = sample.compute, sample.classifier.backbone
-    frames, labels = (values[torch.arange(batch) % len(values)] for values in sample.tensors(TRAIN))
-    layers = plain.plain_backbone(backbone, torch.channels_last)
-    fast_frames = compute.frames(frames.squeeze(1))
-    return {
-        "fast": training_step(sample, backbone, fast_frames, labels, compute),
-        "plain": training_step(sample, slow, frames, labels, Compute(compute.device, "float32"), launched=True),
-        "fast, with a plain stem": training_step(sample, layers, fast_frames, labels, compute),
-    }
-
-
 def training_step(
     sample: Sample, backbone: Backbone, frames: Tensor, labels: Tensor, compute: Compute, *, launched: bool = False
 ) -> Callable[[], None]:
     """A step of pretraining a copy of the backbone on a batch of frames (n, 1, H, W).
 
-    Args:
-        launched: a CUDA card's kernels are launched one by one, not repeated as a graph.
+    Where it is `launched`, a CUDA card's kernels are launched one by one, not repeated as a graph.
     """
     config, copy = sample.params.pretrain, deepcopy(backbone).train()
     linear = nn.Linear(copy.features, len(sample.table.classes), device=compute.device)

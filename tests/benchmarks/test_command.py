@@ -38,12 +38,9 @@ def test_text_table_and_picture_are_printed_and_written(run, tmp_path, words, fo
     assert (written / "results.csv").read_text().split() == ["what,m", "a", f"foot,{0.1 if words else 0.3048}"]
 
 
-def test_a_quick_run_writes_nothing(run, tmp_path):
+def test_a_quick_run_writes_nothing_and_a_mistake_ends_in_one_line(run, tmp_path):
     assert "| a foot | 0.1 |" in run("--quick").output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["other.yaml", "params.yaml"]
-
-
-def test_a_users_mistake_ends_in_one_line(run):
     result = run("--params", "other.yaml")
     assert result.exit_code == 1 and result.output == "Error: seed is 7; expected 0\n"
 

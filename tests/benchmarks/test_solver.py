@@ -6,7 +6,6 @@ from click.testing import CliRunner
 
 from benchmarks.solver import __main__ as solver
 from benchmarks.solver.other_integrators import IntegrationFailed, explicit_euler, integrate_with_scipy
-from benchmarks.solver.picture import diagram
 from benchmarks.solver.scenes import SETTINGS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import JOINT
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
@@ -21,19 +20,14 @@ def test_scipys_integrators_solve_the_same_equation(method):
     assert error_of_state(states[0], radau(mechanics, y)) < 2e-6
 
 
-def test_explicit_euler_has_order_one_and_diverges_where_the_equation_is_stiff():
+def test_explicit_euler_has_order_one_and_fails_where_the_equation_is_stiff_as_others_do_after_too_many_steps():
     mechanics, y = sphere_on_bed()
     solution = radau(mechanics, y)
-    coarse, fine = (
-        error_of_state(explicit_euler(mechanics, y, 1, FRAME, steps)[0, 0], solution) for steps in (64, 128)
-    )
+    states = (explicit_euler(mechanics, y, 1, FRAME, steps)[0, 0] for steps in (64, 128))
+    coarse, fine = (error_of_state(state, solution) for state in states)
     assert fine < 1e-4 and coarse / fine == pytest.approx(2, rel=0.1)
     with pytest.raises(IntegrationFailed, match="diverged in frame 0"):
         explicit_euler(free_finger(joint_damping=1e-6), y, 1, FRAME, 64)
-
-
-def test_a_method_that_takes_too_long_gives_up():
-    mechanics, y = sphere_on_bed()
     with pytest.raises(IntegrationFailed, match="spent 5 evaluations"):
         integrate_with_scipy("BDF", mechanics, 0, y[0], 1, FRAME, rtol=1e-6, max_evaluations=5)
 
@@ -53,7 +47,7 @@ def test_relative_error_is_the_median_of_recordings_that_are_pressed():
     assert solver.relative_error(off, pressure) == pytest.approx(0.2)
 
 
-def test_rows_have_error_and_cost_and_failures_their_reason(monkeypatch, capsys):
+def test_rows_have_error_and_cost_and_failures_their_reason(monkeypatch):
     simulation = ball_grasp(*SETTINGS[1], rate=7.35, seed=1)
 
     def solve(method, setting, mechanics, *_):
@@ -67,10 +61,7 @@ def test_rows_have_error_and_cost_and_failures_their_reason(monkeypatch, capsys)
     assert (good["error"], good["evaluations"], good["remark"]) == (0, 7, "")
     assert np.isnan(failed["error"]) and failed["remark"] == "diverged in frame 3"
     assert 0.1 < float(good["scene"]) < 10  # lambda h of a soft ball
-    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
-    panel = diagram([good | {"error": 1e-3}, failed]).axes[0]
-    labels = [text.get_text() for text in panel.get_legend().get_texts()]
-    assert labels == ["ours", "explicit Euler: failed"]
+    assert len(solver.diagram([good | {"error": 1e-3}, failed]).axes[0].get_lines()) == 5  # two a method, and 1 %
 
 
 @pytest.mark.parametrize(

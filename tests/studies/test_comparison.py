@@ -38,9 +38,9 @@ def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, classes=("
     return Answers(cell, predictions, COSTS | costs, sequential)
 
 
-def table(*given, references=("a",)):
+def table(*cells, references=("a",)):
     """Rows by variant, protocol and weighting."""
-    rows = rows_of(pooled(given), references, np.random.default_rng(0)).to_dict("records")
+    rows = rows_of(pooled(cells), references, np.random.default_rng(0)).to_dict("records")
     return {(row["variant"], row["protocol"], row["weighting"]): row for row in rows}
 
 
@@ -64,9 +64,9 @@ def test_a_known_difference_has_its_size_its_interval_and_the_smallest_p_that_ei
 
 def test_a_small_group_counts_as_much_as_a_large_one_per_group():
     groups = np.where(np.arange(80) < 10, 0, 1)  # 10 anchors, of which 9 are wrong, and 70, of which 7 are
-    given = answers("b", 1, groups=groups)
-    given.predictions.predicted["recording"][:, 1:9] = 1 - LABELS[1:9]
-    rows = table(given, answers("a", 0, groups=groups))
+    worse = answers("b", 1, groups=groups)
+    worse.predictions.predicted["recording"][:, 1:9] = 1 - LABELS[1:9]
+    rows = table(worse, answers("a", 0, groups=groups))
     of = {weighting: rows["b", "recording", weighting] for weighting in ("frame", "group")}
     assert of["frame"]["error"] == of["frame"]["vs a more"] == pytest.approx(100 * 16 / 80)
     assert of["group"]["error"] == of["group"]["vs a more"] == pytest.approx((90 + 10) / 2)
@@ -82,17 +82,17 @@ def test_trainings_are_averaged_and_their_spread_told():
 
 
 def test_the_interval_over_trainings_is_students_and_needs_three_seeds_of_one_deal():
-    given = [answers("a", 1, seed=seed) for seed in range(4)]
-    given += [answers("b", wrong, seed=seed) for seed, wrong in enumerate((2, 4, 3))]
-    versus = table(*given)["b", "object", "frame"]
+    cells = [answers("a", 1, seed=seed) for seed in range(4)]
+    cells += [answers("b", wrong, seed=seed) for seed, wrong in enumerate((2, 4, 3))]
+    versus = table(*cells)["b", "object", "frame"]
     half = 4.3027 * 10 / 3**0.5  # the 97.5 % point for two degrees of freedom; 10, 30 and 20 points more
     assert (versus["vs a seeds_low"], versus["vs a seeds_high"]) == pytest.approx((20 - half, 20 + half), rel=1e-3)
-    assert np.isnan(table(*given[:-1])["b", "object", "frame"]["vs a seeds_low"])
+    assert np.isnan(table(*cells[:-1])["b", "object", "frame"]["vs a seeds_low"])
     dealt = [answers(name, 1, seed=seed, deal=seed % 2) for name in "ab" for seed in range(4)]
     assert np.isnan(table(*dealt)["b", "object", "frame"]["vs a seeds_low"])
 
 
-def test_several_references_are_compared_with_each_other_too():
+def test_two_references_are_compared_with_each_other_too():
     rows = table(answers("a", 1), answers("b", 3), answers("c", 2), references=("a", "b"))
     a, b, c = (rows[name, "object", "frame"] for name in "abc")
     assert (c["vs a more"], c["vs b more"]) == pytest.approx((10, -10))
@@ -109,11 +109,8 @@ def test_folds_stand_side_by_side_and_their_seconds_add_up():
     assert variant.tested(variant.trainings).shape == (2, 160)
     assert variant.wrong("object", variant.trainings).shape == (160,)
     assert variant.wrong("object", variant.trainings).mean() == pytest.approx(0.2)
-    assert {name: variant.cost(name) for name in COSTS} == COSTS | {
-        "pretrain s": 4.0,
-        "finetune s": 6.0,
-        "peak MB": 300.0,
-    }
+    costs = COSTS | {"pretrain s": 4.0, "finetune s": 6.0, "peak MB": 300.0}
+    assert {name: variant.cost(name) for name in COSTS} == costs
 
 
 def dealt(variant, *wrong):
@@ -123,7 +120,7 @@ def dealt(variant, *wrong):
         yield answers(variant, number, deal=deal, groups=groups)
 
 
-def test_a_group_is_one_unit_in_all_deals():
+def test_a_group_is_one_unit_in_all_deals_and_deals_count_equally_whatever_seeds_they_have():
     once, five = table(*dealt("a", 1), *dealt("b", 3)), table(*dealt("a", *[1] * 5), *dealt("b", *[3] * 5))
     key = "b", "recording", "frame"
     assert (five[key]["trainings"], five[key]["error"]) == (5, pytest.approx(30))
@@ -131,9 +128,6 @@ def test_a_group_is_one_unit_in_all_deals():
     (variant,) = pooled(dealt("b", *[3] * 5))
     assert np.unique(variant.tested(variant.trainings)[1]).size == 8
     assert variant.cost("finetune s") == COSTS["finetune s"]
-
-
-def test_deals_count_equally_whatever_seeds_they_have():
     (variant,) = pooled([answers("a", 0), answers("a", 4, deal=1), answers("a", 8, deal=1, seed=1)])
     assert variant.wrong("object", variant.trainings).mean() == pytest.approx((0 + 0.6) / 2)
     assert variant.wrong("object", {(0, 0), (0, 1)}).mean() == pytest.approx((0 + 0.4) / 2)
@@ -152,23 +146,16 @@ def test_the_pareto_front_holds_what_nothing_beats():
 
 
 def test_rows_of_sequential_recognition_say_how_many_frames_were_taken():
-    first, second, stop = sequential_rows(pooled([answers("a", 1, sequential=SEQUENTIAL), answers("b", 1)])).to_dict(
-        "records"
-    )
+    rows = sequential_rows(pooled([answers("a", 1, sequential=SEQUENTIAL), answers("b", 1)]))
+    first, second, stop = rows.to_dict("records")
     assert [row["error"] for row in (first, second, stop)] == pytest.approx([50, 10, 25])
     assert [row["frames"] for row in (first, second, stop)] == [1, 2, 1.5]
     assert (stop["low"], stop["high"], stop["variant"]) == (pytest.approx(20), pytest.approx(30), "a, stops at 0.9")
-    other = answers(
-        "a", 1, seed=1, sequential=SEQUENTIAL | {"error": {"mean": 0.35, "low": None, "high": None}, "frames": 2.5}
-    )
+    longer = SEQUENTIAL | {"error": {"mean": 0.35, "low": None, "high": None}, "frames": 2.5}
+    other = answers("a", 1, seed=1, sequential=longer)
     stop = sequential_rows(pooled([answers("a", 1, sequential=SEQUENTIAL), other])).iloc[-1]
     assert (stop["error"], stop["frames"], stop["trainings"]) == (pytest.approx(30), 2, 2)
     assert np.isnan(stop["low"])
-
-
-def study(**settings):
-    settings = {"reference": "a", "seeds": [0], "folds": [0], "columns": ["finetune s"]} | settings
-    return Study("made", "Which?", {}, **settings)
 
 
 def test_a_reference_of_a_crossed_study_stands_for_the_variant_in_the_same_place():
@@ -197,10 +184,10 @@ def test_power_is_the_half_width_of_the_widest_paired_interval():
     assert "answered alike" in power(alike, 8)
 
 
-def report(folder, *given, rehearsal=False, **settings):
+def report(folder, *cells, rehearsal=False, **settings):
     settings = {"reference": "a", "seeds": [0], "folds": [0], "columns": ["finetune s"]} | settings
-    made = Study(name="made", question="Which?", variants={each.cell.variant: {} for each in given}, **settings)
-    text = write_report(made, list(given), folder, rehearsal=rehearsal, on_top=("split.by=grasp",))
+    made = Study(name="made", question="Which?", variants={each.cell.variant: {} for each in cells}, **settings)
+    text = write_report(made, list(cells), folder, rehearsal=rehearsal, on_top=("split.by=grasp",))
     assert (folder / "results.png").stat().st_size > 1000
     return text, pd.read_csv(folder / "results.csv")
 

@@ -55,9 +55,7 @@ def test_cells_are_every_variant_from_every_seed_on_every_fold(tmp_path, monkeyp
     assert {"pretrain.epochs=1", "views=2", "glove.objects=[mug,tape,scissors]"} <= set(quick[0].changes)
 
 
-def test_every_variant_is_trained_on_each_fold_of_each_deal_and_the_first_deal_of_all_comes_first(
-    tmp_path, monkeypatch
-):
+def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(tmp_path, monkeypatch):
     variants = {"a": {}, "b": {"views": 4}}
     made = study(tmp_path, monkeypatch, variants=variants, folds="all", deals=[0, 3], set={"split.folds": 2})
     assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(product([0, 3], "ab", [0, 1]))
@@ -67,12 +65,6 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_and_the_first_deal_o
     grasps = made.cells(on_top=("split.folds=6", "split.by=grasp"))
     assert len(grasps) == 2 * 2 * 6
     assert grasps[-1].changes[-5:] == ("split.folds=6", "split.by=grasp", "seed=0", "split.deal=3", "split.fold=5")
-
-
-@pytest.mark.parametrize("key", ["seed", "split.deal", "split.fold"])
-def test_what_a_study_sets_in_every_cell_cannot_be_put_on_top(tmp_path, monkeypatch, key):
-    with pytest.raises(UserError, match=rf"--set {key}: every cell has its own; set it in .*made\.yaml"):
-        study(tmp_path, monkeypatch).cells(on_top=(f"{key}=1",))
 
 
 def test_a_preset_stands_for_its_changes_and_may_be_changed(tmp_path, monkeypatch):
@@ -86,26 +78,16 @@ def test_a_preset_stands_for_its_changes_and_may_be_changed(tmp_path, monkeypatc
     [
         ({"refrence": "a"}, "refrence is 'a'"),
         ({"reference": "b"}, "reference is 'b'; expected one of a"),
-        ({"reference": ["a", "b"]}, "reference is 'b'"),
         ({"reference": 3}, "reference.*is 3"),
-        ({"picture": "pie"}, "picture is 'pie'"),
         ({"picture": "curves"}, "no names; expected one mapping in `cross`, whose names begin with a number"),
         ({"picture": "curves", "cross": [{"many": {"views": 8}}]}, "'many'; expected one mapping"),
-        ({"picture": "curves", "cross": [{"8 views": {}}, {"1 fold": {}}]}, "'8 views', '1 fold'; expected one"),
         ({"one_seed": ["c"]}, "one_seed is 'c'"),
-        ({"one_deal": ["c"]}, "one_deal is 'c'"),
         ({"quick": ["d"]}, "quick is 'd'"),
         ({"columns": ["peak GB"]}, "'peak GB'"),
         ({"variants": {"a": {"preset": "worst"}}}, "preset is 'worst'"),
-        ({"variants": {}}, "variants is {}"),
-        ({"variants": {1: {}}}, "variants.1"),
         ({"cross": [{"x": None}]}, "cross.0.x is None"),
-        ({"seeds": []}, r"seeds is \[\]"),
-        ({"seeds": [0.5]}, r"seeds.0 is 0.5"),
         ({"seeds": [True]}, r"seeds.0 is True"),
-        ({"deals": [-1]}, r"deals.0 is -1"),
         ({"folds": "any"}, "folds.* is 'any'"),
-        ({"question": "a" * 42}, "at most 41"),
     ],
 )
 def test_a_mistake_in_the_file_is_named(tmp_path, monkeypatch, tree, word):
@@ -123,11 +105,6 @@ def test_every_study_and_its_rehearsal_have_parameters_that_pass_all_checks(name
     assert not keys[0] & keys[1]
 
 
-def test_a_wrong_parameter_is_told_with_its_variant():
-    with pytest.raises(UserError, match=r"variant b: .*model\.sytem"):
-        key_of(cell_of("model.sytem=vote", variant="b"), "code")
-
-
 def test_a_cell_is_known_by_its_parameters_code_and_source():
     default, same = cell_of("views=8"), cell_of(variant="b")
     assert key_of(default, "code") == key_of(same, "code")  # params.yaml says 8
@@ -135,6 +112,8 @@ def test_a_cell_is_known_by_its_parameters_code_and_source():
     assert key_of(default, "code") != key_of(cell_of("views=4"), "code")
     with pytest.raises(UserError, match=r"data\.source is no_such_place; expected a file or folder"):
         key_of(cell_of("data.source=no_such_place"), "code")
+    with pytest.raises(UserError, match=r"variant b: .*model\.sytem"):
+        key_of(cell_of("model.sytem=vote", variant="b"), "code")
 
 
 def test_a_cell_is_the_same_on_a_machine_whose_source_lies_elsewhere_and_is_younger(tmp_path):
@@ -151,9 +130,7 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
     monkeypatch.setattr(cells_module, "STORE", tmp_path)
     monkeypatch.setattr(cells_module, "LAST", tmp_path / "timing.json")
     list_studies()
-    lines = capsys.readouterr().out.splitlines()[1:]
-    assert [line.split()[0] for line in lines] == names()
-    assert all("not yet known" in line for line in lines)
+    assert capsys.readouterr().out.count("not yet known") == len(names())
     (tmp_path / "timing.json").write_text('{"seconds": {"total": 60}}')
     study = read_study("claims")
     for cell, seconds in zip(study.cells(), (10, 20, 90), strict=False):
@@ -175,6 +152,7 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
         (["compare", "--set", "vews=4", "--out", "/tmp/x"], "did you mean views?"),
         (["compare", "--set", "seed=4", "--out", "/tmp/x"], "--set seed: every cell has its own"),
         (["viewpoints", "--set", "views=8", "--set", "viewpoints=auto", "--out", "/tmp/x"], "the same training twice"),
+        *((["folds", "--shard", text], f"--shard is {text!r}; expected i/n") for text in ("0/2", "3/2", "x", "1/2/3")),
     ],
 )
 def test_a_mistake_on_the_command_line_ends_in_one_line(words, expected):
@@ -208,13 +186,6 @@ def test_every_cell_is_in_exactly_one_shard_and_cells_that_share_a_backbone_in_t
         for seed, fold in product(range(2), range(3)):
             assert sum(f"{SYSTEMS[0]} {seed} {fold}" in part for part in parts) == 1
             assert all((f"{SYSTEMS[0]} {seed} {fold}" in part) == (f"mvcnn {seed} {fold}" in part) for part in parts)
-
-
-@pytest.mark.parametrize("text", ["0/2", "3/2", "x", "1/0", "1/2/3", "1.0/2", "\u00b2/3"])
-def test_a_wrong_shard_is_one_line(text):
-    result = CliRunner().invoke(main, ["folds", "--shard", text])
-    assert result.exit_code == 1
-    assert result.output.count("\n") == 1 and f"--shard is {text!r}; expected i/n" in result.output
 
 
 def test_changes_on_top_have_a_folder_of_their_own_and_a_shard_has_no_report(tmp_path, monkeypatch):

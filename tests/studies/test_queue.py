@@ -1,6 +1,8 @@
-"""DVC's own queue, in repositories of their own: a queue that was killed, a cell that another clone has pushed."""
+"""DVC's own queue, in repositories of their own: a rehearsal, a queue that was killed, a cell that was pushed."""
 
+import csv
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,14 +15,15 @@ import pytest
 from studies import cells as cells_module
 from studies import queue as queue_module
 from studies import runner
-from studies.cells import RESULTS, experiment_of
+from studies.cells import RESULTS
 from studies.grid import Cell
 from studies.queue import Queue, lives, settings
 from studies.runner import run_cells
 from tactile_viewgcn.errors import UserError
 from tests.small_tables import ROOT
 
-KEYS = [f"{number:016x}" for number in range(2)]
+CELLS = {f"{seed:016x}": Cell(variant="a", seed=seed, deal=0, fold=0, changes=(f"seed={seed}",)) for seed in range(2)}
+CELL, NAMES = CELLS[f"{0:016x}"], [f"made-{key}" for key in CELLS]
 #: A cell appends to a file outside of its experiment; the second one, at its first run, does not end.
 STAGE = """stages:
   evaluate:
@@ -34,18 +37,25 @@ STAGE = """stages:
 
 
 def sh(*words, cwd):
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "GIT_"))}
-    subprocess.run(list(map(str, words)), cwd=cwd, env=environment, timeout=120, check=True)
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_", "GIT_"))}
+    done = subprocess.run(
+        list(map(str, words)), cwd=cwd, env=environment, timeout=600, stdout=subprocess.PIPE, text=True, check=True
+    )
+    return done.stdout
 
 
 def dvc(*words, cwd):
     sh(sys.executable, "-m", "dvc", *words, cwd=cwd)
 
 
-def clone(bare, place):
-    sh("git", "clone", "-q", bare, place, cwd=bare.parent)
+def identify(place):
     sh("git", "config", "user.name", "test", cwd=place)
     sh("git", "config", "user.email", "test@example.org", cwd=place)
+
+
+def clone(bare, place):
+    sh("git", "clone", "-q", bare, place, cwd=bare.parent)
+    identify(place)
     return place
 
 
@@ -83,11 +93,9 @@ def processes_in(folder):
 def test_a_killed_queue_is_taken_up_and_what_had_finished_does_not_run_again(machine, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "KILLED", 1.0)
     monkeypatch.setattr(runner, "POLL", 0.5)
-    cells = {key: Cell(variant="a", seed=seed, deal=0, fold=0, changes=(f"seed={seed}",))
-             for seed, key in enumerate(KEYS)}  # fmt: skip
     queue = Queue()
-    for key, cell in cells.items():
-        queue.put(experiment_of("made", key), cell)
+    for name, cell in zip(NAMES, CELLS.values(), strict=True):
+        queue.put(name, cell)
     queue.start(1)
     deadline = time.monotonic() + 120
     while not (tmp_path / "log.stuck").exists():
@@ -95,17 +103,17 @@ def test_a_killed_queue_is_taken_up_and_what_had_finished_does_not_run_again(mac
         time.sleep(0.5)
     for pid in processes_in(machine):
         os.kill(pid, signal.SIGKILL)
-    assert list(queue.finished()) == [experiment_of("made", KEYS[0])]
-    assert queue.tasks()[experiment_of("made", KEYS[1])][0] == "Running"  # for ever, says DVC
-    assert run_cells("made", cells, Queue()) == {}
+    assert list(queue.finished()) == NAMES[:1]
+    assert queue.tasks()[NAMES[1]][0] == "Running"  # for ever, says DVC
+    assert run_cells("made", CELLS, Queue()) == {}
     assert (tmp_path / "log").read_text().split() == ["seed:", "0", "seed:", "1", "seed:", "1"]
-    assert all(cells_module.stored(key) for key in KEYS)
+    assert all(cells_module.stored(key) for key in CELLS)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_a_pulled_cell_is_finished_with_its_files_or_without_and_nothing_is_queued(machine, tmp_path, monkeypatch):
-    dvc("exp", "run", "-q", "--name", experiment_of("made", KEYS[0]), cwd=machine)
+    dvc("exp", "run", "-q", "--name", NAMES[0], cwd=machine)
     dvc("exp", "push", "-q", "origin", cwd=machine)
     monkeypatch.setattr(Queue, "put", lambda queue, name, cell: pytest.fail(f"queued {cell}"))
     for name, options in (("desk", []), ("other_desk", ["--no-cache"])):
@@ -114,9 +122,9 @@ def test_a_pulled_cell_is_finished_with_its_files_or_without_and_nothing_is_queu
         assert (desk / ".dvc" / "cache").exists() != bool(options)
         monkeypatch.chdir(desk)
         monkeypatch.setattr(cells_module, "STORE", tmp_path / "cells" / name)
-        cell = Cell(variant="a", seed=0, deal=0, fold=0, changes=())
-        assert run_cells("made", {KEYS[0]: cell}, Queue(), wait=lambda _: pytest.fail("waits")) == {}
-        files = {file.name: file.read_text() for file in (tmp_path / "cells" / name / KEYS[0]).iterdir()}
+        key, cell = next(iter(CELLS.items()))
+        assert run_cells("made", {key: cell}, Queue(), wait=lambda _: pytest.fail("waits")) == {}
+        files = {file.name: file.read_text() for file in (tmp_path / "cells" / name / key).iterdir()}
         assert files == dict.fromkeys(RESULTS, "{}\n")
 
 
@@ -155,7 +163,6 @@ def test_a_task_is_given_up_at_the_second_look_without_a_process_and_no_other_is
     [
         ("Running\nError: views is 0\nERROR: failed to reproduce 'cluster'\nWrite to us", "Error: views is 0"),
         ("Reproducing\nERROR: s3 is supported, but\n\nWrite to us\n", "ERROR: s3 is supported, but"),
-        ("Killed\n", "Killed"),
         ("", "no log"),
     ],
 )
@@ -170,27 +177,44 @@ def test_a_lock_is_waited_for_and_a_refusal_is_one_line(monkeypatch):
         queue_module, "_dvc", lambda *words: SimpleNamespace(stderr=answers[0], returncode=bool(answers.pop(0)))
     )
     monkeypatch.setattr(queue_module.time, "sleep", lambda seconds: None)
-    cell = Cell(variant="a", seed=0, deal=0, fold=0, changes=())
-    Queue().put("made", cell)
+    Queue().put("made", CELL)
     with pytest.raises(UserError, match="--name made: ERROR: no such key"):
-        Queue().put("made", cell)
+        Queue().put("made", CELL)
 
 
 def test_a_remote_that_does_not_answer_is_an_error_of_the_cell(monkeypatch):
-    class Unreachable(Exception):
-        pass
-
     def cat_file(path):
-        raise Unreachable("no endpoint")
+        raise ConnectionError("no endpoint")
 
     monkeypatch.setattr("dvc.api.DVCFileSystem", lambda rev: SimpleNamespace(cat_file=cat_file))
-    with pytest.raises(UserError, match="DVC's remote: Unreachable: no endpoint"):
+    with pytest.raises(UserError, match="DVC's remote: ConnectionError: no endpoint"):
         Queue().results("0123abcd")
 
 
 def test_an_experiment_has_the_last_change_of_a_key_and_a_source_that_it_can_read():
-    def given(*changes):
-        return settings(Cell(variant="a", seed=0, deal=0, fold=0, changes=changes))
+    cell = CELL.model_copy(update={"changes": ("views=4", "seed=1", "views=2", "data.source=tests")})
+    assert settings(cell) == ["views=2", "seed=1", f"data.source={Path('tests').resolve()}"]
 
-    assert given("views=4", "seed=1", "views=2") == ["views=2", "seed=1"]
-    assert given("data.source=tests") == [f"data.source={Path('tests').resolve()}"]
+
+@pytest.mark.slow
+def test_a_rehearsal_runs_every_cell_once_and_leaves_table_and_picture(tmp_path):
+    place = tmp_path / "repository"
+    for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
+        if (ROOT / name).is_file():
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, place / name)
+    sh("git", "init", "-q", cwd=place)
+    identify(place)
+    sh("git", "add", "-A", cwd=place)
+    sh("git", "commit", "-qm", "Test", cwd=place)
+    before = (place / "studies/claims/results.csv").read_bytes()
+    first = sh(sys.executable, "-m", "studies", "claims", "--quick", cwd=place)
+    assert "2 cells, 0 of them finished before" in first
+    with (place / "studies/.quick/claims/results.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["variant"], row["protocol"]) for row in rows} == {("paper", "recording"), ("maximum", "recording")}
+    assert all(0 <= float(row["error"]) <= 100 for row in rows)
+    assert (place / "studies/.quick/claims/results.png").stat().st_size > 1000
+    assert (place / "studies/claims/results.csv").read_bytes() == before
+    again = sh(sys.executable, "-m", "studies", "claims", "--quick", cwd=place)
+    assert "2 cells, 2 of them finished before" in again and "smallest difference" in again
