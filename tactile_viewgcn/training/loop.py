@@ -80,7 +80,8 @@ def fit(
                 checkpoint.restore_weights()  # the loss has changed the running moments of batch normalisation
                 _check(loss, MAX_BATCH_LOSS, progress, steps=1)
         except _Diverged as divergence:
-            _return_to_good_epoch(*divergence.args, progress, checkpoint, optimiser)
+            loss, good = divergence.args
+            _return_to_good_epoch(loss, good, progress, checkpoint, optimiser)
     progress.seconds = time.perf_counter() - begin
     return progress
 
