@@ -119,7 +119,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     def predict(self, X: Any) -> np.ndarray:
         """The most probable of `classes_` (n,) for rows of X; see `predict_proba`."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+        best = self.predict_proba(X).argmax(axis=1)
+        return self.classes_[best]
 
     def save(self, path: str | Path) -> None:
         """Write the classifier's file, as the pipeline's models/classifier.pt: `Recogniser` and `predict` read it.

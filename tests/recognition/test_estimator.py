@@ -9,13 +9,13 @@ import joblib
 import numpy as np
 import pytest
 import torch
-import yaml
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.answer import answer_recording
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.schema import parse
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
@@ -36,9 +36,9 @@ NETWORK = {
     "preprocess.scale": 60,
     "model.backbone.width": 8,
     "model.backbone.readout": "grid",
-    "pretrain.epochs": 15,
+    "pretrain.epochs": 30,
     "pretrain.batch": 8,
-    "finetune.epochs": 3,
+    "finetune.epochs": 10,
     "finetune.lr": 0.005,
 }
 
@@ -129,7 +129,7 @@ def test_its_answers_are_those_of_the_stages(system):
     classifier = TactileClassifier(
         system=system,
         views=4,
-        params={key: yaml.safe_load(text) for key, text in values.items()} | {"precision": "float32"},
+        params={key: parse(text) for key, text in values.items()} | {"precision": "float32"},
     )
     classifier.fit([frames.counts[index] for index in rows], [frames.label[index[0]] for index in rows])
     inputs = CPU.frames(torch.from_numpy(frames.inputs(frames.on(TEST), expected.transform)))

@@ -200,10 +200,11 @@ def test_the_ensemble_adds_its_members_logarithms():
 def test_a_glove_of_another_scale_gets_the_same_answers(tmp_path):
     """Counts and baselines a thousand times as large: the unit takes care of it."""
     frames, params, answers = table(), recipe("model.system=max_kernel"), []
-    larger = replace(frames, counts=frames.counts * 1000.0, baseline_mean=frames.baseline_mean * 1000.0)
+    counts = frames.counts[np.arange(len(frames))] * 1000.0
+    larger = replace(frames, counts=counts, baseline_mean=frames.baseline_mean * 1000.0)
     for scaled in (frames, larger):
         save_classifier(tmp_path / "classifier.pt", fitted("max_kernel", scaled), params.model, scaled)
-        counts = scaled.counts[scaled.side == TEST][:8].reshape(2, 4, *scaled.live.shape)
+        counts = scaled.counts[np.flatnonzero(scaled.side == TEST)[:8]].reshape(2, 4, *scaled.live.shape)
         answers.append(Recogniser(tmp_path / "classifier.pt").probabilities(counts))
     np.testing.assert_allclose(*answers, rtol=1e-3)
 
