@@ -52,7 +52,7 @@ class Gathered:
         return len(self._index)
 
     def __getitem__(self, at: slice | np.ndarray) -> np.ndarray:
-        return self._rows_of(self._index[at])
+        return np.ascontiguousarray(self._rows_of(self._index[at]))  # sums round by the order in memory
 
 
 Counts = np.ndarray | Gathered

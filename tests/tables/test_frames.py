@@ -132,3 +132,11 @@ def test_two_writes_give_equal_bytes_and_other_frames_give_others(tmp_path):
         write_frames(tmp_path / name, made(seed=seed))
     digests = [md5(tmp_path / name) for name in ("a.h5", "b.h5", "c.h5")]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_points_lie_row_by_row_in_memory():
+    """Sums of a principal component analysis round by the order, and a cluster may turn on that."""
+    frames = made()
+    points = frames.points(np.arange(len(frames)))
+    for at in (frames.side == TRAIN, np.arange(5), slice(3)):
+        assert points[at].flags.c_contiguous
