@@ -152,6 +152,7 @@ def saved(folder: Path, path: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # MLflow's own
 @pytest.mark.parametrize("name", FOUR)
 def test_mlflow_s_server_ends_with_the_same_line(tmp_path, name):
     model = saved(tmp_path, altered(tmp_path, name))
