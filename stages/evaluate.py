@@ -29,9 +29,8 @@ def evaluate(frames: Path, classifier: Path, after: tuple[Path, ...], out: Path,
         compute = select_device(params.device, params.precision)
         model, content = load_classifier(classifier)
         records = report.read_records(after)
-        evaluation = evaluate_table(
-            model, table, params.cluster, params.evaluate, compute, params.seed, content["temperatures"]
-        )
+        temperatures = content["calibration"] and content["calibration"].by_frames
+        evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
         metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side, records)
         write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
         run.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))

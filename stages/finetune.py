@@ -12,14 +12,13 @@ from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.process import rank
-from tactile_viewgcn.recognition.calibration import calibration_warning, fit_temperatures
+from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
 from tactile_viewgcn.training.distributed import process_group
-from tactile_viewgcn.training.finetuning import finetune_classifier
 
 
 @click.command(help=__doc__)
@@ -45,16 +44,13 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
                 job.note(note)
         key = job.checkpoint_key()
         with process_group(compute, alone), training_checkpoint("finetune", key, compute) as checkpoint_path:
-            arguments = pretrained, params, compute
-            classifier, progress = finetune_classifier(table, clusters, *arguments, checkpoint_path, job.epoch)
+            fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
             if rank():
                 return
-            calibration = fit_temperatures(
-                classifier, lambda part: finetune_classifier(part, clusters, *arguments)[0], table, params, compute
-            )
-            save_classifier(out, classifier, params.model, table, compute.precision, calibration)
-        if warning := calibration_warning(classifier, calibration):
-            job.note(warning)
+            save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.calibration)
+        for note in fitted.notes:
+            job.note(note)
+        classifier, progress = fitted.classifier, fitted.progress
         trained = isinstance(classifier, ViewNetwork) and classifier.head.trainable
         weights = count_weights(classifier.head) if isinstance(classifier, ViewNetwork) else 0
         if trained:

@@ -15,7 +15,7 @@ from pydantic.dataclasses import dataclass
 from tactile_viewgcn.schema import SECTION, Integer, Number, Text, Truth, Unique, as_change, build, read_yaml
 from tactile_viewgcn.systems import Member, OnSensors, System
 
-PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "best")
+PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "kernels", "best")
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that data/virtual/dvc.yaml makes
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
@@ -28,6 +28,7 @@ NotNegative = Annotated[Number, Interval(ge=0, le=MAX_NUMBER)]
 Share = Annotated[Number, Interval(ge=0, lt=1)]
 Seed = Annotated[Integer, Interval(ge=0, le=2**32 - 1)]
 Batch = Annotated[Integer, Interval(ge=2)]  # batch normalisation learns nothing from one
+Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Effect = Literal[  # of the virtual glove
     "motion", "weight", "shift", "tremor", "fit",
@@ -123,7 +124,8 @@ class Model:
     view_loss: Literal["sum", "mean"]
     start: Literal["random", "max"]
     assignments: Literal["any", "rotations"]
-    members: Annotated[list[Member], Strict(), MinLen(1), Unique]
+    members: Literal["auto"] | Members
+    candidates: Annotated[list[Members], Strict(), MinLen(1), Unique]
 
 
 @dataclass(frozen=True, config=SECTION)

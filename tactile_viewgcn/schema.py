@@ -28,7 +28,7 @@ MOST_SHOWN = 200  # characters of a wrong value
 
 
 def _unique(items: list[Any]) -> list[Any]:
-    if len(set(items)) < len(items):
+    if len(set(map(str, items))) < len(items):
         raise ValueError("an item stands twice")
     return items
 

@@ -97,9 +97,7 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
         index = bisecting(np.unique(spread))
         probabilities, used = recogniser.sequential_above(excess[index], stop_at)
     else:
-        index = np.unique(spread) if recogniser.temperatures is not None else spread
-        (probabilities,) = recogniser.probabilities_above(excess[index][None])
-        used = len(np.unique(index))
+        probabilities, used = recogniser.recording_above(excess)
     known = recogniser.novelty if count >= views else None
     novelty = known.score(excess[spread]) if known else float("nan")
     return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty)

@@ -1,30 +1,45 @@
-"""Temperature scaling: calibrated probabilities for each number of frames, fitted on validation groups.
+"""Temperature scaling: calibrated probabilities, fitted on groups that were left out of the training.
 
-Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599).
+Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599). There is a temperature for each number of
+frames, and for recordings of one object that are answered together.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frames.split import fold_sides, spans_classes
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.recognition.left_out import left_out_parts, recording_sets, sampled_anchors
 from tactile_viewgcn.recognition.sequential import logits_by_count, sequences
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames
+from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.training.inputs import FrameInputs
-from tactile_viewgcn.views.clustering import pool_ids
 
-DRAWS = 10  # sequences around each validation anchor
-FOLDS = 3
+MOST_RECORDINGS = 3  # of one object that are answered together
+DRAWS = 10  # of recordings that are answered together, for each recording
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Temperatures, and how many frames of a recording are taken.
+
+    Attributes:
+        by_frames: for 1 to V frames.
+        by_recordings: for recordings as a whole: one, two and three together; empty where they were not fitted.
+        most_frames: of a recording as a whole, evenly taken: V, or more where that errs less.
+    """
+
+    by_frames: list[float]
+    by_recordings: list[float]
+    most_frames: int
 
 
 def fit_temperature(logits: Tensor, labels: Tensor) -> float:
@@ -40,35 +55,33 @@ def fit_temperature(logits: Tensor, labels: Tensor) -> float:
     return float(np.exp(minimize_scalar(negative_log_likelihood, bounds=bounds, method="bounded").x))
 
 
-def fit_temperatures(
-    classifier: Classifier,
-    fit: Callable[[Frames], Classifier],
-    table: Frames,
-    params: Params,
-    compute: Compute,
-) -> list[float] | None:
-    """Temperatures of a trained classifier for 1 to V frames.
+def calibrate_network(classifier: Classifier, table: Frames, params: Params, compute: Compute) -> Calibration | None:
+    """The calibration of a trained network on the validation side; None where it takes V frames alone, or has none."""
+    if params.finetune.num_views != "random" or not (table.anchor & (table.side == VALIDATION)).any():
+        return None
+    return _calibration([_answers(classifier, table, compute, params.seed)], classifier.views)
 
-    A network is calibrated on the validation side. A system on the sensors is fitted in seconds, so that it needs none.
+
+def cross_calibrate(
+    fit: Callable[[Frames], SensorClassifier], table: Frames, views: int, compute: Compute, seed: int
+) -> Calibration | None:
+    """The calibration of a system on the sensors, which is fitted in seconds and so needs no validation side.
+
+    The training groups are dealt into parts; each is answered by a classifier that is fitted to the others.
 
     Args:
-        fit: a classifier like it, fitted to the training side of a table; called for systems on the sensors.
+        fit: a classifier fitted to the training side of a table, which answers up to 32 frames.
 
     Returns:
-        None where it takes V frames alone, or nothing can be left out to calibrate on.
+        None where no class has two training groups.
     """
-    if params.finetune.num_views != "random":
-        return None
-    if isinstance(classifier, SensorClassifier):
-        return cross_calibrate(fit, table, compute, params.seed)
-    if (table.anchor & (table.side == VALIDATION)).any():
-        return _temperatures([_validation_logits(classifier, table, compute, params.seed)])
-    return None
+    answers = [_answers(fit(part), part, compute, seed) for part in left_out_parts(table)]
+    return _calibration(answers, views) if answers else None
 
 
-def calibration_warning(classifier: Classifier, temperatures: list[float] | None) -> Note | None:
+def calibration_warning(classifier: Classifier, calibration: Calibration | None) -> Note | None:
     """A warning where a temperature is above 0.9 of the largest there is: all classes are then about as probable."""
-    if not temperatures or max(temperatures) <= 0.9 * MAX_TEMPERATURE:
+    if not calibration or max(calibration.by_frames) <= 0.9 * MAX_TEMPERATURE:
         return None
     remedy = "" if isinstance(classifier, SensorClassifier) else ", or raise finetune.epochs"
     return Note(
@@ -79,42 +92,62 @@ def calibration_warning(classifier: Classifier, temperatures: list[float] | None
     )
 
 
-def cross_calibrate(
-    fit: Callable[[Frames], Classifier], table: Frames, compute: Compute, seed: int
-) -> list[float] | None:
-    """Temperatures for 1 to V frames, fitted without a validation side.
+@dataclass(frozen=True)
+class _Answers:
+    """Logits on left-out groups.
 
-    The training groups are dealt into folds; each fold is answered by a classifier that is fitted to the others. A
-    class of which a fold holds all groups is left out of it. None where no class has two training groups.
+    Attributes:
+        by_count: (V, A, classes) after 1 to V frames of sequences; labels: (A,) their classes.
+        recordings: logits (P, classes) of recordings as a whole, from V frames and from most; classes: (P,) theirs.
     """
-    train = table.on(TRAIN)
-    group, label, answers = table.group[train], table.label[train], []
-    for fold in range(FOLDS):
-        left_out = fold_sides(group, label, folds=FOLDS, fold=fold, across=spans_classes(group, label)) == TEST
-        left_out &= np.isin(label, label[~left_out])
-        side = np.where(table.side == VALIDATION, TEST, table.side)
-        side[train[left_out]] = VALIDATION
-        if (table.anchor & (side == VALIDATION)).any():
-            part = replace(table, side=side)
-            answers.append(_validation_logits(fit(part), part, compute, seed))
-    return _temperatures(answers) if answers else None
+
+    by_count: Tensor
+    labels: Tensor
+    recordings: list[Tensor]
+    classes: Tensor
+    most_frames: int
 
 
-def _validation_logits(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> tuple[Tensor, Tensor]:
-    """Logits (V, A, classes) after 1 to V frames of sequences on the validation side, and their classes (A,)."""
+def _answers(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> _Answers:
+    """Answers on the validation side."""
     index = table.on(VALIDATION)
     classifier.prepare(compute)
     frames = FrameInputs(table, index, compute, classifier.transform)
     with compute.autocast(), torch.inference_mode():
         values = classifier.frame_values(frames)
-    recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")
-    anchors = np.tile(np.flatnonzero(table.anchor[index]), DRAWS)
-    drawn = sequences(anchors, recording, classifier.views, stream(seed, "touches.calibrate"))
-    labels = torch.from_numpy(table.label[index][anchors].astype(np.int64))
-    return logits_by_count(classifier, values, drawn).cpu(), labels
+    pool, few, most = recording_sets(table, index, classifier.views)
+    kinds = (few, most if isinstance(classifier, SensorClassifier) else few)
+    drawn = sequences(sampled_anchors(table, index), pool, classifier.views, stream(seed, "touches.calibrate"))
+    label = torch.from_numpy(table.label[index].astype(np.int64))
+    with torch.inference_mode():
+        recordings = [classifier.logits(values, torch.from_numpy(sets).to(values.device)).cpu() for sets in kinds]
+    by_count = logits_by_count(classifier, values, drawn).cpu()
+    return _Answers(by_count, label[drawn[:, 0]], recordings, label[few[:, 0]], kinds[1].shape[1])
 
 
-def _temperatures(answers: list[tuple[Tensor, Tensor]]) -> list[float]:
-    """A temperature for each number of frames, over all answers."""
-    logits, labels = zip(*answers, strict=True)
-    return [fit_temperature(of_count, torch.cat(labels)) for of_count in torch.cat(logits, dim=1)]
+def _calibration(answers: list[_Answers], views: int) -> Calibration:
+    labels, classes = (torch.cat([getattr(of, name) for of in answers]) for name in ("labels", "classes"))
+    by_count = torch.cat([of.by_count for of in answers], dim=1)
+    few, most = (torch.cat([of.recordings[way] for of in answers]) for way in (0, 1))
+    wrong_few, wrong_most = ((logits.argmax(dim=1) != classes).sum() for logits in (few, most))
+    whole = wrong_most < wrong_few
+    by_recordings = _together(most if whole else few, classes)
+    most_frames = max(of.most_frames for of in answers) if whole else views
+    return Calibration([fit_temperature(logits, labels) for logits in by_count], by_recordings, most_frames)
+
+
+def _together(logits: Tensor, classes: Tensor) -> list[float]:
+    """Temperatures of one, two and three recordings' added logits (P, classes), of classes (P,) with as many."""
+    rng, temperatures = np.random.default_rng(0), []
+    for count in range(1, MOST_RECORDINGS + 1):
+        sets, labels = [], []
+        for label in np.unique(classes):
+            members = np.flatnonzero(classes == label)
+            if len(members) >= count:
+                sets += [rng.choice(members, count, replace=False) for _ in range(DRAWS * len(members))]
+                labels += [int(label)] * (DRAWS * len(members))
+        if not sets:
+            break
+        added = logits[torch.from_numpy(np.stack(sets))].log_softmax(dim=-1).sum(dim=1)
+        temperatures.append(fit_temperature(added, torch.tensor(labels)))
+    return temperatures

@@ -19,18 +19,20 @@ from torch import Tensor
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import Backbone, Model
+from tactile_viewgcn.recognition.calibration import Calibration
 from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
-FORMAT = 2  # of the file; one written before formats had numbers has none
+FORMAT = 3  # of the file; one written before formats had numbers has none
 STRONG_FRAMES = 2000
 ARCHIVE = "skops"  # key of a pipeline's bytes, uint8 (n,)
 OURS = [
     "tactile_viewgcn.sensors.forest.Forest",
     "tactile_viewgcn.sensors.kernels.BlockMeans",
     "tactile_viewgcn.sensors.kernels.KernelClassifier",
+    "tactile_viewgcn.sensors.support_vectors.SupportVectors",
 ]
 SCIKIT_LEARN = {
     "Pipeline",
@@ -52,7 +54,7 @@ def save_classifier(
     model: Model,
     frames: Frames,
     precision: str = "float32",
-    temperatures: list[float] | None = None,
+    calibration: Calibration | None = None,
 ) -> None:
     """Write a classifier to a file, with what a `Recogniser` needs to use it on raw counts.
 
@@ -60,7 +62,7 @@ def save_classifier(
         model: that the classifier was built with.
         frames: its training data.
         precision: of its training, in which a `Recogniser` also computes.
-        temperatures: for 1 to V frames, see `fit_temperatures`; with them it takes any number of views up to V.
+        calibration: with it the classifier takes any number of views up to V.
     """
     sessions, baselines = session_baselines(frames)
     novelty = fit_novelty(frames, classifier.views)
@@ -76,7 +78,7 @@ def save_classifier(
         "baseline_mean": torch.from_numpy(baselines),
         "baseline_names": sessions,
         "precision": precision,
-        "temperatures": temperatures,
+        "calibration": calibration and asdict(calibration),
         "preprocess": frames.preprocess,
         "kept_share": frames.kept_share,
         "dtype": str(frames.counts.dtype),
@@ -118,6 +120,7 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
         classifier = build_classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
         classifier.load_state_dict(_unpacked(content.pop("learnt")))
         content["preprocessing"] = read_fitted(content)
+        content["calibration"] = content["calibration"] and Calibration(**content["calibration"])
         novelty = content["novelty"]
         content["novelty"] = novelty and Novelty(**{name: value.numpy() for name, value in novelty.items()})
     except UserError:

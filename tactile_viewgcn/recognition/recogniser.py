@@ -6,6 +6,7 @@ from typing import BinaryIO
 
 import numpy as np
 import torch
+from scipy.special import softmax
 from torch import Tensor
 
 from tactile_viewgcn.device import select_device
@@ -13,7 +14,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.recognition.novelty import Novelty
+from tactile_viewgcn.recognition.novelty import Novelty, spread_sets
 from tactile_viewgcn.tables.transform import network_input
 
 
@@ -25,7 +26,7 @@ class Recogniser:
 
     Attributes:
         classes: names; shape: (H, W) of a frame.
-        temperatures: for 1 to V frames; None for a classifier of V views alone.
+        calibration: None for a classifier of V views alone; temperatures: its for 1 to V frames.
         system: name of the system; preprocessing: that of the training.
         novelty: tells frames that are unlike the training's; None where it could not be fitted.
     """
@@ -33,7 +34,8 @@ class Recogniser:
     def __init__(self, path: str | Path | BinaryIO):
         self.classifier, content = load_classifier(path)
         self.classes, self.shape = content["classes"], tuple(content["shape"])
-        self.temperatures, self.system = content["temperatures"], content["model"]["system"]
+        self.calibration, self.system = content["calibration"], content["model"]["system"]
+        self.temperatures = self.calibration.by_frames if self.calibration else None
         self._transform, self._scale = content["transform"], content["scale"]
         self._compute = select_device("cpu", content["precision"])
         self.preprocessing: FittedPreprocessing = content["preprocessing"]
@@ -86,6 +88,37 @@ class Recogniser:
         if not count:
             return np.empty((0, len(self.classes)), dtype=np.float32)
         return self._probabilities(self._values(excess.reshape(-1, *self.shape)), views)
+
+    @torch.inference_mode()
+    def recording_above(self, excess: np.ndarray) -> tuple[np.ndarray, int]:
+        """Class probabilities (classes,) of a recording as a whole, and the number of frames that were used.
+
+        Args:
+            excess: (n, H, W) counts above baseline of its frames in contact, in the order of time.
+        """
+        views, calibration = self.classifier.views, self.calibration
+        (index,) = spread_sets(len(excess), calibration.most_frames if calibration else views)
+        if calibration:
+            index = np.unique(index)
+        logits = self.classifier.logits(self._values(excess[index]), torch.arange(len(index))[None])
+        temperature = 1.0
+        if calibration:
+            few = len(index) < views or not calibration.by_recordings
+            temperature = calibration.by_frames[min(len(index), views) - 1] if few else calibration.by_recordings[0]
+        return (logits[0] / temperature).softmax(dim=-1).numpy(), len(np.unique(index))
+
+    def together(self, answers: list[np.ndarray]) -> np.ndarray:
+        """Class probabilities (classes,) of one object that was recorded several times.
+
+        Args:
+            answers: of `recording_above` to each.
+        """
+        temperatures = self.calibration.by_recordings if self.calibration else []
+        first, last = (
+            (temperatures[0], temperatures[min(len(answers), len(temperatures)) - 1]) if temperatures else (1, 1)
+        )
+        logarithms = np.log(np.maximum(answers, np.finfo(np.float32).tiny)).sum(axis=0)
+        return softmax(logarithms * first / last)
 
     def _excess(self, counts: np.ndarray, baseline: np.ndarray | None) -> np.ndarray:
         """Counts above baseline float64 (..., H, W) of raw counts; UserError where they are not fit for it."""

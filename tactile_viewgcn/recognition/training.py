@@ -12,13 +12,11 @@ from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.calibration import fit_temperatures
+from tactile_viewgcn.recognition.fitting import Fitted, fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.systems import on_sensors
-from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.recordings import Recordings
-from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -29,20 +27,19 @@ class Trained:
     """A trained classifier, and the table of frames, without a test side, that it was trained on.
 
     Attributes:
-        temperatures: see `fit_temperatures`.
         notes: on what was chosen for the recordings and left out of them, and why.
     """
 
-    classifier: Classifier
+    fitted: Fitted
     params: Params
     frames: Frames
     precision: str
-    temperatures: list[float] | None
     notes: list[Note]
 
     def save(self, path: Path) -> None:
         """Write the classifier's file, as the stage finetune does."""
-        save_classifier(path, self.classifier, self.params.model, self.frames, self.precision, self.temperatures)
+        fitted = self.fitted
+        save_classifier(path, fitted.classifier, fitted.model, self.frames, self.precision, fitted.calibration)
 
 
 def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained:
@@ -70,10 +67,5 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
         if needs_backbone:
             backbone, linear, _ = pretrain_backbone(frames, params, compute)
             pretrained = {"backbone": backbone.cpu().state_dict(), "classifier": linear.cpu().state_dict()}
-
-        def fit(part: Frames) -> Classifier:
-            return finetune_classifier(part, views, pretrained, params, compute)[0]
-
-        classifier = fit(frames)
-        temperatures = fit_temperatures(classifier, fit, frames, params, compute)
-    return Trained(classifier, params, frames, compute.precision, temperatures, notes)
+        fitted = fit_classifier(frames, views, pretrained, params, compute)
+    return Trained(fitted, params, frames, compute.precision, notes + fitted.notes)

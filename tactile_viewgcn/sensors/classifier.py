@@ -9,7 +9,6 @@ from torch import Tensor
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import Batched
 from tactile_viewgcn.sensors.systems import SensorSystem, TrainingFrames
-from tactile_viewgcn.sensors.unit import contact_unit
 
 BATCH = 128  # frames
 MAX_SET_VALUES = 1 << 20  # numbers in the values of a batch of view sets
@@ -40,26 +39,10 @@ class SensorClassifier:
         """What it needs besides torch and NumPy."""
         return self.system.packages
 
-    def fit(
-        self,
-        counts: np.ndarray,
-        labels: np.ndarray,
-        pools: np.ndarray,
-        *,
-        classes: int,
-        sizes: tuple[int, ...],
-        live: np.ndarray,
-        noise: float,
-        seed: int,
-    ) -> None:
-        """Fit the system to counts (n, S) above baseline of frames in contact; the rest is as in `TrainingFrames`.
-
-        Args:
-            noise: standard deviation of the counts; infinite where it is unknown.
-        """
-        self.live, self.unit = live, contact_unit(counts, noise)
-        frames = counts / np.float32(self.unit)
-        self.system.fit(TrainingFrames(frames, labels, classes, pools, sizes, live, seed))
+    def fit(self, data: TrainingFrames, unit: float) -> None:
+        """Fit the system to frames in a unit of counts."""
+        self.live, self.unit = data.live, unit
+        self.system.fit(data)
 
     def prepare(self, compute: Compute) -> None:
         """Nothing: it computes on the processor, in single precision."""

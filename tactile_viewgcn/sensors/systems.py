@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import softmax
 
 PACKAGES = ("scikit-learn", "skops")
-SETS = 10  # view sets of each pool of frames and size that a pipeline is fitted to
+SETS, QUICK_SETS = 10, 4  # view sets of each pool of frames and size that a pipeline is fitted to
 MOST_SETS = 4000  # of a size: a kernel is a matrix of their square
 FLOOR = 0.01  # added to the probabilities of an ensemble's members, so that no member's zero is a veto
 
@@ -27,18 +27,22 @@ class TrainingFrames:
         frames: float32 (n, S) of live sensors, in units.
         labels: int64 (n,) class; classes: number of classes, also of those without frames.
         pools: (n,) what view sets are drawn from: frames of one object in one split group of one recording.
-        sizes: numbers of frames in the view sets that the system will answer.
+        views: V.
+        sizes: numbers of frames in the view sets that the system will answer, rising.
         live: bool (H, W) with S sensors.
         seed: of every random choice.
+        quick: a comparison, not the final fit: fewer view sets, trees and iterations will do.
     """
 
     frames: np.ndarray
     labels: np.ndarray
     classes: int
     pools: np.ndarray
+    views: int
     sizes: tuple[int, ...]
     live: np.ndarray
     seed: int
+    quick: bool = False
 
     def view_sets(self, count: int) -> tuple[list[np.ndarray], np.ndarray]:
         """Random view sets, each of frames of one pool.
@@ -52,7 +56,7 @@ class TrainingFrames:
         rng = np.random.default_rng(self.seed)
         members = [np.flatnonzero(self.pools == pool) for pool in np.unique(self.pools)]
         most = max(1, MOST_SETS // len(members))
-        counts = [min(most, max(count, len(frames) // max(self.sizes))) for frames in members]
+        counts = [min(most, max(count, len(frames) // self.views)) for frames in members]
         pools = [frames for frames, of_pool in zip(members, counts, strict=True) for _ in range(of_pool)]
         sets = [
             np.stack([rng.choice(frames, size, replace=len(frames) < size) for frames in pools]) for size in self.sizes
@@ -100,22 +104,26 @@ class SingleFrames:
 
 
 @dataclass
-class SetMaximum:
-    """A pipeline as in `SingleFrames`, for each size of view set, of the maximum of the frames' points.
+class PooledSets:
+    """A pipeline as in `SingleFrames`, for each size of view set, of what is pooled from the frames' points.
 
     View sets of a size in between go to the next smaller one's.
+
+    Args:
+        pooled: points (B, k, F) of view sets to what the pipeline reads.
     """
 
     pipeline: Callable[[TrainingFrames], Any]
     points: Callable[[np.ndarray], np.ndarray]
+    pooled: Callable[[np.ndarray], np.ndarray]
     fitted: Any = None
     packages: tuple[str, ...] = PACKAGES
 
     def fit(self, data: TrainingFrames) -> SensorSystem:
-        sets, labels = data.view_sets(SETS)
+        sets, labels = data.view_sets(QUICK_SETS if data.quick else SETS)
         values = self.points(data.frames)
         pipelines = {
-            size: fit_pipeline(self.pipeline(data), values[of_size].max(axis=1), labels)
+            size: fit_pipeline(self.pipeline(data), self.pooled(values[of_size]), labels)
             for size, of_size in zip(data.sizes, sets, strict=True)
         }
         self.fitted = {"classes": data.classes, "pipelines": pipelines}
@@ -127,7 +135,7 @@ class SetMaximum:
     def logits(self, values: np.ndarray) -> np.ndarray:
         pipelines = self.fitted["pipelines"]
         size = max((size for size in pipelines if size <= values.shape[1]), default=min(pipelines))
-        return log_probabilities(probabilities(pipelines[size], values.max(axis=1), self.fitted["classes"]))
+        return log_probabilities(probabilities(pipelines[size], self.pooled(values), self.fitted["classes"]))
 
 
 class Ensemble:
@@ -160,8 +168,12 @@ class Ensemble:
 
     def logits(self, values: np.ndarray) -> np.ndarray:
         parts = np.split(values, self._starts, axis=-1)
-        shares = [softmax(member.logits(part), axis=1) for member, part in zip(self.members, parts, strict=True)]
-        return np.log(np.stack(shares) + FLOOR).sum(axis=0)
+        return added([member.logits(part) for member, part in zip(self.members, parts, strict=True)])
+
+
+def added(logits: list[np.ndarray]) -> np.ndarray:
+    """Logits (B, classes) of an ensemble from those of its members."""
+    return np.log(softmax(np.stack(logits), axis=-1) + FLOOR).sum(axis=0)
 
 
 def fit_pipeline(pipeline: Any, points: np.ndarray, labels: np.ndarray) -> Any:

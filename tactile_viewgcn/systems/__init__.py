@@ -20,7 +20,23 @@ OnBackbone = Literal[  # features or feature maps of the pretrained backbone
     "vote",
 ]
 Member = Literal[
-    "trees", "logistic", "knn", "lda", "kernel", "max_logistic", "max_kernel", "max_network"
+    "trees",
+    "logistic",
+    "knn",
+    "lda",
+    "kernel",
+    "kernel_log",
+    "svm",
+    "svm_log",
+    "max_logistic",
+    "max_kernel",
+    "max_kernel_log",
+    "max_kernel_cosine",
+    "max_svm",
+    "max_svm_log",
+    "max_network",
+    "statistics_trees",
+    "statistics_svm",
 ]  # of an ensemble
 OnSensors = Literal[Member, "ensemble"]  # the sensors themselves: nothing is pretrained for them
 System = Literal[OnBackbone, OnSensors]

@@ -78,6 +78,7 @@ def finetune_classifier(
     compute: Compute,
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
+    most_frames: int | None = None,
 ) -> tuple[Classifier, Progress]:
     """The classifier, from the pretrained weights, trained on one view set per anchor and epoch.
 
@@ -88,6 +89,7 @@ def finetune_classifier(
         params: `seed`, `cluster.assignment`, `model`, `finetune` and `augment` are read.
         checkpoint_path: see `pretrain_backbone`.
         on_epoch: see `pretrain_backbone`.
+        most_frames: see `fit_sensor_system`.
 
     Returns:
         classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
@@ -100,7 +102,7 @@ def finetune_classifier(
     viewpoints, (height, width) = torch.from_numpy(views.viewpoints), table.live.shape
     classifier = build_classifier(viewpoints, len(table.classes), params.model, (height, width))
     if not isinstance(classifier, ViewNetwork):
-        return classifier, fit_sensor_system(classifier, table, config.num_views, seed)
+        return classifier, fit_sensor_system(classifier, table, config.num_views, seed, most_frames)
     classifier.backbone.load_state_dict(pretrained["backbone"])
     classifier.head.load_frame_classifier(pretrained["classifier"])
     if not config.backbone_dropout:

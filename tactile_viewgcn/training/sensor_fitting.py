@@ -5,32 +5,44 @@ import time
 import numpy as np
 
 from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.sensors.unit import successive_noise
+from tactile_viewgcn.sensors.systems import TrainingFrames
+from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.checkpoint import Progress
 
+MOST_FRAMES = 40_000  # that a system is fitted to, evenly taken
 
-def fit_sensor_system(classifier: SensorClassifier, table: Frames, num_views: str, seed: int) -> Progress:
+
+def fit_sensor_system(
+    classifier: SensorClassifier, table: Frames, num_views: str, seed: int, most_frames: int | None = None
+) -> Progress:
     """Fit the classifier to the training anchors of the table.
 
     Args:
         num_views: `finetune.num_views`: `full`, it will answer V frames; `random`, any number up to V.
+        most_frames: with `random`, any number up to that.
     """
-    begin = time.perf_counter()
+    begin, views = time.perf_counter(), classifier.views
+    sizes = (views,) if num_views == "full" else powers_of_two(views)
+    while sizes[-1] < (most_frames or views):
+        sizes += (min(2 * sizes[-1], most_frames or views),)
+    classifier.fit(*training_frames(table, views, sizes, seed))
+    return Progress(seconds=time.perf_counter() - begin)
+
+
+def training_frames(
+    table: Frames, views: int, sizes: tuple[int, ...], seed: int, *, most: int = MOST_FRAMES, quick: bool = False
+) -> tuple[TrainingFrames, float]:
+    """At most so many of the training anchors, as systems are fitted to them; and their unit in counts."""
     index = np.flatnonzero(table.anchor & (table.side == TRAIN))
+    index = index[:: max(1, -(-len(index) // most))]
     label = table.label[index].astype(np.int64)
     places = np.stack([table.group[index], table.recording[index], label])
-    classifier.fit(
-        table.inputs(index, classifier.transform)[:, table.live],
-        label,
-        np.unique(places, axis=1, return_inverse=True)[1].ravel(),
-        classes=len(table.classes),
-        sizes=(classifier.views,) if num_views == "full" else powers_of_two(classifier.views),
-        live=table.live,
-        noise=successive_noise(table.counts, table.recording, table.on(TRAIN), table.live),
-        seed=seed,
-    )
-    return Progress(seconds=time.perf_counter() - begin)
+    pools = np.unique(places, axis=1, return_inverse=True)[1].ravel()
+    counts = table.inputs(index, SensorClassifier.transform)[:, table.live]
+    unit = contact_unit(counts, successive_noise(table.counts, table.recording, table.on(TRAIN), table.live))
+    frames = counts / np.float32(unit)
+    return TrainingFrames(frames, label, len(table.classes), pools, views, sizes, table.live, seed, quick), unit
 
 
 def powers_of_two(views: int) -> tuple[int, ...]:

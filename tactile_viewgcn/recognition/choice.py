@@ -1,0 +1,149 @@
+"""The choice of a recogniser by one's own recordings: candidates compared by cross-validation on the training side.
+
+A candidate is a system on the sensors, or an ensemble of several. Nothing is pretrained for these, so that groups can
+be left out of all that they learn.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.recognition.left_out import left_out_parts, recording_sets, sampled_anchors
+from tactile_viewgcn.recognition.sequential import sequences
+from tactile_viewgcn.sensors.pipelines import MEMBERS
+from tactile_viewgcn.sensors.systems import SensorSystem, added
+from tactile_viewgcn.systems import Member
+from tactile_viewgcn.tables.frames import VALIDATION, Frames
+from tactile_viewgcn.training.sensor_fitting import training_frames
+
+FALLBACK: list[Member] = ["trees", "max_kernel"]  # the lowest errors with one recording an object, on STAG's two small sets
+MOST_FRAMES = 4000  # of a fold that candidates are fitted to
+SLOW = ("trees", "statistics_trees", "max_network")  # members that take ten times as long to answer as others
+ANSWERED_AT_ONCE = 200  # view sets
+REPEATS = 5  # of an answer that is timed
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A candidate and its errors on groups that it was not fitted to.
+
+    Attributes:
+        members: systems on the sensors, joined as an ensemble.
+        error: of view sets of V frames; whole_error: of recordings as a whole.
+        wrong: (G,) share of wrong answers in each group, the mean over both kinds.
+        seconds: of its fits; milliseconds: of one answer from V frames.
+    """
+
+    members: list[Member]
+    error: float
+    whole_error: float
+    wrong: np.ndarray
+    seconds: float
+    milliseconds: float
+
+    @property
+    def slow(self) -> bool:
+        """Whether an answer takes more than a few milliseconds."""
+        return any(name in SLOW for name in self.members)
+
+
+def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> list[Candidate]:
+    """The candidates on the training side's groups, each group answered by fits to others; empty where none can be."""
+    names = list(dict.fromkeys(name for members in candidates for name in members))
+    seconds, milliseconds = dict.fromkeys(names, 0.0), dict.fromkeys(names, np.inf)
+    errors: list[list[np.ndarray]] = [[] for _ in candidates]
+    for number, part in enumerate(left_out_parts(table)):
+        index, rng = part.on(VALIDATION), stream(seed, "choice", number)
+        pool, _, whole = recording_sets(part, index, views)
+        anchors = sampled_anchors(part, index)
+        data, unit = training_frames(part, views, (views, whole.shape[1]), seed, most=MOST_FRAMES, quick=True)
+        readings = part.inputs(index, "counts")[:, part.live] / np.float32(unit)
+        sets = [sequences(anchors, pool, views, rng), whole]
+        label, group = part.label[index], part.group[index]
+        answers = {}
+        for name in names:
+            begin = time.perf_counter()
+            system = MEMBERS[name]().fit(data)
+            seconds[name] += time.perf_counter() - begin
+            values = system.frame_values(readings)
+            answers[name] = [_logits(system, values, of_kind) for of_kind in sets]
+            milliseconds[name] = min(milliseconds[name], _milliseconds(system, readings[sets[0][0]]))
+        for members, parts in zip(candidates, errors, strict=True):
+            kinds = []
+            for kind, drawn in enumerate(sets):
+                answer = added([answers[name][kind] for name in members]).argmax(axis=1)
+kinds.append(_by_group(answer != label[drawn[:, 0]], group[drawn[:, 0]], np.unique(group)))
+            parts.append(np.stack(kinds))
+    if not errors[0]:
+        return []
+    rows = []
+    for members, parts in zip(candidates, errors, strict=True):
+        by_group = np.concatenate(parts, axis=1)
+        error, whole_error = np.nanmean(by_group, axis=1)
+        cost = (sum(of[name] for name in members) for of in (seconds, milliseconds))
+        rows.append(Candidate(members, float(error), float(whole_error), np.nanmean(by_group, axis=0), *cost))
+    return rows
+
+
+def choose(rows: list[Candidate]) -> Candidate:
+    """The lowest error; one that answers slowly only if all that answer fast err by more than a standard error more.
+
+    The standard error is that of the difference over groups. Of equal errors it is the first.
+    """
+    best = min(rows, key=lambda row: row.wrong.mean())
+    fast = [row for row in rows if not row.slow]
+    if not best.slow or not fast:
+        return best
+    other = min(fast, key=lambda row: row.wrong.mean())
+    more = other.wrong - best.wrong
+    return other if len(more) > 1 and more.mean() <= more.std(ddof=1) / len(more) ** 0.5 else best
+
+
+def choose_members(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> tuple[list[Member], list[Note]]:
+    """The members of the ensemble for the table's training side, and notes: the choice, and a line a candidate."""
+    rows = compare(table, views, candidates, seed)
+    if not rows:
+        text = "no object has two groups to train on, so that nothing can be left out: taken without a comparison"
+        return FALLBACK, [_choice(FALLBACK, text)]
+    best = choose(rows)
+    groups = len(best.wrong)
+    text = f"of {len(rows)} candidates, compared on {groups} training groups, each left out of the fits that answer it"
+    notes = [_choice(best.members, text)]
+    for row in sorted(rows, key=lambda row: row.wrong.mean()):
+        errors = f"{100 * row.error:.1f} % from {views} frames, {100 * row.whole_error:.1f} % from whole recordings"
+        value = {name: getattr(row, name) for name in ("members", "error", "whole_error", "seconds", "milliseconds")}
+        text = (
+            f"{' + '.join(row.members)}: {errors}, fitted in {row.seconds:.1f} s, answers in {row.milliseconds:.1f} ms"
+        )
+        notes.append(Note(text, topic="candidates", key="model.members", value=value))
+    return best.members, notes
+
+
+def _choice(members: list[Member], reason: str) -> Note:
+    return Note(reason, "choice", "recogniser", "model.members", members)
+
+
+def _logits(system: SensorSystem, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
+    """Logits (A, classes) of view sets (A, k) of indices into values (n, F), in parts that fit memory."""
+    parts = np.array_split(sets, -(-len(sets) // ANSWERED_AT_ONCE))
+    return np.concatenate([system.logits(values[part]) for part in parts])
+
+
+def _by_group(wrong: np.ndarray, group: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """Mean (G,) of wrong answers (A,), of a group (A,) each, in each of the groups (G,); NaN in one without answers."""
+    place = np.searchsorted(groups, group)
+    count = np.bincount(place, minlength=len(groups))
+    return np.bincount(place, wrong, len(groups)) / np.where(count, count, np.nan)
+
+
+def _milliseconds(system: SensorSystem, readings: np.ndarray) -> float:
+    """Median time from readings (k, S) of one view set to its answer."""
+    taken = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        system.logits(system.frame_values(readings)[None])
+        taken.append(1e3 * (time.perf_counter() - begin))
+    return float(np.median(taken))

@@ -1,0 +1,78 @@
+"""One fit, from the table of frames to a calibrated classifier: the choice of members, the training, the calibration."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+from torch import Tensor
+
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.params import Model, Params
+from tactile_viewgcn.recognition.calibration import (
+    Calibration,
+    calibrate_network,
+    calibration_warning,
+    cross_calibrate,
+)
+from tactile_viewgcn.recognition.choice import choose_members
+from tactile_viewgcn.recognition.left_out import WHOLE
+from tactile_viewgcn.systems import on_sensors
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.training.checkpoint import Progress
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.loop import OnEpoch
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A trained classifier.
+
+    Attributes:
+        model: that it was built with, every `auto` decided.
+        calibration: None where it is not calibrated.
+        notes: on the choice of members and on the calibration.
+    """
+
+    classifier: Classifier
+    model: Model
+    calibration: Calibration | None
+    progress: Progress
+    notes: list[Note]
+
+
+def fit_classifier(
+    table: Frames,
+    views: Views,
+    pretrained: dict[str, dict[str, Tensor]],
+    params: Params,
+    compute: Compute,
+    checkpoint_path: Path | None = None,
+    on_epoch: OnEpoch | None = None,
+) -> Fitted:
+    """Train the classifier that `model` asks for, and calibrate it; for the arguments see `finetune_classifier`."""
+    if not on_sensors(params.model.system):
+        network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
+        calibration = calibrate_network(network, table, params, compute)
+        return _with_warning(network, params.model, calibration, progress, [])
+    params, count, notes, calibration = copy(params), len(views.viewpoints), [], None
+    model = params.model
+    if model.system == "ensemble" and model.members == "auto":
+        members, notes = choose_members(table, count, model.candidates, params.seed)
+        model = replace(model, members=members)
+    if params.finetune.num_views == "random":
+        calibration = cross_calibrate(
+            lambda part: fit_sensors(part, views, model, params, max(count, WHOLE))[0], table, compute, params.seed
+        )
+    most_frames = calibration.most_frames if calibration else count
+    classifier, progress = fit_sensors(table, views, model, params, most_frames)
+    return _with_warning(classifier, model, calibration, progress, notes)
+
+
+def _with_warning(
+    classifier: Classifier, model: Model, calibration: Calibration | None, progress: Progress, notes: list[Note]
+) -> Fitted:
+    warning = calibration_warning(classifier, calibration)
+    return Fitted(classifier, model, calibration, progress, notes + ([warning] if warning else []))
