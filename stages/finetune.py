@@ -56,8 +56,8 @@ def finetune(frames: Path, views: Path, backbone: Path, out: Path, **common: Any
         if trained:
             line = f"{progress} on {compute.device} in {compute.precision}"
         else:
-            fitted = f"fitted in {progress.seconds:.1f} s" if alone else "not fine-tuned"
-            line = f"{params.model.system} is {fitted}"
+            how = f"fitted in {progress.seconds:.1f} s" if alone else "not fine-tuned"
+            line = f"{params.model.system} is {how}"
         click.echo(f"finetune: {line}")
         job.counts = {"weights.head": weights} | progress.metrics
 

@@ -26,7 +26,8 @@ class Note:
     def __str__(self) -> str:
         """The line on a terminal; of a choice with key and value."""
         if self.level == "choice":
-            return f"{self.key} {self.value if isinstance(self.value, str) else f'{self.value:g}'}: {self.text}"
+            value = f"{self.value:g}" if isinstance(self.value, float) else str(self.value).replace("'", "")
+            return f"{self.key} {value}: {self.text}"
         return f"{'warning: ' if self.level == 'warning' else ''}{self.topic and f'{self.topic}: '}{self.text}"
 
 

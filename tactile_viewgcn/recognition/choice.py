@@ -19,7 +19,10 @@ from tactile_viewgcn.systems import Member
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.training.sensor_fitting import training_frames
 
-FALLBACK: list[Member] = ["trees", "max_kernel"]  # the lowest errors with one recording an object, on STAG's two small sets
+FALLBACK: list[Member] = [
+    "trees",
+    "max_kernel",
+]  # the lowest errors with one recording an object, on STAG's two small sets
 MOST_FRAMES = 4000  # of a fold that candidates are fitted to
 SLOW = ("trees", "statistics_trees", "max_network")  # members that take ten times as long to answer as others
 ANSWERED_AT_ONCE = 200  # view sets
@@ -72,19 +75,20 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
             answers[name] = [_logits(system, values, of_kind) for of_kind in sets]
             milliseconds[name] = min(milliseconds[name], _milliseconds(system, readings[sets[0][0]]))
         for members, parts in zip(candidates, errors, strict=True):
-            kinds = []
+            by_group = []
             for kind, drawn in enumerate(sets):
                 answer = added([answers[name][kind] for name in members]).argmax(axis=1)
-kinds.append(_by_group(answer != label[drawn[:, 0]], group[drawn[:, 0]], np.unique(group)))
-            parts.append(np.stack(kinds))
+                wrong = answer != label[drawn[:, 0]]
+                by_group.append(_by_group(wrong, group[drawn[:, 0]], np.unique(group)))
+            parts.append(np.stack(by_group))
     if not errors[0]:
         return []
     rows = []
     for members, parts in zip(candidates, errors, strict=True):
-        by_group = np.concatenate(parts, axis=1)
-        error, whole_error = np.nanmean(by_group, axis=1)
+        of_group = np.concatenate(parts, axis=1)
+        error, whole_error = np.nanmean(of_group, axis=1)
         cost = (sum(of[name] for name in members) for of in (seconds, milliseconds))
-        rows.append(Candidate(members, float(error), float(whole_error), np.nanmean(by_group, axis=0), *cost))
+        rows.append(Candidate(members, float(error), float(whole_error), np.nanmean(of_group, axis=0), *cost))
     return rows
 
 
@@ -102,7 +106,9 @@ def choose(rows: list[Candidate]) -> Candidate:
     return other if len(more) > 1 and more.mean() <= more.std(ddof=1) / len(more) ** 0.5 else best
 
 
-def choose_members(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> tuple[list[Member], list[Note]]:
+def choose_members(
+    table: Frames, views: int, candidates: list[list[Member]], seed: int
+) -> tuple[list[Member], list[Note]]:
     """The members of the ensemble for the table's training side, and notes: the choice, and a line a candidate."""
     rows = compare(table, views, candidates, seed)
     if not rows:

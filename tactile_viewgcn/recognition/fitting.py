@@ -1,8 +1,7 @@
-"""One fit, from the table of frames to a calibrated classifier: the choice of members, the training, the calibration."""
+"""One fit, from the table of frames to a calibrated classifier: choice of members, training, calibration."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 
 from torch import Tensor
 
@@ -17,6 +16,7 @@ from tactile_viewgcn.recognition.calibration import (
 )
 from tactile_viewgcn.recognition.choice import choose_members
 from tactile_viewgcn.recognition.left_out import WHOLE
+from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
@@ -24,6 +24,7 @@ from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch
+from tactile_viewgcn.training.sensor_fitting import fit_sensors
 
 
 @dataclass(frozen=True)
@@ -57,17 +58,19 @@ def fit_classifier(
         network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
         calibration = calibrate_network(network, table, params, compute)
         return _with_warning(network, params.model, calibration, progress, [])
-    params, count, notes, calibration = copy(params), len(views.viewpoints), [], None
-    model = params.model
+    model, count, num_views, seed = params.model, len(views.viewpoints), params.finetune.num_views, params.seed
+    notes: list[Note] = []
     if model.system == "ensemble" and model.members == "auto":
-        members, notes = choose_members(table, count, model.candidates, params.seed)
+        members, notes = choose_members(table, count, model.candidates, seed)
         model = replace(model, members=members)
-    if params.finetune.num_views == "random":
-        calibration = cross_calibrate(
-            lambda part: fit_sensors(part, views, model, params, max(count, WHOLE))[0], table, compute, params.seed
-        )
-    most_frames = calibration.most_frames if calibration else count
-    classifier, progress = fit_sensors(table, views, model, params, most_frames)
+
+    def fit(part: Frames, most_frames: int) -> tuple[SensorClassifier, Progress]:
+        return fit_sensors(part, views.viewpoints, model, num_views, seed, most_frames)
+
+    calibration = None
+    if num_views == "random":
+        calibration = cross_calibrate(lambda part: fit(part, max(count, WHOLE))[0], table, count, compute, seed)
+    classifier, progress = fit(table, calibration.most_frames if calibration else count)
     return _with_warning(classifier, model, calibration, progress, notes)
 
 

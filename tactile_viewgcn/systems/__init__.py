@@ -19,7 +19,10 @@ OnBackbone = Literal[  # features or feature maps of the pretrained backbone
     "gcn",
     "vote",
 ]
-Member = Literal[
+OnSensors = Literal[  # the sensors themselves: nothing is pretrained for them
+    "trees", "logistic", "knn", "lda", "kernel", "max_logistic", "max_kernel", "max_network", "ensemble"
+]
+Member = Literal[  # of an ensemble; one may be alone
     "trees",
     "logistic",
     "knn",
@@ -37,8 +40,7 @@ Member = Literal[
     "max_network",
     "statistics_trees",
     "statistics_svm",
-]  # of an ensemble
-OnSensors = Literal[Member, "ensemble"]  # the sensors themselves: nothing is pretrained for them
+]
 System = Literal[OnBackbone, OnSensors]
 
 

@@ -3,31 +3,36 @@
 import time
 
 import numpy as np
+import torch
 
+from tactile_viewgcn.params import Model
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.systems import TrainingFrames
 from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
+from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.checkpoint import Progress
 
 MOST_FRAMES = 40_000  # that a system is fitted to, evenly taken
 
 
-def fit_sensor_system(
-    classifier: SensorClassifier, table: Frames, num_views: str, seed: int, most_frames: int | None = None
-) -> Progress:
-    """Fit the classifier to the training anchors of the table.
+def fit_sensors(
+    table: Frames, viewpoints: np.ndarray, model: Model, num_views: str, seed: int, most_frames: int | None = None
+) -> tuple[SensorClassifier, Progress]:
+    """A system on the sensors, fitted to the training anchors of the table.
 
     Args:
+        viewpoints: (V, 3).
         num_views: `finetune.num_views`: `full`, it will answer V frames; `random`, any number up to V.
-        most_frames: with `random`, any number up to that.
+        most_frames: with `random`, any number up to that, where it is more than V.
     """
-    begin, views = time.perf_counter(), classifier.views
+    begin, views = time.perf_counter(), len(viewpoints)
     sizes = (views,) if num_views == "full" else powers_of_two(views)
     while sizes[-1] < (most_frames or views):
         sizes += (min(2 * sizes[-1], most_frames or views),)
+    classifier = SensorClassifier(load_system(model.system).build(model), torch.from_numpy(viewpoints))
     classifier.fit(*training_frames(table, views, sizes, seed))
-    return Progress(seconds=time.perf_counter() - begin)
+    return classifier, Progress(seconds=time.perf_counter() - begin)
 
 
 def training_frames(
@@ -42,6 +47,8 @@ def training_frames(
     counts = table.inputs(index, SensorClassifier.transform)[:, table.live]
     unit = contact_unit(counts, successive_noise(table.counts, table.recording, table.on(TRAIN), table.live))
     frames = counts / np.float32(unit)
+    if len(np.unique(pools)) == len(pools):
+        sizes = (1,)  # frames that stand alone: more of one pool are the same frame again
     return TrainingFrames(frames, label, len(table.classes), pools, views, sizes, table.live, seed, quick), unit
 
 

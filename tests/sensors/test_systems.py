@@ -12,14 +12,16 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.linear_model import LogisticRegression
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
+from sklearn.svm import SVC
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.sensors import max_network
+from tactile_viewgcn.sensors import max_network, pipelines, support_vectors
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.kernels import BlockMeans, KernelClassifier
 from tactile_viewgcn.sensors.pipelines import MEMBERS
+from tactile_viewgcn.sensors.support_vectors import SupportVectors
 from tactile_viewgcn.sensors.systems import FLOOR, MOST_SETS, Ensemble, TrainingFrames
 from tactile_viewgcn.sensors.unit import contact_unit
 from tactile_viewgcn.systems import Member, OnSensors
@@ -50,7 +52,7 @@ def data(pools: int = 6, frames: int = 12, sizes: tuple[int, ...] = (4,)) -> Tra
     sensors = rng.normal(size=(len(label), 4, 4))
     sensors[np.arange(len(label)), label, rng.integers(4, size=len(label))] += 20
     live = np.ones((4, 4), dtype=bool)
-    return TrainingFrames(sensors.reshape(-1, 16).astype(np.float32), label, 3, pool, sizes, live, seed=0)
+    return TrainingFrames(sensors.reshape(-1, 16).astype(np.float32), label, 3, pool, 4, sizes, live, seed=0)
 
 
 def fitted(name: str, frames=None) -> SensorClassifier:
@@ -132,6 +134,7 @@ def test_view_sets_stay_in_a_pool_and_have_its_label():
 
 def test_frames_repeat_where_a_pool_has_fewer_and_large_pools_give_more_sets():
     assert data(frames=2).view_sets(5)[0][0].shape == (30, 4)
+    assert data(frames=1).view_sets(5)[0][0].shape == (6, 4)
     assert data(frames=400).view_sets(5)[0][0].shape == (600, 4)  # a hundred of each pool
     assert len(data(pools=60, frames=400).view_sets(5)[0][0]) == 60 * (MOST_SETS // 60)
 
@@ -143,7 +146,7 @@ def test_view_sets_mix_neither_objects_nor_split_groups_nor_recordings(monkeypat
     monkeypatch.setattr(SensorClassifier, "fit", lambda self, *arguments, **_: fits.append(arguments))
     fitted("max_kernel", split)
     index = np.flatnonzero(split.anchor & (split.side == TRAIN))
-    whole, pools = np.stack([split.label, split.recording, split.group])[:, index], fits[0][2]
+    whole, pools = np.stack([split.label, split.recording, split.group])[:, index], fits[0][0].pools
     assert len(np.unique(pools)) == len(np.unique(whole, axis=1).T)
     assert all(len(np.unique(whole[:, pools == pool], axis=1).T) == 1 for pool in np.unique(pools))
 
@@ -211,3 +214,45 @@ def test_a_glove_of_another_scale_gets_the_same_answers(tmp_path):
 
 def test_members_are_those_that_params_allows():
     assert MEMBERS.keys() == set(get_args(Member))
+
+
+def test_statistics_and_directions_are_those_of_the_frames():
+    values = np.array([[[1.0, 0.0], [3.0, 0.0], [2.0, 4.0]]], dtype=np.float32)
+    mean, std, largest, least, median = np.split(pipelines.statistics(values)[0], 5)
+    np.testing.assert_allclose(mean, [2, 4 / 3], rtol=1e-6)
+    np.testing.assert_allclose(std, [(2 / 3) ** 0.5, (32 / 9) ** 0.5], rtol=1e-6)
+    assert (largest == [3, 4]).all() and (least == [1, 0]).all() and (median == [2, 0]).all()
+    np.testing.assert_allclose(pipelines.direction(values), [[0.6, 0.8]], rtol=1e-6)
+    assert (pipelines.direction(0 * values) == 0).all()
+
+
+@pytest.mark.parametrize("classes", [2, 3, 7])
+def test_support_vectors_vote_as_scikit_learn_s(classes):
+    rng = np.random.default_rng(0)
+    labels = rng.integers(classes, size=200) * 2  # numbers between are no classes
+    points = (rng.normal(size=(200, 5)) + labels[:, None] * rng.normal(size=5)).astype(np.float32)
+    plain, machines = SVC(C=10).fit(points, labels), SupportVectors().fit(points, labels)
+    new = rng.normal(size=(50, 5)).astype(np.float32) * 3
+    logarithms = np.log(machines.predict_proba(new))
+    if classes == 2:
+        assert (machines.classes_[logarithms.argmax(axis=1)] == plain.predict(new)).all()
+    else:
+        votes = plain.decision_function(new)
+        np.testing.assert_allclose(logarithms - logarithms[:, :1], votes - votes[:, :1], atol=1e-3)
+
+
+@pytest.mark.stability("support vectors")
+def test_support_vectors_of_equal_points_and_of_a_constant_sensor_are_finite(row):
+    labels = np.arange(20) % 2
+    constant = np.stack([labels, 0 * labels + 1e15, 0 * labels + 5], axis=1)
+    for name, points in (("equal", np.ones((20, 3))), ("constant", constant)):
+        answer = SupportVectors().fit(points.astype(np.float32), labels).predict_proba(points.astype(np.float32))
+        row(f"probabilities that are not finite, {name} sensors", int((~np.isfinite(answer)).sum()), 0)
+
+
+def test_support_vectors_are_fitted_to_some_of_many_points_and_to_every_class(monkeypatch):
+    monkeypatch.setattr(support_vectors, "MAX_POINTS", 30)
+    rng = np.random.default_rng(0)
+    points, labels = rng.normal(size=(300, 4)).astype(np.float32), np.r_[np.zeros(298, int), 1, 2]
+    machines = SupportVectors().fit(points, labels)
+    assert len(machines.points_) <= 33 and machines.predict_proba(points).shape == (300, 3)
