@@ -18,13 +18,13 @@ from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 def ingest(source: Path, out: Path, **common: Any) -> None:
     with started("ingest", {"source": source}, **common) as job:
         write_recordings(out, open_source(source), job.md5s["source"])
-        with Recordings(out) as table:
-            used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
-            job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
-            click.echo(
-                "ingest: {frames:,} frames of {shape[0]} x {shape[1]}, {sensors} sensors, {objects} objects, "
-                "{recordings} recordings, {sessions} sessions".format(shape=table.shape, **job.counts)
-            )
+        table = Recordings(out)
+        used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
+        job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
+        click.echo(
+            "ingest: {frames:,} frames of {shape[0]} x {shape[1]}, {sensors} sensors, {objects} objects, "
+            "{recordings} recordings, {sessions} sessions".format(shape=table.shape, **job.counts)
+        )
 
 
 if __name__ == "__main__":

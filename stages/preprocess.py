@@ -24,13 +24,13 @@ from tactile_viewgcn.tables.recordings import Recordings
 def preprocess(recordings: Path, out: Path, kept: Path, **common: Any) -> None:
     with started("preprocess", {"recordings": recordings}, **common) as job:
         split = job.params.split
-        with Recordings(recordings) as table:
-            made = preprocess_recordings(table, job.params.preprocess, split)
-            frames, selection, inspection, kind = made.frames, made.selection, made.inspection, made.params.baseline
-            rows = selection_counts(table, selection)
-            leak, leak_notes = (
-                leak_of_split(table, inspection, made.leaks, made.baseline, kind, split) if inspection else (None, [])
-            )
+        table = Recordings(recordings)
+        made = preprocess_recordings(table, job.params.preprocess, split)
+        frames, selection, inspection, kind = made.frames, made.selection, made.inspection, made.params.baseline
+        rows = selection_counts(table, selection)
+        leak, leak_notes = (
+            leak_of_split(table, inspection, made.leaks, made.baseline, kind, split) if inspection else (None, [])
+        )
         write_frames(out, frames)
         with atomic_write(kept) as part, part.open("w", newline="") as file:
             writer = csv.DictWriter(file, rows[0])

@@ -103,13 +103,11 @@ def inspect_source(path: str | Path) -> Overview:
     """
     path = Path(path)
     if is_table(path):
-        with Recordings(path) as table:
-            return overview(table, path)
+        return overview(Recordings(path), path)
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings.h5"
         write_recordings(file, open_source(path), "")
-        with Recordings(file) as table:
-            return overview(table, path)
+        return overview(Recordings(file), path)
 
 
 def overview(recordings: Recordings, path: Path, *, sensors: int | None = None) -> Overview:

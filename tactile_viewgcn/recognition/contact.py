@@ -29,11 +29,11 @@ def as_table(source: Source, fitted: FittedPreprocessing) -> Iterator[Recordings
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "recordings.h5"
         write_recordings(path, source, "")
-        with Recordings(path) as recordings:
-            for _, counts in recordings.blocks():
-                fitted.check_counts(counts, str(source.path))
-            recordings.live = fitted.live
-            yield recordings
+        recordings = Recordings(path)
+        for _, counts in recordings.blocks():
+            fitted.check_counts(counts, str(source.path))
+        recordings.live = fitted.live
+        yield recordings
 
 
 def find_contact(recordings: Recordings, fitted: FittedPreprocessing) -> tuple[Baseline, np.ndarray]:

@@ -69,8 +69,8 @@ def test_the_rest_of_the_empty_hand_is_found_in_each_session(tmp_path):
         [resting(baseline[session] + 30 * held, 2000, seed=9 * held + session) for session, held in parts]
     )
     sessions, objects = (np.repeat(ids, 2000) for ids in zip(*parts, strict=True))
-    with written(tmp_path / "t", counts, session=sessions, object=objects) as recordings:
-        measured = empty_hand_baseline(recordings)
+    recordings = written(tmp_path / "t", counts, session=sessions, object=objects)
+    measured = empty_hand_baseline(recordings)
     assert measured.names == ["session0", "session1"]
     assert measured.mean.shape == measured.noise.shape == (2, 1, 2)
     np.testing.assert_allclose(measured.mean, [baseline[0], baseline[1]], atol=0.1)
@@ -81,16 +81,16 @@ def test_the_rest_of_the_empty_hand_is_found_in_each_session(tmp_path):
 def test_quiet_frames_are_those_of_the_smallest_sum_in_each_recording(tmp_path):
     sums = np.r_[[9, 2, 8, 1, 7, 3, 6, 4, 5, 0, 2, 1], [90, 91, 92, 93, 94, 95, 96, 97, 98, 99, 99, 99]]
     counts = np.stack([sums, 500 + sums], axis=1)[:, None, :].astype(np.int16)
-    with written(tmp_path / "t", counts, recording=np.repeat([0, 1], 12)) as recordings:
-        measured = quiet_baseline(recordings, 0.5)
+    recordings = written(tmp_path / "t", counts, recording=np.repeat([0, 1], 12))
+    measured = quiet_baseline(recordings, 0.5)
     assert measured.names == ["recording0", "recording1"]
     np.testing.assert_allclose(measured.mean[:, 0, 0], [(0 + 1 + 1 + 2 + 2 + 3) / 6, 92.5])
     np.testing.assert_allclose(measured.mean[:, 0, 1], [501.5, 592.5])
     assert measured.noise[1, 0, 0] == pytest.approx(np.std(np.arange(6)))
     np.testing.assert_array_equal(measured.of_frame, np.repeat([0, 1], 12))
     counts = np.r_[np.arange(20), [100, 102]].astype(np.int16)[:, None, None]
-    with written(tmp_path / "few", counts, recording=np.repeat([0, 1], [20, 2])) as recordings:
-        assert quiet_baseline(recordings, 0.01).mean.ravel().tolist() == [2, 101]  # of five frames, or all two
+    recordings = written(tmp_path / "few", counts, recording=np.repeat([0, 1], [20, 2]))
+    assert quiet_baseline(recordings, 0.01).mean.ravel().tolist() == [2, 101]  # of five frames, or all two
 
 
 @pytest.mark.stag

@@ -23,8 +23,8 @@ def treated(tmp_path, write, *changes, **form):
     """What is made of a glove's recordings under changed parameters."""
     write_recordings(tmp_path / "t", open_source(write(tmp_path / "glove", **form)), "")
     params = load(FILE, (*SPLIT, *(f"preprocess.{change}" for change in changes)))
-    with Recordings(tmp_path / "t") as recordings:
-        return preprocess_recordings(recordings, params.preprocess, params.split)
+    recordings = Recordings(tmp_path / "t")
+    return preprocess_recordings(recordings, params.preprocess, params.split)
 
 
 def chosen(made):
@@ -83,8 +83,8 @@ def test_recordings_like_stags_are_preprocessed_as_in_the_paper(tmp_path):
     few = ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1")
     paper = ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150")
     asked = [load(FILE, few), load(FILE, (*few, *paper))]
-    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
+    recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
+    made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
     assert made.params == same.params == Preprocess(**vars(asked[1].preprocess))
     for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):
         np.testing.assert_array_equal(getattr(made.frames, name), getattr(same.frames, name))

@@ -45,8 +45,8 @@ def test_what_sensors_read_at_least_is_the_zero_of_recordings_that_are_all_conta
     source = open_source(all_contact(tmp_path / "glove"))
     raised = replace(source, blocks=({**one, "pressure": one["pressure"] + np.int16(500)} for one in source.blocks))
     write_recordings(tmp_path / "t", raised, "")
-    with Recordings(tmp_path / "t") as recordings:
-        page = shown(recordings)
+    recordings = Recordings(tmp_path / "t")
+    page = shown(recordings)
     assert page.inspection.all_contact and chosen(page)["zero"] == page.inspection.zero == 500
 
 
@@ -74,8 +74,8 @@ def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path,
 )
 def test_what_is_held_out_is_what_objects_are_recorded_twice_of(tmp_path, recorded, grasped, by):
     """Numbers of recordings and of grasps of each object."""
-    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        inspection = inspect_recordings(recordings, sensors=4)
+    recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
+    inspection = inspect_recordings(recordings, sensors=4)
     groups, objects = (
         {"recording": np.array(recorded), "grasp": np.array(grasped)},
         [f"o{i}" for i in range(len(recorded))],
@@ -102,8 +102,8 @@ def test_flags_are_taken_unless_they_are_few_beside_contact_and_contact_is_in_ev
     tmp_path, flagged, contact, light, filtered
 ):
     """Frames of each recording; `light` are those in contact with the last object."""
-    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        page = shown(recordings, sensors=4)
+    recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
+    page = shown(recordings, sensors=4)
     label = page.inspection.label
     counts = {"flagged": np.full(len(label), flagged), "contact": np.where(label == label.max(), light, contact)}
     assert chosen(replace(page, inspection=replace(page.inspection, **counts)))["filter"] == filtered
@@ -114,8 +114,8 @@ def test_a_baseline_that_tells_the_object_or_drifts_as_far_as_contact_is_taken_o
     tmp_path, between, baseline
 ):
     glove = drifting(objects=6, between=between, same=True)
-    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
-        page = shown(recordings, sensors=5)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns)
+    page = shown(recordings, sensors=5)
     assert page.inspection.drifts_from_empty_hand == (between == 60) and chosen(page)["baseline"] == baseline
     assert ("empty_hand" in page.leaks and page.leaks["empty_hand"].tells_object) == (between > 0)
 
@@ -126,8 +126,8 @@ def test_auto_decides_as_inspect_recommends_with_a_split_that_is_published_in_pa
     glove = drifting(objects=6, between=1.5, same=True)
     split = np.isin(glove.columns["object"], in_test) & (glove.columns["grasp"] == 0)
     asked = load(FILE, ("preprocess.contact_sensors=5",)).preprocess
-    with written(tmp_path / "t", glove.counts, **glove.columns, split=split.astype(np.int8)) as recordings:
-        page, decision = shown(recordings, sensors=5), decide(recordings, asked)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns, split=split.astype(np.int8))
+    page, decision = shown(recordings, sensors=5), decide(recordings, asked)
     assert decision.params.baseline == chosen(page)["baseline"] == baseline
     assert recommend(page)[: len(decision.choices) - 1] == decision.choices[:-1]
 
@@ -141,8 +141,8 @@ def test_stuck_and_saturated_sensors_are_found(tmp_path):
     counts = rng.normal(500, 20, (200, 4, 5)).round().astype(np.int16)
     counts[:, 0, 0] = 500 + (np.arange(200) == 7)
     counts[::2, 1, 1], counts[:, 2, 2] = 1024, 510
-    with written(tmp_path / "t", counts, object=np.arange(200) % 2) as recordings:
-        page = shown(recordings)
+    recordings = written(tmp_path / "t", counts, object=np.arange(200) % 2)
+    page = shown(recordings)
     assert np.argwhere(page.stuck).tolist() == [[0, 0]]
     assert np.argwhere(page.saturated > 0.01).tolist() == [[1, 1]] and page.saturated[1, 1] == 0.5
     assert not page.inspection.live[2, 2] and page.inspection.live.sum() == 19
@@ -151,8 +151,8 @@ def test_stuck_and_saturated_sensors_are_found(tmp_path):
 def test_gaps_in_time_are_counted(tmp_path):
     time = np.concatenate([np.arange(30) / 10, 10 + np.arange(30) / 10])
     counts = np.random.default_rng(0).normal(500, 2, (60, 3, 3)).round().astype(np.int16)
-    with written(tmp_path / "t", counts, time=time, object=np.arange(60) % 2) as recordings:
-        page = shown(recordings)
+    recordings = written(tmp_path / "t", counts, time=time, object=np.arange(60) % 2)
+    page = shown(recordings)
     assert (page.interval, page.gaps) == (pytest.approx(0.1), 1)
 
 

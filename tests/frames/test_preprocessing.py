@@ -129,8 +129,8 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     by_contact, params = (
         load(FILE, ("split.by=recording", "split.folds=4", *more)) for more in ((), ("preprocess.filter=flags",))
     )
-    with Recordings(tmp_path / "t") as recordings:
-        flagged, auto = (preprocess_recordings(recordings, one.preprocess, one.split) for one in (params, by_contact))
+    recordings = Recordings(tmp_path / "t")
+    flagged, auto = (preprocess_recordings(recordings, one.preprocess, one.split) for one in (params, by_contact))
     frames, selection = flagged.frames, flagged.selection
     assert len(auto.frames) == 1503  # five flags a recording are too few
     assert selection.filtered.sum() == 525

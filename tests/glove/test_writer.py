@@ -62,9 +62,9 @@ def test_the_files_are_a_source_with_the_last_session_on_the_test_side(folder, t
     columns = read(source)
     assert columns["pressure"].shape == (6 * 45, 32, 32)
     write_recordings(tmp_path / "table", open_source(folder), "0" * 32)
-    with Recordings(tmp_path / "table") as table:
-        np.testing.assert_array_equal(table.frames(np.arange(len(table))), columns["pressure"])
-        assert np.count_nonzero(table.live) <= 548
+    table = Recordings(tmp_path / "table")
+    np.testing.assert_array_equal(table.frames(np.arange(len(table))), columns["pressure"])
+    assert np.count_nonzero(table.live) <= 548
     np.testing.assert_array_equal(columns["split"], np.where(columns["session"] == 1, TEST, TRAIN))
     np.testing.assert_array_equal(source.weights, [0, 55, 14])
 

@@ -26,20 +26,20 @@ EXPECTED = r".*; expected a STAG metadata\.mat"
 )
 def test_every_form_gives_the_same_frames_and_columns(tmp_path, save, name, fields):
     write_recordings(tmp_path / "t", open_source(save(tmp_path / name, TREE)), "0" * 32)
-    with Recordings(tmp_path / "t") as table:
-        np.testing.assert_array_equal(table.frames(np.arange(len(table))), TREE["pressure"])
-        assert (len(table), table.shape, table.dtype) == (96, (32, 32), np.int16)
-        assert table.columns.keys() == fields.keys()
-        for column, field in fields.items():
-            np.testing.assert_allclose(table.columns[column], TREE[field].ravel(), atol=1e-9, err_msg=column)
-        assert table.objects == ["empty_hand", "object1", "object2"]
-        assert [text.rpartition("/")[2] for text in table.recordings[:3]] == [
-            "000-empty_hand",
-            "001-empty_hand",
-            "002-object1",
-        ]
-        assert table.sessions == ["000", "001"]
-        assert table.live.sum() == 548
+    table = Recordings(tmp_path / "t")
+    np.testing.assert_array_equal(table.frames(np.arange(len(table))), TREE["pressure"])
+    assert (len(table), table.shape, table.dtype) == (96, (32, 32), np.int16)
+    assert table.columns.keys() == fields.keys()
+    for column, field in fields.items():
+        np.testing.assert_allclose(table.columns[column], TREE[field].ravel(), atol=1e-9, err_msg=column)
+    assert table.objects == ["empty_hand", "object1", "object2"]
+    assert [text.rpartition("/")[2] for text in table.recordings[:3]] == [
+        "000-empty_hand",
+        "001-empty_hand",
+        "002-object1",
+    ]
+    assert table.sessions == ["000", "001"]
+    assert table.live.sum() == 548
 
 
 @pytest.mark.parametrize("name", ["grip.h5", "grip.hdf5", "grip.dat"])

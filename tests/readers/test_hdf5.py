@@ -34,8 +34,8 @@ def ingested(path, source):
     """All frames of the table that the source gives, and the table, closed."""
     out = path.parent / "ingested.table"
     write_recordings(out, source, "0" * 32)
-    with Recordings(out) as table:
-        return table.frames(np.arange(len(table))), table
+    table = Recordings(out)
+    return table.frames(np.arange(len(table))), table
 
 
 def test_a_single_file_is_one_recording(tmp_path):

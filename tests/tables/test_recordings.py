@@ -69,15 +69,15 @@ def test_live_sensors_are_those_that_ever_vary(tmp_path):
     counts = np.full((20, 3, 4), 510, dtype=np.int16)
     counts[13, 0, 1] = 511
     counts[0, 2, 3] = 509
-    with written(tmp_path / "t.h5", counts, cuts=(5, 10)) as table:
-        assert np.argwhere(table.live).tolist() == [[0, 1], [2, 3]]
+    table = written(tmp_path / "t.h5", counts, cuts=(5, 10))
+    assert np.argwhere(table.live).tolist() == [[0, 1], [2, 3]]
 
 
 def test_chosen_frames_and_live_sensors_are_what_arrays_of_them_give(tmp_path):
     counts = COUNTS.copy()
     counts[:, 1:3, 2] = 510
-    with written(tmp_path / "t.h5", counts) as table:
-        frames, live = table.kept_counts(np.arange(0, 50, 3)), table.live_counts()
+    table = written(tmp_path / "t.h5", counts)
+    frames, live = table.kept_counts(np.arange(0, 50, 3)), table.live_counts()
     for gathered, array in ((frames, counts[::3]), (live, np.ascontiguousarray(counts[:, table.live]))):
         assert (gathered.shape, gathered.dtype, len(gathered)) == (array.shape, array.dtype, len(array))
         for at in (slice(None), slice(3, 17, 4), np.array([9, 2, 9]), np.arange(len(array)) % 3 == 0, np.arange(0)):
