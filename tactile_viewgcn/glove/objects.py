@@ -182,9 +182,8 @@ def _from_description(entry: dict[str, Any]) -> GraspObject:
         parts = []
         for part in entry["parts"]:
             ((shape, sizes),) = part.items()
-            parts.append(SHAPES[shape](**{key: _tuple(value) for key, value in sizes.items()}))
-        values = {key: _tuple(value) for key, value in entry.items() if key not in ("name", "parts")}
-        grasp_object = GraspObject(name=entry["name"], parts=tuple(parts), **values)
+            parts.append(SHAPES[shape](**_with_tuples(sizes)))
+        grasp_object = GraspObject(**_with_tuples(entry | {"parts": parts}))
     except (KeyError, TypeError, AttributeError) as error:
         raise UserError(
             f"object {name}: not understood ({error}); expected name, weight, stiffness and parts, "
@@ -199,5 +198,5 @@ def _from_description(entry: dict[str, Any]) -> GraspObject:
     return grasp_object
 
 
-def _tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}

@@ -18,7 +18,6 @@ from tactile_viewgcn.glove.scene import (
     OPEN,
     PHASES,
     RELAXED,
-    Grasps,
     closure,
     plan,
     schedule,
@@ -130,15 +129,15 @@ def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
 def test_fingers_close_until_they_touch():
     grasp_objects = [OBJECTS_BY_NAME["mug"], OBJECTS_BY_NAME["ball"], OBJECTS_BY_NAME["empty_hand"]]
     hands, shapes = Hands([HAND] * 3), solids(*grasp_objects)
-    position = np.tile([0.080, 0.002, 0.042], (3, 1, 1))
-    rotation = np.array([grasp_object.orientation for grasp_object in grasp_objects])[:, None]
-    share = closure(hands, shapes, Grasps(position, rotation, np.full((3, 1), 0.95), np.zeros((3, 1, 5))), 0)
+    position = np.tile([0.080, 0.002, 0.042], (3, 1))
+    rotation = np.array([grasp_object.orientation for grasp_object in grasp_objects])
+    share = closure(hands, shapes, position, rotation, np.full(3, 0.95))
 
     def touched(part):
         """(B, 5): whether fingers that are closed so far are inside the object."""
         pose = hands.pose(np.arange(3), OPEN + part[..., None] * (CLOSED - OPEN), np.full(3, 0.95))
-        matrix = Rotation.from_rotvec(rotation[:, 0]).as_matrix()
-        scenes = collisions(hands, shapes, np.arange(3), pose, position[:, 0], matrix, palm=False)
+        matrix = Rotation.from_rotvec(rotation).as_matrix()
+        scenes = collisions(hands, shapes, np.arange(3), pose, position, matrix, palm=False)
         out = np.zeros((3, 5), dtype=bool)
         out[scenes.row, scenes.patch // 3] = True
         assert (scenes.patch < LINK_PATCHES).all()
