@@ -14,7 +14,7 @@ from benchmarks.speed import plain
 from benchmarks.speed.sample import Sample
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.nn.backbone import Backbone, extract_features
+from tactile_viewgcn.nn.backbone import Backbone
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.losses import FrameLoss, SetLoss, frame_losses, set_losses
@@ -100,25 +100,15 @@ def time_finetuning(sample: Sample) -> list[dict]:
 
 
 def time_evaluation(sample: Sample) -> list[dict]:
-    """Features of the test side, and all trials of all protocols; the plain trials are spared their clusterings."""
-    params, compute, (frames, _) = sample.params, sample.compute, sample.tensors(TEST)
+    """All trials of all protocols; the plain ones are spared their clusterings."""
+    params, compute, table = sample.params, sample.compute, sample.table
     config = replace(params.evaluate, side="test", confidence_threshold=0.0)
-    network, table, slow = sample.classifier, sample.table, plain.plain_classifier(sample.classifier)
-    inputs, sets = compute.frames(frames.squeeze(1)), sample.view_sets(TEST)[:PLAIN_SETS]
-
-    def features() -> None:
-        with compute.autocast():
-            extract_features(network.backbone, inputs)
-
+    network, slow = sample.classifier, plain.plain_classifier(sample.classifier)
+    frames, sets = sample.tensors(TEST)[0], sample.view_sets(TEST)[:PLAIN_SETS]
     variants = {
-        "features": features,
-        "plain features": lambda: extract_features(slow.backbone, frames),
-        "trials": lambda: evaluate_table(network, table, params.cluster, config, compute, params.seed, timed=False),
-        "plain trials": lambda: plain.logits(slow, frames, sets),
+        "fast": lambda: evaluate_table(network, table, params.cluster, config, compute, params.seed, timed=False),
+        "plain": lambda: plain.logits(slow, frames, sets),
     }
-    seconds, n = interleaved(variants, sample.rounds), len(frames)
-    count, slow_set = config.trials * len(config.protocols) * n, seconds["plain trials"] / len(sets)
-    return [
-        comparison("features", f"{n} frames", "frames", seconds["features"] / n, seconds["plain features"] / n),
-        comparison("evaluation", f"{count:,} view sets", "view sets", seconds["trials"] / count, slow_set),
-    ]
+    seconds, count = interleaved(variants, sample.rounds), config.trials * len(config.protocols) * len(frames)
+    size = f"{count:,} view sets"
+    return [comparison("evaluation", size, "view sets", seconds["fast"] / count, seconds["plain"] / len(sets))]

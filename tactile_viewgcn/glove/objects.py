@@ -65,19 +65,18 @@ class GraspObject:
             if np.shape(values) != (3,) or not np.isfinite(values).all():
                 raise UserError(f"object {self.name}: {name} is {values}; expected 3 numbers")
 
-    def extent(self, rotation: np.ndarray, direction: np.ndarray) -> float:
-        """Extent (m) from its origin in a direction (3,), a unit vector, after a rotation (3, 3). Ignores cuts."""
-        if not self.parts:
-            return 0.0
-        extents = []
+    def lowest(self, rotation: np.ndarray) -> float:
+        """How far (m) it reaches below its origin, along -z, after a rotation (3, 3). Ignores cuts."""
+        reaches = []
         for part in self.parts:
-            local = Rotation.from_rotvec(part.rotation).as_matrix().T @ rotation.T @ direction
+            local = Rotation.from_rotvec(part.rotation).as_matrix().T @ rotation.T
+            below = -local[:, 2]  # in the part's axes
             if part.kind == BOX:
-                size = np.abs(local) @ np.array(part.half)
+                size = np.abs(below) @ np.array(part.half)
             else:
-                size = np.hypot(local[0], local[1]) * (part.offset + part.half[0]) + abs(local[2]) * part.half[1]
-            extents.append(direction @ rotation @ np.array(part.centre) + size + part.round)
-        return float(max(extents))
+                size = np.hypot(below[0], below[1]) * (part.offset + part.half[0]) + abs(below[2]) * part.half[1]
+            reaches.append(-rotation[2] @ np.array(part.centre) + size + part.round)
+        return float(max(reaches, default=0.0))
 
 
 def _at(

@@ -138,7 +138,7 @@ def _draw(grasp_object: GraspObject, rng: np.random.Generator, grasps: int) -> t
     tilt = Rotation.from_rotvec(rng.normal(0, ROTATION_OF_RECORDING, 3))
     each = Rotation.from_rotvec(rng.normal(0, ROTATION_OF_GRASP, (grasps, 3)))
     rotation = each * (tilt * Rotation.from_rotvec(grasp_object.orientation) * roll)
-    below = np.array([grasp_object.extent(matrix, np.array([0.0, 0.0, -1.0])) for matrix in rotation.as_matrix()])
+    below = np.array([grasp_object.lowest(matrix) for matrix in rotation.as_matrix()])
     position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
     if grasp_object.position is not None:
         position = np.tile(np.array(grasp_object.position, dtype=float), (grasps, 1))

@@ -86,7 +86,7 @@ def test_the_plain_backbone_learns_as_the_pipeline_s_does():
     [
         (partial(measurements.time_step, batch=24), [("training step", 24, 24)]),
         (measurements.time_finetuning, [("fine-tuning", 160, 60)] * 4),  # two epochs of 80 view sets; 60 plainly
-        (measurements.time_evaluation, [("features", 80, 80), ("evaluation", 480, 60)]),  # 2 protocols of 3 trials
+        (measurements.time_evaluation, [("evaluation", 480, 60)]),  # 2 protocols of 3 trials
     ],
 )
 def test_rates_are_units_of_work_a_second(measure, rates, sample, monkeypatch):

@@ -70,19 +70,6 @@ def test_grasps_too_short_for_their_phases_are_refused(frames, grasps):
         schedule(frames, grasps)
 
 
-def test_without_effects_nothing_moves_while_the_object_is_held():
-    scenes = planned(["ball", "pen", "mug"])
-    assert scenes.steady.sum() == 2 * (25 - FIXED) and scenes.drive.squeeze.shape == (3, 51, 5)
-    for grasp in (0, 1):
-        knots = holds(scenes, grasp)
-        for name, values in vars(scenes.drive).items():
-            assert np.ptp(values[:, knots], axis=1).max() < 1e-12, name
-        assert (scenes.drive.squeeze[:, knots] > 0).all()
-    assert not scenes.drive.load.any()
-    first, second = (scenes.drive.position[:, holds(scenes, grasp)[0]] for grasp in (0, 1))
-    assert np.abs(first - second).max() > 1e-4  # another grasp is another place
-
-
 def test_a_grasp_begins_and_ends_with_an_open_hand_and_the_object_away():
     scenes = planned(["ball", "mug"])
     phase, _, grasp = schedule(50, 2)
