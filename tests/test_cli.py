@@ -43,7 +43,8 @@ def test_check_lists_every_mistake_in_one_line():
 def test_inspect_says_what_a_source_holds(tmp_path):
     source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=3, recordings=2, frames=5))
     result = call("inspect", source)
-    assert "30 frames of 32 x 32, kept as int16; 6 recordings, 3 objects, 1 sessions" in result.stdout
+    assert "30 frames of 32 x 32, kept as int16" in result.stdout
+    assert "6 recordings of 3 objects in 1 session" in result.stdout
     assert "optional columns: split, valid, balanced, transition, grip" in result.stdout
     assert "548 of 1024 sensors vary" in result.stdout
     assert re.search(r"^  object2 +2 +10 +\d+ +\d+ +\d+$", result.stdout, re.MULTILINE)
