@@ -13,6 +13,7 @@ from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.notes import Note
+from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import SIDES, Frames
 
 RECORD = ("stage", "run_id", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
@@ -101,7 +102,7 @@ def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluat
 
     The costs are timing.json and those in summary.json, which DVC shows.
     """
-    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", flat_numbers(summary(metrics, timing)))):
+    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", flatten(summary(metrics, timing)))):
         with atomic_write(folder / f"{name}.json") as part:
             part.write_text(json.dumps(tree, indent=2) + "\n")
     trials: list[list] = [["protocol", "trial", "error", "top3_error"]]
@@ -122,21 +123,10 @@ def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluat
     _write_table(folder / "per_class.csv", per_class)
 
 
-def flat_numbers(tree: dict[str, Any], prefix: str = "") -> dict[str, float]:
-    """The tree's numbers under dotted keys."""
-    flat: dict[str, float] = {}
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            flat |= flat_numbers(value, f"{prefix}{key}.")
-        elif value is not None:
-            flat[prefix + key] = value
-    return flat
-
-
 def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
     """The summary, the seconds of each stage and the peak memory, by dotted key."""
     more = {"seconds": timing["seconds"], "peak_mb": timing["peak_mb"]}
-    return flat_numbers(summary(metrics, timing)) | flat_numbers(more)
+    return flatten(summary(metrics, timing)) | flatten(more)
 
 
 def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
@@ -148,7 +138,7 @@ def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
 
 def row_constants(metrics: dict[str, Any], records: Records) -> dict[str, float]:
     """Numbers of classes, of frames and groups on each side, and of weights: constants, not results."""
-    sizes = flat_numbers({name: metrics[name] for name in ("classes", "frames", "groups")})
+    sizes = flatten({name: metrics[name] for name in ("classes", "frames", "groups")})
     weights = {name: value for record in records.values() for name, value in record["counts"].items()}
     return sizes | {name: value for name, value in weights.items() if name.startswith("weights.")}
 
