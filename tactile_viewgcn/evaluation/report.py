@@ -106,27 +106,24 @@ def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluat
         with atomic_write(folder / f"{name}.json") as part:
             part.write_text(json.dumps(tree, indent=2) + "\n")
     trials: list[list] = [["protocol", "trial", "error", "top3_error"]]
+    confusion: list[list] = [["protocol", "held", "predicted", "count"]]
+    per_class: list[list] = [["protocol", "object", "view_sets", "error"]]
     for protocol, each in evaluation.protocols.items():
         for number, (correct, in_top3) in enumerate(zip(each.correct, each.in_top3, strict=True)):
             trials.append([protocol, number, float(1 - correct.mean()), float(1 - in_top3.mean())])
-    _write_table(folder / "trials.csv", trials)
-    confusion: list[list] = [["protocol", "held", "predicted", "count"]]
-    per_class: list[list] = [["protocol", "object", "view_sets", "error"]]
-    for protocol in evaluation.protocols:
         counts = evaluation.confusion(protocol, len(classes))
-        for name, row in zip(classes, counts, strict=True):
+        for label, (name, row) in enumerate(zip(classes, counts, strict=True)):
             confusion += [[protocol, name, other, int(count)] for other, count in zip(classes, row, strict=True)]
-        for name, right, count in zip(classes, counts.diagonal(), counts.sum(axis=1), strict=True):
-            if count:
-                per_class.append([protocol, name, int(count), float(1 - right / count)])
-    _write_table(folder / "confusion.csv", confusion)
-    _write_table(folder / "per_class.csv", per_class)
+            if view_sets := int(row.sum()):
+                per_class.append([protocol, name, view_sets, float(1 - row[label] / view_sets)])
+    for name, rows in (("trials", trials), ("confusion", confusion), ("per_class", per_class)):
+        with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
+            csv.writer(file).writerows(rows)
 
 
 def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
     """The summary, the seconds of each stage and the peak memory, by dotted key."""
-    more = {"seconds": timing["seconds"], "peak_mb": timing["peak_mb"]}
-    return flatten(summary(metrics, timing)) | flatten(more)
+    return flatten(summary(metrics, timing)) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
 
 
 def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
@@ -165,10 +162,9 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
             )
     if "sequential" in metrics:
         score = metrics["sequential"]
-        fixed = ", ".join(f"{error_text(one['error'])} % with {count}" for count, one in score["fixed"].items())
         lines.append(
             f"  sequential: error {error_text(score['error'])} % at a mean of {score['frames']:.2f} frames, "
-            f"stopping at {score['confidence_threshold']:g}; {fixed}"
+            f"stopping at {score['confidence_threshold']:g}"
         )
     times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
     return [
@@ -184,8 +180,3 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
 def error_text(error: dict[str, Any]) -> str:
     """An error of metrics.json and its 95 % interval in per cent: 48.2 (39.0 to 57.8)."""
     return percent_interval(error["mean"], error["low"], error["high"])
-
-
-def _write_table(path: Path, rows: list[list]) -> None:
-    with atomic_write(path) as part, part.open("w", newline="") as file:
-        csv.writer(file).writerows(rows)

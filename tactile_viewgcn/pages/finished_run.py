@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from hashlib import md5
 from io import BytesIO
 from pathlib import Path
@@ -69,13 +68,15 @@ def read_run(name: str = "") -> FinishedRun:
     Raises:
         UserError: no such run; files of it are missing, do not belong together, or are of an earlier version.
     """
-    where, read = name or "the workspace", _reader(name)
-    try:
-        contents = {stage: read(f"runs/{stage}.json") for stage in STAGES}
-        metrics, timing = (json.loads(read(f"results/{file}.json")) for file in ("metrics", "timing"))
-        predictions = read_predictions(BytesIO(read("results/predictions.npz")))
-    except FileNotFoundError as error:
-        raise UserError(f"{where}: no {error}; {REMEDY}") from None
+    where, reader = name or "the workspace", _reader(name)
+
+    def read(path: str) -> bytes:
+        try:
+            return reader(path)
+        except FileNotFoundError:
+            raise UserError(f"{where}: no {path}; {REMEDY}") from None
+
+    contents = {stage: read(f"runs/{stage}.json") for stage in STAGES}
     records = {stage: json.loads(content) for stage, content in contents.items()}
     evaluated = records["evaluate"]["inputs"]
     for stage, record in records.items():
@@ -85,15 +86,18 @@ def read_run(name: str = "") -> FinishedRun:
             raise UserError(
                 f"{where}: `{stage}` ran again after `evaluate`, so that the results are of an earlier run; {REMEDY}"
             )
-    return FinishedRun(name, metrics, timing, predictions, records)
+    metrics, timing = (json.loads(read(f"results/{file}.json")) for file in ("metrics", "timing"))
+    return FinishedRun(name, metrics, timing, read_predictions(BytesIO(read("results/predictions.npz"))), records)
 
 
 def _reader(name: str) -> Callable[[str], bytes]:
-    """What reads a file of that run by its path in the workspace, or raises FileNotFoundError with the path."""
+    """What reads a file of that run by its path in the workspace, or raises FileNotFoundError."""
     if not name:
-        return _of_workspace
+        return lambda path: Path(path).read_bytes()
     if MLFLOW_ID.fullmatch(name):
-        return partial(_of_mlflow, name)
+        from tactile_viewgcn.tracking import read_artifact
+
+        return lambda path: read_artifact(name, Path(path).name)
     from dvc.api import DVCFileSystem
 
     files = DVCFileSystem(rev=name)
@@ -103,15 +107,3 @@ def _reader(name: str) -> Callable[[str], bytes]:
             "`dvc exp list` and `mlflow ui` name them"
         )
     return files.cat_file
-
-
-def _of_workspace(path: str) -> bytes:
-    if not Path(path).is_file():
-        raise FileNotFoundError(path)
-    return Path(path).read_bytes()
-
-
-def _of_mlflow(run_id: str, path: str) -> bytes:
-    from tactile_viewgcn.tracking import read_artifact
-
-    return read_artifact(run_id, Path(path).name)

@@ -15,7 +15,6 @@ from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import is_table
 
 MANY_GAPS = 0.01  # of the frames
-WIDTH = 80  # of a line of the command
 _LARGEST = f"at the largest reading in more than {100 * SATURATED:g} % of the frames"
 TWICE = "Record each object at least twice, better five times in two sessions."
 
@@ -156,14 +155,8 @@ def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
     changes = [] if is_table(overview.path) else [as_change("data.source", str(overview.path))]
     changes += [as_change(note.key, note.value) for note in chosen if note.key != "preset"]
-    lines = [" ".join(["dvc exp run", *presets])]
-    for word in (f"-S {shlex.quote(change)}" for change in changes):
-        if len(lines[-1]) + len(word) + 3 <= WIDTH:
-            lines[-1] += f" {word}"
-        else:
-            lines[-1] += " \\"
-            lines.append(f"  {word}")
-    return lines
+    lines = [" ".join(["dvc exp run", *presets]), *(f"  -S {shlex.quote(change)}" for change in changes)]
+    return " \\\n".join(lines).split("\n")
 
 
 def _chosen(chosen: list[Note], key: str) -> str:
