@@ -73,15 +73,16 @@ def test_the_page_says_what_the_files_say(workspace):
     assert f"{percent_interval(error['mean'], error['low'], error['high'])} % of the cases" in text
     assert "Which of 4 objects does the hand hold?" in text and "Simulated" not in text
     assert "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
-    assert len(run.notes) > 5 and [note for note in run.notes if note.text not in text] == []
-    assert "pretrain left out: this system needs no pretrained backbone" in text and "Clusters on the hand" in text
+    notes = run.notes("choice") + run.notes("info")
+    assert len(notes) > 5 and [note for note in notes if note.text not in text] == []
+    assert "pretrain left out: this system needs no pretrained backbone" in text
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"}) and "&lt;b&gt;Öl &amp; $x$" in page
 
 
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages without pictures, whose drawing takes longer than all else."""
-    monkeypatch.setattr(module, "picture", lambda figure, alt: Picture(alt, "data:", 100))
+    monkeypatch.setattr(module, "picture", lambda figure, caption: Picture(caption, "data:", 100, 70))
 
 
 def test_warnings_and_curves_are_shown_where_there_are_some(workspace, undrawn):
@@ -93,7 +94,7 @@ def test_warnings_and_curves_are_shown_where_there_are_some(workspace, undrawn):
     run.records["finetune"]["curves"]["loss"] = [3.0, 2.0]
     text = text_of(run_page(run))
     assert "No stage gave a warning" not in text and "preprocess : leak check: better than by chance." in text
-    assert "1 warning was given" in text and "Training curves" in text and "2 epochs" in text
+    assert "1 warning below" in text and "Training curves" in text and "2 epochs" in text
     assert "dvc exp run" in text and "-S preprocess.baseline=grasp" in text
 
 
