@@ -48,13 +48,6 @@ def test_a_baseline_of_frames_in_contact_is_warned_of(tmp_path):
     assert (warning.topic, warning.key, warning.value) == ("baseline", "preprocess.baseline", "auto")
 
 
-def test_quiet_frames_are_counted_against_those_without_contact(tmp_path):
-    changes = ("baseline=quiet", "filter=none")
-    (warning,) = warnings_of(treated(tmp_path, floats, *changes, "quiet_share=0.5").notes)
-    assert "in contact in 16 of 16 recordings" in warning.text
-    assert warnings_of(treated(tmp_path / "again", floats, *changes, "quiet_share=0.2").notes) == []
-
-
 def test_a_scale_that_clips_the_readings_is_warned_of_with_one_that_does_not(tmp_path):
     (warning,) = warnings_of(treated(tmp_path, floats, "scale=0.5").notes)
     assert warning.text.startswith("0.5 clips 100 %") and warning.key == "preprocess.scale"

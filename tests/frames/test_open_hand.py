@@ -76,24 +76,3 @@ def test_a_flag_says_held_where_little_is_felt_but_not_of_the_empty_hand(tmp_pat
     hand = find_open_hand(recordings, **CONTACT)
     np.testing.assert_array_equal(hand.open, away(glove.open))
     np.testing.assert_array_equal(hand.contact, ~glove.open)
-
-
-@pytest.mark.parametrize(("sensors", "opened"), [(1, False), (2, True)])
-def test_one_sensor_may_be_faulty_unless_one_is_contact(tmp_path, sensors, opened):
-    glove = drifting()
-    faulty = (glove.columns["object"] == 1) & (glove.columns["grasp"] == 5) & glove.open
-    glove.counts[faulty, 2, 2] += 40
-    recordings = written(tmp_path / "t", glove.counts, **glove.columns)
-    hand = find_open_hand(recordings, sensors=sensors, sigmas=5.0)
-    np.testing.assert_array_equal(hand.open[faulty], away(glove.open)[faulty] & opened)
-    assert (hand.contact[faulty] != opened).all()
-
-
-def test_a_recording_of_one_frame_is_compared_with_the_empty_hand(tmp_path):
-    glove = drifting(objects=1)
-    one = np.flatnonzero(~glove.open)[:1]
-    kept = np.r_[np.flatnonzero(glove.columns["object"] == 0), one]
-    columns = {name: values[kept] for name, values in glove.columns.items()}
-    recordings = written(tmp_path / "t", glove.counts[kept], **columns)
-    hand = find_open_hand(recordings, **CONTACT)
-    assert hand.contact[-1] and not hand.open[-1] and hand.open[:-1].all()
