@@ -63,11 +63,6 @@ def test_a_confidence_threshold_takes_fewer_frames():
     assert answer_contact(recogniser(), nothing_like_it, stop_at=0.999).used == 8
 
 
-def test_a_confidence_threshold_that_is_no_probability_is_refused_before_any_work():
-    with pytest.raises(UserError, match="stop_at is 2; expected a probability, 0 to 1"):
-        answer_recording(recogniser(), empty_hand(54), stop_at=2)
-
-
 def test_what_presses_other_sensors_is_unlike_anything_seen():
     excess = np.zeros((10, *SHAPE))
     excess[:, :2] = 40.0
