@@ -16,10 +16,9 @@ from tactile_viewgcn.systems import load_system, on_sensors, system_class
 Classifier = ViewNetwork | SensorClassifier
 
 
-def build_classifier(
-    viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE
-) -> ViewNetwork | SensorClassifier:
+def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE) -> Classifier:
     """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator."""
     if on_sensors(model.system):
-        return SensorClassifier(load_system(model.system).build(model), viewpoints)
+        build = load_system(model.system).build
+        return SensorClassifier(build(model.members) if model.system == "ensemble" else build(), viewpoints)
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)

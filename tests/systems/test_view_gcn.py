@@ -73,11 +73,6 @@ def test_the_released_preset_has_the_released_number_of_weights():
     assert sum(weight.numel() for weight in head.parameters()) == 305_138
 
 
-def test_the_levels_that_a_number_of_views_allows():
-    assert [level_sizes(views) for views in (1, 2, 3, 4, 8, 12, 20)] == [
-        [], [2], [3], [4, 2], [8, 4, 2], [12, 6, 3], [20, 10, 5]]  # fmt: skip
-
-
 @pytest.mark.parametrize("views", [1, 2, 3, 4, 5, 8, 12, 20, 50])
 @pytest.mark.parametrize("joint", [False, True])
 def test_any_number_of_views_gives_logits_and_gradients(views, joint):
@@ -149,10 +144,3 @@ def test_gradients_equal_finite_differences(row):
 def test_too_few_neighbours_listed_is_refused():
     with pytest.raises(UserError, match=r"model.neighbours \[3, 3\] has 2 entries.*3 levels of 8 views"):
         head_of(ViewGCN, "model.neighbours=[3,3]", places=viewpoints(8))
-
-
-@pytest.mark.parametrize(("views", "count"), [(1, 3), (4, 5), (4, 0)])
-def test_more_views_than_the_network_is_for_and_none_are_refused(views, count):
-    head = head_of(ViewGCN, places=viewpoints(views))
-    with pytest.raises(UserError, match=f"view sets of {count} views; the network takes 1 to {views}"):
-        head(torch.zeros(2, count, 16))
