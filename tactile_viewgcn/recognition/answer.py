@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +27,11 @@ class Answer:
     Attributes:
         status: OBJECT; UNKNOWN, `probabilities` then say what it is nearest to; or NO_CONTACT.
         probabilities: (classes,), NaN with NO_CONTACT.
-        used: frames that were classified.
-        contact: frames in contact.
+        used: frames that were classified; contact: frames in contact; frames: all of them.
         novelty: distance to the nearest training frames, 1 at the model's threshold; NaN without a threshold, or with
             fewer than V frames in contact.
+        recording: its name; object: what it says is held, UNLABELLED if it does not.
+        start, end: seconds since the recording's first frame; NaN without times.
     """
 
     status: str
@@ -38,24 +39,11 @@ class Answer:
     used: int
     contact: int
     novelty: float = float("nan")
-
-
-@dataclass(frozen=True)
-class Row:
-    """The answer to one recording or window of a table.
-
-    Attributes:
-        object: what the recordings say is held; UNLABELLED if they do not.
-        start, end: seconds since the recording's first frame; NaN without times.
-        frames: all frames.
-    """
-
-    recording: str
-    object: str
-    start: float
-    end: float
-    frames: int
-    answer: Answer
+    frames: int = 0
+    recording: str = ""
+    object: str = UNLABELLED
+    start: float = float("nan")
+    end: float = float("nan")
 
 
 def answer_recording(
@@ -75,13 +63,13 @@ def answer_recording(
     """
     one = np.zeros(1, dtype=int)
     recordings = ArrayRecordings([checked_array(counts, name)], [UNLABELLED], one, one)
-    ((row,), _, _) = _answers(recogniser, recordings, name, stop_at=stop_at)
-    return row.answer
+    ((answer,), _, _) = _answers(recogniser, recordings, name, stop_at=stop_at)
+    return answer
 
 
 def answer_source(
     recogniser: Recogniser, source: Source, *, window: float | None = None, stop_at: float | None = None
-) -> tuple[list[Row], list[Note]]:
+) -> tuple[list[Answer], list[Note]]:
     """The answers to the recordings of a source, and notes on what was not as expected.
 
     Args:
@@ -96,9 +84,9 @@ def answer_source(
     with tempfile.TemporaryDirectory() as folder:
         write_recordings(Path(folder) / "recordings.h5", source, "")
         with Recordings(Path(folder) / "recordings.h5") as recordings:
-            rows, classified, notes = _answers(recogniser, recordings, name, window=window, stop_at=stop_at)
+            answers, classified, notes = _answers(recogniser, recordings, name, window=window, stop_at=stop_at)
     recogniser.preprocessing.check_strength(classified, name)
-    return rows, notes
+    return answers, notes
 
 
 def _answers(
@@ -108,26 +96,30 @@ def _answers(
     *,
     window: float | None = None,
     stop_at: float | None = None,
-) -> tuple[list[Row], np.ndarray, list[Note]]:
+) -> tuple[list[Answer], np.ndarray, list[Note]]:
     """The answers to a table; V frames in contact (n, H, W) of each, above baseline; and notes on the baseline."""
     if stop_at is not None:
         recogniser.check_sequential(stop_at)
     for _, counts in recordings.blocks():
         recogniser.preprocessing.check_counts(counts, name)
     recordings.live, columns = recogniser.preprocessing.live, recordings.columns
-    rows, classified = [], []
+    answers, classified = [], []
     baseline, contact = find_contact(recordings, recogniser.preprocessing)
     for index in _parts(recordings, window):
         pressed = index[contact[index]]
         excess = recordings.frames(pressed) - baseline.mean[baseline.of_frame[pressed]]
         classified.append(excess[spread_sets(len(pressed), recogniser.classifier.views)[0]] if len(pressed) else excess)
         objects = {recordings.objects[number] for number in columns["object"][index]}
-        object_name = objects.pop() if len(objects) == 1 else UNLABELLED
-        start, end = columns["time"][index[[0, -1]]]
-        answer = answer_contact(recogniser, excess, stop_at=stop_at)
-        recording = recordings.recordings[columns["recording"][index[0]]]
-        rows.append(Row(recording, object_name, start, end, len(index), answer))
-    return rows, np.concatenate(classified), baseline.notes
+        answer = replace(
+            answer_contact(recogniser, excess, stop_at=stop_at),
+            frames=len(index),
+            recording=recordings.recordings[columns["recording"][index[0]]],
+            object=objects.pop() if len(objects) == 1 else UNLABELLED,
+            start=float(columns["time"][index[0]]),
+            end=float(columns["time"][index[-1]]),
+        )
+        answers.append(answer)
+    return answers, np.concatenate(classified), baseline.notes
 
 
 def _parts(recordings: Recordings, window: float | None) -> Iterator[np.ndarray]:

@@ -135,9 +135,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         with atomic_write(path) as part:
             part.write_bytes(self._file)
 
-    def __sklearn_is_fitted__(self) -> bool:
-        return hasattr(self, "recogniser_")
-
     def __getstate__(self) -> dict[str, Any]:
         """All but the recogniser, which is loaded anew from the classifier's file."""
         return {name: value for name, value in super().__getstate__().items() if name != "recogniser_"}

@@ -13,7 +13,7 @@ from typing import Any
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.readers.source import EMPTY_HAND
-from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Row, answer_source
+from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_source
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import open_recordings
 
@@ -50,8 +50,8 @@ def predict(
     )
     if not recogniser.novelty:
         echo("  it does not recognise what is unlike anything seen")
-    rows, notes = answer_source(recogniser, recordings, window=window, stop_at=stop_at)
-    records = [_record(row, recogniser.classes) for row in rows]
+    answers, notes = answer_source(recogniser, recordings, window=window, stop_at=stop_at)
+    records = [_record(answer, recogniser.classes) for answer in answers]
     for note in notes:
         echo(str(note))
     echo(f"{'recording':<{NAME_WIDTH}} {'frames':>8}  answer")
@@ -95,18 +95,17 @@ def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
         taken.add(path.resolve())
 
 
-def _record(row: Row, classes: list[str]) -> dict[str, Any]:
-    """The row as plain values, NaN as None; no class has a probability without contact."""
-    answer = row.answer
+def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
+    """The answer as plain values, NaN as None; no class has a probability without contact."""
     shares = {} if answer.status == NO_CONTACT else dict(zip(classes, answer.probabilities.tolist(), strict=True))
     best = sorted(shares, key=lambda name: -shares[name])[:TOP]
-    values: dict[str, Any] = {"recording": row.recording, "start_s": float(row.start), "end_s": float(row.end)}
+    values: dict[str, Any] = {"recording": answer.recording, "start_s": answer.start, "end_s": answer.end}
     values["answer"] = best[0] if answer.status == OBJECT else answer.status
     for place in range(TOP):
         name = best[place] if place < len(best) else ""
         values |= {f"class_{place + 1}": name or None, f"probability_{place + 1}": shares.get(name)}
-    values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": row.frames}
-    values |= {"novelty": answer.novelty, "object": row.object or None, "probabilities": shares}
+    values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
+    values |= {"novelty": answer.novelty, "object": answer.object or None, "probabilities": shares}
     return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()}
 
 

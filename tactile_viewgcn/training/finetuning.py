@@ -85,9 +85,7 @@ def finetune_classifier(
 
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
-        params: `seed`, `cluster.assignment`, `model`, `finetune` and `augment` are read.
-        checkpoint_path: see `pretrain_backbone`.
-        on_epoch: see `pretrain_backbone`.
+        checkpoint_path, on_epoch: see `pretrain_backbone`.
 
     Returns:
         classifier, and the progress: per epoch the loss and, where there is a validation side, its error.

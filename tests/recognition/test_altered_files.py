@@ -23,8 +23,7 @@ from tactile_viewgcn.recognition.model_file import ARCHIVE, read_archive
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors import kernels
 from tactile_viewgcn.sensors.forest import Forest
-from tests.recognition.test_mlflow_model import serve
-from tests.small_glove import OBJECTS, ROOT, model_file, recording, write
+from tests.small_glove import OBJECTS, model_file, recording, write
 
 RAN = "the code in the file has run"
 POINTS, LABELS = np.random.default_rng(0).normal(size=(30, 80)), np.arange(30) % 3
@@ -135,32 +134,12 @@ def test_the_command_and_mlflow_print_the_same_line(tmp_path, capfd, name):
     assert isinstance(result.exception, UserError) and ALTERED[name][1] in str(result.exception)
     import mlflow
 
-    model = saved(tmp_path, path)
+    loader = "tactile_viewgcn.recognition.mlflow_model"
+    mlflow.pyfunc.save_model(tmp_path / "model", loader_module=loader, data_path=str(path), pip_requirements=[])
     with pytest.raises(UserError) as error:
-        mlflow.pyfunc.load_model(str(model))
+        mlflow.pyfunc.load_model(str(tmp_path / "model"))
     assert ALTERED[name][1] in str(error.value) and len(str(error.value).splitlines()) == 1
     assert RAN not in capfd.readouterr().out
-
-
-def saved(folder: Path, path: Path) -> Path:
-    """An MLflow model of the file, in a folder."""
-    import mlflow
-
-    loader = "tactile_viewgcn.recognition.mlflow_model"
-    mlflow.pyfunc.save_model(folder / "model", loader_module=loader, data_path=str(path), pip_requirements=[])
-    return folder / "model"
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("default")  # MLflow's own
-@pytest.mark.parametrize("name", FOUR)
-def test_mlflow_s_server_ends_with_the_same_line(tmp_path, name):
-    model = saved(tmp_path, altered(tmp_path, name))
-    with serve(tmp_path, str(model), PYTHONPATH=str(ROOT)) as (process, _, log):
-        assert process.wait(540)
-    lines = log.read_text().splitlines()
-    assert any(line.startswith("tactile_viewgcn.errors.UserError") and ALTERED[name][1] in line for line in lines)
-    assert RAN not in lines
 
 
 def test_every_pipeline_that_we_write_is_trusted(monkeypatch):

@@ -200,9 +200,3 @@ def test_the_server_refuses_a_mistake_in_one_line(server, mistake):
     status, answer = ask(server, json.dumps({"inputs": inputs, "params": params}).encode())
     assert (status, answer["message"]) == (400, line)
     assert "stack_trace" not in answer
-
-
-@pytest.mark.slow
-def test_the_server_refuses_what_is_no_json(server):
-    status, answer = ask(server, b'{"inputs": [[1, 2')
-    assert status == 400 and answer["message"].startswith("Invalid input. Ensure that input is a valid JSON")
