@@ -61,7 +61,6 @@ def test_a_shift_moves_a_frame_whole_and_nothing_moves_in():
     assert min(by_hand.values()) > 10
 
 
-
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_frame_losses_of_an_epoch_add_up_to_the_cross_entropy_of_all_frames(precision):
     frames, labels = torch.randn(20, 1, 2, 2, generator=seeded()), torch.arange(20) % 3
