@@ -25,14 +25,19 @@ def form_of(values: Any) -> str:
         isinstance(values, np.ndarray) and values.dtype == object and values.ndim == 1
     )
     try:
-        if listed and (not len(values) or any(np.ndim(row) == 3 for row in values)):
+        if listed and (not len(values) or any(_axes(row) == 3 for row in values)):
             return RECORDINGS
-        axes = np.ndim(values)
+        axes = _axes(values)
     except ValueError:
         raise UserError(f"X is ragged; expected {FORMS}") from None
     if axes not in (1, 2, 4):
         raise UserError(f"X is of type {type(values).__name__} with {axes} axes; expected {FORMS}")
     return VIEW_SETS if axes == 4 else ROWS
+
+
+def _axes(values: Any) -> int:
+    """Number of axes of an array, or of what NumPy makes one of."""
+    return values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
 
 
 def checked_arrays(recordings: Sequence[Any], shape: tuple[int, int] | None = None) -> list[np.ndarray]:
