@@ -57,9 +57,7 @@ def save_classifier(
     """Write a classifier to a file, with what a `Recogniser` needs to use it on raw counts.
 
     Args:
-        model: that the classifier was built with.
-        frames: its training data.
-        precision: of its training, in which a `Recogniser` also computes.
+        model: that the classifier was built with; frames: its training data; precision: of its training.
         temperatures: for 1 to V frames, see `fit_temperatures`; with them it takes any number of views up to V.
     """
     sessions, baselines = session_baselines(frames)

@@ -1,6 +1,6 @@
-"""From recordings in memory to a trained classifier: what the stages preprocess to finetune do, without files."""
+"""From recordings in memory to a classifier's file: what the stages preprocess to finetune do."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,33 +24,15 @@ from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 
-@dataclass(frozen=True)
-class Trained:
-    """A trained classifier, and the table of frames, without a test side, that it was trained on.
-
-    Attributes:
-        temperatures: see `fit_temperatures`.
-        notes: on what was chosen for the recordings and left out of them, and why.
-    """
-
-    classifier: Classifier
-    params: Params
-    frames: Frames
-    precision: str
-    temperatures: list[float] | None
-    notes: list[Note]
-
-    def save(self, path: Path) -> None:
-        """Write the classifier's file, as the stage finetune does."""
-        save_classifier(path, self.classifier, self.params.model, self.frames, self.precision, self.temperatures)
-
-
-def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained:
-    """The classifier that is trained on all recordings; torch's own generator is left as it was.
+def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path) -> list[Note]:
+    """Train a classifier on all recordings and write its file; torch's own generator is left as it was.
 
     Args:
         groups: (T,) split group of each frame: groups are held out as a whole for the calibration, and as the
             validation side if `split.validation` says so.
+
+    Returns:
+        Notes on what was chosen for the recordings and left out of them, and why.
 
     Raises:
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer than two classes
@@ -76,4 +58,5 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray) -> Trained
 
         classifier = fit(frames)
         temperatures = fit_temperatures(classifier, fit, frames, params, compute)
-    return Trained(classifier, params, frames, compute.precision, temperatures, notes)
+    save_classifier(path, classifier, params.model, frames, compute.precision, temperatures)
+    return notes
