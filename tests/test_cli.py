@@ -54,14 +54,13 @@ def test_inspect_of_the_pipelines_table_says_the_same_as_of_its_source(tmp_path)
 
 
 def test_inspect_lists_the_mistakes_of_all_files_at_once(tmp_path):
-    for name, value in (("a", 1.0), ("b", np.nan), ("c", np.inf), ("d", 1.0)):
+    for name, value in (("a", 1.0), ("b", np.nan), ("c", np.inf)):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
             file["pressure"] = np.full((3, 2, 2), value)
-            file.attrs.update({"object": "mug", "session": "monday"} if name != "d" else {"object": "mug"})
+            file.attrs.update({"object": "mug", "session": "monday"})
     result = call("inspect", tmp_path)
     assert result.returncode == 1 and len(result.stderr.splitlines()) == 1 and not result.stdout
-    for mistake in ("d.h5: no attribute 'session'", "recording b is nan", "recording c is inf"):
-        assert mistake in result.stderr
+    assert "recording b is nan" in result.stderr and "recording c is inf" in result.stderr
     assert call("inspect", "nowhere").stderr.startswith("Error: nowhere: no such file")
 
 
