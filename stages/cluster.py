@@ -1,12 +1,11 @@
 """Cluster the training and validation frames of each object (or recording) into views."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
-from stages.command import PATH, options, started
+from stages.command import Job, stage
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, read_frames
@@ -16,30 +15,26 @@ from tactile_viewgcn.views.sampling import sets_of
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 
-@click.command(help=__doc__)
-@options
-@click.option("--frames", type=PATH, required=True)
-@click.option("--out", type=PATH, required=True)
-def cluster(frames: Path, out: Path, **common: Any) -> None:
-    with started("cluster", {"frames": frames}, **common) as job:
-        params, table = job.params, read_frames(frames)
-        count, rng = params.views, stream(params.seed, "cluster")
-        views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), params.cluster, rng)
-        index = table.on(TRAIN, VALIDATION)
-        pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
-        if not views.clustered:
-            click.echo(f"cluster: none; view sets are drawn at random from each of {pools} pools")
-        else:
-            click.echo(f"cluster: {pools} pools in {count} clusters each")
-            if job.run.id:
-                from tactile_viewgcn.plots import cluster_means
+@stage("frames")
+def cluster(job: Job, frames: Path, out: Path) -> None:
+    params, table = job.params, read_frames(frames)
+    count, rng = params.views, stream(params.seed, "cluster")
+    views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), params.cluster, rng)
+    index = table.on(TRAIN, VALIDATION)
+    pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
+    if not views.clustered:
+        click.echo(f"cluster: none; view sets are drawn at random from each of {pools} pools")
+    else:
+        click.echo(f"cluster: {pools} pools in {count} clusters each")
+        if job.run.id:
+            from tactile_viewgcn.plots import cluster_means
 
-                job.run.figure("cluster_means.png", cluster_means(views.means(table), table.live, table.classes))
-        if empty:
-            text = f"{empty} of {pools * count} views have no frame of their own and repeat one of their pool's"
-            job.note(Note(text, topic="clusters"))
-        write_views(out, views)
-        job.counts = {"pools": pools, "empty_clusters": empty}
+            job.run.figure("cluster_means.png", cluster_means(views.means(table), table.live, table.classes))
+    if empty:
+        text = f"{empty} of {pools * count} views have no frame of their own and repeat one of their pool's"
+        job.note(Note(text, topic="clusters"))
+    write_views(out, views)
+    job.counts = {"pools": pools, "empty_clusters": empty}
 
 
 if __name__ == "__main__":

@@ -9,18 +9,18 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import click
-import yaml
 
+from stages.pipeline import code_of, params_of, stages
 from tactile_viewgcn import tracking
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, md5, readable
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.params import Params, load
+from tactile_viewgcn.params import load
 from tactile_viewgcn.process import LOST, first_to_tell, launched, peak_mb, rank, seconds_since_start
 from tactile_viewgcn.provenance import changes_of, committed_params, origin, run_name
 from tactile_viewgcn.schema import flatten
@@ -28,22 +28,7 @@ from tactile_viewgcn.schema import flatten
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
 
-ROOT = Path(__file__).parents[1]
-PIPELINES = ("dvc.yaml", "data/virtual/dvc.yaml")
 PATH = click.Path(path_type=Path)
-OPTIONS = (
-    click.option("--params", "params_path", type=PATH, default="params.yaml", show_default=True),
-    click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of params.yaml."),
-    click.option("--record", type=PATH, help="Where what was done, and its costs, are written; without it no MLflow."),
-    click.option("--debug", is_flag=True, help="Show the traceback of an error."),
-)
-
-
-def options(command: Callable) -> Callable:
-    """Add the options of every stage, all of which `started` takes."""
-    for option in OPTIONS:
-        command = option(command)
-    return command
 
 
 @dataclass
@@ -55,7 +40,6 @@ class Job:
         md5s: of each input, by name.
         needed: whether `model.system` needs the stage.
         counts: single values for the record and MLflow; curves: a value per epoch; both by name.
-        computed: device and precision, where the stage has a choice of them.
     """
 
     stage: str
@@ -67,7 +51,6 @@ class Job:
     notes: list[Note] = field(default_factory=list)
     curves: dict[str, list[float]] = field(default_factory=dict)
     computed: dict[str, str] = field(default_factory=dict)
-    epochs: int = 0
 
     def note(self, note: Note) -> None:
         """Print a note, and keep it."""
@@ -75,10 +58,15 @@ class Job:
         click.echo(click.wrap_text(str(note), width, initial_indent="  ", subsequent_indent="    "))
         self.notes.append(replace(note, stage=self.stage))
 
-    def computed_on(self, compute: "Compute") -> None:
-        """Keep device and precision."""
+    def compute(self) -> "Compute":
+        """Device and precision, which the record keeps."""
+        from tactile_viewgcn.device import keep_freed_memory, select_device  # late: torch
+
+        keep_freed_memory()
+        compute = select_device(self.params.device, self.params.precision)
         self.computed = {"device": str(compute.device), "precision": compute.precision}
         self.run.tags(self.computed)
+        return compute
 
     def epoch(self, epoch: int, values: dict[str, float]) -> None:
         """Keep an epoch's values, and print them where no bar is shown."""
@@ -87,62 +75,50 @@ class Job:
             self.curves.setdefault(name, []).append(value)
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
-            click.echo(f"{self.stage}: epoch {epoch}/{self.epochs}, {line}, {seconds_since_start():.0f} s", err=True)
+            epochs = getattr(self.params, self.stage).epochs
+            click.echo(f"{self.stage}: epoch {epoch}/{epochs}, {line}, {seconds_since_start():.0f} s", err=True)
 
     def checkpoint_key(self) -> str:
         """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
-        code, system = [], getattr(self.params.model, "system", "")
-        for dep in pipeline_entry(self.stage)["deps"]:
-            path = ROOT / dep.replace("${model.system}", system)
-            code += [file.read_bytes() for file in ([path] if path.suffix == ".py" else sorted(path.rglob("*.py")))]
+        code = code_of(stages()[self.stage], getattr(self.params.model, "system", ""))
         return hashlib.sha256(repr((self.params, self.md5s, code)).encode()).hexdigest()
 
 
-@contextmanager
-def started(
-    stage: str,
-    inputs: dict[str, Path],
-    *,
-    params_path: Path,
-    changes: tuple[str, ...],
-    record: Path | None,
-    debug: bool,
-    needs: Path | None = None,
-    row: bool = False,
-) -> Iterator[Job]:
-    """The run of a stage, whose record is written at the end of the block.
-
-    An error in the block that the user can mend ends the command with exit code 1 and one line. Of several processes,
-    which train together, the first one prints, logs and writes.
+def stage(
+    *inputs: str, outputs: tuple[str, ...] = ("out",), row: bool = False
+) -> Callable[[Callable[..., None]], click.Command]:
+    """Make the command of a DVC stage of a function that takes a `Job` and the paths named here, each an option.
 
     Args:
-        inputs: the files and folders that the stage reads, by name.
-        needs: what the stage `needs` has written, for a stage that not every system needs.
-        row: its run is the pipeline's row in MLflow, and carries every parameter.
+        inputs: the files and folders that it reads. One named `needs` says whether the stage is needed.
+        row: its run is the pipeline's row in MLflow, and carries every parameter; it takes `after` too, the records of
+            the stages that made its inputs.
     """
+    return partial(_command, inputs=inputs, outputs=outputs, row=row)
+
+
+def _command(work: Callable[..., None], inputs: tuple[str, ...], outputs: tuple[str, ...], row: bool) -> click.Command:
+    options: list[click.Parameter] = [
+        *(click.Option([f"--{name}"], type=PATH, required=True) for name in (*inputs, *outputs)),
+        click.Option(["--params", "params_path"], type=PATH, default="params.yaml", show_default=True),
+        click.Option(["--set", "changes"], multiple=True, metavar="KEY=VALUE", help="Put on top of params.yaml."),
+        click.Option(["--record"], type=PATH, help="Where costs and notes are written; without it no MLflow."),
+        click.Option(["--debug"], is_flag=True, help="Show the traceback of an error."),
+    ]
+    if row:
+        options.append(click.Option(["--after"], type=PATH, multiple=True))
+    text = sys.modules[work.__module__].__doc__
+    return click.Command(work.__name__, params=options, help=text, callback=partial(_run, work, inputs, row))
+
+
+def _run(work: Callable[..., None], inputs: tuple[str, ...], row: bool, **options: Any) -> None:
+    """Do a stage's work; an error that the user can mend ends it with exit code 1 and one line."""
     signal.signal(signal.SIGTERM, _end)  # `dvc queue kill`: the run is closed as KILLED
+    debug, shared = options.pop("debug"), [options.pop(name) for name in ("params_path", "changes", "record")]
+    files = {name: options[name] for name in inputs} | {path.stem: path for path in options.get("after", ())}
     try:
-        params, committed = load(params_path, changes), committed_params(params_path)
-        values, reads = flatten(params), pipeline_entry(stage)["params"]
-        if row:
-            name = run_name(f"{params.model.system} V={params.views}", values, committed, ("model.system", "views"))
-        else:
-            prefixes = tuple(f"{key}." for key in reads)
-            values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
-            name = run_name(stage, values, committed)
-        job = Job(stage, _only(params, reads), _md5s(inputs))
-        if needs:
-            with readable(needs):
-                job.needed = json.loads(needs.read_text())[stage]
-        logged = record is not None and job.needed and not rank()
-        with (
-            _silent() if rank() else nullcontext(),
-            tracking.stage_run(stage, name, row=row) if logged else nullcontext(tracking.Run()) as job.run,
-        ):
-            job.run.parameters(values)
-            yield job
-            if record and not rank():
-                _write_record(record, job, inputs, {"values": values, "changed": changes_of(values, committed)}, row)
+        with _started(work.__name__, files, row, *shared) as job:
+            work(job, **options)
     except Exception as error:
         line = _what_to_mend(error)
         if debug or line is None:
@@ -153,24 +129,32 @@ def started(
         raise click.ClickException(line) from None
 
 
-def pipeline_entry(stage: str) -> dict[str, Any]:
-    """The entry of a stage in the pipelines' dvc.yaml."""
-    entries = (yaml.safe_load((ROOT / name).read_text())["stages"] for name in PIPELINES)
-    return next(stages[stage] for stages in entries if stage in stages)
-
-
-def _only(params: Params, reads: list[str]) -> SimpleNamespace:
-    """The keys and sections that a stage reads; of a section of which it reads parts, those parts."""
-    only = SimpleNamespace()
-    for key in reads:
-        section, _, part = key.partition(".")
-        value = getattr(params, section)
-        if part:
-            parts = vars(only).setdefault(section, SimpleNamespace())
-            setattr(parts, part, getattr(value, part))
-        else:
-            setattr(only, section, value)
-    return only
+@contextmanager
+def _started(
+    name: str, inputs: dict[str, Path], row: bool, params_path: Path, changes: tuple[str, ...], record: Path | None
+) -> Iterator[Job]:
+    """The run of a stage, whose record is written at the end; of several processes the first one logs and writes."""
+    params, committed = load(params_path, changes), committed_params(params_path)
+    values, entry = flatten(params), stages()[name]
+    if row:
+        title = run_name(f"{params.model.system} V={params.views}", values, committed, ("model.system", "views"))
+    else:
+        prefixes = tuple(f"{key}." for key in entry["params"])
+        values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
+        title = run_name(name, values, committed)
+    job = Job(name, params_of(entry, params), _md5s(inputs))
+    if "needs" in inputs:
+        with readable(inputs["needs"]):
+            job.needed = json.loads(inputs["needs"].read_text())[name]
+    logged = record is not None and job.needed and not rank()
+    with (
+        _silent() if rank() else nullcontext(),
+        tracking.stage_run(name, title, row=row) if logged else nullcontext(tracking.Run()) as job.run,
+    ):
+        job.run.parameters(values)
+        yield job
+        if record and not rank():
+            _write_record(record, job, inputs, {"values": values, "changed": changes_of(values, committed)}, row)
 
 
 def _md5s(inputs: dict[str, Path]) -> dict[str, str]:

@@ -1,12 +1,10 @@
 """Ten trials on the test side: error with its interval, run time, confusion."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from stages.command import PATH, options, started
-from tactile_viewgcn.device import keep_freed_memory, select_device
+from stages.command import Job, stage
 from tactile_viewgcn.evaluation import report
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import predictions_of, write_predictions
@@ -15,48 +13,36 @@ from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
 
 
-@click.command(help=__doc__)
-@options
-@click.option("--frames", type=PATH, required=True)
-@click.option("--classifier", type=PATH, required=True)
-@click.option("--after", type=PATH, multiple=True, help="Record of a stage that made the inputs.")
-@click.option("--out", type=PATH, required=True, help="Folder of the results.")
-def evaluate(frames: Path, classifier: Path, after: tuple[Path, ...], out: Path, **common: Any) -> None:
-    inputs = {"frames": frames, "classifier": classifier} | {path.stem: path for path in after}
-    with started("evaluate", inputs, row=True, **common) as job:
-        keep_freed_memory()
-        params, run, table = job.params, job.run, read_frames(frames)
-        compute = select_device(params.device, params.precision)
-        model, content = load_classifier(classifier)
-        records = report.read_records(after)
-        temperatures = content["calibration"] and content["calibration"].by_frames
-        evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
-        metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side, records)
-        write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
-        run.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
-        job.computed_on(compute)
-        run.tags(report.row_tags(metrics, records))
-        run.parameters(report.row_constants(metrics, records))
-        if run.id:
-            from tactile_viewgcn.plots import confusions
+@stage("frames", "classifier", row=True)
+def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], out: Path) -> None:
+    params, run, table, compute = job.params, job.run, read_frames(frames), job.compute()
+    model, content = load_classifier(classifier)
+    records = report.read_records(after)
+    temperatures = content["calibration"] and content["calibration"].by_frames
+    evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
+    metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side, records)
+    write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
+    run.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
+    run.tags(report.row_tags(metrics, records))
+    run.parameters(report.row_constants(metrics, records))
+    if run.id:
+        from tactile_viewgcn.plots import confusions
 
-            protocols = {f"{name} protocol, all trials": name for name in evaluation.protocols}
-            counts = {title: evaluation.confusion(name, len(table.classes)) for title, name in protocols.items()}
-            run.figure("confusion.png", confusions(counts, table.classes))
-        address = run.model(
-            classifier, model.views, table.live.shape, table.counts.dtype, table.classes, model.packages
-        )
-        timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
-        report.write_results(out, metrics, timing, evaluation, table.classes)
-        for path in (out, *after):
-            run.artifacts(path)
-        run.metrics(report.row_metrics(metrics, timing))
-        for protocol, trials in evaluation.protocols.items():
-            for trial, correct in enumerate(trials.correct, start=1):
-                run.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
-        click.echo("\n".join(report.summary_lines(metrics, timing)))
-        if address:
-            click.echo(f"  use it: mlflow.pyfunc.load_model({address!r})")
+        protocols = {f"{name} protocol, all trials": name for name in evaluation.protocols}
+        counts = {title: evaluation.confusion(name, len(table.classes)) for title, name in protocols.items()}
+        run.figure("confusion.png", confusions(counts, table.classes))
+    address = run.model(classifier, model.views, table.live.shape, table.counts.dtype, table.classes, model.packages)
+    timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
+    report.write_results(out, metrics, timing, evaluation, table.classes)
+    for path in (out, *after):
+        run.artifacts(path)
+    run.metrics(report.row_metrics(metrics, timing))
+    for protocol, trials in evaluation.protocols.items():
+        for trial, correct in enumerate(trials.correct, start=1):
+            run.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
+    click.echo("\n".join(report.summary_lines(metrics, timing)))
+    if address:
+        click.echo(f"  use it: mlflow.pyfunc.load_model({address!r})")
 
 
 if __name__ == "__main__":

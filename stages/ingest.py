@@ -1,30 +1,25 @@
 """Read the source's recordings into one checked table of raw counts."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
-from stages.command import PATH, options, started
+from stages.command import Job, stage
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 
 
-@click.command(help=__doc__)
-@options
-@click.option("--source", type=PATH, required=True, help="STAG metadata.mat, STAG folder, or own recordings.")
-@click.option("--out", type=PATH, required=True)
-def ingest(source: Path, out: Path, **common: Any) -> None:
-    with started("ingest", {"source": source}, **common) as job:
-        write_recordings(out, open_source(source), job.md5s["source"])
-        with Recordings(out) as table:
-            used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
-            job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
-            click.echo(
-                "ingest: {frames:,} frames of {shape[0]} x {shape[1]}, {sensors} sensors, {objects} objects, "
-                "{recordings} recordings, {sessions} sessions".format(shape=table.shape, **job.counts)
-            )
+@stage("source")
+def ingest(job: Job, source: Path, out: Path) -> None:
+    write_recordings(out, open_source(source), job.md5s["source"])
+    table = Recordings(out)
+    used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
+    job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
+    click.echo(
+        "ingest: {frames:,} frames of {shape[0]} x {shape[1]}, {sensors} sensors, {objects} objects, "
+        "{recordings} recordings, {sessions} sessions".format(shape=table.shape, **job.counts)
+    )
 
 
 if __name__ == "__main__":

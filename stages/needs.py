@@ -3,30 +3,26 @@
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import click
 
-from stages.command import PATH, options, started
+from stages.command import Job, stage
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.systems import on_sensors
 
 
-@click.command(help=__doc__)
-@options
-@click.option("--out", type=PATH, required=True, help="The stages that the system needs, or does not.")
-def needs(out: Path, **common: Any) -> None:
-    with started("needs", {}, **common) as job:
-        launcher, system = job.params.launcher, job.params.model.system
-        program = next(word for word in launcher.split() if "=" not in word)
-        if not shutil.which(program):
-            expected = "expected python -m, or torchrun --standalone ... -m"
-            raise UserError(f"launcher: no program {program!r} here; {expected}")
-        pretrain = not on_sensors(system)
-        with atomic_write(out) as part:
-            part.write_text(json.dumps({"pretrain": pretrain}) + "\n")  # the same for all systems with a backbone
-        click.echo(f"needs: {system} needs {'a' if pretrain else 'no'} pretrained backbone")
+@stage()
+def needs(job: Job, out: Path) -> None:
+    launcher, system = job.params.launcher, job.params.model.system
+    program = next(word for word in launcher.split() if "=" not in word)
+    if not shutil.which(program):
+        expected = "expected python -m, or torchrun --standalone ... -m"
+        raise UserError(f"launcher: no program {program!r} here; {expected}")
+    pretrain = not on_sensors(system)
+    with atomic_write(out) as part:
+        part.write_text(json.dumps({"pretrain": pretrain}) + "\n")  # the same for all systems with a backbone
+    click.echo(f"needs: {system} needs {'a' if pretrain else 'no'} pretrained backbone")
 
 
 if __name__ == "__main__":

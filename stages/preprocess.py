@@ -2,12 +2,11 @@
 
 import csv
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
-from stages.command import PATH, options, started
+from stages.command import Job, stage
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.leak import leak_of_split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
@@ -16,40 +15,36 @@ from tactile_viewgcn.tables.frames import SIDES, write_frames
 from tactile_viewgcn.tables.recordings import Recordings
 
 
-@click.command(help=__doc__)
-@options
-@click.option("--recordings", type=PATH, required=True)
-@click.option("--out", type=PATH, required=True)
-@click.option("--kept", type=PATH, required=True, help="Account of kept and dropped frames, per object and session.")
-def preprocess(recordings: Path, out: Path, kept: Path, **common: Any) -> None:
-    with started("preprocess", {"recordings": recordings}, **common) as job:
-        split = job.params.split
-        with Recordings(recordings) as table:
-            made = preprocess_recordings(table, job.params.preprocess, split)
-            frames, selection, inspection, kind = made.frames, made.selection, made.inspection, made.params.baseline
-            rows = selection_counts(table, selection)
-            leak, leak_notes = (
-                leak_of_split(table, inspection, made.leaks, made.baseline, kind, split) if inspection else (None, [])
-            )
-        write_frames(out, frames)
-        with atomic_write(kept) as part, part.open("w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0])
-            writer.writeheader()
-            writer.writerows(rows)
-        leaked = leak.counts() if leak else {}
-        job.run.artifacts(kept)
-        job.run.metrics(leaked)
-        counts = frame_counts(frames.side, frames.anchor, group=frames.group, recording=frames.recording)
-        click.echo(f"preprocess: {len(frames):,} of {len(selection.keep):,} frames kept, {len(frames.classes)} classes")
-        for side in SIDES:
-            number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
-            click.echo("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
-        for note in (*made.notes, *leak_notes):
-            job.note(note)
-        job.counts = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
-        job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
-        chosen = {f"resolved.{note.key}": note.value for note in made.notes if note.level == "choice"}
-        job.counts |= counts | leaked | chosen
+@stage("recordings", outputs=("out", "kept"))
+def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
+    split, leak = job.params.split, None
+    table = Recordings(recordings)
+    made = preprocess_recordings(table, job.params.preprocess, split)
+    frames, selection, inspection, kind = made.frames, made.selection, made.inspection, made.params.baseline
+    rows = selection_counts(table, selection)
+    notes = made.notes
+    if inspection:
+        leak, leak_notes = leak_of_split(table, inspection, made.leaks, made.baseline, kind, split)
+        notes = [*notes, *leak_notes]
+    write_frames(out, frames)
+    with atomic_write(kept) as part, part.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    leaked = leak.counts() if leak else {}
+    job.run.artifacts(kept)
+    job.run.metrics(leaked)
+    counts = frame_counts(frames.side, frames.anchor, group=frames.group, recording=frames.recording)
+    click.echo(f"preprocess: {len(frames):,} of {len(selection.keep):,} frames kept, {len(frames.classes)} classes")
+    for side in SIDES:
+        number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
+        click.echo("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
+    for note in notes:
+        job.note(note)
+    job.counts = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
+    job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
+    chosen = {f"resolved.{note.key}": note.value for note in made.notes if note.level == "choice"}
+    job.counts |= counts | leaked | chosen
 
 
 if __name__ == "__main__":

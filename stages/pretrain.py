@@ -1,11 +1,10 @@
 """Train the modified ResNet-18 from scratch to tell objects by single frames."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from stages.command import PATH, Job, options, started
+from stages.command import Job, stage
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.tables.frames import read_frames
@@ -13,36 +12,26 @@ from tactile_viewgcn.tables.frames import read_frames
 LEFT_OUT = "pretrain: left out, model.system does not need it"
 
 
-@click.command(help=__doc__)
-@options
-@click.option("--needs", type=PATH, required=True, help="Whether this stage is needed, from the stage `needs`.")
-@click.option("--frames", type=PATH, required=True)
-@click.option("--out", type=PATH, required=True)
-def pretrain(needs: Path, frames: Path, out: Path, **common: Any) -> None:
-    with started("pretrain", {"needs": needs, "frames": frames}, needs=needs, **common) as job:
-        if job.needed:
-            _pretrain(job, frames, out)
-        elif not rank():
-            with atomic_write(out) as part:
-                part.write_text(f"{LEFT_OUT}\n")
-            click.echo(LEFT_OUT)
+@stage("needs", "frames")
+def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> None:
+    if job.needed:
+        _pretrain(job, frames, out)
+    elif not rank():
+        with atomic_write(out) as part:
+            part.write_text(f"{LEFT_OUT}\n")
+        click.echo(LEFT_OUT)
 
 
 def _pretrain(job: Job, frames: Path, out: Path) -> None:
     import torch  # here: where this stage is left out, nothing loads it
 
-    from tactile_viewgcn.device import keep_freed_memory, select_device
     from tactile_viewgcn.training.checkpoint import training_checkpoint
     from tactile_viewgcn.training.distributed import process_group
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
-    keep_freed_memory()
-    params, table = job.params, read_frames(frames)
-    compute, job.epochs = select_device(params.device, params.precision), params.pretrain.epochs
-    job.computed_on(compute)
-    key = job.checkpoint_key()
+    table, compute, key = read_frames(frames), job.compute(), job.checkpoint_key()
     with process_group(compute), training_checkpoint("pretrain", key, compute) as checkpoint_path:
-        backbone, classifier, progress = pretrain_backbone(table, params, compute, checkpoint_path, job.epoch)
+        backbone, classifier, progress = pretrain_backbone(table, job.params, compute, checkpoint_path, job.epoch)
         if rank():
             return
         states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}

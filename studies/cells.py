@@ -10,8 +10,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, get_args
 
-import yaml
-
+from stages.pipeline import code_of, stages
 from studies.grid import FOLDER, Cell
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
@@ -22,8 +21,7 @@ from tactile_viewgcn.systems import OnSensors
 
 STORE, LAST = FOLDER / ".cells", Path("results/timing.json")
 RESULTS = ("predictions.npz", "metrics.json", "timing.json")
-PIPELINES = (Path("dvc.yaml"), Path("data/virtual/dvc.yaml"))
-CODE = ("stages", "tactile_viewgcn")  # where the code of a stage's `deps` lies
+BACKBONE = "model.backbone."
 AFTER_PRETRAINING = ("views", "viewpoints", "cluster.", "model.", "finetune.", "evaluate.")  # keys
 
 
@@ -43,8 +41,7 @@ def key_of(cell: Cell, code: str) -> str:
     Raises:
         UserError: the cell's parameters are wrong.
     """
-    params = flatten(load("params.yaml", cell.changes, f"variant {cell.variant}"))
-    content = ""
+    params, content = flatten(load("params.yaml", cell.changes, f"variant {cell.variant}")), ""
     if params["data.source"] != VIRTUAL:  # which its parameters describe; files may lie elsewhere on another machine
         content = _md5(params.pop("data.source"))
     return hashlib.sha256(repr((sorted(params.items()), code, content)).encode()).hexdigest()[:16]
@@ -59,18 +56,8 @@ def _md5(source: str) -> str:
 
 def code_of_stages() -> str:
     """A digest of both pipelines and of the code that their stages depend on."""
-    digest = hashlib.sha256()
-    for pipeline in PIPELINES:
-        digest.update(pipeline.read_bytes())
-        stages = yaml.safe_load(pipeline.read_text())["stages"].values()
-        paths = {dep.removeprefix("../../") for stage in stages for dep in stage.get("deps", [])}
-        for path in sorted(path for path in paths if path.startswith(CODE)):
-            for place in sorted(
-                Path().glob(re.sub(r"\$\{.*?\}", "*", path))
-            ):  # systems/${model.system}.py: all of them
-                for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-                    digest.update(file.read_bytes())
-    return digest.hexdigest()
+    entries = stages()
+    return hashlib.sha256(repr((entries, [code_of(entry) for entry in entries.values()])).encode()).hexdigest()
 
 
 def store(key: str, contents: dict[str, bytes]) -> None:
@@ -127,15 +114,13 @@ def shard_of(cells: dict[str, Cell], shard: str) -> dict[str, Cell]:
         raise UserError(f"--shard is {shard!r}; expected i/n with i from 1 to n, 2/8 for the second of eight")
     params = {key: flatten(load("params.yaml", cell.changes)) for key, cell in cells.items()}
 
-    def shared(key: str) -> str:
-        before = {name for name in params[key] if not name.startswith(AFTER_PRETRAINING)}
-        backbone = {name for name in params[key] if name.startswith("model.backbone.")}
-        return repr([(name, value) for name, value in params[key].items() if name in before | backbone])
+    def backbone(key: str) -> str:
+        values = params[key].items()
+        return repr([one for one in values if one[0].startswith(BACKBONE) or not one[0].startswith(AFTER_PRETRAINING)])
 
     part: dict[str, Cell] = {}
     for on_sensors in (False, True):
         alike = [key for key in cells if (params[key]["model.system"] in get_args(OnSensors)) == on_sensors]
-        ordered = sorted(alike, key=shared)
-        first, end = ((place * len(ordered) + count - 1) // count for place in (number - 1, number))
-        part |= {key: cells[key] for key in ordered[first:end]}
+        first, end = ((place * len(alike) + count - 1) // count for place in (number - 1, number))
+        part |= {key: cells[key] for key in sorted(alike, key=backbone)[first:end]}
     return part

@@ -1,6 +1,6 @@
 """The variants of a study compared: errors with intervals, paired differences to the references, costs, power."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from scipy.stats import t as student
 from studies.cells import Answers
 from studies.grid import COLUMNS
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.evaluation.statistics import holm, sign_flip
 from tactile_viewgcn.intervals import group_interval, proportion_interval
 
@@ -36,22 +37,24 @@ class Variant:
         Raises:
             UserError: trainings on the same deal were tested on different anchors.
         """
-        deals: dict[int, np.ndarray] = {}
-        for seed, deal in sorted(among):
-            folds = [each.predictions for each in self.trainings[seed, deal]]
-            anchors = np.hstack([(fold.recordings, fold.groups.astype(str)) for fold in folds])
-            if not np.array_equal(deals.setdefault(deal, anchors), anchors):
-                raise UserError(f"variant {self.name}: its trainings were tested on different view sets")
-        return np.hstack([deals[deal] for deal in sorted(deals)])
+        deals = self._by_deal(among, lambda fold: np.array((fold.recordings, fold.groups.astype(str))))
+        if not all(np.array_equal(anchors, deal[0]) for deal in deals for anchors in deal):
+            raise UserError(f"variant {self.name}: its trainings were tested on different view sets")
+        return np.hstack([deal[0] for deal in deals])
 
     def wrong(self, protocol: str, among: Collection[Training]) -> np.ndarray:
         """(A,) share of seeds and trials that were wrong, of these trainings."""
-        deals: dict[int, list[np.ndarray]] = {}
+        deals = self._by_deal(among, lambda fold: 1 - (fold.predicted[protocol] == fold.labels).mean(axis=0))
+        return np.hstack([np.mean(deal, axis=0) for deal in deals])
+
+    def _by_deal(
+        self, among: Collection[Training], values: Callable[[Predictions], np.ndarray]
+    ) -> list[list[np.ndarray]]:
+        """Of each deal the `values` of its trainings, folds side by side."""
+        deals: dict[int, list[np.ndarray]] = {deal: [] for deal in sorted(deal for _, deal in among)}
         for seed, deal in sorted(among):
-            folds = [each.predictions for each in self.trainings[seed, deal]]
-            shares = [1 - (fold.predicted[protocol] == fold.labels).mean(axis=0) for fold in folds]
-            deals.setdefault(deal, []).append(np.hstack(shares))
-        return np.hstack([np.mean(deals[deal], axis=0) for deal in sorted(deals)])
+            deals[deal].append(np.hstack([values(each.predictions) for each in self.trainings[seed, deal]]))
+        return list(deals.values())
 
     def cost(self, name: str) -> float:
         """Median over the trainings: of seconds summed over the folds, of everything else in the hungriest one."""
@@ -66,18 +69,18 @@ def pooled(answers: Iterable[Answers]) -> list[Variant]:
         UserError: no training has all folds.
     """
     answers = list(answers)
-    folds = sorted({each.cell.fold for each in answers})
-    variants = {each.cell.variant: Variant(each.cell.variant, {}) for each in answers}
+    folds = len({each.cell.fold for each in answers})
+    variants: dict[str, dict[Training, list[Answers]]] = {each.cell.variant: {} for each in answers}
     for each in sorted(answers, key=lambda each: each.cell.fold):
-        training = (each.cell.seed, each.cell.deal)
-        variants[each.cell.variant].trainings.setdefault(training, []).append(each)
-    for variant in variants.values():
-        for training in [key for key, cells in variant.trainings.items() if len(cells) < len(folds)]:
-            del variant.trainings[training]
-    trained = [variant for variant in variants.values() if variant.trainings]
+        variants[each.cell.variant].setdefault((each.cell.seed, each.cell.deal), []).append(each)
+    whole = {
+        name: {training: cells for training, cells in trainings.items() if len(cells) == folds}
+        for name, trainings in variants.items()
+    }
+    trained = [Variant(name, trainings) for name, trainings in whole.items() if trainings]
     if not trained:
         raise UserError(
-            f"no training has finished on all {len(folds)} folds, so that there is no table: run the study again"
+            f"no training has finished on all {folds} folds, so that there is no table: run the study again"
         )
     return trained
 
@@ -181,20 +184,23 @@ def power(rows: pd.DataFrame, groups: int) -> str:
     """A sentence on the smallest difference that could have been seen: half of the widest interval of each kind."""
     protocol = rows["protocol"].iloc[-1]
     heads = [name.removesuffix("more") for name in rows if name.endswith(" more")]
-    kinds = (("per frame", "frame", ""), ("per group", "group", ""), ("over trainings", "frame", "seeds_"))
     widest = {}
-    for kind, weighting, ends in kinds:
+    for kind, weighting, ends in (
+        ("per frame", "frame", ""),
+        ("per group", "group", ""),
+        ("over trainings", "frame", "seeds_"),
+    ):
         chosen = rows[(rows["protocol"] == protocol) & (rows["weighting"] == weighting)]
         widths = [chosen[f"{head}{ends}high"] - chosen[f"{head}{ends}low"] for head in heads]
         if widths and not np.isnan(widths).all():
             widest[kind] = np.nanmax(widths) / 2
-    if not widest:
-        return "Nothing is compared in pairs here, so no smallest difference can be stated."
-    if not max(widest.values()):
-        return "What is compared here answered alike, so no smallest difference can be stated."
+    most = max(widest.values(), default=0)
+    if not most:
+        why = "What is compared here answered alike" if widest else "Nothing is compared in pairs here"
+        return f"{why}, so no smallest difference can be stated."
     verdict = (
         f"below {ENOUGH:g} points: where it shows no difference, there is no larger one"
-        if max(widest.values()) < ENOUGH
+        if most < ENOUGH
         else f"above {ENOUGH:g} points: where it shows no difference there may be one, and it needs more data"
     )
     points = ", ".join(f"{width:.1f} points {kind}" for kind, width in widest.items())

@@ -1,7 +1,5 @@
 """Intervals that resample split groups, whose frames resemble each other."""
 
-from math import ceil, log
-
 import numpy as np
 
 RESAMPLES = 2000
@@ -58,11 +56,6 @@ def proportion_interval(values: np.ndarray, groups: np.ndarray, rng: np.random.G
 def unseen_share(groups: int) -> float:
     """The largest share of mistakes that as many groups without one leave possible: 1 - 0.025^(1/G)."""
     return 1 - (OUTSIDE / 2) ** (1 / groups)
-
-
-def groups_for(share: float) -> int:
-    """The fewest groups whose `unseen_share` is at most `share`."""
-    return ceil(log(OUTSIDE / 2) / log(1 - share))
 
 
 def percent_interval(value: float, low: float | None, high: float | None) -> str:

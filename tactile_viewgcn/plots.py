@@ -138,20 +138,6 @@ def time_lines(lines: list[np.ndarray], held: list[np.ndarray], seconds: list[fl
     return figure
 
 
-def histogram(counts: np.ndarray, edges: np.ndarray, marks: dict[str, float]) -> Figure:
-    """A histogram (B,) with limits (B + 1,), its numbers on a logarithmic axis, and marked places on the other."""
-    figure = Figure(figsize=(6.4, 2.8), layout="constrained")
-    axes = figure.add_subplot()
-    axes.stairs(np.maximum(counts, 0.5), edges, fill=True, color="#7fb2c6", baseline=0.5)
-    for name, place in marks.items():
-        axes.axvline(place, color="#a33", linestyle="--", linewidth=1.2, label=f"{name} {place:g}")
-    axes.set(yscale="log", xlabel="counts above baseline", ylabel="number of readings")
-    axes.yaxis.set_major_formatter("{x:,.0f}")
-    if marks:
-        axes.legend(fontsize=9, loc="upper right")
-    return figure
-
-
 def sensor_states(states: np.ndarray, names: list[str]) -> Figure:
     """Sensors by their state, int (H, W): an index into `names`, whose first is the state of one without fault."""
     height, width = states.shape

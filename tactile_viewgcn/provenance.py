@@ -14,8 +14,8 @@ from typing import Any
 
 import yaml
 
-from tactile_viewgcn.params import as_change
 from tactile_viewgcn.process import processor, start_ticks, usable_cores
+from tactile_viewgcn.schema import as_change, flatten
 
 MOST_FILES = 20  # changed files that are named
 WRITTEN = "dvc.lock", "results/summary.json"  # by every run, which is no change of the code
@@ -58,7 +58,7 @@ def committed_params(path: Path) -> dict[str, Any]:
         tree = yaml.safe_load(text or "")
     except yaml.YAMLError:
         return {}
-    return _flatten(tree) if isinstance(tree, dict) else {}
+    return flatten(tree) if isinstance(tree, dict) else {}
 
 
 def run_name(head: str, values: dict[str, Any], committed: dict[str, Any], skip: Collection[str] = ()) -> str:
@@ -99,13 +99,6 @@ def _equal(value: Any, committed: Any) -> bool:
         return value == (float(committed) if isinstance(value, float) else committed)  # YAML reads 5e-4 as text
     except (TypeError, ValueError):
         return False
-
-
-def _flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        flat |= _flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
 
 
 def _git(*words: str, folder: Path = Path()) -> str | None:

@@ -5,7 +5,7 @@ A section is a frozen dataclass of pydantic; a key has one of the types below, a
 
 import math
 import re
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -170,11 +170,11 @@ def _range(interval: Interval) -> str:
 
 
 def flatten(section: Any, prefix: str = "") -> dict[str, Any]:
-    """Every value of a dataclass under its dotted key, for example {"cluster.method": "kmeans"}."""
+    """Every value of a dataclass, or of a mapping of mappings, under its dotted key: {"cluster.method": "kmeans"}."""
     values: dict[str, Any] = {}
-    for field in fields(section):
-        value, key = getattr(section, field.name), prefix + field.name
-        values |= flatten(value, key + ".") if is_dataclass(value) else {key: value}
+    for name, value in (section if isinstance(section, dict) else vars(section)).items():
+        nested = isinstance(value, dict) or is_dataclass(value)
+        values |= flatten(value, f"{prefix}{name}.") if nested else {prefix + name: value}
     return values
 
 

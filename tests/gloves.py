@@ -63,8 +63,8 @@ def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarra
     """Half-closed fingers around the objects of HELD, pressed a little into the palm, and their state (B, n)."""
     rng = np.random.default_rng(seed)
     rotations = [Rotation.from_rotvec(rng.normal(0, 0.2, 3)) * Rotation.from_rotvec(held.orientation) for held in HELD]
-    down, count = np.array([0.0, 0.0, -1.0]), len(HELD)
-    height = np.array([held.extent(one.as_matrix(), down) for held, one in zip(HELD, rotations, strict=True)])
+    count = len(HELD)
+    height = np.array([held.lowest(one.as_matrix()) for held, one in zip(HELD, rotations, strict=True)])
     position = np.stack([np.full(count, 0.07), rng.normal(0, 0.004, count), height - 0.001], axis=1)
     q = rng.uniform(0.5, 1.3, (count, 5, 2))
     q[0, 3] = 1.75, 2.0  # beyond the joints' limits

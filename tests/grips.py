@@ -43,7 +43,7 @@ COUNTS, COLUMNS = grips()
 def prepared(tmp_path, *changes, seed=0, counts=COUNTS, columns=COLUMNS, **how):
     """Frames, selection and account of the grips under changed parameters."""
     params = load(FILE, (*(f"preprocess.{key}" for key in FIXED), *changes))
-    with written(tmp_path / "glove.h5", counts, **columns, **how) as recordings:
-        rng = np.random.default_rng(seed)
-        frames, selection = prepare(recordings, params.preprocess, params.split, rng)
-        return frames, selection, selection_counts(recordings, selection)
+    recordings = written(tmp_path / "glove.h5", counts, **columns, **how)
+    rng = np.random.default_rng(seed)
+    frames, selection = prepare(recordings, params.preprocess, params.split, rng)
+    return frames, selection, selection_counts(recordings, selection)

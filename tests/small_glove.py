@@ -47,7 +47,7 @@ def _file(*changes: str) -> bytes:
     small = "preprocess.empty_hand_class=false", "device=cpu"
     params = load(ROOT / "params.yaml", (*preset_changes("best"), *fixed, *small, *changes))
     with tempfile.TemporaryDirectory() as folder:
-        train(table, params, table.columns["recording"]).save(Path(folder) / "classifier.pt")
+        train(table, params, table.columns["recording"], Path(folder) / "classifier.pt")
         return (Path(folder) / "classifier.pt").read_bytes()
 
 

@@ -58,13 +58,13 @@ def table(*changes: str) -> Frames:
     with tempfile.TemporaryDirectory() as folder:
         source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings.h5"
         write_recordings(path, read_metadata(save_matlab5(source, tree)), "")
-        with Recordings(path) as recordings:
-            return prepare(
-                recordings,
-                decide(recordings, params.preprocess).params,
-                params.split,
-                np.random.default_rng(params.seed),
-            )[0]
+        recordings = Recordings(path)
+        return prepare(
+            recordings,
+            decide(recordings, params.preprocess).params,
+            params.split,
+            np.random.default_rng(params.seed),
+        )[0]
 
 
 def views_of(frames: Frames, params: Params) -> Views:

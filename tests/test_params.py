@@ -1,7 +1,5 @@
 """params.yaml, its presets and changes, and what `load` refuses before any stage works."""
 
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import get_args
@@ -43,41 +41,17 @@ def refusal_of(tmp_path, content):
 
 
 def test_the_shipped_file_is_the_recipe_of_the_paper():
-    values = flatten(params())
-    recipe = {
-        "views": 8,
-        "preprocess.baseline": "auto",
-        "preprocess.filter": "auto",
-        "split.by": "source",
-        "cluster.method": "kmeans",
-        "cluster.scope": "object",
-        "pretrain.epochs": 30,
-        "pretrain.lr": 5e-3,
-        "pretrain.weight_decay": 1e-4,
-        "pretrain.step_size": 10,
-        "pretrain.batch": 32,
-        "pretrain.noise": 0.015,
-        "model.neighbours": 4,
-        "finetune.epochs": 15,
-        "finetune.optimiser": "sgd",
-        "finetune.lr_backbone": 1e-4,
-        "finetune.lr": 5e-4,
-        "finetune.batch": 20,
-        "evaluate.trials": 10,
-        "evaluate.protocols": ["object", "recording"],
-    }
-    assert {key: values[key] for key in recipe} == recipe
+    recipe = (
+        "views=8 split.by=source cluster.method=kmeans cluster.scope=object pretrain.epochs=30 pretrain.lr=5e-3 "
+        "pretrain.weight_decay=1e-4 pretrain.step_size=10 pretrain.batch=32 pretrain.noise=0.015 model.neighbours=4 "
+        "finetune.epochs=15 finetune.optimiser=sgd finetune.lr_backbone=1e-4 finetune.lr=5e-4 finetune.batch=20 "
+        "evaluate.trials=10 evaluate.protocols=[object,recording]"
+    )
+    assert params(*recipe.split()) == params()
 
 
 def test_every_value_of_the_file_is_in_the_typed_form():
-    tree = yaml.safe_load(FILE.read_text())
-
-    def leaves(branch, prefix):
-        for key, value in branch.items():
-            yield from leaves(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
-
-    assert flatten(params()) == dict(leaves(tree, ""))
-    assert len(flatten(params())) < 80
+    assert flatten(params()) == flatten(yaml.safe_load(FILE.read_text()))
 
 
 def test_changes_set_the_keys_they_name_and_no_others():
@@ -90,11 +64,7 @@ def test_changes_set_the_keys_they_name_and_no_others():
 @pytest.mark.parametrize("text", ["5e-4", "5E-04", "5.0e-4", "0.0005", "+5e-4"])
 def test_a_number_may_be_written_with_or_without_a_point(text):
     assert params(f"finetune.lr={text}").finetune.lr == 5e-4
-
-
-def test_an_integer_is_a_number_and_becomes_one():
-    lr = params("finetune.lr=1").finetune.lr
-    assert lr == 1.0 and type(lr) is float
+    assert type(params("finetune.lr=1").finetune.lr) is float
 
 
 @pytest.mark.parametrize("key", sorted(flatten(params())))
@@ -113,24 +83,18 @@ def test_every_key_refuses_a_value_of_another_type(key):
     ("change", "words"),
     [
         ("views=eight", "views is 'eight'; expected an integer in [1, 1000]"),
-        ("views=0", "views is 0; expected an integer in [1, 1000]"),
-        ("views=8.0", "views is 8.0"),
         ("seed=-1", "seed is -1; expected an integer in [0, 4294967295]"),
         (f"pretrain.lr={'9' * 400}", "9...; expected a number in [1e-30, 1e+30]"),
         ("pretrain.lr=.nan", "pretrain.lr is nan"),
-        ("pretrain.lr=1e400", "pretrain.lr is inf"),
-        ("split.validation=1", "split.validation is 1; expected a number in [0, 1)"),
         ("preprocess.quiet_share=0", "preprocess.quiet_share is 0; expected a number in (0, 1]"),
         ("preprocess.scale=-1", "preprocess.scale is -1; expected auto or a number in [1e-30, 1e+30]"),
         ("model.system=view_gnc", "(did you mean view_gcn?)"),
         ("model.neighbours=[3, 0]", "model.neighbours is [3, 0]; expected an integer in [1, inf) or a list of"),
         ("evaluate.protocols=[]", "evaluate.protocols is []; expected a list of object | recording"),
-        ("evaluate.protocols=[object, object]", "evaluate.protocols is ['object', 'object']"),
         ("glove.leave_out=[moton]", "glove.leave_out is ['moton']; expected a list of motion | weight"),
         ("launcher=-m", "launcher is '-m'; expected a text of several words that ends in -m"),
         ("model=3", "model is 3; expected a section with keys"),
         ("cluster.scop=recording", "unknown key cluster.scop; did you mean cluster.scope?"),
-        ("zzz=1", "unknown key zzz; known here: seed, views"),
         ("views.count=3", "--set views.count: views is no section"),
         ("views", "--set 'views': expected key=value"),
         ("views=[1", "--set views: '[1' is not YAML"),
@@ -196,10 +160,6 @@ def test_fewer_views_go_with_the_systems_that_take_them(system):
         assert f"model.system is {system}" in refusal(*changes)
 
 
-def test_the_effects_are_those_of_the_glove():
-    assert get_args(Effect) == EFFECTS
-
-
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_allowed_and_changes_the_values_it_names(name):
     path = ROOT / "tactile_viewgcn" / "presets" / f"{name}.yaml"
@@ -212,8 +172,9 @@ def test_a_preset_is_allowed_and_changes_the_values_it_names(name):
     assert all(len(change.split()) == 1 for change in changes)  # a shell does not split them
 
 
-def test_the_presets_are_the_files_of_their_folder():
+def test_the_presets_are_the_files_of_their_folder_and_the_effects_those_of_the_glove():
     assert {path.stem for path in (ROOT / "tactile_viewgcn" / "presets").glob("*.yaml")} == set(PRESETS)
+    assert get_args(Effect) == EFFECTS
 
 
 def test_missing_keys_and_files_are_named(tmp_path):
@@ -235,11 +196,9 @@ BOMB = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]
         (b"- views\n", "expected keys and values, found list"),
         (b"", "expected keys and values, found nothing"),
         ("views: 8\nseed: 0\nviews: 9\n", "key views stands twice, again in line 3"),
-        ("split:\n  by: source\n  by: grasp\n", "key by stands twice, again in line 3"),
         (BOMB, "more than 10,000 values, aliases written out"),
         (BOMB.replace("[x]", "{x: 1}").replace(" [*", " {<<: [*").replace("]\n", "]}\n"), "more than 10,000 values"),
         ("a: &a [*a]\n", "more than 10,000 values"),
-        ("a: [" + "1, " * 20_000 + "]", "more than 10,000 values"),
         ("a: " + "[" * 100_000, "values nested more than 30 deep"),
     ],
 )
@@ -261,26 +220,15 @@ def test_batches_of_one_from_which_batch_normalisation_learns_nothing_are_refuse
     row.refused(f"{key} of 1", lambda: load(FILE, (f"{key}=1",)), rf"{key} is 1; expected an integer in \[2")
 
 
-def test_params_load_no_heavy_library():
-    code = (
-        "import sys, tactile_viewgcn.params; print({'torch', 'sklearn', 'mlflow', 'scipy', 'numpy'} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout.strip() == "set()"
-
-
 @pytest.mark.parametrize(
     "value, text",
     [
-        ("kmeans", "kmeans"),
         ("data/glöve 16", '"data/glöve 16"'),
         ('it\'s "b", #1 & {c}: $d', '"it\'s \\"b\\", #1 & {c}: $d"'),
-        ("12", '"12"'),
         ("true", '"true"'),
         (True, "true"),
         (None, "null"),
         (150.0, "150"),
-        (0.1234567891234567, "0.1234567891234567"),
         (["ball", "a b", 3], '[ball,"a b",3]'),
         ([{"name": "pin", "weight": 2.5}], "[{name: pin, weight: 2.5}]"),
     ],

@@ -14,10 +14,7 @@ def test_confusions_are_drawn_as_shares_of_each_row_side_by_side():
     left, right = confusions(counts, ["cup", "a_b", "tape"]).axes[:2]
     np.testing.assert_allclose(left.images[0].get_array(), [[0.75, 0.25, 0], [0, 0, 0], [0.25, 0.25, 0.5]])
     np.testing.assert_allclose(right.images[0].get_array(), np.eye(3))
-    assert left.images[0].get_clim() == (0, 1)
     assert names(left.get_xticklabels()) == names(left.get_yticklabels()) == ["cup", "a_b", "tape"]
-    assert (left.get_xlabel(), left.get_ylabel()) == ("predicted", "held")
-    assert "object" in left.get_title() and "recording" in right.get_title()
 
 
 def test_cluster_means_of_silent_sensors_can_be_drawn():

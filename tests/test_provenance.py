@@ -6,6 +6,7 @@ import pytest
 
 from tactile_viewgcn.provenance import MOST_FILES, committed_params, git_revision, run_name
 
+WRITTEN = ("dvc.lock", "data/dvc.lock", "results/summary.json")
 COMMITTED = {"views": 8, "pretrain.lr": 5e-3, "finetune.lr": "5e-4", "glove.objects": "all", "x.flag": True}
 
 
@@ -47,15 +48,7 @@ def repository(tmp_path, monkeypatch):
     """The working folder, with files that are committed."""
     monkeypatch.chdir(tmp_path)
     assert git_revision() == {}
-    for name in (
-        "a, b",
-        "moved -> here",
-        "öl",
-        "dvc.lock",
-        "data/dvc.lock",
-        "results/summary.json",
-        *map(str, range(MOST_FILES)),
-    ):
+    for name in ("a, b", "moved -> here", "öl", *WRITTEN, *map(str, range(MOST_FILES))):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(name)
     git(tmp_path, "init", "-q")
@@ -78,7 +71,7 @@ def test_the_revision_names_the_changed_files_whole_whatever_their_names(reposit
 
 
 def test_what_every_run_writes_is_no_change(repository):
-    for name in ("dvc.lock", "data/dvc.lock", "results/summary.json"):
+    for name in WRITTEN:
         (repository / name).write_text("changed")
     (repository / "new").mkdir()
     (repository / "new" / "dvc.lock").write_text("1")

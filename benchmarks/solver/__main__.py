@@ -99,7 +99,7 @@ def solve(
     if method.startswith("ours"):
         tolerance, step = (setting, None) if method == "ours" else (recipe.tolerance, frame / setting)
         integrator = ImplicitIntegrator(mechanics, frame, tolerance, step)
-        return integrator.run(y, FRAMES), integrator.statistics.evaluations
+        return integrator.run(y, FRAMES), integrator.statistics["evaluations"]
     limits = {"rtol": setting, "max_evaluations": max_evaluations}
     hands = [integrate_with_scipy(method, mechanics, b, y[b], FRAMES, frame, **limits) for b in range(len(y))]
     return np.stack([states for states, _ in hands]), sum(evaluations for _, evaluations in hands)

@@ -1,4 +1,4 @@
-"""Each part of the pipeline beside its plain counterpart, and the training step beside the machine's limits too."""
+"""Each part of the pipeline beside its plain counterpart."""
 
 from collections.abc import Callable, Iterable
 from copy import deepcopy
@@ -10,60 +10,45 @@ import torch
 from torch import Tensor, nn
 
 from benchmarks.command import interleaved, median_ratio
-from benchmarks.speed import limits, plain
+from benchmarks.speed import plain
 from benchmarks.speed.sample import Sample
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.nn.backbone import Backbone, extract_features
-from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.nn.backbone import Backbone
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.losses import FrameLoss, SetLoss, frame_losses, set_losses
 from tactile_viewgcn.training.optim import build_optimiser
 from tactile_viewgcn.training.replay import Replay
-from tactile_viewgcn.views.clustering import cluster_pools, pool_scores
-from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 
 REUSES = (1, 2, 4, 8)  # `finetune.feature_reuse`
 EPOCHS = 5  # of the fine-tunings that are timed; what the first one does once is shared out
 PLAIN_SETS = 3 * plain.SETS  # view sets that the plain network is timed on
-TRIALS, DRAWN = 10, 8192  # clusterings, view sets
 
 
-def comparison(
-    what: str, size: str, unit: str, fast: np.ndarray, counterpart: np.ndarray, against: str = "plain"
-) -> dict:
-    """The row of a fast path and of what it is compared with, from the seconds (rounds,) of a unit of work."""
+def comparison(what: str, size: str, unit: str, fast: np.ndarray, plain: np.ndarray) -> dict:
+    """The row of a fast path and its plain counterpart, from the seconds (rounds,) of a unit of work of each."""
     return {
         "what": what,
         "size": size,
         "unit": f"{unit}/s",
         "fast": 1 / float(np.median(fast)),
-        "against": against,
-        "counterpart": 1 / float(np.median(counterpart)),
-        "ratio": median_ratio(counterpart, fast),
+        "plain": 1 / float(np.median(plain)),
+        "ratio": median_ratio(plain, fast),
     }
 
 
 def time_step(sample: Sample, batch: int) -> list[dict]:
-    """The backbone's step of pretraining against plain ones, and against the limits for as many operations."""
+    """The backbone's step of pretraining."""
     compute, backbone = sample.compute, sample.classifier.backbone
     frames, labels = (values[torch.arange(batch) % len(values)] for values in sample.tensors(TRAIN))
-    slow, slow_stem = plain.plain_backbone(backbone), plain.plain_backbone(backbone, torch.channels_last)
-    fast_frames, float32 = compute.frames(frames.squeeze(1)), Compute(compute.device, "float32")
-    operations = limits.training_operations(slow, frames[:1])
-    product, product_operations = limits.matrix_product(compute)
+    slow, float32 = plain.plain_backbone(backbone), Compute(compute.device, "float32")
     variants = {
-        "fast": training_step(sample, backbone, fast_frames, labels, compute),
+        "fast": training_step(sample, backbone, compute.frames(frames.squeeze(1)), labels, compute),
         "plain": training_step(sample, slow, frames, labels, float32, launched=True),
-        "fast, with a plain stem": training_step(sample, slow_stem, fast_frames, labels, compute),
-        "limit: convolutions alone": limits.convolutions(slow, frames, compute.precision),
-        "limit: large matrix products": product,
     }
-    work = dict.fromkeys(variants, batch) | {"limit: large matrix products": product_operations / operations}  # frames
-    seconds = {name: each / work[name] for name, each in interleaved(variants, sample.rounds).items()}
-    fast, size = seconds.pop("fast"), f"batch {batch}, {operations / 1e6:.0f} MFLOP a frame"
-    return [comparison("training step", size, "frames", fast, each, name) for name, each in seconds.items()]
+    seconds = interleaved(variants, sample.rounds)
+    return [comparison("training step", f"batch {batch}", "frames", *(seconds[name] / batch for name in variants))]
 
 
 def training_step(
@@ -115,50 +100,15 @@ def time_finetuning(sample: Sample) -> list[dict]:
 
 
 def time_evaluation(sample: Sample) -> list[dict]:
-    """Features of the test side, and all trials of all protocols; the plain trials are spared their clusterings."""
-    params, compute, (frames, _) = sample.params, sample.compute, sample.tensors(TEST)
+    """All trials of all protocols; the plain ones are spared their clusterings."""
+    params, compute, table = sample.params, sample.compute, sample.table
     config = replace(params.evaluate, side="test", confidence_threshold=0.0)
-    network, table, slow = sample.classifier, sample.table, plain.plain_classifier(sample.classifier)
-    inputs, sets = compute.frames(frames.squeeze(1)), sample.view_sets(TEST)[:PLAIN_SETS]
-
-    def features() -> None:
-        with compute.autocast():
-            extract_features(network.backbone, inputs)
-
+    network, slow = sample.classifier, plain.plain_classifier(sample.classifier)
+    frames, sets = sample.tensors(TEST)[0], sample.view_sets(TEST)[:PLAIN_SETS]
     variants = {
-        "features": features,
-        "plain features": lambda: extract_features(slow.backbone, frames),
-        "trials": lambda: evaluate_table(network, table, params.cluster, config, compute, params.seed, timed=False),
-        "plain trials": lambda: plain.logits(slow, frames, sets),
+        "fast": lambda: evaluate_table(network, table, params.cluster, config, compute, params.seed, timed=False),
+        "plain": lambda: plain.logits(slow, frames, sets),
     }
-    seconds, n = interleaved(variants, sample.rounds), len(frames)
-    count, slow_set = config.trials * len(config.protocols) * n, seconds["plain trials"] / len(sets)
-    return [
-        comparison("features", f"{n} frames", "frames", seconds["features"] / n, seconds["plain features"] / n),
-        comparison("evaluation", f"{count:,} view sets", "view sets", seconds["trials"] / count, slow_set),
-    ]
-
-
-def time_views(sample: Sample) -> list[dict]:
-    """View sets drawn around training anchors; ten clusterings, with the principal components once or in each."""
-    config, views, rng = sample.params.cluster, sample.params.views, stream(sample.params.seed, "speed.views")
-    pool, points = sample.pool(TRAIN), sample.table.inputs(sample.table.on(TRAIN))[:, sample.table.live]
-    random, anchors = random_clusters(pool, views, rng), np.arange(DRAWN) % len(pool)
-
-    def cluster(*, components_once: bool) -> None:
-        scores = pool_scores(points, pool) if components_once else None
-        for _ in range(TRIALS):
-            cluster_pools(points, pool, views, config, rng, scores)
-
-    variants = {
-        "drawing": lambda: ViewSets(random, pool, views).draw(anchors, rng),
-        "plain drawing": lambda: plain.draw(anchors, random, pool, views, rng),
-        "clustering": lambda: cluster(components_once=True),
-        "plain clustering": lambda: cluster(components_once=False),
-    }
-    seconds = interleaved(variants, sample.rounds)
-    counts = {"drawing": (DRAWN, "view sets"), "clustering": (TRIALS * len(pool), "frames")}
-    return [
-        comparison(what, f"{count:,} {unit}", unit, seconds[what] / count, seconds[f"plain {what}"] / count)
-        for what, (count, unit) in counts.items()
-    ]
+    seconds, count = interleaved(variants, sample.rounds), config.trials * len(config.protocols) * len(frames)
+    size = f"{count:,} view sets"
+    return [comparison("evaluation", size, "view sets", seconds["fast"] / count, seconds["plain"] / len(sets))]

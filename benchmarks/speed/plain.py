@@ -1,10 +1,8 @@
 """The plain counterparts: what the pipeline computes, written down without a look at the clock.
 
 The backbone runs layer by layer in float32, contiguous, without autocast, and every view of every view set passes it.
-View sets are drawn by a loop over anchors and clusters.
 """
 
-from collections import defaultdict
 from copy import deepcopy
 
 import numpy as np
@@ -17,11 +15,11 @@ from tactile_viewgcn.systems.classifier import Classifier
 SETS = 20  # view sets in a batch, the released code's
 
 
-def plain_backbone(backbone: Backbone, memory_format: torch.memory_format = torch.contiguous_format) -> Backbone:
+def plain_backbone(backbone: Backbone) -> Backbone:
     """A copy of a backbone whose stem is convolution, normalisation, ReLU and pooling."""
     plain = deepcopy(backbone)
     plain.stem = nn.Sequential(plain.stem.conv, plain.stem.norm, nn.ReLU(), nn.MaxPool2d(3, stride=2, padding=1))
-    return plain.to(memory_format=memory_format)
+    return plain.to(memory_format=torch.contiguous_format)
 
 
 def plain_classifier(classifier: Classifier) -> Classifier:
@@ -39,20 +37,3 @@ def logits(classifier: Classifier, frames: Tensor, sets: np.ndarray) -> Tensor:
         features = classifier.backbone(frames[index].flatten(0, 1)).unflatten(0, index.shape)
         parts.append(classifier.head(features)[0])
     return torch.cat(parts)
-
-
-def draw(
-    anchors: np.ndarray, cluster: np.ndarray, pool: np.ndarray, views: int, rng: np.random.Generator
-) -> np.ndarray:
-    """A view set (V,) around each anchor, (A, V): a frame of cluster i in column i, of any where it has none."""
-    members = defaultdict(list)  # of each pool, and of each cluster in it
-    for frame, cell in enumerate(zip(pool.tolist(), cluster.tolist(), strict=True)):
-        members[cell].append(frame)
-        members[cell[0]].append(frame)
-    sets = np.repeat(anchors[:, None], views, axis=1)
-    for row, anchor in enumerate(anchors.tolist()):
-        for view in range(views):
-            if view != cluster[anchor]:
-                choices = members.get((pool[anchor], view)) or members[pool[anchor]]
-                sets[row, view] = choices[rng.integers(len(choices))]
-    return sets

@@ -13,6 +13,7 @@ from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.notes import Note
+from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import SIDES, Frames
 
 RECORD = ("stage", "run_id", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
@@ -101,42 +102,28 @@ def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluat
 
     The costs are timing.json and those in summary.json, which DVC shows.
     """
-    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", flat_numbers(summary(metrics, timing)))):
+    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", flatten(summary(metrics, timing)))):
         with atomic_write(folder / f"{name}.json") as part:
             part.write_text(json.dumps(tree, indent=2) + "\n")
     trials: list[list] = [["protocol", "trial", "error", "top3_error"]]
+    confusion: list[list] = [["protocol", "held", "predicted", "count"]]
+    per_class: list[list] = [["protocol", "object", "view_sets", "error"]]
     for protocol, each in evaluation.protocols.items():
         for number, (correct, in_top3) in enumerate(zip(each.correct, each.in_top3, strict=True)):
             trials.append([protocol, number, float(1 - correct.mean()), float(1 - in_top3.mean())])
-    _write_table(folder / "trials.csv", trials)
-    confusion: list[list] = [["protocol", "held", "predicted", "count"]]
-    per_class: list[list] = [["protocol", "object", "view_sets", "error"]]
-    for protocol in evaluation.protocols:
         counts = evaluation.confusion(protocol, len(classes))
-        for name, row in zip(classes, counts, strict=True):
+        for label, (name, row) in enumerate(zip(classes, counts, strict=True)):
             confusion += [[protocol, name, other, int(count)] for other, count in zip(classes, row, strict=True)]
-        for name, right, count in zip(classes, counts.diagonal(), counts.sum(axis=1), strict=True):
-            if count:
-                per_class.append([protocol, name, int(count), float(1 - right / count)])
-    _write_table(folder / "confusion.csv", confusion)
-    _write_table(folder / "per_class.csv", per_class)
-
-
-def flat_numbers(tree: dict[str, Any], prefix: str = "") -> dict[str, float]:
-    """The tree's numbers under dotted keys."""
-    flat: dict[str, float] = {}
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            flat |= flat_numbers(value, f"{prefix}{key}.")
-        elif value is not None:
-            flat[prefix + key] = value
-    return flat
+            if view_sets := int(row.sum()):
+                per_class.append([protocol, name, view_sets, float(1 - row[label] / view_sets)])
+    for name, rows in (("trials", trials), ("confusion", confusion), ("per_class", per_class)):
+        with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
+            csv.writer(file).writerows(rows)
 
 
 def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
     """The summary, the seconds of each stage and the peak memory, by dotted key."""
-    more = {"seconds": timing["seconds"], "peak_mb": timing["peak_mb"]}
-    return flat_numbers(summary(metrics, timing)) | flat_numbers(more)
+    return flatten(summary(metrics, timing)) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
 
 
 def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
@@ -148,7 +135,7 @@ def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
 
 def row_constants(metrics: dict[str, Any], records: Records) -> dict[str, float]:
     """Numbers of classes, of frames and groups on each side, and of weights: constants, not results."""
-    sizes = flat_numbers({name: metrics[name] for name in ("classes", "frames", "groups")})
+    sizes = flatten({name: metrics[name] for name in ("classes", "frames", "groups")})
     weights = {name: value for record in records.values() for name, value in record["counts"].items()}
     return sizes | {name: value for name, value in weights.items() if name.startswith("weights.")}
 
@@ -175,10 +162,9 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
             )
     if "sequential" in metrics:
         score = metrics["sequential"]
-        fixed = ", ".join(f"{error_text(one['error'])} % with {count}" for count, one in score["fixed"].items())
         lines.append(
             f"  sequential: error {error_text(score['error'])} % at a mean of {score['frames']:.2f} frames, "
-            f"stopping at {score['confidence_threshold']:g}; {fixed}"
+            f"stopping at {score['confidence_threshold']:g}"
         )
     times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
     return [
@@ -194,8 +180,3 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
 def error_text(error: dict[str, Any]) -> str:
     """An error of metrics.json and its 95 % interval in per cent: 48.2 (39.0 to 57.8)."""
     return percent_interval(error["mean"], error["low"], error["high"])
-
-
-def _write_table(path: Path, rows: list[list]) -> None:
-    with atomic_write(path) as part, part.open("w", newline="") as file:
-        csv.writer(file).writerows(rows)

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.collision import NO_CONTACTS, Contacts, collisions
 from tactile_viewgcn.glove.drive import Drive
-from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands, Pose
+from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands
 from tactile_viewgcn.glove.shapes import Solids
 
 LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: range of the two coordinates of a finger
@@ -146,9 +146,14 @@ class Mechanics:
         sensor = rows[contacts.row], contacts.sensor
         stiffness = self.stiffness[sensor[0]] * self.hands.area[sensor]  # N/m
         force = stiffness * contacts.depth
-        group = contacts.row * 6 + np.minimum(contacts.patch // 3, 5)  # five fingers and the palm of each hand
-        gradient, blocks = _sums(group, count * 6, slope, force, stiffness)
-        gradient, blocks = gradient.reshape(count, 6, 5), blocks.reshape(count, 6, 5, 5)
+        # Sums by hand and by finger or palm of force * slope and of stiffness * slope slope'; contacts are sorted so.
+        sums, outer = np.zeros((count * 6, 5)), np.zeros((count * 6, 5, 5))
+        if len(force):
+            group = contacts.row * 6 + np.minimum(contacts.patch // 3, 5)
+            present, starts = np.unique(group, return_index=True)
+            sums[present] = np.add.reduceat(force[:, None] * slope, starts)
+            outer[present] = np.add.reduceat((stiffness[:, None] * slope)[:, :, None] * slope[:, None, :], starts)
+        gradient, blocks = sums.reshape(count, 6, 5), outer.reshape(count, 6, 5, 5)
         residual = np.zeros((count, self.size))
         bend = q - now["posture"]
         beyond = q - np.clip(q, LIMITS[:, 0], LIMITS[:, 1])
@@ -169,7 +174,10 @@ class Mechanics:
     def _contacts(
         self, rows: np.ndarray, q: np.ndarray, position: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
     ) -> tuple[Contacts, np.ndarray, np.ndarray]:
-        """Contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`; no search where there is no object."""
+        """Contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`; no search where there is no object.
+
+        The slope by a joint's angle is hinge x arm along the normal; by the object's position it is the normal.
+        """
         if not self.solids.has_primitives:
             return NO_CONTACTS, np.zeros((0, 5)), np.zeros(0)
         pose = self.hands.pose(rows, q, now["opposition"])
@@ -177,20 +185,16 @@ class Mechanics:
         contacts = collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)
         local = self.hands.normal[rows[contacts.row], contacts.sensor]
         skin = np.einsum("nij,nj->ni", pose.axes[contacts.row, contacts.patch], local)
-        return contacts, self._slope(contacts, pose), np.maximum(-np.einsum("ni,ni->n", skin, contacts.normal), 0)
-
-    def _slope(self, contacts: Contacts, pose: Pose) -> np.ndarray:
-        """Derivative (C, 5) of each depth by its finger's two coordinates (0 on the palm) and the object's three."""
+        facing = np.maximum(-np.einsum("ni,ni->n", skin, contacts.normal), 0)
         slope = np.zeros((len(contacts.row), 5))
         slope[:, 2:] = contacts.normal
         on = contacts.patch < LINK_PATCHES
         r, finger, link = contacts.row[on], contacts.patch[on] // 3, contacts.patch[on] % 3
         spin = _cross(pose.hinge[r, finger], contacts.normal[on])  # n . (hinge x arm) = -arm . (hinge x n)
-        joints = pose.origin[r[:, None], 3 * finger[:, None] + np.arange(3)]
-        arm = contacts.point[on, None] - joints  # (C, 3 joints, 3)
+        arm = contacts.point[on, None] - pose.origin[r[:, None], 3 * finger[:, None] + np.arange(3)]  # (C, 3 joints, 3)
         by_joint = np.einsum("nji,ni->nj", arm, spin) * (np.arange(3) <= link[:, None])
         slope[on, :2] = by_joint @ COUPLING
-        return slope
+        return contacts, slope, facing
 
     def force_change(self, balance: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
         """Change (C,) N of the contacts' forces for a change dy (R, n) of the state, to first order."""
@@ -240,20 +244,3 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Cross products (n, 3) of a and b (n, 3); np.cross takes ten times as long on few rows."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
-
-
-def _sums(
-    group: np.ndarray, groups: int, slope: np.ndarray, force: np.ndarray, stiffness: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sums by group of force * slope (G, 5) and of stiffness * slope slope' (G, 5, 5).
-
-    `group` (C,) is sorted; slope (C, 5), force (C,) N and stiffness (C,) N/m are those of the contacts.
-    """
-    gradient, blocks = np.zeros((groups, 5)), np.zeros((groups, 5, 5))
-    if len(group):
-        starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
-        present = group[starts]
-        gradient[present] = np.add.reduceat(force[:, None] * slope, starts)
-        outer = (stiffness[:, None] * slope)[:, :, None] * slope[:, None, :]
-        blocks[present] = np.add.reduceat(outer, starts)
-    return gradient, blocks

@@ -10,6 +10,7 @@ The hands do not wait for each other. Each evaluation of the mechanics serves al
 iteration each of them is in.
 """
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,24 +27,6 @@ SAFETY, SHRINK, GROW = 0.8, 0.2, 4.0  # of the step size control
 UNSOLVED = 4.0  # error, in tolerances, of a step with an unsolved stage or with tunnelling
 SMALLEST = 1e-3  # of a frame: steps as short as this are accepted whatever their error
 ARRIVED = 1e-9  # of a frame: less is rounding
-
-
-@dataclass
-class SolverStatistics:
-    """Cost of an integration, summed over hands.
-
-    Attributes:
-        steps: all of them; rejected: those repeated with a shorter step.
-        evaluations: of the mechanics, those of the tunnelling test included.
-        unsolved: stages whose Newton iteration did not converge.
-        forced: steps accepted for being as short as SMALLEST, in spite of their error.
-    """
-
-    steps: int = 0
-    rejected: int = 0
-    evaluations: int = 0
-    unsolved: int = 0
-    forced: int = 0
 
 
 class _Steps:
@@ -94,6 +77,9 @@ class ImplicitIntegrator:
         frame: s between two frames.
         tolerance: relative error of the sensors' forces allowed in a step, unless it is as short as SMALLEST.
         step: s; a fixed step instead, the last one before a frame cut short.
+        statistics: cost, summed over hands: `steps`; `rejected`, those repeated with a shorter step; `forced`, those
+            accepted for being as short as SMALLEST, in spite of their error; `evaluations` of the mechanics;
+            `unsolved` stages, whose Newton iteration did not converge.
 
     Raises:
         UserError: a frame, tolerance or step that is not positive and finite.
@@ -103,7 +89,7 @@ class ImplicitIntegrator:
     frame: float
     tolerance: float = 0.02
     step: float | None = None
-    statistics: SolverStatistics = field(default_factory=SolverStatistics)
+    statistics: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         for name in ("frame", "tolerance", "step"):
@@ -121,8 +107,8 @@ class ImplicitIntegrator:
             tried = solver.tried[rows]
             balance = mechanics.evaluate(rows, steps.time(rows), tried, palm=mechanics.motion)
             ended, solved = solver.iterate(rows, mechanics, balance)
-            self.statistics.evaluations += len(rows)
-            self.statistics.unsolved += int((ended & ~solved).sum())
+            self.statistics["evaluations"] += len(rows)
+            self.statistics["unsolved"] += int((ended & ~solved).sum())
             steps.solved[rows[ended]] &= solved[ended]
             second = ended & steps.second[rows]
             first = rows[ended & ~second]
@@ -140,9 +126,9 @@ class ImplicitIntegrator:
         if self.step is None and self.mechanics.solids.has_primitives:
             self._reject_tunnelling(rows, error, steps)
         accepted = (error <= 1) | (steps.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
-        self.statistics.steps += len(rows)
-        self.statistics.rejected += int((~accepted).sum())
-        self.statistics.forced += int((accepted & (error > 1)).sum())
+        self.statistics["steps"] += len(rows)
+        self.statistics["rejected"] += int((~accepted).sum())
+        self.statistics["forced"] += int((accepted & (error > 1)).sum())
         advanced = rows[accepted]
         steps.y[advanced] = steps.solver.best[advanced]
         steps.elapsed[advanced] += steps.h[advanced]
@@ -166,7 +152,7 @@ class ImplicitIntegrator:
         end = begin + steps.h[hands] / self.frame
         tunnelling, evaluations = tunnels(self.mechanics, hands, begin, steps.y[hands], end, steps.solver.best[hands])
         error[candidates[tunnelling]] = UNSOLVED
-        self.statistics.evaluations += evaluations
+        self.statistics["evaluations"] += evaluations
 
     def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray, steps: _Steps) -> np.ndarray:
         """Error (R,), in tolerances, of steps that end at y (R, n).

@@ -65,19 +65,18 @@ class GraspObject:
             if np.shape(values) != (3,) or not np.isfinite(values).all():
                 raise UserError(f"object {self.name}: {name} is {values}; expected 3 numbers")
 
-    def extent(self, rotation: np.ndarray, direction: np.ndarray) -> float:
-        """Extent (m) from its origin in a direction (3,), a unit vector, after a rotation (3, 3). Ignores cuts."""
-        if not self.parts:
-            return 0.0
-        extents = []
+    def lowest(self, rotation: np.ndarray) -> float:
+        """How far (m) it reaches below its origin, along -z, after a rotation (3, 3). Ignores cuts."""
+        reaches = []
         for part in self.parts:
-            local = Rotation.from_rotvec(part.rotation).as_matrix().T @ rotation.T @ direction
+            local = Rotation.from_rotvec(part.rotation).as_matrix().T @ rotation.T
+            below = -local[:, 2]  # in the part's axes
             if part.kind == BOX:
-                size = np.abs(local) @ np.array(part.half)
+                size = np.abs(below) @ np.array(part.half)
             else:
-                size = np.hypot(local[0], local[1]) * (part.offset + part.half[0]) + abs(local[2]) * part.half[1]
-            extents.append(direction @ rotation @ np.array(part.centre) + size + part.round)
-        return float(max(extents))
+                size = np.hypot(below[0], below[1]) * (part.offset + part.half[0]) + abs(below[2]) * part.half[1]
+            reaches.append(-rotation[2] @ np.array(part.centre) + size + part.round)
+        return float(max(reaches, default=0.0))
 
 
 def _at(
@@ -182,9 +181,8 @@ def _from_description(entry: dict[str, Any]) -> GraspObject:
         parts = []
         for part in entry["parts"]:
             ((shape, sizes),) = part.items()
-            parts.append(SHAPES[shape](**{key: _tuple(value) for key, value in sizes.items()}))
-        values = {key: _tuple(value) for key, value in entry.items() if key not in ("name", "parts")}
-        grasp_object = GraspObject(name=entry["name"], parts=tuple(parts), **values)
+            parts.append(SHAPES[shape](**_with_tuples(sizes)))
+        grasp_object = GraspObject(**_with_tuples(entry | {"parts": parts}))
     except (KeyError, TypeError, AttributeError) as error:
         raise UserError(
             f"object {name}: not understood ({error}); expected name, weight, stiffness and parts, "
@@ -199,5 +197,5 @@ def _from_description(entry: dict[str, Any]) -> GraspObject:
     return grasp_object
 
 
-def _tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}

@@ -53,21 +53,6 @@ class Plan:
     grasp: np.ndarray
 
 
-@dataclass(frozen=True)
-class Grasps:
-    """How objects are held: G grasps of one recording, or (B, G, ...) of B recordings.
-
-    Attributes:
-        position: (G, 3) m; rotation: (G, 3) rotation vector, rad.
-        opposition: (G,) rad; squeeze: (G, 5) N m.
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
-    opposition: np.ndarray
-    squeeze: np.ndarray
-
-
 def plan(
     grasp_objects: list[GraspObject], hands: Hands, solids: Solids, rngs: list[np.random.Generator],
     *, frames: int, grasps: int, effects: frozenset[str],
@@ -79,8 +64,9 @@ def plan(
     """
     phase, progress, grasp = schedule(frames, grasps)
     drawn = [_draw(one, rng, grasps) for one, rng in zip(grasp_objects, rngs, strict=True)]
-    grips = Grasps(*(np.stack(values) for values in zip(*(vars(one).values() for one in drawn), strict=True)))
-    closed = np.stack([closure(hands, solids, grips, g) for g in range(grasps)], axis=1)  # (B, G, 5)
+    grips = [np.stack(values) for values in zip(*drawn, strict=True)]  # (B, G, ...) each
+    closed = np.stack([closure(hands, solids, *(one[:, g] for one in grips[:3])) for g in range(grasps)], axis=1)
+    position, rotation, opposition, squeeze = (one[:, grasp] for one in grips)
     # (T,) each, 0 to 1: the object has arrived, the fingers have closed, they squeeze.
     near = np.select([phase == 0, phase == 1, phase == 5], [0, progress, 1 - progress], 1.0)
     closing = np.select([phase <= 1, phase == 2, phase == 5], [0, progress, 1 - progress], 1.0)
@@ -88,8 +74,7 @@ def plan(
     drift = np.zeros((len(grasp_objects), frames, 11))
     if effects & {"shift", "tremor"}:
         drift = np.stack([_drift(rng, frames, 11) for rng in rngs])
-    position, rotation = grips.position[:, grasp].copy(), grips.rotation[:, grasp].copy()
-    squeeze = grips.squeeze[:, grasp] * loaded[:, None]
+    squeeze *= loaded[:, None]
     if "shift" in effects:
         position += SHIFT_POSITION * loaded[:, None] * drift[..., :3]
         rotation += SHIFT_ROTATION * loaded[:, None] * drift[..., 3:6]
@@ -100,7 +85,7 @@ def plan(
     load = np.zeros((len(grasp_objects), frames, 3))
     if "weight" in effects:
         load[..., 2] = -1e-3 * GRAVITY * np.array([[one.weight] for one in grasp_objects]) * loaded
-    opposition = ASIDE + (grips.opposition[:, grasp] - ASIDE) * near
+    opposition = ASIDE + (opposition - ASIDE) * near
     frames_of = (posture, squeeze, opposition, position, rotation, load)
     drive = Drive(*(np.concatenate([values[:, :1], values], axis=1) for values in frames_of))
     return Plan(drive, phase == 4, grasp)
@@ -124,17 +109,22 @@ def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return phase, (inside + 1 - starts[phase]) / lengths[phase], grasp
 
 
-def closure(hands: Hands, solids: Solids, grips: Grasps, g: int) -> np.ndarray:
-    """Closure (B, 5), 0 open to 1 closed, at which each finger first touches the object in grasp g."""
-    count = len(grips.position)
+def closure(
+    hands: Hands, solids: Solids, position: np.ndarray, rotation: np.ndarray, opposition: np.ndarray
+) -> np.ndarray:
+    """Closure (B, 5), 0 open to 1 closed, at which each finger first touches the object of a grasp.
+
+    The object is at `position` (B, 3) m, turned by the vectors `rotation` (B, 3) rad; opposition (B,) rad.
+    """
+    count = len(position)
     if not solids.has_primitives:
         return np.full((count, 5), IDLE)
     rows, first = np.arange(count), np.full((count, 5), np.nan)
-    rotation = Rotation.from_rotvec(grips.rotation[:, g]).as_matrix()
+    matrix = Rotation.from_rotvec(rotation).as_matrix()
     for closed in np.linspace(0, 1, CLOSURES):
         q = np.broadcast_to(OPEN + closed * (CLOSED - OPEN), (count, 5, 2))
-        pose = hands.pose(rows, q, grips.opposition[:, g])
-        contacts = collisions(hands, solids, rows, pose, grips.position[:, g], rotation, palm=False)
+        pose = hands.pose(rows, q, opposition)
+        contacts = collisions(hands, solids, rows, pose, position, matrix, palm=False)
         touches = np.zeros(first.shape, dtype=bool)
         touches[contacts.row, contacts.patch // 3] = True
         first[touches & np.isnan(first)] = closed
@@ -142,13 +132,13 @@ def closure(hands: Hands, solids: Solids, grips: Grasps, g: int) -> np.ndarray:
     return np.where(np.isnan(first), np.where(empty, IDLE, RELAXED), first)
 
 
-def _draw(grasp_object: GraspObject, rng: np.random.Generator, grasps: int) -> Grasps:
-    """The grasps of one recording."""
+def _draw(grasp_object: GraspObject, rng: np.random.Generator, grasps: int) -> tuple[np.ndarray, ...]:
+    """Position (G, 3) m, rotation vector (G, 3) rad, opposition (G,) rad and squeeze (G, 5) N m of G grasps."""
     roll = Rotation.from_rotvec([0, 0, rng.normal(0, ROLL) + np.pi * rng.integers(2)])
     tilt = Rotation.from_rotvec(rng.normal(0, ROTATION_OF_RECORDING, 3))
     each = Rotation.from_rotvec(rng.normal(0, ROTATION_OF_GRASP, (grasps, 3)))
     rotation = each * (tilt * Rotation.from_rotvec(grasp_object.orientation) * roll)
-    below = np.array([grasp_object.extent(matrix, np.array([0.0, 0.0, -1.0])) for matrix in rotation.as_matrix()])
+    below = np.array([grasp_object.lowest(matrix) for matrix in rotation.as_matrix()])
     position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
     if grasp_object.position is not None:
         position = np.tile(np.array(grasp_object.position, dtype=float), (grasps, 1))
@@ -161,7 +151,7 @@ def _draw(grasp_object: GraspObject, rng: np.random.Generator, grasps: int) -> G
     opposition = np.clip(rng.normal(*OPPOSITION) + rng.normal(0, 0.05, grasps), ASIDE, 1.4)
     fingers = rng.normal(0, FINGER, 5) + rng.normal(0, FINGER / 3, (grasps, 5))
     squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(fingers)
-    return Grasps(position, rotation.as_rotvec(), opposition, squeeze)
+    return position, rotation.as_rotvec(), opposition, squeeze
 
 
 def _drift(rng: np.random.Generator, frames: int, channels: int) -> np.ndarray:

@@ -4,11 +4,10 @@ Each effect is a step of its own and is skipped where a recipe does not name it.
 on STAG's frames (baseline, noise, percentiles of the excess), see VERSION in `recipe.py`.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tactile_viewgcn.glove.hand import Hand
+from tactile_viewgcn.randomness import stream
 
 NO_SENSOR = 510  # counts of a cell without a sensor
 MAX_COUNT = 1023  # of a 10-bit converter
@@ -28,67 +27,52 @@ ROW_NOISE = 0.19  # counts
 BENDING = 2.0  # counts per rad of flexion, of a typical sensor
 
 
-@dataclass(frozen=True)
-class Electronics:
-    """The S sensors of one glove in one session.
-
-    Attributes:
-        gain: (S,) relative to SENSITIVITY; 0 for a dead sensor.
-        stuck: (S,) counts above the baseline that a stuck sensor always reads; NaN for the others.
-        bend: (S,) counts per rad of flexion of the joint under the sensor.
-        baseline: (S,) counts; noise: (S,) counts, standard deviation.
-        common: counts, standard deviation of what all sensors share; row_noise: counts, of what a row shares.
-    """
-
-    gain: np.ndarray
-    stuck: np.ndarray
-    bend: np.ndarray
-    baseline: np.ndarray
-    noise: np.ndarray
-    common: float
-    row_noise: float
-
-
-def electronics(
-    hand: Hand, glove: np.random.Generator, session: np.random.Generator, effects: frozenset[str]
-) -> Electronics:  # fmt: skip
-    """Draw the electronics of a glove in a session; the generator `glove` is in the same state for each session."""
-    count = len(hand)
-    gain = np.exp(glove.normal(0, GAIN, count) - GAIN**2 / 2)
-    defect = glove.random(count)
-    bend = BENDING * glove.normal(0, 1, count) ** 2
-    noise = np.exp(glove.normal(np.log(NOISE[0]), NOISE[1], count))
-    gain = gain * np.exp(session.normal(0, GAIN_OF_SESSION, count))
-    baseline = session.normal(*BASELINE) + session.normal(0, ROW, 32)[hand.row]
-    baseline = baseline + session.normal(0, SENSOR, count)
-    common = session.uniform(*COMMON)
-    stuck = np.full(count, np.nan)
-    if "defects" in effects:
-        gain[defect < DEAD] = 0
-        is_stuck = defect > 1 - STUCK
-        stuck[is_stuck] = 5 * glove.random(count)[is_stuck]
-    return Electronics(gain, stuck, bend, baseline, noise, common, ROW_NOISE)
-
-
 class Sensors:
     """Reads B recordings block by block; hysteresis and common mode carry over from one block to the next.
 
     Args:
-        hand: where the sensors are.
-        kits: B electronics, one a recording.
+        hand: where the S sensors are.
+        seed: of the glove and its sessions.
+        sessions: (B,) session of each recording, in which gain, baseline and common mode differ.
         rngs: B generators of the noise.
         effects: those of `recipe.READING` to simulate.
+
+    Attributes:
+        gain: (B, S) relative to SENSITIVITY; 0 for a dead sensor.
+        stuck: (B, S) counts above the baseline that a stuck sensor always reads; NaN for the others.
+        bend: (B, S) counts per rad of flexion of the joint under the sensor.
+        baseline: (B, S) counts; noise: (B, S) counts, standard deviation.
+        common: (B,) counts, standard deviation of what all sensors share.
     """
 
-    def __init__(self, hand: Hand, kits: list[Electronics], rngs: list[np.random.Generator], effects: frozenset[str]):
+    def __init__(
+        self, hand: Hand, seed: int, sessions: list[int], rngs: list[np.random.Generator], effects: frozenset[str]
+    ):
         self.hand, self.effects = hand, effects
         self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]  # of the sensors' noise, and of the common mode
-        self.gain, self.stuck, self.bend, self.baseline, self.noise = (
-            np.stack([getattr(kit, name) for kit in kits]) for name in ("gain", "stuck", "bend", "baseline", "noise")
+        electronics = [self._electronics(stream(seed, "glove"), stream(seed, "glove session", n)) for n in sessions]
+        self.gain, self.stuck, self.bend, self.baseline, self.noise, self.common = (
+            np.stack(values) for values in zip(*electronics, strict=True)
         )
-        self.common, self.row_noise = ([getattr(kit, name) for kit in kits] for name in ("common", "row_noise"))
-        self.peak = np.zeros_like(self.gain)
-        self.drift = np.zeros(len(kits))
+        self.peak, self.drift = np.zeros_like(self.gain), np.zeros(len(sessions))
+
+    def _electronics(self, glove: np.random.Generator, session: np.random.Generator) -> tuple[np.ndarray | float, ...]:
+        """Gain, stuck, bend, baseline, noise (S,) and common mode, drawn for a glove in a session."""
+        count = len(self.hand)
+        gain = np.exp(glove.normal(0, GAIN, count) - GAIN**2 / 2)
+        defect = glove.random(count)
+        bend = BENDING * glove.normal(0, 1, count) ** 2
+        noise = np.exp(glove.normal(np.log(NOISE[0]), NOISE[1], count))
+        gain = gain * np.exp(session.normal(0, GAIN_OF_SESSION, count))
+        baseline = session.normal(*BASELINE) + session.normal(0, ROW, 32)[self.hand.row]
+        baseline = baseline + session.normal(0, SENSOR, count)
+        common = session.uniform(*COMMON)
+        stuck = np.full(count, np.nan)
+        if "defects" in self.effects:
+            gain[defect < DEAD] = 0
+            is_stuck = defect > 1 - STUCK
+            stuck[is_stuck] = 5 * glove.random(count)[is_stuck]
+        return gain, stuck, bend, baseline, noise, common
 
     def read(self, pressure: np.ndarray, flexion: np.ndarray) -> np.ndarray:
         """Counts (B, T, 32, 32) int16 for pressure (B, T, S) Pa and flexion (B, T, S) rad."""
@@ -118,7 +102,7 @@ class Sensors:
             if "noise" in self.effects:
                 draws = sensor_rng.standard_normal((frames, sensors + 32))
                 of_sensors, of_rows = draws[:, :sensors], draws[:, sensors:]
-                counts[b] += self.noise[b] * of_sensors + self.row_noise[b] * of_rows[:, self.hand.row]
+                counts[b] += self.noise[b] * of_sensors + ROW_NOISE * of_rows[:, self.hand.row]
             if "common_mode" in self.effects:
                 for t, draw in enumerate(common_rng.standard_normal((frames,))):
                     self.drift[b] = DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * draw

@@ -140,8 +140,7 @@ class Solids:
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Signed distance (n,) m of points x (n, 3) m in the axes of primitives (b, p), both (n,)."""
-        q = np.abs(self._folded(b, p, x)) - self.half[b, p]
-        q[:, 2] = np.where(self.kind[b, p] == REVOLVED, -np.inf, q[:, 2])
+        _, q, _ = self._section(b, p, x)
         out = np.maximum(q, 0)
         nearest = np.maximum(np.maximum(q[:, 0], q[:, 1]), q[:, 2])
         distance = np.sqrt(np.einsum("ni,ni->n", out, out)) + np.minimum(nearest, 0) - self.round[b, p]
@@ -150,9 +149,7 @@ class Solids:
 
     def gradient(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Gradient (n, 3) of the signed distance, unit vectors; arguments as for `distance`."""
-        revolved, folded = self.kind[b, p] == REVOLVED, self._folded(b, p, x)
-        q = np.abs(folded) - self.half[b, p]
-        q[revolved, 2] = -np.inf
+        folded, q, revolved = self._section(b, p, x)
         out = np.maximum(q, 0)
         length = np.sqrt((out**2).sum(axis=1))
         face = out / np.where(length > 0, length, 1)[:, None]
@@ -170,10 +167,15 @@ class Solids:
             gradient = np.where((flat > uncut)[:, None], cut[:, :3], gradient)
         return gradient
 
-    def _folded(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Points (n, 3) where both families are boxes: x itself, or (rho - offset, z, .) of a solid of revolution."""
-        revolved = self.kind[b, p] == REVOLVED
-        folded = x.copy()
-        folded[:, 0] = np.where(revolved, np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2) - self.offset[b, p], x[:, 0])
+    def _section(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (n, 3) where both families are boxes, how far they are from its faces (n, 3), and which is revolved.
+
+        A solid of revolution's point is (rho - offset, z, .), and its third face infinitely far inside.
+        """
+        revolved, folded = self.kind[b, p] == REVOLVED, x.copy()
+        rho = np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2)
+        folded[:, 0] = np.where(revolved, rho - self.offset[b, p], x[:, 0])
         folded[:, 1] = np.where(revolved, x[:, 2], x[:, 1])
-        return folded
+        q = np.abs(folded) - self.half[b, p]
+        q[revolved, 2] = -np.inf
+        return folded, q, revolved

@@ -1,5 +1,6 @@
 """Simulation of a recipe: plan the scenes, solve the mechanics, read the sensors, block by block."""
 
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -7,10 +8,10 @@ import numpy as np
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.drive import Drive
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hand, Hands, stag_hand
-from tactile_viewgcn.glove.integrator import ImplicitIntegrator, SolverStatistics
+from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.recipe import Cell, Recipe
 from tactile_viewgcn.glove.scene import OPEN, plan
-from tactile_viewgcn.glove.sensor import Sensors, electronics
+from tactile_viewgcn.glove.sensor import Sensors
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.randomness import stream
 
@@ -23,8 +24,8 @@ class Simulation:
 
     Attributes:
         plan: scenes of the B recordings.
-        statistics: cost of the integration so far.
-        beyond_thickness: number of contacts so far that compressed the layer by more than its thickness.
+        statistics: cost of the integration so far, see `ImplicitIntegrator`; and `beyond_thickness`, the number of
+            contacts that compressed the layer by more than its thickness.
     """
 
     def __init__(self, recipe: Recipe, cells: list[Cell] | None = None):
@@ -39,13 +40,9 @@ class Simulation:
             objects, self.hands, self.solids, self._streams("scene"),
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
         )  # fmt: skip
-        seed = recipe.seed
-        kits = [
-            electronics(fits[0], stream(seed, "glove"), stream(seed, "glove session", session), recipe.effects)
-            for session, _ in self.cells
-        ]  # fmt: skip
-        self.sensors = Sensors(fits[0], kits, self._streams("noise"), recipe.effects)
-        self.statistics, self.beyond_thickness = SolverStatistics(), 0
+        sessions = [session for session, _ in self.cells]
+        self.sensors = Sensors(fits[0], recipe.seed, sessions, self._streams("noise"), recipe.effects)
+        self.statistics: Counter[str] = Counter()
 
     def blocks(self) -> Iterator[np.ndarray]:
         """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time.
@@ -89,7 +86,7 @@ class Simulation:
             balance = mechanics.evaluate(rows, np.full(hands, t + 1.0), states[:, t], palm=True)
             sensor = balance.contacts.row, balance.contacts.sensor
             np.add.at(pressure[:, t], sensor, balance.force * balance.facing / self.hands.area[sensor])
-            self.beyond_thickness += int((balance.force / self.hands.area[sensor] > limit).sum())
+            self.statistics["beyond_thickness"] += int((balance.force / self.hands.area[sensor] > limit).sum())
         if "bending" not in self.recipe.effects:
             return pressure, np.zeros((1, 1, 1))
         bend = np.maximum(states[:, :, :10].reshape(hands, frames, 5, 2) - OPEN, 0)

@@ -1,7 +1,7 @@
 """Writes the recordings of a recipe as HDF5 files. Everything in them is simulated."""
 
+from collections import Counter
 from contextlib import ExitStack
-from dataclasses import astuple, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -10,28 +10,20 @@ import numpy as np
 from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_folder
-from tactile_viewgcn.glove.integrator import SolverStatistics
 from tactile_viewgcn.glove.recipe import VERSION, Cell, Recipe
 from tactile_viewgcn.glove.simulation import BLOCK, Simulation
 
 MIN_RECORDINGS_PER_WORKER = 20  # with fewer, starting a process takes longer than it saves
 
 
-@dataclass(frozen=True)
-class SimulationSummary:
-    """Size and cost of a simulation; see `Simulation` for the last two attributes."""
-
-    recordings: int
-    frames: int
-    statistics: SolverStatistics
-    beyond_thickness: int
-
-
-def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> SimulationSummary:
+def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter[str]:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5, all of them or none.
 
     The last session is the test side of the published split. The recordings do not depend on the number of worker
     processes. Memory holds a block of pressures and about 300 bytes a frame of every recording.
+
+    Returns:
+        The cost, see `Simulation.statistics`.
 
     Raises:
         UserError: grasps too short for their phases, or an object that starts inside the palm.
@@ -41,30 +33,19 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Simulat
     with atomic_folder(folder) as part:
         for session in range(recipe.sessions):
             (part / f"{session:03d}").mkdir()
+        jobs = [(recipe, share, part, worker) for worker, share in enumerate(shares)]
         if workers == 1:
-            results = [_write(recipe, shares[0], part)]
-        else:
-            jobs = [(recipe, share, part, worker) for worker, share in enumerate(shares)]
-            with get_context("spawn").Pool(workers) as pool:  # its processes end with the block, also after an error
-                results = list(pool.imap_unordered(_write_share, jobs))
-                pool.close()
-                pool.join()  # left to themselves, so that none is ended while it holds a lock: Python would warn
-    counts = zip(*(astuple(statistics) for statistics, _ in results), strict=True)
-    return SimulationSummary(
-        recordings=len(recipe.cells),
-        frames=len(recipe.cells) * recipe.frames,
-        statistics=SolverStatistics(*(sum(values) for values in counts)),
-        beyond_thickness=sum(beyond for _, beyond in results),
-    )
+            return _write(jobs[0])
+        with get_context("spawn").Pool(workers) as pool:  # its processes end with the block, also after an error
+            costs = list(pool.imap_unordered(_write, jobs))
+            pool.close()
+            pool.join()  # left to themselves, so that none is ended while it holds a lock: Python would warn
+    return sum(costs, Counter())
 
 
-def _write_share(job: tuple[Recipe, list[Cell], Path, int]) -> tuple[SolverStatistics, int]:
-    """Recordings of one process; a pool passes one argument."""
-    return _write(*job)
-
-
-def _write(recipe: Recipe, cells: list[Cell], folder: Path, worker: int = 0) -> tuple[SolverStatistics, int]:
-    """Simulate some recordings into a folder of sessions; the first worker shows the progress."""
+def _write(job: tuple[Recipe, list[Cell], Path, int]) -> Counter[str]:
+    """Simulate the recordings of one process into a folder of sessions; the first worker shows the progress."""
+    recipe, cells, folder, worker = job
     simulation, start = Simulation(recipe, cells), 0
     bar = tqdm(total=recipe.frames, desc="simulate", unit="frame", disable=None if worker == 0 else True)
     with ExitStack() as stack, bar:
@@ -74,7 +55,7 @@ def _write(recipe: Recipe, cells: list[Cell], folder: Path, worker: int = 0) -> 
                 file["pressure"][start : start + len(counts)] = counts
             start += block.shape[1]
             bar.update(block.shape[1])
-    return simulation.statistics, simulation.beyond_thickness
+    return simulation.statistics
 
 
 def _create_file(folder: Path, simulation: Simulation, b: int) -> h5py.File:

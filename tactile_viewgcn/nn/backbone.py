@@ -117,7 +117,7 @@ class Backbone(nn.Module):
             self.grid = nn.Sequential(join, nn.BatchNorm1d(self.features), nn.ReLU())
 
     def forward(self, frames: Tensor) -> Tensor:
-        maps = self.feature_maps(frames)
+        maps = self.stage2(self.dropout(self.stage1(self.stem(frames))))
         if self.maps:
             return maps
         maps = maps.float() if maps.dtype == torch.bfloat16 else maps
@@ -125,10 +125,6 @@ class Backbone(nn.Module):
             return maps.mean(dim=(2, 3))
         with torch.autocast(maps.device.type, enabled=False):
             return self.grid(functional.adaptive_avg_pool2d(maps, GRID).flatten(1))
-
-    def feature_maps(self, frames: Tensor) -> Tensor:
-        """Maps (B, 2 * width, H / 4, W / 4) of frames (B, 1, H, W), in the precision that they are computed in."""
-        return self.stage2(self.dropout(self.stage1(self.stem(frames))))
 
     def map_shape(self, shape: tuple[int, int]) -> tuple[int, int, int]:
         """Shape of the maps (2 * width, H / 4, W / 4) of a frame (H, W), rounded up."""

@@ -40,15 +40,12 @@ def message_sum(receivers: Tensor, senders: Tensor) -> Tensor:
     At most `MAX_MESSAGES` numbers are held at once, or the messages of one sender; where that takes several parts,
     their gradients compute the messages again instead of keeping them.
     """
-    first, *others = senders.split(max(1, MAX_MESSAGES // max(1, senders.numel())), dim=1)
-    if not others:
-        return _sum_over(first, receivers)
+    parts = senders.split(max(1, MAX_MESSAGES // max(1, senders.numel())), dim=1)
+    if len(parts) == 1:
+        return _sum_over(senders, receivers)
     total = torch.zeros_like(receivers)
-    for part in (first, *others):
-        if torch.is_grad_enabled():
-            total = total + checkpoint(_sum_over, part, receivers, use_reentrant=False)
-        else:
-            total += _sum_over(part, receivers)
+    for part in parts:
+        total = total + checkpoint(_sum_over, part, receivers, use_reentrant=False)
     return total
 
 

@@ -18,11 +18,8 @@ class ViewNetwork(nn.Module):
     """Backbone and head for V views.
 
     Args:
-        system: the head's class.
-        viewpoints: (V, 3).
-        classes: number of classes.
-        model: options of the backbone and of the system.
-        shape: (H, W) of a frame.
+        system: the head's class; model: its options and the backbone's.
+        viewpoints: (V, 3); classes: their number; shape: (H, W) of a frame.
 
     Attributes:
         backbone: frames (n, 1, H, W) to features (n, *feature_shape).
@@ -63,16 +60,6 @@ class ViewNetwork(nn.Module):
     def views(self) -> int:
         """V."""
         return len(self.viewpoints)
-
-    @property
-    def takes_fewer(self) -> bool:
-        """Whether it also answers sets of fewer views."""
-        return self.head.takes_fewer
-
-    @property
-    def in_time_order(self) -> bool:
-        """Whether it reads views from the earliest frame to the latest."""
-        return self.head.in_time_order
 
     def prepare(self, compute: Compute) -> None:
         """Ready for answers: in evaluation mode, on the device and in the type of `compute`."""

@@ -25,15 +25,12 @@ PIXELS = 96 / 72  # of a point
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawn figure as an SVG: what it shows, for those who do not see it; its address; its width in pixels."""
+    """A drawn figure as an SVG: what it shows, its address, its width in pixels and the least that it keeps of it."""
 
-    alt: str
+    caption: str
     address: str
     width: int
-
-    @property
-    def narrowest(self) -> int:
-        return round(NARROWEST * self.width)
+    narrowest: int
 
 
 @dataclass(frozen=True)
@@ -45,16 +42,7 @@ class Verdict:
     reasons: list[str]
 
 
-@dataclass(frozen=True)
-class Step:
-    """Something to do next: what, why, and the command, which may be empty."""
-
-    what: str
-    why: str
-    command: str = ""
-
-
-def picture(figure: "Figure", alt: str) -> Picture:
+def picture(figure: "Figure", caption: str) -> Picture:
     """A figure as a template takes it."""
     from matplotlib import rc_context
 
@@ -63,8 +51,8 @@ def picture(figure: "Figure", alt: str) -> Picture:
         warnings.filterwarnings("ignore", "Glyph")  # the browser has the letters that matplotlib's font lacks
         figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None})
     data = base64.b64encode(buffer.getvalue()).decode()
-    width = round(float(re.findall(rb'width="([\d.]+)pt"', buffer.getvalue())[0]) * PIXELS)
-    return Picture(alt, f"data:image/svg+xml;base64,{data}", width)
+    width = PIXELS * float(re.findall(rb'width="([\d.]+)pt"', buffer.getvalue())[0])
+    return Picture(caption, f"data:image/svg+xml;base64,{data}", round(width), round(NARROWEST * width))
 
 
 def render(template: str, **content: Any) -> str:
@@ -76,13 +64,9 @@ def environment() -> Environment:
     """Of the templates."""
     loader = PackageLoader("tactile_viewgcn.pages")
     made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    made.filters |= {"anchor": _anchor, "headings": _headings, "several": several}
+    made.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent}
+    made.filters |= {"duration": duration}
     return made
-
-
-def several(count: int, thing: str) -> str:
-    """1 frame, 1,701 frames."""
-    return f"{count:,} {thing}{'' if count == 1 else 's'}"
 
 
 def write(path: Path, text: str) -> str:
@@ -90,6 +74,24 @@ def write(path: Path, text: str) -> str:
     with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
     return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
+
+
+def several(count: int, thing: str) -> str:
+    """1 frame, 1,701 frames."""
+    return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+def percent(share: float) -> str:
+    """47.3 %, in one word."""
+    return f"{100 * share:.1f}\N{NO-BREAK SPACE}%"
+
+
+def duration(seconds: float) -> str:
+    """3.7 s, 2 min 19 s, or 1 h 4 min."""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, left = divmod(round(seconds), 60)
+    return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {left} s"
 
 
 def _anchor(name: str) -> str:

@@ -16,7 +16,6 @@ from tactile_viewgcn.tables.recordings import Recordings, is_table, write_record
 PERCENTILES = (0, 1, 50, 99, 100)
 SAMPLE = 2000  # frames of which percentiles are computed
 POINTS = 100  # of a time line, at most
-BINS = 60
 STUCK = 0.1  # of the median sensor's standard deviation
 SATURATED = 0.01  # share of frames at the largest reading there is
 GAP = 2.5  # median intervals: frames are missing
@@ -32,7 +31,7 @@ class Overview:
         path: of the source.
         shape, dtype: of a frame; of the stored counts.
         columns: optional columns that the source has, such as `valid`, `grasp`, `split`.
-        recordings, sessions: names.
+        sessions: names.
         seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: intervals of more than 2.5 times that.
         drift: (R,) largest change of the open hand, see `_drift`.
@@ -40,11 +39,10 @@ class Overview:
         first_frame: whether objects are told from the first frame of each recording; None where it was not checked.
         percentiles: (5,) of all readings, in counts: 0, 1, 50, 99 and 100.
         above: (5,) of the readings of sensors in contact, in counts above the baseline; NaN without any.
-        pressed_share: of the readings of frames in contact, how many are of sensors in contact.
-        histogram, edges: (B,) numbers of readings above the baseline in frames in contact; (B + 1,) limits in counts.
         stuck: bool (H, W) sensors that vary by less than a tenth of what the median sensor does.
         saturated: (H, W) share of frames in which a sensor reads the largest number that any does; 0 everywhere where
             only one reading is that large.
+        noise: (H, W) standard deviation of a sensor without contact, the median of the sessions.
         mean_frame: (O, H, W) mean counts above the baseline in frames of contact, NaN of an object without any.
         activity: for each recording, up to 100 means over the sensors, in counts above the baseline, in order.
         in_contact: for each of these, the share of its frames that are in contact.
@@ -55,7 +53,6 @@ class Overview:
     shape: tuple[int, int]
     dtype: str
     columns: list[str]
-    recordings: list[str]
     sessions: list[str]
     seconds: np.ndarray
     interval: float | None
@@ -65,33 +62,12 @@ class Overview:
     first_frame: Leak | None
     percentiles: np.ndarray
     above: np.ndarray
-    pressed_share: float
-    histogram: np.ndarray
-    edges: np.ndarray
     stuck: np.ndarray
     saturated: np.ndarray
+    noise: np.ndarray
     mean_frame: np.ndarray
     activity: list[np.ndarray]
     in_contact: list[np.ndarray]
-
-    def object_rows(self) -> list[tuple[str, dict[str, int]]]:
-        """Name of each object, and its numbers of recordings and of frames of each kind."""
-        shown = self.inspection
-        counts = {"recordings": np.ones_like(shown.frames), "frames": shown.frames, "contact": shown.contact}
-        counts |= {"open hand": shown.open} | ({} if shown.flagged is None else {"flagged": shown.flagged})
-        return [
-            (shown.objects[label], {name: int(count[shown.label == label].sum()) for name, count in counts.items()})
-            for label in np.unique(shown.label)
-        ]
-
-    def session_rows(self) -> list[tuple[str, int, int, float, np.ndarray]]:
-        """Name, recordings, frames of the empty hand, median noise, and drifts of the recordings of each session."""
-        of, rows = self.inspection, []
-        for number in np.unique(of.session):
-            drift, noise = self.drift[of.session == number], float(np.median(of.hand.noise[number]))
-            drift_known = drift[np.isfinite(drift)]
-            rows.append((self.sessions[number], len(drift), int(of.empty[number]), noise, drift_known))
-        return rows
 
 
 def inspect_source(path: str | Path) -> Overview:
@@ -103,26 +79,19 @@ def inspect_source(path: str | Path) -> Overview:
     """
     path = Path(path)
     if is_table(path):
-        with Recordings(path) as table:
-            return overview(table, path)
+        return overview(Recordings(path), path)
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings.h5"
         write_recordings(file, open_source(path), "")
-        with Recordings(file) as table:
-            return overview(table, path)
+        return overview(Recordings(file), path)
 
 
 def overview(recordings: Recordings, path: Path, *, sensors: int | None = None) -> Overview:
     """Inspect the table of raw counts of the source at `path`; for `sensors` see `inspect_recordings`."""
     of = inspect_recordings(recordings, sensors=sensors)
-    names, columns = recordings.recordings, recordings.columns
-    first = [index[0] for index in of.frames_of]
-    interval, gaps, seconds = _sampling([columns["time"][index] for index in of.frames_of])
+    interval, gaps, seconds = _sampling([recordings.columns["time"][index] for index in of.frames_of])
     means, activity, in_contact = _means(of)
-    excess, above = contact_readings(of)
-    limits = np.percentile(excess, [0.1, 99.9]) if len(excess) else np.array([0.0, 1.0])
-    limits += [-1, 1] if limits[0] == limits[1] else [0, 0]
-    histogram, edges = np.histogram(excess, BINS, tuple(limits))
+    above = contact_readings(of)[1]
     sample = of.hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
     smallest, largest, at_largest = _extremes(of)
     spread = sample.std(axis=0)
@@ -131,8 +100,7 @@ def overview(recordings: Recordings, path: Path, *, sensors: int | None = None) 
         path=path,
         shape=recordings.shape,
         dtype=str(recordings.dtype),
-        columns=[name for name in columns if name not in ALWAYS],
-        recordings=[names[i] for i in columns["recording"][first]],
+        columns=[name for name in recordings.columns if name not in ALWAYS],
         sessions=recordings.sessions,
         seconds=seconds,
         interval=interval,
@@ -142,18 +110,16 @@ def overview(recordings: Recordings, path: Path, *, sensors: int | None = None) 
         first_frame=check_first_frames(recordings, of.hand, stream(0, "first frame")),
         percentiles=np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
         above=np.percentile(above, PERCENTILES) if len(above) else np.full(len(PERCENTILES), np.nan),
-        pressed_share=len(above) / max(1, len(excess)),
-        histogram=histogram,
-        edges=edges,
-        stuck=on_layout(spread < STUCK * np.median(spread), of.live),
-        saturated=on_layout(at_largest / len(recordings) * (at_largest.sum() > 1), of.live),
-        mean_frame=np.stack([on_layout(mean, of.live) for mean in means]),
+        stuck=_on_layout(spread < STUCK * np.median(spread), of.live),
+        saturated=_on_layout(at_largest / len(recordings) * (at_largest.sum() > 1), of.live),
+        noise=_on_layout(np.median(of.hand.noise[np.unique(of.session)], axis=0), of.live),
+        mean_frame=np.stack([_on_layout(mean, of.live) for mean in means]),
         activity=activity,
         in_contact=in_contact,
     )
 
 
-def on_layout(values: np.ndarray, live: np.ndarray) -> np.ndarray:
+def _on_layout(values: np.ndarray, live: np.ndarray) -> np.ndarray:
     """Values (S,) of the live sensors as (H, W); 0 elsewhere."""
     layout = np.zeros(live.shape, dtype=values.dtype)
     layout[live] = values
@@ -201,11 +167,6 @@ def _means(of: Inspection) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarra
 
 def _extremes(of: Inspection) -> tuple[float, float, np.ndarray]:
     """Smallest and largest reading, and in how many frames each sensor (S,) reads the largest."""
-    smallest, largest, at_largest = np.inf, -np.inf, np.zeros(of.hand.counts.shape[1], dtype=np.int64)
-    for index in of.frames_of:
-        counts = of.hand.counts[index]
-        smallest = min(smallest, counts.min())
-        if counts.max() > largest:
-            largest, at_largest[:] = counts.max(), 0
-        at_largest += (counts == largest).sum(axis=0)
-    return float(smallest), float(largest), at_largest
+    smallest, largest = (float(end([end(of.hand.counts[index]) for index in of.frames_of])) for end in (np.min, np.max))
+    at_largest = sum((of.hand.counts[index] == largest).sum(axis=0) for index in of.frames_of)
+    return smallest, largest, np.asarray(at_largest)

@@ -27,7 +27,6 @@ from tactile_viewgcn.readers.source import (
     Block,
     Source,
     check_shape,
-    checked_blocks,
     numbered,
     open_hdf5,
     raise_mistakes,
@@ -70,20 +69,7 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
             headers.append(_read_header(file, path.parent if path.is_file() else path, labelled))
         except UserError as error:
             mistakes.append(str(error))
-    mistakes += _disagreements(headers, path)
-    if mistakes and headers:  # frames have mistakes too
-        alike = [each for each in headers if (each.shape, each.columns) == (headers[0].shape, headers[0].columns)]
-        try:
-            for _ in checked_blocks(_source(alike, path)):
-                pass
-        except UserError as error:
-            mistakes.append(str(error))
-    raise_mistakes(mistakes)
-    return _source(headers, path)
-
-
-def _source(headers: list[Header], path: Path) -> Source:
-    """The source of recordings that go together."""
+    raise_mistakes(mistakes + _disagreements(headers, path))
     objects = numbered([header.attributes["object"] for header in headers])
     sessions = sorted({header.attributes["session"] for header in headers})
     weights = np.full(len(objects), np.nan)

@@ -36,7 +36,20 @@ def read_folder(path: Path) -> Source:
     sessions = sorted({file.parent.parent.name for file in files})
     object_of = [re.sub(r"^\d+-", "", file.parent.name) for file in files]
     objects = numbered(object_of)
-    shapes = _shapes(files)
+    shapes: dict[Path, tuple[int, int, int]] = {}
+    mistakes = []
+    for file in files:
+        try:
+            shapes[file] = _shape(file)
+        except UserError as error:
+            mistakes.append(str(error))
+    first = next(iter(shapes), files[0])
+    mistakes += [
+        f"{file}: frames of {shape[1:]}; expected {shapes[first][1:]} as in {first}"
+        for file, shape in shapes.items()
+        if shape[1:] != shapes[first][1:]
+    ]
+    raise_mistakes(mistakes)
     dtype = storage_type(_read_recording(files[0])[0].dtype, str(files[0]))
 
     def blocks() -> Iterator[Block]:
@@ -57,26 +70,8 @@ def read_folder(path: Path) -> Source:
                 }
 
     names = [f"{file.parent.parent.name}/{file.parent.name}" for file in files]
-    return Source(path, objects, names, sessions, shapes[0][1:], dtype, sum(shape[0] for shape in shapes), blocks())
-
-
-def _shapes(files: list[Path]) -> list[tuple[int, int, int]]:
-    """(T, H, W) of all raw recordings; a UserError lists the files that cannot be read or differ from the first."""
-    shapes: dict[Path, tuple[int, int, int]] = {}
-    mistakes = []
-    for file in files:
-        try:
-            shapes[file] = _shape(file)
-        except UserError as error:
-            mistakes.append(str(error))
-    first = next(iter(shapes), files[0])
-    mistakes += [
-        f"{file}: frames of {shape[1:]}; expected {shapes[first][1:]} as in {first}"
-        for file, shape in shapes.items()
-        if shape[1:] != shapes[first][1:]
-    ]
-    raise_mistakes(mistakes)
-    return list(shapes.values())
+    frames = sum(shape[0] for shape in shapes.values())
+    return Source(path, objects, names, sessions, shapes[first][1:], dtype, frames, blocks())
 
 
 def _shape(path: Path) -> tuple[int, int, int]:

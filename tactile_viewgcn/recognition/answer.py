@@ -1,7 +1,9 @@
 """Answers: which object is in the hand, from the frames in contact of a recording, or of every one of a source."""
 
+import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -9,11 +11,11 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.readers.source import UNLABELLED, Source
 from tactile_viewgcn.recognition.array_input import checked_array
-from tactile_viewgcn.recognition.contact import as_table, find_contact
+from tactile_viewgcn.recognition.contact import find_contact
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 
@@ -25,10 +27,11 @@ class Answer:
     Attributes:
         status: OBJECT; UNKNOWN, `probabilities` then say what it is nearest to; or NO_CONTACT.
         probabilities: (classes,), NaN with NO_CONTACT.
-        used: frames that were classified.
-        contact: frames in contact.
+        used: frames that were classified; contact: frames in contact; frames: all of them.
         novelty: distance to the nearest training frames, 1 at the model's threshold; NaN without a threshold, or with
             fewer than V frames in contact.
+        recording: its name; object: what it says is held, UNLABELLED if it does not.
+        start, end: seconds since the recording's first frame; NaN without times.
     """
 
     status: str
@@ -36,24 +39,11 @@ class Answer:
     used: int
     contact: int
     novelty: float = float("nan")
-
-
-@dataclass(frozen=True)
-class Row:
-    """The answer to one recording or window of a source.
-
-    Attributes:
-        object: what the source says is held; UNLABELLED if it does not say.
-        start, end: seconds since the recording's first frame; NaN without times.
-        frames: all frames.
-    """
-
-    recording: str
-    object: str
-    start: float
-    end: float
-    frames: int
-    answer: Answer
+    frames: int = 0
+    recording: str = ""
+    object: str = UNLABELLED
+    start: float = float("nan")
+    end: float = float("nan")
 
 
 def answer_recording(
@@ -71,15 +61,79 @@ def answer_recording(
         UserError: counts of another shape or type, not finite, or outside int32; `stop_at` is no probability, or the
             model takes V frames alone.
     """
+    one = np.zeros(1, dtype=int)
+    recordings = ArrayRecordings([checked_array(counts, name)], [UNLABELLED], one, one)
+    ((answer,), _, _) = _answers(recogniser, recordings, name, stop_at=stop_at)
+    return answer
+
+
+def answer_source(
+    recogniser: Recogniser, source: Source, *, window: float | None = None, stop_at: float | None = None
+) -> tuple[list[Answer], list[Note]]:
+    """The answers to the recordings of a source, and notes on what was not as expected.
+
+    Args:
+        window: seconds that are answered together; None: whole recordings.
+        stop_at: see `answer_recording`.
+
+    Raises:
+        UserError: recordings unlike the training's in form or scale, or without the times that windows need; a
+            `window` out of range; see `answer_recording`.
+    """
+    name = str(source.path)
+    with tempfile.TemporaryDirectory() as folder:
+        write_recordings(Path(folder) / "recordings.h5", source, "")
+        recordings = Recordings(Path(folder) / "recordings.h5")
+        answers, classified, notes = _answers(recogniser, recordings, name, window=window, stop_at=stop_at)
+    recogniser.preprocessing.check_strength(classified, name)
+    return answers, notes
+
+
+def _answers(
+    recogniser: Recogniser,
+    recordings: Recordings,
+    name: str,
+    *,
+    window: float | None = None,
+    stop_at: float | None = None,
+) -> tuple[list[Answer], np.ndarray, list[Note]]:
+    """The answers to a table; V frames in contact (n, H, W) of each, above baseline; and notes on the baseline."""
     if stop_at is not None:
-        recogniser.check_sequential(stop_at, "stop_at")
-    fitted, one = recogniser.preprocessing, np.zeros(1, dtype=int)
-    counts = checked_array(counts, name)
-    fitted.check_counts(counts, name)
-    recordings = ArrayRecordings([counts], [UNLABELLED], one, one)
-    recordings.live = fitted.live
-    baseline, contact = find_contact(recordings, fitted)
-    return answer_contact(recogniser, counts[contact] - baseline.mean[baseline.of_frame[contact]], stop_at=stop_at)
+        recogniser.check_sequential(stop_at)
+    for _, counts in recordings.blocks():
+        recogniser.preprocessing.check_counts(counts, name)
+    recordings.live, columns = recogniser.preprocessing.live, recordings.columns
+    answers, classified = [], []
+    baseline, contact = find_contact(recordings, recogniser.preprocessing)
+    for index in _parts(recordings, window):
+        pressed = index[contact[index]]
+        excess = recordings.frames(pressed) - baseline.mean[baseline.of_frame[pressed]]
+        classified.append(excess[spread_sets(len(pressed), recogniser.classifier.views)[0]] if len(pressed) else excess)
+        objects = {recordings.objects[number] for number in columns["object"][index]}
+        answer = replace(
+            answer_contact(recogniser, excess, stop_at=stop_at),
+            frames=len(index),
+            recording=recordings.recordings[columns["recording"][index[0]]],
+            object=objects.pop() if len(objects) == 1 else UNLABELLED,
+            start=float(columns["time"][index[0]]),
+            end=float(columns["time"][index[-1]]),
+        )
+        answers.append(answer)
+    return answers, np.concatenate(classified), baseline.notes
+
+
+def _parts(recordings: Recordings, window: float | None) -> Iterator[np.ndarray]:
+    """Indices of the frames that are answered together, in order."""
+    recording, time = recordings.columns["recording"], recordings.columns["time"]
+    if window is not None and not (np.isfinite(window) and window > 0):
+        raise UserError(f"window is {window:g}; expected seconds above 0")
+    if window is not None and np.isnan(time).any():
+        raise UserError("the recordings have no times of their frames, which a window in seconds needs: leave it out")
+    place = np.zeros(len(time)) if window is None else np.floor(time / window)
+    for number in np.unique(recording):
+        index = np.flatnonzero(recording == number)
+        for part in np.unique(place[index]):
+            yield index[place[index] == part]
 
 
 def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float | None = None) -> Answer:
@@ -107,53 +161,3 @@ def bisecting(index: np.ndarray) -> np.ndarray:
     """The indices (n,) in an order whose first k are spread over all of them, whatever k: bit reversal."""
     bits = max(1, (len(index) - 1).bit_length())
     return index[np.argsort([int(f"{place:0{bits}b}"[::-1], 2) for place in range(len(index))], kind="stable")]
-
-
-def answer_source(
-    recogniser: Recogniser, source: Source, *, window: float | None = None, stop_at: float | None = None
-) -> tuple[list[Row], list[Note]]:
-    """The answers to the recordings of a source, and notes on what was not as expected.
-
-    Args:
-        window: seconds that are answered together; None: whole recordings.
-        stop_at: see `answer_recording`.
-
-    Raises:
-        UserError: recordings unlike the training's in form or scale, or without the times that windows need; a
-            `window` out of range.
-    """
-    if window is not None and not (np.isfinite(window) and window > 0):
-        raise UserError(f"window is {window:g}; expected seconds above 0")
-    rows, used = [], []
-    with as_table(source, recogniser.preprocessing) as recordings:
-        baseline, contact = find_contact(recordings, recogniser.preprocessing)
-        for index in _parts(recordings, window):
-            pressed = index[contact[index]]
-            excess = recordings.frames(pressed) - baseline.mean[baseline.of_frame[pressed]]
-            used.append(excess[spread_sets(len(pressed), recogniser.classifier.views)[0]] if len(pressed) else excess)
-            rows.append(_row(recordings, index, answer_contact(recogniser, excess, stop_at=stop_at)))
-    recogniser.preprocessing.check_strength(np.concatenate(used), str(source.path))
-    return rows, baseline.notes
-
-
-def _parts(recordings: Recordings, window: float | None) -> Iterator[np.ndarray]:
-    """Indices of the frames that are answered together, in order."""
-    recording, time = recordings.columns["recording"], recordings.columns["time"]
-    if window is not None and np.isnan(time).any():
-        raise UserError("the recordings have no times of their frames, which a window in seconds needs: leave it out")
-    for number in np.unique(recording):
-        index = np.flatnonzero(recording == number)
-        if window is None:
-            yield index
-            continue
-        place = np.floor(time[index] / window)
-        for part in np.unique(place):
-            yield index[place == part]
-
-
-def _row(recordings: Recordings, index: np.ndarray, answer: Answer) -> Row:
-    columns = recordings.columns
-    objects = {recordings.objects[number] for number in np.unique(columns["object"][index])}
-    start, end = columns["time"][index[[0, -1]]]
-    name = recordings.recordings[columns["recording"][index[0]]]
-    return Row(name, objects.pop() if len(objects) == 1 else UNLABELLED, start, end, len(index), answer)

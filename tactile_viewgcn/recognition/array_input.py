@@ -19,28 +19,25 @@ def form_of(values: Any) -> str:
     """Which of the three forms X has: a list of recordings, an array of view sets, or else rows.
 
     Raises:
-        UserError: None, a text, ragged, or an array with three axes or more than four.
+        UserError: ragged, or neither of one, two or four axes.
     """
     listed = isinstance(values, list | tuple) or (
         isinstance(values, np.ndarray) and values.dtype == object and values.ndim == 1
     )
-    if listed and (not len(values) or any(_axes(row) == 3 for row in values)):
-        return RECORDINGS
-    axes = _axes(values)
-    if axes == 4:
-        return VIEW_SETS
-    if values is None or isinstance(values, str) or axes == 3 or axes > 4:
-        kind = {type(None): "None", str: "a text"}.get(type(values), f"an array of {axes} axes")
-        raise UserError(f"X is {kind}; expected {FORMS}")
-    return ROWS
+    try:
+        if listed and (not len(values) or any(_axes(row) == 3 for row in values)):
+            return RECORDINGS
+        axes = _axes(values)
+    except ValueError:
+        raise UserError(f"X is ragged; expected {FORMS}") from None
+    if axes not in (1, 2, 4):
+        raise UserError(f"X is of type {type(values).__name__} with {axes} axes; expected {FORMS}")
+    return VIEW_SETS if axes == 4 else ROWS
 
 
 def _axes(values: Any) -> int:
     """Number of axes of an array, or of what NumPy makes one of."""
-    try:
-        return values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
-    except ValueError:
-        raise UserError(f"X is ragged; expected {FORMS}") from None
+    return values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
 
 
 def checked_arrays(recordings: Sequence[Any], shape: tuple[int, int] | None = None) -> list[np.ndarray]:
@@ -51,10 +48,12 @@ def checked_arrays(recordings: Sequence[Any], shape: tuple[int, int] | None = No
     if not len(recordings):
         raise UserError("X holds no recordings; expected one or more, each an array (frames, rows, columns)")
     arrays = [checked_array(recording, f"X[{number}]") for number, recording in enumerate(recordings)]
-    of, expected = ("as in training", shape) if shape else ("as X[0]", arrays[0].shape[1:])
+    expected = shape or arrays[0].shape[1:]
     for number, array in enumerate(arrays):
         if array.shape[1:] != expected:
-            raise UserError(f"X[{number}] has frames of {_layout(array.shape[1:])}; expected {_layout(expected)}, {of}")
+            layouts = (" x ".join(map(str, each)) for each in (array.shape[1:], expected))
+            of = "in training" if shape else "X[0]"
+            raise UserError("X[{}] has frames of {}; expected {}, as {}".format(number, *layouts, of))
     dtype = np.result_type(*arrays)
     return [array.astype(dtype, copy=False) for array in arrays]
 
@@ -68,11 +67,9 @@ def checked_array(recording: Any, name: str) -> np.ndarray:
         array = np.asarray(recording)
     except ValueError:
         raise UserError(f"{name} is ragged; expected frames of equal size, (frames, rows, columns)") from None
-    if array.ndim != 3:
-        raise UserError(f"{name} has shape {array.shape}; expected (frames, rows, columns)")
+    if array.ndim != 3 or not len(array):
+        raise UserError(f"{name} has shape {array.shape}; expected (frames, rows, columns), one frame or more")
     check_shape(array.shape, name)
-    if not len(array):
-        raise UserError(f"{name} has no frames; expected one or more: leave it out")
     check_finite(array, name)
     dtype = storage_type(array.dtype, name)
     if dtype.kind == "i" and (array.min() < np.iinfo(dtype).min or array.max() > np.iinfo(dtype).max):
@@ -89,7 +86,3 @@ def check_finite(values: np.ndarray, where: str) -> None:
         place = " in frame {}, row {}, column {}".format(*unfit[0]) if values.ndim == 3 else ""
         value = values[tuple(unfit[0])]
         raise UserError(f"{where} holds {value:g}{place}; expected a number up to {MAX_PRESSURE:g} from every sensor")
-
-
-def _layout(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape))

@@ -1,10 +1,5 @@
 """Baseline and contact of new recordings, looked for as in those of the training."""
 
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
-
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, noise_left, trimmed_moments
@@ -13,27 +8,8 @@ from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand, of_empty_hand
 from tactile_viewgcn.frames.preprocessing import measure_baseline
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-
-
-@contextmanager
-def as_table(source: Source, fitted: FittedPreprocessing) -> Iterator[Recordings]:
-    """The frames of a source as a table of raw counts, for as long as the block runs.
-
-    Raises:
-        UserError: counts unlike the training's, or a damaged source.
-    """
-    fitted.check_counts(np.empty((0, *source.shape), source.dtype), str(source.path))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "recordings.h5"
-        write_recordings(path, source, "")
-        with Recordings(path) as recordings:
-            for _, counts in recordings.blocks():
-                fitted.check_counts(counts, str(source.path))
-            recordings.live = fitted.live
-            yield recordings
+from tactile_viewgcn.tables.recordings import Recordings
 
 
 def find_contact(recordings: Recordings, fitted: FittedPreprocessing) -> tuple[Baseline, np.ndarray]:

@@ -90,14 +90,13 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         group, params = _groups(groups, len(arrays)), self._parameters(form, arrays)
         names, session = [str(label) for label in classes], np.zeros(len(arrays), dtype=int)
         recordings = ArrayRecordings(arrays, names, labels, session)
-        trained = train(recordings, params, group[recordings.columns["recording"]])
         with TemporaryDirectory() as folder:
-            trained.save(Path(folder) / "classifier.pt")
-            self._file = (Path(folder) / "classifier.pt").read_bytes()
-        self.classes_, self.params_, self.notes_, self._form = classes, params, trained.notes, form
-        self._columns = [names.index(name) for name in trained.frames.classes]
+            path = Path(folder) / "classifier.pt"
+            notes = train(recordings, params, group[recordings.columns["recording"]], path)
+            self._file = path.read_bytes()
+        self.classes_, self.params_, self.notes_, self._form = classes, params, notes, form
         self._load()
-        for note in warnings_of(trained.notes):
+        for note in warnings_of(notes):
             warnings.warn(note.text, stacklevel=2)
         return self
 
@@ -110,11 +109,13 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """
         check_is_fitted(self, "recogniser_")
         _, arrays, _ = self._checked(X)
-        probabilities = np.zeros((len(arrays), len(self.classes_)), dtype=np.float32)
-        if self._form == RECORDINGS:
-            probabilities[:, self._columns] = self._of_recordings(arrays)
-        else:
-            probabilities[:, self._columns] = self.recogniser_.probabilities(np.stack(arrays))
+        names = [str(label) for label in self.classes_]
+        probabilities = np.zeros((len(arrays), len(names)), dtype=np.float32)
+        probabilities[:, [names.index(name) for name in self.recogniser_.classes]] = (
+            self._of_recordings(arrays)
+            if self._form == RECORDINGS
+            else self.recogniser_.probabilities(np.stack(arrays))
+        )
         return probabilities
 
     def predict(self, X: Any) -> np.ndarray:
@@ -133,9 +134,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "recogniser_")
         with atomic_write(path) as part:
             part.write_bytes(self._file)
-
-    def __sklearn_is_fitted__(self) -> bool:
-        return hasattr(self, "recogniser_")
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the recogniser, which is loaded anew from the classifier's file."""

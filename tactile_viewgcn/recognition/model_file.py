@@ -59,9 +59,7 @@ def save_classifier(
     """Write a classifier to a file, with what a `Recogniser` needs to use it on raw counts.
 
     Args:
-        model: that the classifier was built with.
-        frames: its training data.
-        precision: of its training, in which a `Recogniser` also computes.
+        model: that the classifier was built with; frames: its training data; precision: of its training.
         calibration: with it the classifier takes any number of views up to V.
     """
     sessions, baselines = session_baselines(frames)

@@ -142,15 +142,15 @@ class Recogniser:
         temperature = self.temperatures[views - 1] if self.temperatures is not None else 1.0
         return (logits / temperature).softmax(dim=-1).numpy()
 
-    def check_sequential(self, confidence_threshold: float, name: str = "confidence_threshold") -> None:
-        """Raise a UserError if the classifier takes V views alone, or the threshold of this name is no probability."""
+    def check_sequential(self, confidence_threshold: float) -> None:
+        """Raise a UserError if the classifier takes V views alone, or the threshold is no probability."""
         if self.temperatures is None:
             raise UserError(
                 f"the classifier takes {self.classifier.views} views and no fewer; fine-tune it with "
                 "finetune.num_views random and split.validation above 0"
             )
         if not 0 <= confidence_threshold <= 1:
-            raise UserError(f"{name} is {confidence_threshold:g}; expected a probability, 0 to 1")
+            raise UserError(f"confidence threshold is {confidence_threshold:g}; expected a probability, 0 to 1")
 
     def predict_sequential(
         self, frames: Iterable[np.ndarray], confidence_threshold: float, baseline: np.ndarray | None = None

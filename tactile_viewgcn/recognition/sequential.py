@@ -62,13 +62,11 @@ def sequential_trials(
     anchors: np.ndarray,
     rngs: Iterable[np.random.Generator],
 ) -> SequentialTrials:
-    """Predictions for one sequence of V frames from each anchor, in each trial.
+    """Predictions for one sequence of V frames from each anchor (A,), in each trial, which has a generator of its own.
 
     Args:
         temperatures: for 1 to V frames.
         values: (n, ...) of the frames, see `Classifier`; labels, recording: (n,); recordings are numbered from 0.
-        anchors: (A,) indices of the frames that sequences start with.
-        rngs: a generator for each trial.
     """
     temperature, truth = torch.tensor(temperatures)[:, None, None], torch.from_numpy(labels[anchors].astype(np.int64))
     correct, confidence = [], []

@@ -1,9 +1,8 @@
 """The classifier of view sets that `model.system` names: a network on the backbone, or a system on the sensors.
 
 Both kinds have the same face. `frame_values` makes values (n, ...) of frames (n, 1, H, W), each alone; `logits` the
-logits (A, classes) of view sets (A, k) of indices into these. `views` is V, `takes_fewer` says whether k may be less,
-`in_time_order` whether frames are sorted by time, `transform` which input the frames are, None for the table's.
-`prepare` readies the classifier for answers on a device. `state_dict` and `load_state_dict` are for the model's file.
+logits (A, classes) of view sets (A, k) of indices into these. `views` is V, `transform` which input the frames are,
+None for the table's. `prepare` readies the classifier for answers on a device.
 """
 
 from torch import Tensor
@@ -16,10 +15,9 @@ from tactile_viewgcn.systems import load_system, on_sensors, system_class
 Classifier = ViewNetwork | SensorClassifier
 
 
-def build_classifier(
-    viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE
-) -> ViewNetwork | SensorClassifier:
+def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE) -> Classifier:
     """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator."""
     if on_sensors(model.system):
-        return SensorClassifier(load_system(model.system).build(model), viewpoints)
+        build = load_system(model.system).build
+        return SensorClassifier(build(model.members) if model.system == "ensemble" else build(), viewpoints)
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)

@@ -1,9 +1,8 @@
-"""An ensemble of systems on the sensors, `model.members`."""
+"""An ensemble of systems on the sensors."""
 
-from tactile_viewgcn.params import Model
 from tactile_viewgcn.sensors.pipelines import MEMBERS
-from tactile_viewgcn.sensors.systems import Ensemble, SensorSystem
+from tactile_viewgcn.sensors.systems import Ensemble
 
 
-def build(model: Model) -> SensorSystem:
-    return Ensemble([MEMBERS[name]() for name in model.members])
+def build(members: list[str]) -> Ensemble:
+    return Ensemble([MEMBERS[name]() for name in members])

@@ -1,9 +1,5 @@
 """Kernel ridge regression on single frames."""
 
-from tactile_viewgcn.params import Model
 from tactile_viewgcn.sensors.pipelines import kernel
-from tactile_viewgcn.sensors.systems import SensorSystem
 
-
-def build(model: Model) -> SensorSystem:
-    return kernel()
+build = kernel

@@ -1,9 +1,5 @@
 """Multinomial logistic regression on single frames."""
 
-from tactile_viewgcn.params import Model
 from tactile_viewgcn.sensors.pipelines import logistic
-from tactile_viewgcn.sensors.systems import SensorSystem
 
-
-def build(model: Model) -> SensorSystem:
-    return logistic()
+build = logistic

@@ -1,9 +1,5 @@
 """A small residual network on the maximum of each sensor over a view set."""
 
-from tactile_viewgcn.params import Model
 from tactile_viewgcn.sensors.pipelines import max_network
-from tactile_viewgcn.sensors.systems import SensorSystem
 
-
-def build(model: Model) -> SensorSystem:
-    return max_network()
+build = max_network

@@ -13,7 +13,6 @@ import torch.nn.functional as functional
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor, nn
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model
 
@@ -23,12 +22,8 @@ class RotationNet(ViewSystem):
 
     `model.assignments` says which are possible: `any` permutation, of which the best is computed exactly (Kuhn 1955),
     or `rotations` of the cube, whose vertices the viewpoints must then be.
-
-    Raises:
-        UserError: rotations of viewpoints that are no cube.
     """
 
-    packages = ("scipy",)
     possible: Tensor | None
 
     def __init__(self, sizes: Sizes, model: Model):
@@ -82,17 +77,8 @@ def best_permutation(ratio: Tensor) -> Tensor:
 
 
 def cube_rotations(viewpoints: Tensor) -> Tensor:
-    """int64 (24, 8): for each rotation of a cube, the vertex that each vertex comes to.
-
-    Raises:
-        UserError: the viewpoints (V, 3) are not the vertices (+-1, +-1, +-1).
-    """
+    """int64 (24, 8): for each rotation of a cube, the vertex of `viewpoints` (8, 3) that each vertex comes to."""
     places = viewpoints.round().long().tolist()
-    if sorted(places) != [list(place) for place in product((-1, 1), repeat=3)]:
-        raise UserError(
-            f"model.assignments is rotations, which needs the 8 viewpoints of the cube; found {len(places)} others: "
-            "set views 8 and viewpoints cube, or model.assignments any"
-        )
     rotations = []
     for axes, signs in product(permutations(range(3)), product((-1, 1), repeat=3)):
         rotation = np.zeros((3, 3), dtype=int)

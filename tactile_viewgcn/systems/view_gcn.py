@@ -115,17 +115,11 @@ class ViewGCN(ViewSystem):
             nn.init.zeros_(weight)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss.
-
-        Raises:
-            UserError: more views than the network is for, or none.
-        """
-        if not 1 <= views.shape[1] <= len(self.order):
-            raise UserError(f"view sets of {views.shape[1]} views; the network takes 1 to {len(self.order)}")
+        """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""
         with torch.autocast(views.device.type, enabled=False):
             nodes = views.to(self.viewpoints.dtype)
             count = nodes.shape[1]
-            positions = self.viewpoints[None] if count == len(self.order) else self.viewpoints[None, self.order[:count]]
+            positions = (self.viewpoints if count == len(self.order) else self.viewpoints[self.order[:count]])[None]
             descriptors, view_logits = [] if self.convolutions else [nodes[:, 0]], []
             for level, convolution in enumerate(self.convolutions):
                 nodes = convolution(nodes, positions)

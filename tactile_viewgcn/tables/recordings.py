@@ -99,12 +99,6 @@ class Recordings:
             self.weights, self.action = (file[name][()] if name in file else None for name in ("weights", "action"))
             self._pressure = mapped(path, file["pressure"])
 
-    def __enter__(self) -> "Recordings":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """The file is closed already; its mapping ends with the last array on it."""
-
     def __len__(self) -> int:
         return len(self._pressure)
 

@@ -41,10 +41,7 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
 
 
 def checkpoint_path(stage: str, key: str, compute: Compute) -> Path:
-    """The path of a stage's training, named by a hash of all that its result depends on.
-
-    `key` says which parameters, inputs and code the stage has; versions and the machine count besides.
-    """
+    """The path of a stage's training, by a hash of its key (parameters, inputs and code), versions and machine."""
     machine = (compute.device.type, compute.precision, torch.__version__, np.__version__)
     everything = (key, machine, torch.get_num_threads(), distributed.size())
     return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(everything).encode()).hexdigest()[:16]}.pt"
@@ -52,23 +49,14 @@ def checkpoint_path(stage: str, key: str, compute: Compute) -> Path:
 
 @dataclass
 class Progress:
-    """How far a training has come.
+    """How far a training has come."""
 
-    Attributes:
-        epoch: number of epochs done.
-        curves: by name, a value per epoch.
-        seconds: spent on these epochs.
-        first_loss: of the very first batch; later losses are compared with it.
-        diverged: in which epoch, at what learning rate, and the remedy; empty if it did not diverge.
-        resumed: epochs done before the last interruption, and the seconds spent on them.
-    """
-
-    epoch: int = 0
-    curves: dict[str, list[float]] = field(default_factory=dict)
+    epoch: int = 0  # number of epochs done
+    curves: dict[str, list[float]] = field(default_factory=dict)  # a value per epoch
     seconds: float = 0.0
-    first_loss: float | None = None
-    diverged: str = ""
-    resumed: tuple[int, float] = (0, 0.0)
+    first_loss: float | None = None  # of the very first batch; later losses are compared with it
+    diverged: str = ""  # in which epoch, at what learning rate, and the remedy
+    resumed: tuple[int, float] = (0, 0.0)  # epochs and seconds before the last interruption
 
     def __str__(self) -> str:
         before = f" ({self.resumed[0]} of them before an interruption)" if self.resumed[0] else ""
@@ -89,9 +77,7 @@ class Checkpoint:
     Args:
         path: the file; None saves nothing but the weights, in memory.
         state: what has a `state_dict`: modules, optimiser, feature bank.
-        generators: torch's generators that are drawn from, besides torch's default one.
-        rngs: NumPy's generators that are drawn from.
-        device: where it is trained.
+        generators, rngs: torch's, besides its default one, and NumPy's that are drawn from.
     """
 
     def __init__(
@@ -110,8 +96,7 @@ class Checkpoint:
         for name, weights in self._weights[-1 - epochs].items():
             self._state[name].load_state_dict(weights)
 
-    def _remember(self) -> None:
-        """Copy the weights of the modules, for `restore_weights`."""
+    def _remember_weights(self) -> None:
         weights = {
             name: {key: value.clone() for key, value in item.state_dict().items()}
             for name, item in self._state.items()
@@ -120,8 +105,8 @@ class Checkpoint:
         self._weights = [*self._weights[-1:], weights]
 
     def save(self, progress: Progress) -> None:
-        """Save the state as it is now; of several processes the first one does."""
-        self._remember()
+        """Save the state as it is now; of several processes the first one writes the file."""
+        self._remember_weights()
         if self.path is None or rank():
             return
         content = {
@@ -158,7 +143,7 @@ class Checkpoint:
             if self._device.type == "cuda":
                 torch.cuda.set_rng_state(content["cuda"], self._device)
             self._weights = content["before"]
-        self._remember()
+        self._remember_weights()
         progress = Progress(**content["progress"])
         progress.resumed = progress.epoch, progress.seconds
         return progress

@@ -51,19 +51,14 @@ def process_group(compute: Compute, alone: bool = False) -> Iterator[None]:
         raise UserError(LOST) from error
 
 
-def together() -> bool:
-    """Whether `torchrun` started this process, alone or with others."""
-    return dist.is_initialized()
-
-
 def size() -> int:
     """Number of processes that train together."""
-    return dist.get_world_size() if together() else 1
+    return dist.get_world_size() if dist.is_initialized() else 1
 
 
 def wait_for_all() -> None:
     """Return once every process is here."""
-    if together():
+    if dist.is_initialized():
         dist.barrier()
 
 
@@ -73,7 +68,7 @@ def rows(count: int) -> slice:
     Raises:
         UserError: fewer than two examples for a process, which batch normalisation needs.
     """
-    if not together():
+    if not dist.is_initialized():
         return slice(0, count)
     parts, number = dist.get_world_size(), dist.get_rank()
     if parts > 1 and count < 2 * parts:
@@ -87,12 +82,12 @@ def rows(count: int) -> slice:
 def weighted(loss: Tensor, count: int) -> Tensor:
     """The mean loss of this process's part of a batch of `count`, scaled: its mean over processes is the batch's."""
     part = rows(count)
-    return loss * ((part.stop - part.start) * size() / count) if together() else loss
+    return loss * ((part.stop - part.start) * size() / count) if dist.is_initialized() else loss
 
 
 def gather(values: Tensor, count: int) -> Tensor:
     """Values (count, ...) of the whole batch, without a gradient, from each process's values of its `rows`."""
-    if not together():
+    if not dist.is_initialized():
         return values.detach()
     whole = values.new_zeros((count, *values.shape[1:]))
     whole[rows(count)] = values.detach()
@@ -102,7 +97,7 @@ def gather(values: Tensor, count: int) -> Tensor:
 
 def mean(value: Tensor) -> Tensor:
     """Mean over the processes."""
-    if together():
+    if dist.is_initialized():
         value = value.clone()
         dist.all_reduce(value)
         value /= size()
@@ -114,7 +109,7 @@ def parallel(loss: nn.Module, *, some_unused: bool = False) -> nn.Module:
 
     `some_unused`: not every batch uses all weights.
     """
-    if not together():
+    if not dist.is_initialized():
         return loss
     if dist.get_rank():  # the dropout of each part is another
         torch.manual_seed(torch.initial_seed() + dist.get_rank())

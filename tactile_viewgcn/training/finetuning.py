@@ -86,9 +86,7 @@ def finetune_classifier(
 
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
-        params: `seed`, `cluster.assignment`, `model`, `finetune` and `augment` are read.
-        checkpoint_path: see `pretrain_backbone`.
-        on_epoch: see `pretrain_backbone`.
+        checkpoint_path, on_epoch: see `pretrain_backbone`.
 
     Returns:
         classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
@@ -113,73 +111,60 @@ def finetune_classifier(
     if classifier.head.trainable:
         validation = SideViewSets(VALIDATION, table, views, compute, seed, params.cluster.assignment)
         noise = config.noise * full_scale(table.transform, table.scale)
-        training = _Finetuning(classifier, train, validation, noise, params, compute)
-        progress = training.run(checkpoint_path, on_epoch)
+        progress = _train(classifier, train, validation, noise, params, compute, checkpoint_path, on_epoch)
     if config.moments == "clean":
         measure_moments(classifier, train.frames, train.draw(), compute, torch_generator(seed, "finetune.moments"))
     return classifier, progress
 
 
-class _Finetuning:
-    """The training of a network on the view sets of one side; `noise` in units of network input."""
+def _train(
+    network: ViewNetwork,
+    train: SideViewSets,
+    validation: SideViewSets,
+    noise: float,
+    params: Params,
+    compute: Compute,
+    checkpoint_path: Path | None,
+    on_epoch: OnEpoch | None,
+) -> Progress:
+    """Train the network on the view sets of one side; `noise` in units of network input."""
+    config = params.finetune
+    on_device = torch_generator(params.seed, "finetune.noise", compute.device)
+    augment_frames = Augmentation(noise, params.augment, on_device)
+    first_sets = train.draw()
+    validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
+    reuse = config.feature_reuse > 1 and network.views > 1
+    bank = FeatureBank(len(train.frames), network.feature_shape, compute) if reuse else None
+    loss = SetLoss(network, bank, augment_frames, compute)
+    parallel_loss = distributed.parallel(loss, some_unused=config.num_views == "random")
+    loss_of = Replay(parallel_loss, network.parameters(), [on_device])
+    backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
+    optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
+    checkpoint = Checkpoint(
+        checkpoint_path,
+        {"classifier": network, "optimiser": optimiser} | ({"bank": bank} if bank else {}),
+        {"noise": on_device},
+        {"draw": train.rng},
+        compute.device,
+    )
 
-    def __init__(
-        self,
-        network: ViewNetwork,
-        train: SideViewSets,
-        validation: SideViewSets,
-        noise: float,
-        params: Params,
-        compute: Compute,
-    ):
-        self.network, self.train, self.validation, self.compute = network, train, validation, compute
-        self.config = config = params.finetune
-        self.noise_rng = torch_generator(params.seed, "finetune.noise", compute.device)
-        self.augment_frames = Augmentation(noise, params.augment, self.noise_rng)
-        self.first_sets = train.draw()
-        self.validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
-        reuse = config.feature_reuse > 1 and network.views > 1
-        self.bank = FeatureBank(len(train.frames), network.feature_shape, compute) if reuse else None
-        loss = SetLoss(network, self.bank, self.augment_frames, compute)
-        parallel_loss = distributed.parallel(loss, some_unused=config.num_views == "random")
-        self.loss_of = Replay(parallel_loss, network.parameters(), [self.noise_rng])
-
-    def run(self, checkpoint_path: Path | None, on_epoch: OnEpoch | None) -> Progress:
-        """Train for all epochs, or those that are left."""
-        config, network = self.config, self.network
-        backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
-        optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
-        state = {"classifier": network, "optimiser": optimiser} | ({"bank": self.bank} if self.bank else {})
-        rngs = {"noise": self.noise_rng}, {"draw": self.train.rng}
-        checkpoint = Checkpoint(checkpoint_path, state, *rngs, self.compute.device)
-        steps, factor = num_batches(len(self.train.anchors), config.batch), lr_lambda(config)
-        return fit(
-            "finetune", config.epochs, steps, optimiser, factor, self.losses, self.validate, checkpoint, on_epoch
-        )
-
-    def losses(self, epoch: int) -> Iterator[Tensor]:
-        """The loss of each batch of an epoch, each computed when it is asked for."""
-        config, train = self.config, self.train
-        self.network.train()
-        if self.bank is not None and epoch == 0:
-            self.bank.fill(self.network.backbone, train.frames, batch=config.batch, augment_frames=self.augment_frames)
-        drawn = self.first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
-        return set_losses(
-            self.loss_of,
-            train.frames,
-            train.labels,
-            train.batches(drawn, config),
-            in_time_order=self.network.head.in_time_order,
-            compute=self.compute,
-        )
+    def losses(epoch: int) -> Iterator[Tensor]:
+        network.train()
+        if bank is not None and epoch == 0:
+            bank.fill(network.backbone, train.frames, batch=config.batch, augment_frames=augment_frames)
+        plan = train.batches(first_sets if config.resample_views == "never" or epoch == 0 else train.draw(), config)
+        in_time_order = network.head.in_time_order
+        return set_losses(loss_of, train.frames, train.labels, plan, in_time_order=in_time_order, compute=compute)
 
     @torch.inference_mode()
-    def validate(self) -> dict[str, float]:
-        """The error on the validation side, if there is one."""
-        if self.validation_sets is None:
+    def validate() -> dict[str, float]:
+        if validation_sets is None:
             return {}
-        self.network.eval()
-        with self.compute.autocast():
-            features = extract_features(self.network.backbone, self.validation.frames)
-        logits = view_set_logits(self.network.head, features, self.validation_sets.to(self.compute.device))
-        return {"validation_error": error_rate(logits, self.validation.labels[self.validation.anchors])}
+        network.eval()
+        with compute.autocast():
+            features = extract_features(network.backbone, validation.frames)
+        logits = view_set_logits(network.head, features, validation_sets.to(compute.device))
+        return {"validation_error": error_rate(logits, validation.labels[validation.anchors])}
+
+    steps, factor = num_batches(len(train.anchors), config.batch), lr_lambda(config)
+    return fit("finetune", config.epochs, steps, optimiser, factor, losses, validate, checkpoint, on_epoch)

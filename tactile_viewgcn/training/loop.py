@@ -42,16 +42,11 @@ def fit(
     After the last epoch one more loss is computed, to see that its last step has not spoilt the weights.
 
     Args:
-        name: of the bar that shows the progress.
-        steps: of an epoch.
+        name: of the bar that shows the progress; steps: of an epoch.
         losses: epoch -> the losses of its batches, one by one.
         validate: values to note after an epoch besides the mean loss.
         checkpoint: saved after every epoch; a saved training is continued.
-        on_epoch: called after every epoch with its number, from 1, and its values, the mean loss and what `validate`
-            gave; first with those of the epochs that the checkpoint holds.
-
-    Returns:
-        The values of every epoch, the seconds spent, including those before an interruption, and whether it diverged.
+        on_epoch: called with the number, from 1, and the values of every epoch, those of the checkpoint too.
 
     Raises:
         UserError: it diverges in its first epoch, so that nothing is learnt.

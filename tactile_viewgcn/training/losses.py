@@ -55,11 +55,8 @@ class SetLoss(nn.Module):
         """The loss, a scalar, of the whole batch's arguments.
 
         Args:
-            frames: (B * f, 1, H, W) that pass through the backbone.
-            labels: (B,) of the sets.
-            sets: (B, k) indices of frames.
-            fresh: (B, f) columns of the frames that pass.
-            first: `first_places` of these frames' indices.
+            frames: (B * f, 1, H, W) that pass through the backbone; labels: (B,) of the sets.
+            sets, fresh, first: see `FeatureBank.nodes`.
         """
         count, rows, each = len(sets), distributed.rows(len(sets)), fresh.shape[1]
         frames = self.augment_frames(frames)[rows.start * each : rows.stop * each]

@@ -33,9 +33,8 @@ def pretrain_backbone(
     """The backbone and its linear classifier, trained on the anchor frames of the training side.
 
     Args:
-        params: `seed`, `model.backbone`, `pretrain` and `augment` are read.
         checkpoint_path: where the training is saved after every epoch; a saved one is continued.
-        on_epoch: called after every epoch, see `fit`.
+        on_epoch: see `fit`.
 
     Returns:
         backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.

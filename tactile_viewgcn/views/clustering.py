@@ -121,26 +121,17 @@ def distinct_rows(scores: np.ndarray, most: int) -> np.ndarray | None:
     """Number int64 (n,) of the distinct row that each row of scores (n, c) equals; None if more than `most` differ.
 
     Rows that differ by rounding are equal, see `MIN_DIFFERENCE`: scores are rounded to steps of that size, and rows
-    in the same or neighbouring cells of that grid are joined. Memory is proportional to n, and the search ends when
-    `most` is exceeded.
+    in the same or neighbouring cells of that grid are joined.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     step = MIN_DIFFERENCE * np.abs(scores).max(initial=0)
     cells, inverse = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
     if len(cells) > most * 2 ** scores.shape[1]:  # equal rows fall into at most two cells along each axis
         return None
-    tree, number, count = cKDTree(cells), np.full(len(cells), -1), 0
-    for first in range(len(cells)):
-        if number[first] >= 0:
-            continue
-        if count == most:
-            return None
-        number[first], waiting = count, [first]
-        while waiting:
-            near = np.array(tree.query_ball_point(cells[waiting.pop()], 1, p=np.inf))
-            new = near[number[near] < 0]
-            number[new] = count
-            waiting.extend(new.tolist())
-        count += 1
-    return number[inverse.ravel()].astype(np.int64)
+    pairs = cKDTree(cells).query_pairs(1, p=np.inf, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), (len(cells), len(cells)))
+    count, number = connected_components(graph, directed=False)
+    return number[inverse.ravel()].astype(np.int64) if count <= most else None

@@ -156,9 +156,6 @@ def test_the_command_writes_one_table_of_tests_and_checks(stability, tmp_path):
     assert [row["check"] for row in rows] == ["batches of one", "batches of one", "holds"]
     assert "stability: 3 quantities of 2 checks: 1 right, 2 refused, 0 WRONG, in" in result.output
     assert "Simulated by the virtual glove" in (tmp_path / "out" / "results.md").read_text()
-
-
-def test_a_wrong_quantity_fails_the_command_and_its_table_is_there(stability, tmp_path):
     result = stability(breaks)
     assert result.exit_code == 1
     assert "1 WRONG, see out/results.md: test_stability, breaks, an outcome" in result.output

@@ -52,24 +52,14 @@ def test_each_trial_draws_one_view_set_around_each_anchor(drawn):
         np.testing.assert_array_equal(sets[:, 0], anchors)
 
 
-def test_the_object_protocol_draws_from_all_recordings_of_a_class(drawn):
-    evaluated("evaluate.protocols=[object]")
+@pytest.mark.parametrize(("protocol", "method"), [("object", "kmeans"), ("recording", "kmeans"), ("recording", "none")])
+def test_a_view_set_is_of_one_object_and_under_the_recording_protocol_of_one_recording(drawn, protocol, method):
+    evaluated(f"evaluate.protocols=[{protocol}]", f"cluster.method={method}")
     frames = table()
-    index = frames.on(TEST)
-    label, recording = frames.label[index], frames.recording[index]
-    for sets in drawn:
-        assert (label[sets] == label[sets[:, :1]]).all()
-    assert any((recording[sets] != recording[sets[:, :1]]).any() for sets in drawn)
-
-
-@pytest.mark.parametrize("method", ["kmeans", "none"])
-def test_the_recording_protocol_never_mixes_recordings(drawn, method):
-    evaluated("evaluate.protocols=[recording]", f"cluster.method={method}")
-    frames = table()
-    recording = frames.recording[frames.on(TEST)]
-    assert len(drawn) == 3
-    for sets in drawn:
-        assert (recording[sets] == recording[sets[:, :1]]).all()
+    label, recording = (column[frames.on(TEST)] for column in (frames.label, frames.recording))
+    assert len(drawn) == 3 and all((label[sets] == label[sets[:, :1]]).all() for sets in drawn)
+    of_one = all((recording[sets] == recording[sets[:, :1]]).all() for sets in drawn)
+    assert of_one == (protocol == "recording")
 
 
 def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):

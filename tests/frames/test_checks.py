@@ -23,8 +23,8 @@ def treated(tmp_path, write, *changes, **form):
     """What is made of a glove's recordings under changed parameters."""
     write_recordings(tmp_path / "t", open_source(write(tmp_path / "glove", **form)), "")
     params = load(FILE, (*SPLIT, *(f"preprocess.{change}" for change in changes)))
-    with Recordings(tmp_path / "t") as recordings:
-        return preprocess_recordings(recordings, params.preprocess, params.split)
+    recordings = Recordings(tmp_path / "t")
+    return preprocess_recordings(recordings, params.preprocess, params.split)
 
 
 def chosen(made):
@@ -46,13 +46,6 @@ def test_what_auto_decides_is_not_warned_of(tmp_path, write):
 def test_a_baseline_of_frames_in_contact_is_warned_of(tmp_path):
     (warning,) = warnings_of(treated(tmp_path, all_contact, "baseline=quiet").notes)
     assert (warning.topic, warning.key, warning.value) == ("baseline", "preprocess.baseline", "auto")
-
-
-def test_quiet_frames_are_counted_against_those_without_contact(tmp_path):
-    changes = ("baseline=quiet", "filter=none")
-    (warning,) = warnings_of(treated(tmp_path, floats, *changes, "quiet_share=0.5").notes)
-    assert "in contact in 16 of 16 recordings" in warning.text
-    assert warnings_of(treated(tmp_path / "again", floats, *changes, "quiet_share=0.2").notes) == []
 
 
 def test_a_scale_that_clips_the_readings_is_warned_of_with_one_that_does_not(tmp_path):
@@ -83,8 +76,8 @@ def test_recordings_like_stags_are_preprocessed_as_in_the_paper(tmp_path):
     few = ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1")
     paper = ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150")
     asked = [load(FILE, few), load(FILE, (*few, *paper))]
-    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
+    recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
+    made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
     assert made.params == same.params == Preprocess(**vars(asked[1].preprocess))
     for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):
         np.testing.assert_array_equal(getattr(made.frames, name), getattr(same.frames, name))

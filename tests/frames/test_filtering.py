@@ -27,8 +27,7 @@ BASELINE = Baseline(
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
     path = tmp_path_factory.mktemp("table") / "t"
-    with written(path, COUNTS, object=OBJECTS, session=SESSIONS) as table:
-        yield table
+    return written(path, COUNTS, object=OBJECTS, session=SESSIONS)
 
 
 def _in_contact(frame, sensors, sigmas):
@@ -62,14 +61,14 @@ def test_as_many_sensors_as_asked_for_must_lie_above_the_threshold_and_not_on_it
     above = {"none": [520, 520, 520], "one": [521, 520, 520], "two": [521, 520, 540], "three": [521, 600, 540]}
     counts = np.array(list(above.values()), dtype=np.int16)[:, None, :]
     counts = np.concatenate([counts, np.full((1, 1, 3), 510, np.int16)])  # makes every sensor vary
-    with written(tmp_path / "t", counts, object=1) as recordings:
-        contact = in_contact(recordings, _baseline(510, 2, 5), sensors=2, sigmas=5.0)
+    recordings = written(tmp_path / "t", counts, object=1)
+    contact = in_contact(recordings, _baseline(510, 2, 5), sensors=2, sigmas=5.0)
     assert contact.tolist() == [False, False, True, True, False]
 
 
 def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):
     valid, steady = np.array([1, 1, 1, 0], dtype=bool), np.array([0, 1, 0, 1], dtype=bool)
-    with written(tmp_path / "a", COUNTS[:4], valid=valid, grasp_valid=steady) as recordings:
-        assert flagged(recordings).tolist() == steady.tolist()
-    with written(tmp_path / "b", COUNTS[:4], valid=valid) as recordings:
-        assert flagged(recordings).tolist() == valid.tolist()
+    recordings = written(tmp_path / "a", COUNTS[:4], valid=valid, grasp_valid=steady)
+    assert flagged(recordings).tolist() == steady.tolist()
+    recordings = written(tmp_path / "b", COUNTS[:4], valid=valid)
+    assert flagged(recordings).tolist() == valid.tolist()

@@ -17,8 +17,8 @@ SD = np.hypot(NOISE, 12**-0.5)  # of counts, which are rounded
 def measured(path, glove, kept=slice(None), **names):
     """The baseline of some of a glove's frames, by grasp."""
     columns = {name: values[kept] for name, values in glove.columns.items()}
-    with written(path, glove.counts[kept], **columns, **names) as recordings:
-        return grasp_baseline(recordings, **CONTACT)
+    recordings = written(path, glove.counts[kept], **columns, **names)
+    return grasp_baseline(recordings, **CONTACT)
 
 
 def test_a_grasp_begins_as_the_hand_opens_after_contact_and_frames_between_belong_to_the_one_before():
@@ -50,10 +50,9 @@ def test_the_noise_is_that_of_the_grasp_s_own_session(tmp_path):
     glove = drifting(objects=2, recordings=2, grasps=3)
     session = glove.columns["recording"] % 2
     more = np.random.default_rng(1).normal(0, 4, glove.counts.shape) * (session == 1)[:, None, None]
-    with written(
-        tmp_path / "t", glove.counts + np.rint(more).astype(np.int16), **glove.columns | {"session": session}
-    ) as recordings:
-        baseline = grasp_baseline(recordings, sensors=5, sigmas=3.0)
+    counts = glove.counts + np.rint(more).astype(np.int16)
+    recordings = written(tmp_path / "t", counts, **glove.columns | {"session": session})
+    baseline = grasp_baseline(recordings, sensors=5, sigmas=3.0)
     of_session = [np.unique(baseline.of_frame[session == number]) for number in (0, 1)]
     np.testing.assert_allclose(baseline.noise[of_session[0]].mean(), SD, rtol=0.1)
     np.testing.assert_allclose(baseline.noise[of_session[1]].mean(), np.hypot(SD, 4), rtol=0.1)
@@ -61,8 +60,8 @@ def test_the_noise_is_that_of_the_grasp_s_own_session(tmp_path):
 
 def test_with_it_contact_is_baseline_that_the_session_s_empty_hand_hides(tmp_path):
     glove = drifting(between=2 * SIGNAL, within=10)
-    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
-        contact = in_contact(recordings, grasp_baseline(recordings, **CONTACT), **CONTACT)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns)
+    contact = in_contact(recordings, grasp_baseline(recordings, **CONTACT), **CONTACT)
     np.testing.assert_array_equal(contact, ~glove.open | (glove.columns["object"] == 0))
 
 
@@ -99,9 +98,5 @@ def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has
     names = {"objects": [f"object{i}" for i in range(4)], "sessions": ["monday"]}
     assert len(measured(tmp_path / "t", glove, held, **names).names) == 4 * 6
     short = held & ((glove.columns["recording"] != 3) | (np.arange(len(held)) % (OPEN + HELD) >= OPEN - 3))
-    sentence = (
-        r"^recording 'recording3' has fewer than 5 open-hand frames, and its session 'monday' fewer of 'empty_hand'; "
-        r"preprocess\.baseline grasp needs 5 of either: record the empty hand, or set it to auto$"
-    )
-    with pytest.raises(UserError, match=sentence):
+    with pytest.raises(UserError, match=r"^recording 'recording3' has fewer than 5 .* 'monday' fewer of 'empty_hand'"):
         measured(tmp_path / "u", glove, short, **names)

@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.automatic import decide
-from tactile_viewgcn.frames.inspection import inspect_recordings, sensors_in_contact
+from tactile_viewgcn.frames.inspection import sensors_in_contact
 from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
-from tactile_viewgcn.pages.recommendation import recommend, split_choices
+from tactile_viewgcn.pages.recommendation import recommend
 from tactile_viewgcn.pages.source_inspection import inspect_source, overview
 from tactile_viewgcn.params import load
-from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.drifting import drifting
 from tests.grips import COLUMNS, COUNTS, FILE
 from tests.sources import written
-from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, SIGNAL, all_contact, drifting_array, floats
+from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, all_contact, drifting_array, floats
 
 
 def chosen(page):
@@ -41,15 +39,6 @@ def test_recordings_that_are_all_contact_are_taken_as_they_are(tmp_path):
     assert page.first_frame.error < 0.1 and page.leaks == {}  # it is touch, and no leak
 
 
-def test_what_sensors_read_at_least_is_the_zero_of_recordings_that_are_all_contact(tmp_path):
-    source = open_source(all_contact(tmp_path / "glove"))
-    raised = replace(source, blocks=({**one, "pressure": one["pressure"] + np.int16(500)} for one in source.blocks))
-    write_recordings(tmp_path / "t", raised, "")
-    with Recordings(tmp_path / "t") as recordings:
-        page = shown(recordings)
-    assert page.inspection.all_contact and chosen(page)["zero"] == page.inspection.zero == 500
-
-
 @pytest.mark.parametrize("open_hand", [0.05, 0.0])  # with 0, half of the noise of 0.015 is cut off
 def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path, open_hand):
     page = inspect_source(floats(tmp_path / "glove", open_hand=open_hand))
@@ -64,37 +53,6 @@ def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path,
 
 
 @pytest.mark.parametrize(
-    ("recorded", "grasped", "by"),
-    [
-        ([10, 1, 10, 1, 10], [20, 2, 20, 2, 20], "recording"),
-        ([3, 3, 1, 1, 1, 1], [3, 3, 1, 1, 1, 1], "recording"),
-        ([3, 3, 1, 1, 1, 1], [6, 6, 4, 4, 4, 4], "grasp"),
-        ([3, 1, 1], [3, 1, 1], "frame"),
-    ],
-)
-def test_what_is_held_out_is_what_objects_are_recorded_twice_of(tmp_path, recorded, grasped, by):
-    """Numbers of recordings and of grasps of each object."""
-    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        inspection = inspect_recordings(recordings, sensors=4)
-    groups, objects = (
-        {"recording": np.array(recorded), "grasp": np.array(grasped)},
-        [f"o{i}" for i in range(len(recorded))],
-    )
-    split = split_choices(replace(inspection, objects=objects, label=np.arange(len(objects)), groups=groups))[0]
-    assert split.value == by and ("cannot be tested" in split.text) == (by == "recording")
-
-
-def test_the_open_hand_of_a_small_array_is_found_below_a_drift_of_twice_the_signal(tmp_path):
-    page = inspect_source(drifting_array(tmp_path / "glove"))
-    inspection, settings = page.inspection, chosen(page)
-    assert not inspection.all_contact and inspection.contact_sensors == 2
-    assert (np.abs(inspection.contact - 400) < 30).all() and (inspection.open > 150).all()
-    assert np.median(page.drift) > 30  # standard deviations of noise
-    assert (settings["baseline"], settings["filter"], settings["contact_sensors"]) == ("grasp", "contact", 2)
-    assert settings["scale"] == 150 and page.above[3] == pytest.approx(SIGNAL, rel=0.15)
-
-
-@pytest.mark.parametrize(
     ("flagged", "contact", "light", "filtered"),
     [(5, 15, 15, "contact"), (7, 8, 8, "flags"), (5, 15, 0, "flags"), (0, 15, 15, "contact")],
 )
@@ -102,8 +60,8 @@ def test_flags_are_taken_unless_they_are_few_beside_contact_and_contact_is_in_ev
     tmp_path, flagged, contact, light, filtered
 ):
     """Frames of each recording; `light` are those in contact with the last object."""
-    with written(tmp_path / "t", COUNTS, **COLUMNS) as recordings:
-        page = shown(recordings, sensors=4)
+    recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
+    page = shown(recordings, sensors=4)
     label = page.inspection.label
     counts = {"flagged": np.full(len(label), flagged), "contact": np.where(label == label.max(), light, contact)}
     assert chosen(replace(page, inspection=replace(page.inspection, **counts)))["filter"] == filtered
@@ -114,8 +72,8 @@ def test_a_baseline_that_tells_the_object_or_drifts_as_far_as_contact_is_taken_o
     tmp_path, between, baseline
 ):
     glove = drifting(objects=6, between=between, same=True)
-    with written(tmp_path / "t", glove.counts, **glove.columns) as recordings:
-        page = shown(recordings, sensors=5)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns)
+    page = shown(recordings, sensors=5)
     assert page.inspection.drifts_from_empty_hand == (between == 60) and chosen(page)["baseline"] == baseline
     assert ("empty_hand" in page.leaks and page.leaks["empty_hand"].tells_object) == (between > 0)
 
@@ -126,8 +84,8 @@ def test_auto_decides_as_inspect_recommends_with_a_split_that_is_published_in_pa
     glove = drifting(objects=6, between=1.5, same=True)
     split = np.isin(glove.columns["object"], in_test) & (glove.columns["grasp"] == 0)
     asked = load(FILE, ("preprocess.contact_sensors=5",)).preprocess
-    with written(tmp_path / "t", glove.counts, **glove.columns, split=split.astype(np.int8)) as recordings:
-        page, decision = shown(recordings, sensors=5), decide(recordings, asked)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns, split=split.astype(np.int8))
+    page, decision = shown(recordings, sensors=5), decide(recordings, asked)
     assert decision.params.baseline == chosen(page)["baseline"] == baseline
     assert recommend(page)[: len(decision.choices) - 1] == decision.choices[:-1]
 
@@ -136,23 +94,17 @@ def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array():
     assert [sensors_in_contact(count) for count in (1, 16, 96, 384, 548, 1400)] == [2, 2, 3, 10, 14, 14]
 
 
-def test_stuck_and_saturated_sensors_are_found(tmp_path):
+def test_stuck_and_saturated_sensors_and_gaps_in_time_are_found(tmp_path):
     rng = np.random.default_rng(0)
     counts = rng.normal(500, 20, (200, 4, 5)).round().astype(np.int16)
     counts[:, 0, 0] = 500 + (np.arange(200) == 7)
     counts[::2, 1, 1], counts[:, 2, 2] = 1024, 510
-    with written(tmp_path / "t", counts, object=np.arange(200) % 2) as recordings:
-        page = shown(recordings)
+    time = np.arange(200) / 10 + 50 * (np.arange(200) >= 100)
+    recordings = written(tmp_path / "t", counts, time=time, object=np.arange(200) % 2)
+    page = shown(recordings)
     assert np.argwhere(page.stuck).tolist() == [[0, 0]]
     assert np.argwhere(page.saturated > 0.01).tolist() == [[1, 1]] and page.saturated[1, 1] == 0.5
     assert not page.inspection.live[2, 2] and page.inspection.live.sum() == 19
-
-
-def test_gaps_in_time_are_counted(tmp_path):
-    time = np.concatenate([np.arange(30) / 10, 10 + np.arange(30) / 10])
-    counts = np.random.default_rng(0).normal(500, 2, (60, 3, 3)).round().astype(np.int16)
-    with written(tmp_path / "t", counts, time=time, object=np.arange(60) % 2) as recordings:
-        page = shown(recordings)
     assert (page.interval, page.gaps) == (pytest.approx(0.1), 1)
 
 

@@ -19,10 +19,10 @@ def checked(path, glove, *changes, columns=None, seed=0, **names):
     """The leak check of a glove's recordings, by grasp if nothing else is said."""
     changed = ("preprocess.baseline=empty_hand", "preprocess.contact_sensors=5", "split.by=grasp", *changes)
     params = load(FILE, changed)
-    with written(path, glove.counts, **(columns or glove.columns), **names) as recordings:
-        baseline = measure_baseline(recordings, params.preprocess)
-        hand = find_open_hand(recordings, sensors=5, sigmas=params.preprocess.contact_sigmas)
-        return check_leak(recordings, baseline, hand, params.split.by, np.random.default_rng(seed))
+    recordings = written(path, glove.counts, **(columns or glove.columns), **names)
+    baseline = measure_baseline(recordings, params.preprocess)
+    hand = find_open_hand(recordings, sensors=5, sigmas=params.preprocess.contact_sigmas)
+    return check_leak(recordings, baseline, hand, params.split.by, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"])
@@ -72,9 +72,9 @@ def test_a_session_s_shift_is_no_leak_of_first_frames(tmp_path):
     counts = 500 + rng.normal(0, 20, (6, 4, 5))[session] + rng.normal(0, 1, (len(session), 4, 5))
     columns = {"object": label, "recording": 4 * label + number, "session": session}
     names = {"objects": [f"object{i}" for i in range(12)]}
-    with written(tmp_path / "t", np.rint(counts).astype(np.int16), **columns, **names) as recordings:
-        hand = find_open_hand(recordings, sensors=5, sigmas=5.0)
-        leak = check_first_frames(recordings, hand, rng)
+    recordings = written(tmp_path / "t", np.rint(counts).astype(np.int16), **columns, **names)
+    hand = find_open_hand(recordings, sensors=5, sigmas=5.0)
+    leak = check_first_frames(recordings, hand, rng)
     assert (leak.groups, leak.frames) == (48, 48) and leak.error > 0.75 and not leak.tells_object
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
 from tests.grips import BLANK, COLUMNS, COUNTS, HELD, prepared
 
@@ -20,30 +19,15 @@ def test_no_group_stands_on_two_sides_and_both_sides_have_every_class(tmp_path, 
     np.testing.assert_array_equal(frames.group, selection.group[selection.keep])
 
 
-@pytest.mark.parametrize("by", ["recording", "grasp", "session"])
-def test_every_kept_frame_is_tested_in_exactly_one_fold_of_a_deal(tmp_path, by):
-    for deal in (0, 1):
-        times, changes = np.zeros(len(COUNTS), dtype=int), (f"split.by={by}", "split.folds=2", f"split.deal={deal}")
-        for fold in range(2):
-            _, selection, _ = prepared(tmp_path, *changes, f"split.fold={fold}")
-            times += selection.keep & (selection.side == TEST)
-        np.testing.assert_array_equal(times, COLUMNS["valid"])
-
-
-def test_the_published_split_is_taken_as_it_is(tmp_path):
-    frames, selection, _ = prepared(tmp_path)
-    np.testing.assert_array_equal(selection.side[selection.keep] == TEST, COLUMNS["split"][COLUMNS["valid"]] == 1)
-    assert (frames.on(TRAIN).size, frames.on(TEST).size) == (12 * HELD, 6 * HELD)
-    assert "split: the published split has 0 recordings on both sides" in map(str, selection.notes)
-
-
-def test_recordings_that_the_published_split_shares_are_counted(tmp_path):
+def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares_are_counted(tmp_path):
     split = COLUMNS["split"].copy()
     split[np.isin(COLUMNS["recording"], [0, 4, 7]) & (COLUMNS["frame"] >= 12)] = 1
     split[(COLUMNS["recording"] == 9) & ~COLUMNS["valid"]] = 1  # frames that the filter drops share nothing
     split[(COLUMNS["recording"] == 11) & ~COLUMNS["valid"]] = 0
-    _, selection, _ = prepared(tmp_path, columns=COLUMNS | {"split": split})
-    assert "split: the published split has 3 recordings on both sides" in map(str, selection.notes)
+    for published, shared in ((COLUMNS["split"], 0), (split, 3)):
+        frames, selection, _ = prepared(tmp_path, columns=COLUMNS | {"split": published})
+        np.testing.assert_array_equal(frames.side == TEST, published[COLUMNS["valid"]] == 1)
+        assert f"split: the published split has {shared} recordings on both sides" in map(str, selection.notes)
 
 
 def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
@@ -99,13 +83,6 @@ def test_the_sources_balanced_frames_are_the_anchors(tmp_path):
     np.testing.assert_array_equal(selection.anchor, balanced & COLUMNS["valid"])
     np.testing.assert_array_equal(frames.anchor, balanced[COLUMNS["valid"]])
     assert any("balanced frames" in note.text for note in selection.notes)
-
-
-@pytest.mark.parametrize("side", ["train", "test"])
-def test_balanced_frames_that_leave_a_side_without_anchors_are_refused(tmp_path, side):
-    balanced = COLUMNS["split"] == (side == "train")
-    with pytest.raises(UserError, match=rf"the {side} side .* no (anchors|balanced frames)"):
-        prepared(tmp_path, columns=COLUMNS | {"balanced": balanced})
 
 
 @pytest.mark.parametrize("change", ["split.by=recording", "preprocess.filter=contact"])

@@ -70,9 +70,9 @@ def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, k
     row(f"mean rest, in last digits of the offset, {name}", np.abs(mean - exact).max() / np.spacing(float(offset)), 1)
     row(f"rest noise, {name}", max_rel_error(noise, spread), ROUNDING)
     pressed = np.concatenate([counts, counts, counts + kind(120)])
-    with written(tmp_path / "t", pressed, object=np.arange(1200) // 400) as recordings:
-        baseline = empty_hand_baseline(recordings)
-        frames = with_counts(recordings.frames(np.arange(1200)), baseline.mean)
+    recordings = written(tmp_path / "t", pressed, object=np.arange(1200) // 400)
+    baseline = empty_hand_baseline(recordings)
+    frames = with_counts(recordings.frames(np.arange(1200)), baseline.mean)
     row(f"network input, {name}", input_error(frames), ROUNDING)
 
 
@@ -95,9 +95,9 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(r
     quiet[::3, 2, 2] += 1  # one sensor alone has noise
     touched = np.broadcast_to(500 + pressed[:, None, None], (20, 3, 3))
     counts = (unit * np.concatenate([quiet, touched])).astype(kind)
-    with written(tmp_path / "t", counts, object=np.arange(40) // 20) as recordings:
-        baseline = empty_hand_baseline(recordings)
-        contact = in_contact(recordings, baseline, sensors=8, sigmas=5.0)
+    recordings = written(tmp_path / "t", counts, object=np.arange(40) // 20)
+    baseline = empty_hand_baseline(recordings)
+    contact = in_contact(recordings, baseline, sensors=8, sigmas=5.0)
     row(f"rest noise, {name}", max_rel_error(baseline.noise.ravel()[:8], np.full(8, ROUNDING_SD * unit)), 1e-4)
     row(f"frames in contact, {name}", share_different(contact[20:], pressed > 5 * ROUNDING_SD))
 
@@ -105,8 +105,8 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(r
 def prepared(path, counts, **columns):
     """Frames of recordings (R, T, H, W), each with a name of its own; folds are recordings."""
     recording = np.repeat(np.arange(len(counts)), counts.shape[1])
-    with written(path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns) as recordings:
-        return prepare(recordings, PARAMS.preprocess, PARAMS.split, np.random.default_rng(0))[0]
+    recordings = written(path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns)
+    return prepare(recordings, PARAMS.preprocess, PARAMS.split, np.random.default_rng(0))[0]
 
 
 def pressed_by_objects(sensor, frames=12):

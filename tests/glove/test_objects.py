@@ -14,16 +14,15 @@ TUBE = {"inner": 0.03, "outer": 0.034, "length": 0.08}
 CUP = {"name": "cup", "weight": 90, "stiffness": 1e9, "parts": [{"tube": TUBE}]}
 
 
-def test_extents_by_hand():
-    quarter = Rotation.from_rotvec([0, np.pi / 2, 0]).as_matrix()  # z to x
-    x, z = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
+def test_how_low_an_object_reaches_by_hand():
+    upright, quarter = np.eye(3), Rotation.from_rotvec([0, np.pi / 2, 0]).as_matrix()  # x to -z
     one = GraspObject("one", 1, 1e9, (box(2, 4, 6),))
-    assert one.extent(np.eye(3), x) == pytest.approx(1) and one.extent(quarter, x) == pytest.approx(3)
-    diagonal = np.ones(3) / np.sqrt(3)
-    assert one.extent(np.eye(3), diagonal) == pytest.approx(6 / np.sqrt(3))
+    assert one.lowest(upright) == pytest.approx(3) and one.lowest(quarter) == pytest.approx(1)
+    corner = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_matrix()
+    assert one.lowest(corner) == pytest.approx(6 / np.sqrt(3))
     two = GraspObject("two", 1, 1e9, (sphere(1, centre=(0, 0, 3)), capsule(0.5, 4)))
-    assert two.extent(np.eye(3), z) == pytest.approx(4) and two.extent(np.eye(3), -z) == pytest.approx(2)
-    assert two.extent(quarter, x) == pytest.approx(4) and two.extent(np.eye(3), x) == pytest.approx(1)
+    assert two.lowest(upright) == pytest.approx(2) and two.lowest(-upright) == pytest.approx(4)
+    assert two.lowest(quarter) == pytest.approx(1)
 
 
 def test_all_are_stags_and_names_come_in_the_wanted_order_after_the_empty_hand():

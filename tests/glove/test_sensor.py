@@ -17,9 +17,7 @@ from tactile_viewgcn.glove.sensor import (
     ROW_NOISE,
     SATURATION,
     SENSITIVITY,
-    Electronics,
     Sensors,
-    electronics,
 )
 from tactile_viewgcn.randomness import stream
 
@@ -29,13 +27,18 @@ FLAT = np.zeros((1, 1, 1))  # no flexion
 PA = 1 / SENSITIVITY  # of one count at little pressure
 
 
-def kit(**changes):
-    """Electronics of equal sensors with baseline 100 and gain 1."""
-    kit_ = {
-        "gain": np.ones(COUNT), "stuck": np.full(COUNT, np.nan), "bend": np.zeros(COUNT),
-        "baseline": np.full(COUNT, 100.0), "noise": np.zeros(COUNT), "common": 0.0, "row_noise": 0.0,
-    }  # fmt: skip
-    return Electronics(**(kit_ | changes))
+PLAIN = {
+    "gain": np.ones(COUNT), "stuck": np.full(COUNT, np.nan), "bend": np.zeros(COUNT),
+    "baseline": np.full(COUNT, 100.0), "noise": np.zeros(COUNT), "common": 0.0,
+}  # fmt: skip
+
+
+def plain(*effects, count=1, **changes):
+    """`count` gloves of equal sensors with baseline 100 and gain 1."""
+    glove = Sensors(HAND, 0, [0] * count, [stream(0, "noise", n) for n in range(count)], frozenset(effects))
+    for name, values in (PLAIN | changes).items():
+        setattr(glove, name, np.stack([values] * count))
+    return glove
 
 
 def read(pressure, *effects, flexion=FLAT, **changes):
@@ -43,9 +46,8 @@ def read(pressure, *effects, flexion=FLAT, **changes):
     pressure = np.asarray(pressure, dtype=float)
     if pressure.ndim == 1:
         pressure = np.repeat(pressure[:, None], COUNT, axis=1)
-    glove = Sensors(HAND, [kit(**changes)], [stream(0, "noise")], frozenset(effects))
-    frames = glove.read(pressure[None] * PA, flexion)
-    return frames[0][:, HAND.row, HAND.column] - changes.get("baseline", np.full(COUNT, 100.0)).astype(int)
+    frames = plain(*effects, **changes).read(pressure[None] * PA, flexion)
+    return frames[0][:, HAND.row, HAND.column] - changes.get("baseline", PLAIN["baseline"]).astype(int)
 
 
 def test_without_effects_counts_are_baseline_plus_sensitivity_times_pressure():
@@ -57,8 +59,7 @@ def test_without_effects_counts_are_baseline_plus_sensitivity_times_pressure():
 def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
     pressure = np.zeros((2, 3, COUNT))
     pressure[0], pressure[1, :, ::2] = 1e9, -1e9
-    both = Sensors(HAND, [kit(), kit()], [stream(0, "a"), stream(0, "b")], frozenset())
-    frames = both.read(pressure, FLAT)
+    frames = plain(count=2).read(pressure, FLAT)
     assert frames.shape == (2, 3, 32, 32) and frames.dtype == np.int16
     there = np.zeros((32, 32), dtype=bool)
     there[HAND.row, HAND.column] = True
@@ -68,14 +69,14 @@ def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
 
 
 def test_without_contact_counts_are_baseline_and_noise():
-    kit_ = electronics(HAND, stream(3, "glove"), stream(3, "session", 1), frozenset(["noise"]))
-    glove = Sensors(HAND, [kit_], [stream(3, "noise")], frozenset(["noise", "saturation", "hysteresis", "crosstalk"]))
+    effects = frozenset(["noise", "saturation", "hysteresis", "crosstalk"])
+    glove = Sensors(HAND, 3, [1], [stream(3, "noise")], effects)
     frames = glove.read(np.zeros((1, 5, COUNT)), FLAT)[0]
     again = stream(3, "noise")
     for frame in frames:
         draws = again.standard_normal(COUNT + 32)
-        noise = kit_.noise * draws[:COUNT] + ROW_NOISE * draws[COUNT:][HAND.row]
-        np.testing.assert_array_equal(frame[HAND.row, HAND.column], np.rint(kit_.baseline + noise))
+        noise = glove.noise[0] * draws[:COUNT] + ROW_NOISE * draws[COUNT:][HAND.row]
+        np.testing.assert_array_equal(frame[HAND.row, HAND.column], np.rint(glove.baseline[0] + noise))
 
 
 def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():
@@ -114,9 +115,9 @@ def test_crosstalk_is_what_a_double_loop_over_rows_and_columns_gives(seed):
 
 
 def test_the_common_mode_moves_all_sensors_alike_and_wanders():
-    kits, rngs = [kit(common=40.0)] * 2, [stream(0, "noise", n) for n in (0, 1)]
-    glove = Sensors(HAND, kits, rngs, frozenset(["common_mode"]))
-    counts = glove.read(np.zeros((2, 2000, COUNT)), FLAT)[..., HAND.row, HAND.column]
+    counts = plain("common_mode", count=2, common=40.0).read(np.zeros((2, 2000, COUNT)), FLAT)[
+        ..., HAND.row, HAND.column
+    ]
     assert not np.ptp(counts, axis=-1).any()
     drift = counts[..., 0].astype(float)
     assert abs(np.corrcoef(drift)[0, 1]) < 0.4
@@ -136,15 +137,15 @@ def test_dead_sensors_never_move_and_stuck_ones_neither(monkeypatch):
     monkeypatch.setattr(sensor, "DEAD", 0.05)
     monkeypatch.setattr(sensor, "STUCK", 0.05)
     effects = frozenset(["defects", "saturation", "hysteresis"])
-    kit_ = electronics(HAND, stream(0, "glove"), stream(0, "session"), effects)
-    dead, stuck = kit_.gain == 0, np.isfinite(kit_.stuck)
+    glove = Sensors(HAND, 0, [0], [stream(0, "noise")], effects)
+    dead, stuck = glove.gain[0] == 0, np.isfinite(glove.stuck[0])
     assert 10 < dead.sum() < 50 and 10 < stuck.sum() < 50 and not (dead & stuck).any()
     pressure = np.random.default_rng(0).uniform(0, 1e5, (1, 30, COUNT))
-    counts = Sensors(HAND, [kit_], [stream(0, "noise")], effects).read(pressure, FLAT)[0][:, HAND.row, HAND.column]
+    counts = glove.read(pressure, FLAT)[0][:, HAND.row, HAND.column]
     moves = np.ptp(counts, axis=0) > 0
     assert not moves[dead | stuck].any() and moves[~dead & ~stuck].mean() > 0.95
-    np.testing.assert_array_equal(counts[:, dead], np.rint(kit_.baseline[dead])[None].repeat(30, 0))
-    np.testing.assert_array_equal(counts[:, stuck], np.rint(kit_.baseline + kit_.stuck)[stuck][None].repeat(30, 0))
+    np.testing.assert_array_equal(counts[:, dead], np.rint(glove.baseline[0, dead])[None].repeat(30, 0))
+    np.testing.assert_array_equal(counts[:, stuck], np.rint(glove.baseline + glove.stuck)[0, stuck][None].repeat(30, 0))
 
 
 @pytest.mark.parametrize("cuts", [(1,), (7,), (3, 4, 15)])
@@ -152,11 +153,9 @@ def test_blocks_of_any_length_give_the_same_frames(cuts):
     rng = np.random.default_rng(0)
     pressure = rng.uniform(0, 3e4, (2, 20, COUNT)) * (rng.random((2, 20, 1)) < 0.5)
     flexion = rng.uniform(0, 1, (2, 20, COUNT))
-    effects = frozenset(EFFECTS)
-    kits = [electronics(HAND, stream(0, "glove"), stream(0, "session", s), effects) for s in (0, 1)]
 
     def glove():
-        return Sensors(HAND, kits, [stream(0, "noise", s) for s in (0, 1)], effects)
+        return Sensors(HAND, 0, [0, 1], [stream(0, "noise", s) for s in (0, 1)], frozenset(EFFECTS))
 
     whole, parts = glove().read(pressure, flexion), glove()
     blocks = zip(np.split(pressure, cuts, axis=1), np.split(flexion, cuts, axis=1), strict=True)

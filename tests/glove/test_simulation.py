@@ -41,9 +41,9 @@ def test_empty_hands_alone_read_the_same_without_a_search_for_contacts(row, monk
     alone = np.concatenate(list(run.blocks()), axis=1)[..., HAND.row, HAND.column]
     np.testing.assert_array_equal(alone, among_others[[0, 2]])
     if "bending" in without:
-        row(f"evaluations of the mechanics, without {', '.join(without)}", run.statistics.evaluations)
+        row(f"evaluations of the mechanics, without {', '.join(without)}", run.statistics["evaluations"])
     else:
-        assert run.statistics.evaluations > 0
+        assert run.statistics["evaluations"] > 0
     if "noise" not in without:
         assert len(np.unique(alone)) > 5  # not a constant
 
@@ -102,17 +102,9 @@ def test_without_any_effect_a_sensor_reads_its_baseline_and_what_presses_it():
     assert np.ptp(counts[:, held[2:]], axis=1).max() <= 1  # nothing moves while the object is held
 
 
-def test_a_glove_sits_differently_in_each_session_where_its_fit_varies():
-    fits = Simulation(recipe(["ball"])).hands.local
-    np.testing.assert_array_equal(fits[0], fits[1])  # the same session
-    assert np.abs(fits[0] - fits[2]).max() > 1e-5
-    same = Simulation(recipe(["ball"], without=["fit"])).hands.local
-    np.testing.assert_array_equal(same, np.broadcast_to(HAND.local, same.shape))
-
-
 @pytest.mark.parametrize("stiffness", [1e3, 1e5])
 def test_readings_beyond_a_soft_layers_thickness_are_counted_and_finite(stiffness):
     counts, run = simulated_counts(recipe(["ball"], sessions=1, layer=replace(LAYER, stiffness=stiffness)))
-    assert run.beyond_thickness > 25 and counts.min() >= 0 and counts.max() <= 1023
+    assert run.statistics["beyond_thickness"] > 25 and counts.min() >= 0 and counts.max() <= 1023
     _, firm = simulated_counts(recipe(["ball"], sessions=1, layer=replace(LAYER, stiffness=1e9)))
-    assert firm.beyond_thickness == 0
+    assert firm.statistics["beyond_thickness"] == 0

@@ -74,6 +74,6 @@ def test_steps_that_would_tunnel_are_rejected(monkeypatch):
     exact = ImplicitIntegrator(mechanics, FRAME, step=FRAME / 128).run(y, frames)[0, 1]
     solver = ImplicitIntegrator(mechanics, FRAME)
     assert np.abs(solver.run(y, frames)[0, 1] - exact).max() < 0.02  # rad
-    assert solver.statistics.rejected > 0
+    assert solver.statistics["rejected"] > 0
     monkeypatch.setattr(integrator, "tunnels", lambda mechanics, rows, *length: (np.zeros(len(rows), dtype=bool), 0))
     assert np.abs(ImplicitIntegrator(mechanics, FRAME).run(y, frames)[0, 1] - exact).max() > 0.2

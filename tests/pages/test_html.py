@@ -3,26 +3,27 @@
 import base64
 from html.parser import HTMLParser
 
+import pytest
 from matplotlib.figure import Figure
 
-from tactile_viewgcn.pages.html import Step, Verdict, environment, picture
+from tactile_viewgcn.pages.html import Verdict, duration, environment, picture
+from tactile_viewgcn.pages.next_steps import Step
 
 NASTY = '<script>alert("x")</script> & "Öl" 気'
 EMPTY = {"meta", "img", "br"}  # elements without an end
 PAGE = """
 {% extends "page.html" %}
 {% import "macros.html" as page %}
-{% block head %}<h1>{{ given }}</h1>{{ page.verdict(verdict, given) }}{{ page.tile(given, given) }}{% endblock %}
+{% block head %}<h1>{{ text }}</h1>{{ page.verdict(verdict) }}{{ page.tile(text, text) }}{% endblock %}
 {% block sections %}
-{% call page.section(given) %}
+{% call page.section(text) %}
 {{ page.steps([step]) }}
-{% call page.table([given, "error"], "tn") %}
-<tr><td>{{ page.named(given, given) }}</td><td class="n">{{ page.bar(0.5) }}</td></tr>
+{% call page.table([text, "error"], "tn") %}
+<tr><td>{{ page.named(text, text) }}</td><td class="n">{{ page.bar(0.5) }}</td></tr>
 {% endcall %}
-{% call page.picture(image) %}{{ given }}{% endcall %}
+{{ page.picture(image) }}
 {% endcall %}
-{% call page.section("Error and time") %}{% endcall %}
-{{ page.words({given: given}) }}
+{{ page.words({text: text}) }}
 {% endblock %}
 """
 
@@ -52,15 +53,15 @@ def parsed(text):
     return parser
 
 
-def drawn(title="a", alt="b"):
+def drawn(title="a", caption="b"):
     figure = Figure(figsize=(2, 1))
     figure.add_subplot().set_title(title, parse_math=False)
-    return picture(figure, alt)
+    return picture(figure, caption)
 
 
-def page_of(given):
-    content = {"verdict": Verdict("bad", given, [given]), "step": Step(given, given, given), "image": drawn(alt=given)}
-    return environment().from_string(PAGE).render(title=given, given=given, **content)
+def page_of(text):
+    content = {"verdict": Verdict("bad", text, [text]), "step": Step(text, text, text), "image": drawn(caption=text)}
+    return environment().from_string(PAGE).render(title=text, text=text, **content)
 
 
 def test_everything_that_is_given_is_escaped_once():
@@ -73,13 +74,16 @@ def test_everything_that_is_given_is_escaped_once():
 def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
     text = page_of("Öl")
     addresses = [address for address in parsed(text).addresses if not address.startswith("data:image/svg+xml;base64,")]
-    assert addresses == ["#what-to-do-next", "#öl", "#error-and-time", "#words"]
-    assert all(f'id="{name}"' in text for name in ("error-and-time", "öl"))
+    assert addresses == ["#what-to-do-next", "#öl", "#words"] and 'id="öl"' in text
     assert "default-src 'none'" in text and "http://" not in text and "url(" not in text
 
 
 def test_a_picture_is_an_svg_with_its_letters_as_text():
-    encoded = drawn("Öl 気 $x$").address.partition("base64,")[2]
-    svg = base64.b64decode(encoded).decode()
+    svg = base64.b64decode(drawn("Öl 気 $x$").address.partition("base64,")[2]).decode()
     assert ">Öl 気 $x$</text>" in svg and "<script" not in svg
     assert drawn() == drawn(), "equal pictures give equal pages"
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(3.74, "3.7 s"), (119.7, "2 min 0 s"), (3599.6, "1 h 0 min")])
+def test_seconds_are_carried(seconds, text):
+    assert duration(seconds) == text

@@ -26,20 +26,20 @@ EXPECTED = r".*; expected a STAG metadata\.mat"
 )
 def test_every_form_gives_the_same_frames_and_columns(tmp_path, save, name, fields):
     write_recordings(tmp_path / "t", open_source(save(tmp_path / name, TREE)), "0" * 32)
-    with Recordings(tmp_path / "t") as table:
-        np.testing.assert_array_equal(table.frames(np.arange(len(table))), TREE["pressure"])
-        assert (len(table), table.shape, table.dtype) == (96, (32, 32), np.int16)
-        assert table.columns.keys() == fields.keys()
-        for column, field in fields.items():
-            np.testing.assert_allclose(table.columns[column], TREE[field].ravel(), atol=1e-9, err_msg=column)
-        assert table.objects == ["empty_hand", "object1", "object2"]
-        assert [text.rpartition("/")[2] for text in table.recordings[:3]] == [
-            "000-empty_hand",
-            "001-empty_hand",
-            "002-object1",
-        ]
-        assert table.sessions == ["000", "001"]
-        assert table.live.sum() == 548
+    table = Recordings(tmp_path / "t")
+    np.testing.assert_array_equal(table.frames(np.arange(len(table))), TREE["pressure"])
+    assert (len(table), table.shape, table.dtype) == (96, (32, 32), np.int16)
+    assert table.columns.keys() == fields.keys()
+    for column, field in fields.items():
+        np.testing.assert_allclose(table.columns[column], TREE[field].ravel(), atol=1e-9, err_msg=column)
+    assert table.objects == ["empty_hand", "object1", "object2"]
+    assert [text.rpartition("/")[2] for text in table.recordings[:3]] == [
+        "000-empty_hand",
+        "001-empty_hand",
+        "002-object1",
+    ]
+    assert table.sessions == ["000", "001"]
+    assert table.live.sum() == 548
 
 
 @pytest.mark.parametrize("name", ["grip.h5", "grip.hdf5", "grip.dat"])
@@ -51,14 +51,10 @@ def test_a_single_recording_in_hdf5_is_known_whatever_its_name(tmp_path, name):
     np.testing.assert_array_equal(next(source.blocks)["pressure"], TREE["pressure"][16:24])
 
 
-@pytest.mark.parametrize("name", ["recordings.h5", "recordings.dat"])
-def test_the_pipelines_own_table_is_no_source(tmp_path, name):
-    write_recordings(tmp_path / name, open_source(save_matlab5(tmp_path / "m.mat", TREE)), "0" * 32)
-    with pytest.raises(UserError, match=rf"{name}: the table that ingest writes{EXPECTED}"):
-        open_source(tmp_path / name)
-
-
-def test_the_pipelines_own_table_in_a_folder_of_recordings_is_named(tmp_path):
+def test_the_pipelines_own_table_is_no_source(tmp_path):
+    write_recordings(tmp_path / "recordings.dat", open_source(save_matlab5(tmp_path / "m.mat", TREE)), "0" * 32)
+    with pytest.raises(UserError, match=rf"recordings\.dat: the table that ingest writes{EXPECTED}"):
+        open_source(tmp_path / "recordings.dat")
     path = save_hdf5(tmp_path / "lab", TREE)
     write_recordings(path / "recordings.h5", open_source(path), "0" * 32)
     with pytest.raises(UserError, match=r"recordings\.h5: the table that ingest writes"):
@@ -84,17 +80,17 @@ def test_what_is_no_source_is_refused(tmp_path, name, content, error, sentence):
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
-@pytest.mark.parametrize("form", ["matlab73", "folder", "hdf5 folder", "hdf5 file"])
-def test_a_source_cut_short_is_one_sentence_that_names_the_file(tmp_path, form, share):
-    if form == "matlab73":
-        path = cut = save_matlab73(tmp_path / "cut.mat", TREE)
-    elif form == "folder":
-        path = save_folder(tmp_path / "raw", TREE)
-        cut = path / "001" / "011-object2" / "pressuredata.mat"
-    else:
-        path = save_hdf5(tmp_path / "lab", TREE)
-        cut = path / "011-object2.h5"
-        path = cut if form == "hdf5 file" else path
+@pytest.mark.parametrize(
+    ("save", "name", "last"),
+    [
+        (save_matlab73, "cut.mat", "."),
+        (save_folder, "raw", "001/011-object2/pressuredata.mat"),
+        (save_hdf5, "lab", "011-object2.h5"),
+    ],
+)
+def test_a_source_cut_short_is_one_sentence_that_names_the_file(tmp_path, save, name, last, share):
+    path = save(tmp_path / name, TREE)
+    cut = path / last
     content = cut.read_bytes()
     cut.write_bytes(content[: int(share * len(content))])
     with pytest.raises(UserError, match=rf"{cut.name}: .*cut short"):

@@ -20,7 +20,9 @@ def _raw(folder, name, **fields):
     return path
 
 
-def test_a_recording_is_named_by_its_session_and_holds_what_its_name_says(tmp_path):
+@pytest.mark.parametrize("block", [1, 4096])
+def test_a_recording_is_named_by_its_session_and_holds_what_its_name_says(tmp_path, monkeypatch, block):
+    monkeypatch.setattr(module, "BLOCK_FRAMES", block)
     counts = np.arange(2 * 3 * 4, dtype=np.int16).reshape(2, 3, 4)
     for name in ("b/000-tea_box", "a/000-tea_box", "a/12-empty_hand", "b/001-can-2"):
         _raw(tmp_path, name, pressure=counts)
@@ -28,19 +30,11 @@ def test_a_recording_is_named_by_its_session_and_holds_what_its_name_says(tmp_pa
     assert source.recordings == ["a/000-tea_box", "a/12-empty_hand", "b/000-tea_box", "b/001-can-2"]
     assert source.objects == ["empty_hand", "can-2", "tea_box"]
     columns = read(source)
+    np.testing.assert_array_equal(columns["pressure"], np.tile(counts, (4, 1, 1)))
     assert columns["object"].tolist() == [2, 2, 0, 0, 2, 2, 1, 1]
     assert columns["session"].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
     assert columns["frame"].tolist() == [0, 1] * 4
     assert np.isnan(columns["time"]).all()
-
-
-def test_a_long_recording_comes_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "BLOCK_FRAMES", 4)
-    _raw(tmp_path, "000/000-mug", pressure=np.arange(10, dtype=np.int16)[:, None, None] * np.ones((2, 3), np.int16))
-    blocks = list(read_folder(tmp_path).blocks)
-    assert [len(block["pressure"]) for block in blocks] == [4, 4, 2]
-    assert np.concatenate([block["pressure"][:, 0, 0] for block in blocks]).tolist() == list(range(10))
-    assert np.concatenate([block["frame"] for block in blocks]).tolist() == list(range(10))
 
 
 def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_path, monkeypatch):

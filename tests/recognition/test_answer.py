@@ -40,14 +40,8 @@ def test_an_open_hand_is_no_contact_and_has_no_probabilities():
 def test_a_recording_without_an_open_hand_has_the_training_s_baseline(tmp_path, name):
     write(tmp_path / "1.h5", recording(name, 51, before=0, after=0))
     ((row,), (note,)) = answer_source(recogniser(), open_source(tmp_path, labelled=False))
-    assert (row.answer.contact, best(row.answer)) == (HELD, name)
+    assert (row.contact, best(row)) == (HELD, name)
     assert note.text == "session 'session': fewer than 5 frames of the open hand; the training's baseline"
-
-
-def test_a_glove_that_reads_higher_today_has_the_baseline_of_its_own_open_hand():
-    moved = answer_recording(recogniser(), recording("cup", 52) + np.int16(30))
-    same = answer_recording(recogniser(), recording("cup", 52))
-    np.testing.assert_allclose(moved.probabilities, same.probabilities, atol=1e-5)
 
 
 def test_a_few_frames_in_contact_are_all_used_once():
@@ -61,11 +55,6 @@ def test_a_confidence_threshold_takes_fewer_frames():
     assert early.used == 1 and best(early) == "pen"
     nothing_like_it = np.random.default_rng(0).normal(0, 1, (12, *SHAPE))
     assert answer_contact(recogniser(), nothing_like_it, stop_at=0.999).used == 8
-
-
-def test_a_confidence_threshold_that_is_no_probability_is_refused_before_any_work():
-    with pytest.raises(UserError, match="stop_at is 2; expected a probability, 0 to 1"):
-        answer_recording(recogniser(), empty_hand(54), stop_at=2)
 
 
 def test_what_presses_other_sensors_is_unlike_anything_seen():
@@ -109,7 +98,7 @@ def test_whole_counts_are_the_same_in_any_type_of_numbers(tmp_path):
     write(tmp_path / "real.h5", counts.astype(float))
     write(tmp_path / "fractions.h5", counts + 0.25)
     ((row,), _) = answer_source(recogniser(), open_source(tmp_path / "real.h5", labelled=False))
-    np.testing.assert_allclose(row.answer.probabilities, same[0], atol=1e-6)
+    np.testing.assert_allclose(row.probabilities, same[0], atol=1e-6)
     with pytest.raises(UserError, match=r"fractions.h5 holds \d+.25; expected whole numbers"):
         answer_source(recogniser(), open_source(tmp_path / "fractions.h5", labelled=False))
 
@@ -125,7 +114,7 @@ def test_recordings_without_object_and_session_are_read_where_labels_are_not_nee
     write(tmp_path / "b" / "1.h5", recording("cup", 56))
     write(tmp_path / "a.h5", recording("pen", 57), object="pen", session="monday")
     rows, notes = answer_source(recogniser(), open_source(tmp_path, labelled=False))
-    assert [(row.recording, row.object, best(row.answer), row.frames) for row in rows] == [
+    assert [(row.recording, row.object, best(row), row.frames) for row in rows] == [
         ("a", "pen", "pen", 60),
         ("b/1", "", "cup", 60),
     ]
@@ -137,7 +126,7 @@ def test_recordings_without_object_and_session_are_read_where_labels_are_not_nee
 def test_windows_of_seconds_are_answered_one_by_one(tmp_path):
     write(tmp_path / "1.h5", np.concatenate([recording("cup", 58), recording("pen", 59)]))
     rows, _ = answer_source(recogniser(), open_source(tmp_path, labelled=False), window=6.0)
-    assert [best(row.answer) for row in rows] == ["cup", "pen"]
+    assert [best(row) for row in rows] == ["cup", "pen"]
     assert [row.start for row in rows] == pytest.approx([0, 6.0])
     assert [row.end for row in rows] == pytest.approx([5.9, 11.9])
 
@@ -147,8 +136,8 @@ def test_a_session_s_empty_hand_gives_the_baseline_where_it_is_recorded(tmp_path
     write(tmp_path / "empty.h5", empty_hand(60) + high, object="empty_hand")
     write(tmp_path / "held.h5", recording("ball", 61, before=0, after=0) + high)
     rows, _ = answer_source(recogniser(), open_source(tmp_path, labelled=False))
-    assert [row.answer.status for row in rows] == [NO_CONTACT, OBJECT]
-    assert best(rows[1].answer) == "ball" and rows[1].answer.contact == HELD
+    assert [row.status for row in rows] == [NO_CONTACT, OBJECT]
+    assert best(rows[1]) == "ball" and rows[1].contact == HELD
 
 
 @pytest.mark.parametrize(
@@ -166,7 +155,7 @@ def test_a_recording_without_an_open_hand_alone_does_without_its_grasp_s_baselin
     for name, counts in others.items():
         write(tmp_path / f"{name}.h5", counts + offset, **({"object": "empty_hand"} if name == "empty" else {}))
     rows, notes = answer_source(model, open_source(tmp_path, labelled=False))
-    answers = {row.recording: row.answer for row in rows}
+    answers = {row.recording: row for row in rows}
     assert best(answers["held"]) == "pen" and answers["held"].contact == HELD
     assert [note.text for note in notes] == [
         f"1 of {1 + len(others)} recordings have fewer than 5 open-hand frames and use {instead}: held"

@@ -191,15 +191,6 @@ def test_a_recording_without_contact_is_the_empty_hand_where_that_is_a_class():
     assert (classifier.predict([*new, new[0][:7]]) == [*truth, "empty_hand"]).all()
 
 
-def test_what_is_auto_is_decided_by_the_recordings():
-    X, y = grasps()
-    classifier = TactileClassifier(views=4).fit(X, y)
-    assert classifier.score(*grasps(2, seed=1)) == 1
-    assert any("filter" in str(note) for note in classifier.notes_)
-    chosen = classifier.recogniser_.preprocessing.params
-    assert chosen.filter == "contact" and chosen.baseline in ("grasp", "quiet")
-
-
 def test_recordings_that_are_all_contact_are_taken_as_they_are():
     X, y = grasps()
     new, truth = grasps(2, seed=1)

@@ -33,16 +33,16 @@ Y = ["a", "a", "b", "b"]
 #: what is given to `fit` besides the classifier's own arguments, and what the line has to say
 IN_FIT = {
     "no recordings": ({"X": [], "y": []}, "X holds no recordings"),
-    "a text": ({"X": "data/recordings"}, "X is a text; expected a list of recordings"),
-    "nothing": ({"X": None}, "X is None; expected a list of recordings"),
-    "one recording, not in a list": ({"X": recordings()[0]}, "an array of 3 axes.* one recording is \\[recording\\]"),
+    "a text": ({"X": "data/recordings"}, "X is of type str with 0 axes; expected a list of"),
+    "nothing": ({"X": None}, "X is of type NoneType with 0 axes; expected"),
+    "one recording, not in a list": ({"X": recordings()[0]}, "with 3 axes.* one recording is \\[recording\\]"),
     "a ragged frame": ({"X": with_third([[[1, 2], [3]]])}, "ragged"),
     "an axis too few": ({"X": with_third(np.ones((4, 4)))}, r"X\[2\] has shape \(4, 4\); expected \(frames, rows"),
     "another layout": (
         {"X": with_third(np.ones((5, 4, 3)))},
         r"X\[2\] has frames of 4 x 3; expected 4 x 4, as X\[0\]",
     ),
-    "no frames": ({"X": with_third(np.ones((0, 4, 4)))}, r"X\[2\] has no frames"),
+    "no frames": ({"X": with_third(np.ones((0, 4, 4)))}, r"X\[2\] has shape \(0, 4, 4\)"),
     "too many rows": ({"X": [np.ones((2, 65, 4))] * 4}, r"X\[0\]: frames of 65 x 4; expected 1 x 1 to 64 x 64"),
     "NaN": ({"X": with_third(changed(np.nan))}, r"X\[2\] holds nan in frame 1, row 2, column 3"),
     "NaN in rows": ({"X": [[1, np.nan], [2, 3], [4, 5], [6, 7]]}, "NaN"),

@@ -91,9 +91,13 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         (["classifier.pt", "classifier.pt"], UserError, r"neither a MAT-file by its name"),
         (["classifier.pt", "other"], UserError, r"frames of 8 x 9; expected 8 x 10"),
         (["classifier.pt", "new", "--window", "0"], UserError, r"window is 0; expected seconds above 0"),
-        (["classifier.pt", "new", "--stop-at", "1.5"], UserError, r"--stop-at is 1.5; expected a probability"),
-        (["classifier.pt", "new", "--csv", "a.json"], UserError, r"named by --csv and --json; expected two files"),
-        (["classifier.pt", "new/0.h5", "--csv", "new/0.h5"], UserError, r"0.h5: it is read here; name another"),
+        (
+            ["classifier.pt", "new", "--stop-at", "1.5"],
+            UserError,
+            r"confidence threshold is 1.5; expected a probability",
+        ),
+        (["classifier.pt", "new", "--csv", "a.json"], UserError, r"a.json: it is read here, or named twice"),
+        (["classifier.pt", "new/0.h5", "--csv", "new/0.h5"], UserError, r"0.h5: it is read here, or named twice"),
         (["classifier.pt", "new", "--csv", "no/a.csv"], UserError, r"a.csv: not a file in a folder that exists"),
     ],
 )

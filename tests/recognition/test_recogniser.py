@@ -35,12 +35,6 @@ def pipeline_logits(classifier, frames, sets):
         return classifier.logits(classifier.frame_values(inputs), torch.arange(sets.size).view(sets.shape))
 
 
-def test_two_savings_give_the_same_bytes(saved, tmp_path):
-    again = tmp_path / "again" / "classifier.pt"
-    save_classifier(again, trained(), recipe().model, table())
-    assert again.read_bytes() == saved.read_bytes()
-
-
 @pytest.mark.parametrize("transform", ["clip", "log"])
 def test_probabilities_of_raw_counts_are_those_of_the_pipeline(tmp_path, transform):
     frames, sets = replace(table(), transform=transform), some_sets()

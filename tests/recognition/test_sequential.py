@@ -150,7 +150,7 @@ def test_no_frames_more_than_v_and_what_is_no_probability_are_refused(recogniser
     with pytest.raises(UserError, match="frames holds none"):
         recogniser.predict_sequential([], 0.9)
     for confidence_threshold in (90, -1, float("nan")):
-        with pytest.raises(UserError, match=r"confidence_threshold is .*; expected a probability, 0 to 1"):
+        with pytest.raises(UserError, match=r"confidence threshold is .*; expected a probability, 0 to 1"):
             recogniser.predict_sequential([np.zeros((12, 12))], confidence_threshold)
 
 

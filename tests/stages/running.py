@@ -1,15 +1,44 @@
 """Stages run as their command line runs them, in this process."""
 
 import os
+import re
+import shutil
 import signal
+import subprocess
+import sys
 import traceback
 from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout
 from importlib import import_module
 from io import StringIO
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
+from tests.small_tables import ROOT
 from tests.stag_files import save_matlab5
+
+
+def sh(*words, cwd, **variables):
+    """What a command prints, without this session's settings of DVC and MLflow."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_"))}
+    environment |= {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | variables
+    done = subprocess.run(list(map(str, words)), cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def ran(output) -> list[str]:
+    """The stages that DVC says it ran, in its order."""
+    return re.findall(r"^Running stage '(?:.*:)?(\w+)'", output, re.MULTILINE)
+
+
+def copy_pipeline(place) -> None:
+    """What DVC needs of this repository, but for params.yaml."""
+    for name in ("stages", "tactile_viewgcn"):
+        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
+    (place / "data" / "virtual").mkdir(parents=True)
+    for name in ("dvc.yaml", "data/virtual/dvc.yaml", ".gitignore", ".dvcignore"):
+        shutil.copy(ROOT / name, place / name)
 
 
 def run_stage(name, *words, cwd):

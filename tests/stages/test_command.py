@@ -4,13 +4,12 @@ import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
-import click
 import pytest
 import torch
 from click.testing import CliRunner
 
-from stages import command
-from stages.command import Job, options, started
+from stages import pipeline
+from stages.command import Job, stage
 from tactile_viewgcn.errors import UserError
 from tests.stages.running import left, refused, run_stage
 
@@ -33,13 +32,11 @@ def test_debug_shows_the_traceback(place):
 def failing(error):
     """A stage that raises this."""
 
-    @click.command()
-    @options
-    def broken(**common):
-        with started("needs", {}, **common):
-            raise error
+    @stage(outputs=())
+    def needs(job):
+        raise error
 
-    return CliRunner().invoke(broken, ["--params", str(ROOT / "params.yaml"), "--record", "record.json"])
+    return CliRunner().invoke(needs, ["--params", str(ROOT / "params.yaml"), "--record", "record.json"])
 
 
 @pytest.mark.parametrize(
@@ -65,20 +62,21 @@ def test_a_fault_of_ours_keeps_its_traceback(monkeypatch, error):
 
 
 def checkpoint_key(**changes):
-    tree = {"seed": 0, "model": SimpleNamespace(system="lda"), "md5": "a", "stage": "finetune"} | changes
-    params = SimpleNamespace(seed=tree["seed"], model=tree["model"])
-    return Job(tree["stage"], params, {"frames": tree["md5"]}).checkpoint_key()
+    values = SimpleNamespace(seed=0, system="lda", md5="a", stage="finetune")
+    vars(values).update(changes)
+    params = SimpleNamespace(seed=values.seed, model=SimpleNamespace(system=values.system))
+    return Job(values.stage, params, {"frames": values.md5}).checkpoint_key()
 
 
 def test_another_parameter_input_or_code_is_another_training(monkeypatch, tmp_path):
     key = checkpoint_key()
     others = [checkpoint_key(seed=1), checkpoint_key(md5="b"), checkpoint_key(stage="pretrain")]
-    assert len({key, *others, checkpoint_key(model=SimpleNamespace(system="trees"))}) == 5 and checkpoint_key() == key
+    assert len({key, *others, checkpoint_key(system="trees")}) == 5 and checkpoint_key() == key
     ignored = shutil.ignore_patterns("__pycache__")
-    for package in ("stages", "tactile_viewgcn"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=ignored)
+    for folder in ("stages", "tactile_viewgcn", "data/virtual"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=ignored)
     shutil.copy(ROOT / "dvc.yaml", tmp_path)
-    monkeypatch.setattr(command, "ROOT", tmp_path)
+    monkeypatch.setattr(pipeline, "ROOT", tmp_path)
     assert checkpoint_key() == key
     for name, same in (("plots.py", True), ("systems/mvcnn.py", True), ("views/sampling.py", False)):
         (tmp_path / "tactile_viewgcn" / name).write_text("# another version\n")

@@ -3,21 +3,22 @@
 import ast
 
 import pytest
-import yaml
 
-from stages.command import PIPELINES, _only
+from stages.pipeline import params_of, stages
 from tactile_viewgcn.params import load
 from tactile_viewgcn.schema import flatten
 from tests.imports import ROOT, imported_files
 
-STAGES = {
-    name: stage for file in PIPELINES for name, stage in yaml.safe_load((ROOT / file).read_text())["stages"].items()
-}
+STAGES = stages()
 PARAMS = load(ROOT / "params.yaml")
 SYSTEM = "tactile_viewgcn/systems/${model.system}.py"
 SYSTEMS = sorted(path.stem for path in (ROOT / "tactile_viewgcn" / "systems").glob("[!_]*.py"))
 #: what changes no result: it starts a stage, keeps and shows what comes out, or says what is wrong
-NEUTRAL = {"stages/command.py", *(path.relative_to(ROOT).as_posix() for path in ROOT.glob("*/**/__init__.py"))} | {
+NEUTRAL = {
+    "stages/command.py",
+    "stages/pipeline.py",
+    *(path.relative_to(ROOT).as_posix() for path in ROOT.glob("*/**/__init__.py")),
+} | {
     f"tactile_viewgcn/{name}.py"
     for name in (
         *("params", "schema", "conflicts", "errors", "notes", "files", "memory", "training/checkpoint"),
@@ -70,7 +71,6 @@ def test_every_dep_is_there_and_imported(name):
         ("tactile_viewgcn/frames/baseline.py", {"preprocess"}),
         ("tactile_viewgcn/glove/contact.py", {"simulate"}),
         ("tactile_viewgcn/params.py", set()),
-        ("tactile_viewgcn/tracking.py", set()),
         ("stages/command.py", set()),
     ],
 )
@@ -91,7 +91,7 @@ def test_every_parameter_is_watched_by_a_stage():
 
 def test_a_stage_has_the_parameters_that_it_names_and_no_others():
     reads = ["seed", "model.backbone", "cluster.method", "cluster.restarts", "augment"]
-    only = _only(PARAMS, reads)
+    only = params_of({"params": reads}, PARAMS)
     assert vars(only).keys() == {"seed", "model", "cluster", "augment"}
     assert vars(only.model) == {"backbone": PARAMS.model.backbone}
     assert vars(only.cluster) == {"method": PARAMS.cluster.method, "restarts": PARAMS.cluster.restarts}

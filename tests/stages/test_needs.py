@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
-import torch
 from click.testing import CliRunner
 
 from stages.cluster import cluster
@@ -21,13 +20,11 @@ from tests.small_tables import ROOT, SMALL, fewer_anchors, table
 LEFT_OUT = "pretrain: left out, model.system does not need it\n"
 
 
-@pytest.fixture
-def place(tmp_path, monkeypatch):
+@pytest.fixture(autouse=True)
+def _within(place, monkeypatch):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
-    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
-    return tmp_path
+    monkeypatch.setenv("DVC_ROOT", str(place))
+    monkeypatch.chdir(place)
 
 
 def needs_of(system):
@@ -37,7 +34,7 @@ def needs_of(system):
     return result.output, Path("needs.json").read_text()
 
 
-def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
+def test_all_systems_with_a_backbone_need_the_same_and_those_without_too():
     assert {needs_of(name)[1] for name in get_args(OnBackbone)} == {'{"pretrain": true}\n'}
     assert {needs_of(name)[1] for name in get_args(OnSensors)} == {'{"pretrain": false}\n'}
     assert needs_of("view_gcn")[0] == "needs: view_gcn needs a pretrained backbone\n"
@@ -71,7 +68,8 @@ def test_a_pretraining_left_out_loads_no_torch_and_makes_no_run_but_a_record(pla
     assert record["seconds"] > 0 and set(record["inputs"]) == {"needs", "frames"}
 
 
-def run_finetune(place, system):
+@pytest.mark.parametrize(("system", "fitted"), [("lda", True), ("mean", False)])
+def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_and_no_other(place, system, fitted):
     write_frames(place / "frames.h5", fewer_anchors(table(), 4))
     (place / "backbone.pt").write_text(LEFT_OUT)
     changes = (*SMALL, "precision=float32", "device=cpu", f"model.system={system}")
@@ -79,31 +77,19 @@ def run_finetune(place, system):
     result = CliRunner().invoke(cluster, [*words, "--out", "views.h5", "--record", "cluster.json"])
     assert result.exit_code == 0, result.output
     files = ("--views", "views.h5", "--backbone", "backbone.pt", "--out", "classifier.pt")
-    return CliRunner().invoke(finetune, [*words, *files, "--record", "finetune.json"])
+    result = CliRunner().invoke(finetune, [*words, *files, "--record", "finetune.json"])
+    assert result.exit_code == (0 if fitted else 1), result.output
+    assert (place / "classifier.pt").exists() == fitted
+    assert ("finetune: lda is fitted in " if fitted else "Error: backbone.pt: damaged") in result.output
+    if fitted:
+        assert json.loads((place / "finetune.json").read_text())["counts"] == {"weights.head": 0}
 
 
-def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out(place):
-    result = run_finetune(place, "lda")
-    assert result.exit_code == 0, result.output
-    assert "finetune: lda is fitted in " in result.output
-    assert torch.load(place / "classifier.pt", weights_only=True)
-    assert json.loads((place / "finetune.json").read_text())["counts"] == {"weights.head": 0}
-
-
-def test_a_system_with_a_backbone_is_refused_there(place):
-    result = run_finetune(place, "mean")
-    assert result.exit_code == 1 and "Error: backbone.pt: damaged" in result.output
-    assert not (place / "classifier.pt").exists()
-
-
-@pytest.mark.parametrize(
-    ("launcher", "says"),
-    [
-        ("torchrun --nproc-per-node 2", "params.yaml: launcher is 'torchrun --nproc-per-node 2'; expected a text of "),
-        ("OMP_NUM_THREADS=2 torchrn -m", "launcher: no program 'torchrn' here; expected python -m, or torchrun"),
-    ],
-)
-def test_a_launcher_that_starts_nothing_is_refused_before_the_trainings(place, launcher, says):
+def test_a_launcher_that_starts_nothing_is_refused_before_the_trainings():
+    launcher, says = (
+        "OMP_NUM_THREADS=2 torchrn -m",
+        "launcher: no program 'torchrn' here; expected python -m, or torchrun",
+    )
     result = CliRunner().invoke(needs, ["--set", f"launcher={launcher}", "--out", "needs.json"])
     assert result.exit_code == 1 and result.output.startswith(f"Error: {says}") and result.output.count("\n") == 1
     assert not Path("needs.json").exists()

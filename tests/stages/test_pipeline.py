@@ -1,11 +1,8 @@
 """The whole pipeline under DVC, on tiny data in a clone: what runs, what does not, and what it leaves behind."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 import tempfile
 import time
 from functools import reduce
@@ -15,6 +12,8 @@ import h5py
 import numpy as np
 import pytest
 import yaml
+
+from tests.stages.running import ran, sh
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]  # the warnings are MLflow's own
 ROOT = Path(__file__).parents[2]
@@ -33,19 +32,9 @@ TINY = {
 }
 
 
-def sh(*words, cwd, **variables):
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_"))}
-    environment |= {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | variables
-    result = subprocess.run(
-        list(map(str, words)), cwd=cwd, env=environment, capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 0, result.stdout + result.stderr
-    return result.stdout
-
-
-def ran(output):
+def stages_of(output):
     """The stages that ran; DVC chooses the order of those that do not need each other, here it is ALL's."""
-    return sorted(re.findall(r"^Running stage '(\w+)'", output, re.MULTILINE), key=ALL.index)
+    return sorted(ran(output), key=ALL.index)
 
 
 def small_glove(folder):
@@ -74,10 +63,6 @@ def store_of(place):
     return client, *(client.search_runs([number]) for number in ids)
 
 
-def results(place, *names):
-    return {name: (place / "results" / name).read_bytes() for name in names}
-
-
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory):
     """A repository of its own with the files of this one, set to tiny data, reproduced once and committed."""
@@ -94,14 +79,11 @@ def clone(tmp_path_factory):
     (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
     for words in ("init -q", "config user.name t", "config user.email t@localhost", "add -A", "commit -qm tiny"):
         sh("git", *words.split(), cwd=place)
-    assert ran(sh("dvc", "repro", cwd=place)) == ALL
-    assert sh("git", "status", "--porcelain", "-uall", cwd=place).split("\n") == [
-        *(f"?? {name}" for name in WRITTEN),
-        "",
-    ]
+    assert stages_of(sh("dvc", "repro", cwd=place)) == ALL
+    assert sh("git", "status", "--porcelain", "-uall", cwd=place).splitlines() == [f"?? {name}" for name in WRITTEN]
     sh("git", "add", *WRITTEN, cwd=place)
     sh("git", "commit", "-qm", "results", cwd=place)
-    assert ran(sh("dvc", "repro", cwd=place)) == [] and sh("git", "status", "--porcelain", cwd=place) == ""
+    assert stages_of(sh("dvc", "repro", cwd=place)) == [] and sh("git", "status", "--porcelain", cwd=place) == ""
     return place
 
 
@@ -150,9 +132,8 @@ def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warnin
     assert shown["data"] == json.loads((clone / "results" / "summary.json").read_text())
     output = sh("sh", "-c", "dvc exp run -S views=2 2>&1", cwd=fresh, MLFLOW_TRACKING_URI="disabled")
     warnings = [line for line in output.splitlines() if "WARNING" in line or "failed to load" in line]
-    assert (
-        ran(output) == ALL and [line for line in warnings if "simulate" not in line and "/virtual/" not in line] == []
-    )
+    assert stages_of(output) == ALL
+    assert [line for line in warnings if "simulate" not in line and "/virtual/" not in line] == []
     columns = sh("dvc", "exp", "show", "--only-changed", "--csv", cwd=fresh).splitlines()[0].split(",")
     assert len(columns) < 20
 
@@ -184,15 +165,15 @@ def test_the_pipeline_is_a_row_and_links_to_the_other_stages(clone):
 )
 def test_a_change_reruns_what_it_touches(clone, change, stages):
     output = sh("dvc", "exp", "run", "-S", change, cwd=clone, MLFLOW_TRACKING_URI="disabled")
-    assert ran(output) == stages
+    assert stages_of(output) == stages
     restore(clone)
 
 
 def test_one_seed_gives_the_same_results(clone):
-    names = ("metrics.json", "trials.csv", "confusion.csv", "per_class.csv")
-    first = results(clone, *names)
-    assert ran(sh("dvc", "repro", "--force", "--no-run-cache", cwd=clone, MLFLOW_TRACKING_URI="disabled")) == ALL
-    assert results(clone, *names) == first
+    files = [clone / "results" / name for name in ("metrics.json", "trials.csv", "confusion.csv", "per_class.csv")]
+    first = [file.read_bytes() for file in files]
+    output = sh("dvc", "repro", "--force", "--no-run-cache", cwd=clone, MLFLOW_TRACKING_URI="disabled")
+    assert stages_of(output) == ALL and [file.read_bytes() for file in files] == first
 
 
 def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_others_is_restored(clone):
@@ -204,17 +185,17 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
         return sh("dvc", "exp", "run", *options, "-S", f"model.system={system}", cwd=clone, MLFLOW_TRACKING_URI=uri)
 
     output = switch_to("lda", uri=f"sqlite:///{place}/mlflow.db")
-    assert ran(output) == ["needs", "pretrain", "finetune", "evaluate"] and "pretrain: left out" in output
+    assert stages_of(output) == ["needs", "pretrain", "finetune", "evaluate"] and "pretrain: left out" in output
     _, (row,), (run,) = store_of(place)
     assert run.data.tags["stage"] == "finetune" and row.data.tags["stage.finetune"] == run.info.run_id
     assert "stage.pretrain" not in row.data.tags and row.data.metrics["seconds.pretrain"] > 0
     output = switch_to("knn")
-    assert ran(output) == without_pretraining and "Stage 'pretrain' didn't change" in output
+    assert stages_of(output) == without_pretraining and "Stage 'pretrain' didn't change" in output
     output = switch_to("mvcnn")
-    assert ran(output) == without_pretraining and restored in output
+    assert stages_of(output) == without_pretraining and restored in output
     assert (clone / "models" / "backbone.pt").read_bytes() == backbone
     output = switch_to("logistic", "--temp")
-    assert ran(output) == without_pretraining and restored in output
+    assert stages_of(output) == without_pretraining and restored in output
     restore(clone)
 
 

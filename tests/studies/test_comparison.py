@@ -73,32 +73,16 @@ def test_a_small_group_counts_as_much_as_a_large_one_per_group():
     assert (of["group"]["low"], of["group"]["high"]) == pytest.approx((10, 90))  # both draws of the one or the other
 
 
-def test_trainings_are_averaged_and_their_spread_told():
-    rows = table(answers("a", 1), answers("b", 1), answers("b", 3, seed=1))
-    row = rows["b", "object", "frame"]
-    assert (row["trainings"], row["error"]) == (2, pytest.approx(20))
-    assert row["std"] == pytest.approx(np.std([10, 30], ddof=1))
-    assert row["vs a more"] == pytest.approx(0)  # over seed 0, which both have
-
-
 def test_the_interval_over_trainings_is_students_and_needs_three_seeds_of_one_deal():
     cells = [answers("a", 1, seed=seed) for seed in range(4)]
     cells += [answers("b", wrong, seed=seed) for seed, wrong in enumerate((2, 4, 3))]
     versus = table(*cells)["b", "object", "frame"]
+    assert (versus["trainings"], versus["std"]) == (3, pytest.approx(10))  # of errors of 20, 40 and 30
     half = 4.3027 * 10 / 3**0.5  # the 97.5 % point for two degrees of freedom; 10, 30 and 20 points more
     assert (versus["vs a seeds_low"], versus["vs a seeds_high"]) == pytest.approx((20 - half, 20 + half), rel=1e-3)
     assert np.isnan(table(*cells[:-1])["b", "object", "frame"]["vs a seeds_low"])
     dealt = [answers(name, 1, seed=seed, deal=seed % 2) for name in "ab" for seed in range(4)]
     assert np.isnan(table(*dealt)["b", "object", "frame"]["vs a seeds_low"])
-
-
-def test_two_references_are_compared_with_each_other_too():
-    rows = table(answers("a", 1), answers("b", 3), answers("c", 2), references=("a", "b"))
-    a, b, c = (rows[name, "object", "frame"] for name in "abc")
-    assert (c["vs a more"], c["vs b more"]) == pytest.approx((10, -10))
-    assert b["vs a more"] == -a["vs b more"] == pytest.approx(20)
-    assert np.isnan(a["vs a more"]) and np.isnan(b["vs b more"])
-    assert c["vs a p"] == pytest.approx(4 * 2 / 2**8)  # corrected for four
 
 
 def test_folds_stand_side_by_side_and_their_seconds_add_up():

@@ -5,16 +5,12 @@ import torch
 from tactile_viewgcn.nn.system import Sizes
 from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.nn.four_nodes import fill
 from tests.small_tables import recipe
 
 NARROW = "model.backbone.width=8"
 LINE = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
 CUBE = torch.from_numpy(viewpoints(8, "cube"))
-
-
-def fill(parameter, values):
-    with torch.no_grad():
-        parameter.copy_(torch.as_tensor(values, dtype=parameter.dtype).view_as(parameter))
 
 
 def only_leaky(system):

@@ -46,20 +46,9 @@ def test_conv_lstm_equals_the_plain_loop_over_views_and_gates():
     torch.testing.assert_close(system(views)[0], plain_conv_lstm(system, views))
 
 
-def test_bfloat16_maps_give_nearly_the_same_and_leave_the_memory_in_float32(monkeypatch):
+def test_bfloat16_maps_give_nearly_the_same_logits_in_float32():
     torch.manual_seed(0)
-    system, kinds, step = head_of(ConvLSTM, features=3, classes=4), [], ConvLSTM.step
-
-    def watched(self, view, hidden, cell):
-        after = step(self, view, hidden, cell)
-        kinds.append((view.dtype, cell.dtype, *(state.dtype for state in after)))
-        return after
-
-    monkeypatch.setattr(ConvLSTM, "step", watched)
-    maps = torch.randn(2, 5, 3, 4, 6).bfloat16()
+    system, maps = head_of(ConvLSTM, features=3, classes=4), torch.randn(2, 5, 3, 4, 6).bfloat16()
     narrow, wide = system(maps)[0], system(maps.float())[0]
-    assert set(kinds[:5]) == {(torch.bfloat16, torch.float32, torch.bfloat16, torch.float32)}
-    assert set(kinds[5:]) == {(torch.float32,) * 4}
     assert narrow.dtype == torch.float32
     assert 0 < (narrow - wide).abs().max() < 0.01
-    torch.testing.assert_close(wide, plain_conv_lstm(system, maps.float()))

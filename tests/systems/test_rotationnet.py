@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.systems.rotationnet import RotationNet, best_permutation, cube_rotations
-from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.systems.small_systems import CUBE, LINE, head_of
 
 
@@ -37,15 +35,6 @@ def test_the_rotations_of_the_cube_are_all_24():
     found = cube_rotations(CUBE)
     assert found.shape == (24, 8)
     assert {tuple(turn) for turn in found.tolist()} == turns()
-
-
-@pytest.mark.parametrize(("kind", "views"), [("auto", 1), ("auto", 4), ("auto", 12), ("auto", 20), ("circle", 8),
-                                             ("sphere", 8), ("random", 8)])  # fmt: skip
-def test_rotations_of_viewpoints_that_are_no_cube_are_refused_in_one_line(kind, views):
-    places = torch.from_numpy(viewpoints(views, kind))
-    with pytest.raises(UserError, match=f"model.assignments is rotations.* found {views} others: set views 8") as found:
-        head_of(RotationNet, "model.assignments=rotations", places=places, features=2, classes=2)
-    assert "\n" not in str(found.value)
 
 
 def test_the_best_rotation_and_its_score_are_those_of_brute_force():

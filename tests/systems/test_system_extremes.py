@@ -70,15 +70,6 @@ def test_it_trains_and_evaluates_with_one_view_more_views_than_frames_and_two_cl
     assert alone.isfinite().all()
 
 
-@pytest.mark.parametrize("views", [1, 40])
-def test_rotations_without_a_cube_do_not_begin_to_train(views):
-    with pytest.raises(
-        UserError,
-        match=r"model\.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube",
-    ):
-        finetuned("model.system=rotationnet", "model.assignments=rotations", views=views)
-
-
 @pytest.mark.parametrize("name", [name for name in NETWORKS if name != "vote"])
 def test_a_diverging_training_says_so_whatever_the_system(name):
     with pytest.raises(UserError, match=r"training diverged in epoch 1 .* lower lr in params.yaml"):

@@ -1,7 +1,6 @@
 """Equations 1, 2 and 6, worked by hand on a graph of four nodes, and the network that all six make."""
 
 import math
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from tactile_viewgcn.nn.graph import furthest_points
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
 from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.systems.classifier import build_classifier
-from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN, level_sizes, shape_and_view_loss
+from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN, shape_and_view_loss
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.nn.four_nodes import NODES, POSITIONS, fill, plain_norm
 from tests.systems.small_systems import head_of
@@ -73,28 +72,6 @@ def test_the_released_preset_has_the_released_number_of_weights():
     assert sum(weight.numel() for weight in head.parameters()) == 305_138
 
 
-def test_the_levels_that_a_number_of_views_allows():
-    assert [level_sizes(views) for views in (1, 2, 3, 4, 8, 12, 20)] == [
-        [], [2], [3], [4, 2], [8, 4, 2], [12, 6, 3], [20, 10, 5]]  # fmt: skip
-
-
-@pytest.mark.parametrize("views", [1, 2, 3, 4, 5, 8, 12, 20, 50])
-@pytest.mark.parametrize("joint", [False, True])
-def test_any_number_of_views_gives_logits_and_gradients(views, joint):
-    torch.manual_seed(0)
-    options = f"model.selector={'joint' if joint else 'per_view'}", "model.selector_hidden=3"
-    head = head_of(ViewGCN, *options, places=viewpoints(views))
-    features = torch.randn(4, views, 16, requires_grad=True)
-    logits, view_logits = head(features)
-    assert logits.shape == (4, 5)
-    sizes = level_sizes(views)
-    assert [tuple(out.shape) for out in view_logits] == [
-        (4, small, min(4, large), 5) for large, small in pairwise(sizes)]  # fmt: skip
-    shape_and_view_loss(logits, view_logits, torch.tensor([0, 1, 2, 3])).backward()
-    assert features.grad.isfinite().all()
-    assert all(weight.grad is not None and weight.grad.isfinite().all() for weight in head.parameters())
-
-
 @pytest.mark.parametrize("views", [1, 3, 8])
 def test_a_start_at_the_maximum_is_the_pretrained_classifier_s_answer_to_it(views):
     logits = []
@@ -149,10 +126,3 @@ def test_gradients_equal_finite_differences(row):
 def test_too_few_neighbours_listed_is_refused():
     with pytest.raises(UserError, match=r"model.neighbours \[3, 3\] has 2 entries.*3 levels of 8 views"):
         head_of(ViewGCN, "model.neighbours=[3,3]", places=viewpoints(8))
-
-
-@pytest.mark.parametrize(("views", "count"), [(1, 3), (4, 5), (4, 0)])
-def test_more_views_than_the_network_is_for_and_none_are_refused(views, count):
-    head = head_of(ViewGCN, places=viewpoints(views))
-    with pytest.raises(UserError, match=f"view sets of {count} views; the network takes 1 to {views}"):
-        head(torch.zeros(2, count, 16))

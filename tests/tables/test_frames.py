@@ -64,9 +64,8 @@ def test_counts_at_the_ends_of_their_type_stay_finite():
     np.testing.assert_allclose(network_input(excess, "log", 1e-3), [0, 0, 31 * np.log(2)], rtol=1e-6)
 
 
-@pytest.mark.parametrize(("transform", "value"), [("clip", 1.0), ("log", 5.017280)])
-def test_full_scale_is_the_input_of_a_sensor_at_the_scale(transform, value):
-    assert full_scale(transform, 150.0) == pytest.approx(value, abs=1e-6)
+def test_full_scale_is_the_input_of_a_sensor_at_the_scale():
+    assert full_scale("clip", 150.0) == 1.0 and full_scale("log", 150.0) == pytest.approx(5.017280, abs=1e-6)
 
 
 @pytest.mark.parametrize("transform", ["clip", "log"])

@@ -8,7 +8,6 @@ import torch
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.training import checkpoint as module
 from tactile_viewgcn.training.checkpoint import (
     Checkpoint,
     checkpoint_path,
@@ -83,25 +82,6 @@ def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch,
     assert again.seconds > again.resumed[1] or after == 4
 
 
-def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch):
-    path = tmp_path / "training.pt"
-    with monkeypatch.context() as patch:
-        interrupt(patch, 2)
-        with pytest.raises(Interrupted):
-            pretrained_with(path)
-    before = path.read_bytes()
-
-    def half(content, path):
-        path.write_bytes(b"half of it")
-        raise Interrupted
-
-    with monkeypatch.context() as patch:
-        patch.setattr(module.torch, "save", half)
-        with pytest.raises(Interrupted):
-            pretrained_with(path)
-    assert path.read_bytes() == before
-
-
 def test_a_damaged_checkpoint_is_refused(tmp_path):
     path = tmp_path / "training.pt"
     path.write_bytes(b"no checkpoint")
@@ -109,29 +89,18 @@ def test_a_damaged_checkpoint_is_refused(tmp_path):
         pretrained_with(path)
 
 
-def test_it_loads_as_plain_values_alone(tmp_path, monkeypatch):
-    path = tmp_path / "training.pt"
-    interrupt(monkeypatch, 1)
-    with pytest.raises(Interrupted):
-        finetuned(path, "finetune.feature_reuse=2")
-    content = torch.load(path, weights_only=True)
-    assert set(content["state"]) == {"classifier", "optimiser", "bank"}
-    assert content["progress"]["epoch"] == 1
-
-
-def path_of(*, key="a", stage="finetune", compute=CPU):
-    return checkpoint_path(stage, key, compute)
-
-
-def test_another_key_stage_or_precision_has_another_file():
-    others = [Compute(torch.device("cpu"), "bfloat16"), Compute(torch.device("cuda"), "float32")]
-    paths = [path_of(), path_of(key="b"), path_of(stage="pretrain"), *(path_of(compute=one) for one in others)]
-    assert len(set(paths)) == 5 and path_of() == paths[0]
-
-
-def test_it_lies_in_the_original_repository(tmp_path, monkeypatch):
+def test_another_stage_key_or_machine_has_another_file_in_the_original_repository(tmp_path, monkeypatch):
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    assert path_of().parent == tmp_path / "checkpoints"
+    others = [Compute(torch.device("cpu"), "bfloat16"), Compute(torch.device("cuda"), "float32")]
+    cases = [
+        ("finetune", "a", CPU),
+        ("finetune", "b", CPU),
+        ("pretrain", "a", CPU),
+        *(("finetune", "a", c) for c in others),
+    ]
+    paths = [checkpoint_path(*case) for case in cases]
+    assert len(set(paths)) == 5 and checkpoint_path(*cases[0]) == paths[0]
+    assert {path.parent for path in paths} == {tmp_path / "checkpoints"}
 
 
 def test_of_two_processes_with_one_training_one_waits(tmp_path, monkeypatch):
@@ -160,3 +129,22 @@ def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
         path.write_bytes(b"under way")
         raise Interrupted
     assert path.read_bytes() == b"under way"
+
+
+def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch):
+    path = tmp_path / "training.pt"
+    with monkeypatch.context() as patch:
+        interrupt(patch, 2)
+        with pytest.raises(Interrupted):
+            pretrained_with(path)
+    before = path.read_bytes()
+
+    def half(content, path):
+        path.write_bytes(b"half of it")
+        raise Interrupted
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "save", half)
+        with pytest.raises(Interrupted):
+            pretrained_with(path)
+    assert path.read_bytes() == before

@@ -110,14 +110,6 @@ def test_where_another_process_is_lost_the_error_says_so(tmp_path):
     assert by_two(tmp_path, lose_the_other) == [LOST]
 
 
-def test_one_process_has_all_of_a_batch():
-    values = torch.arange(3.0, requires_grad=True)
-    assert distributed.rows(1) == slice(0, 1) and distributed.size() == 1
-    assert torch.equal(distributed.gather(values, 3), values) and not distributed.gather(values, 3).requires_grad
-    assert distributed.weighted(values, 3) is values
-    assert not dist.is_initialized()
-
-
 def test_parts_differ_by_one_example_and_too_small_a_batch_is_refused(monkeypatch):
     monkeypatch.setattr(dist, "is_initialized", lambda: True)
     monkeypatch.setattr(dist, "get_world_size", lambda: 3)

@@ -8,7 +8,6 @@ import torch
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.tables import frames as frames_table
 from tactile_viewgcn.tables.frames import TRAIN, read_frames, write_frames
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.inputs import FrameInputs
@@ -53,16 +52,6 @@ def test_all_input_is_kept_on_a_card_where_it_fits(both, monkeypatch, fits):
         np.testing.assert_array_equal(frames[torch.tensor([3, 1])][:, 0], expected)
     assert asked == [len(frames) * 12 * 12 * 4]
     assert sent == ([len(frames)] if fits else []) + [2, 2]  # the indices, or what they stand for
-
-
-def test_points_and_means_are_computed_from_the_frames_that_are_indexed(both, monkeypatch):
-    monkeypatch.setattr(frames_table, "BLOCK_FRAMES", 50)
-    index = np.random.default_rng(0).permutation(both[1].on(TRAIN))
-    points, expected = both[1].points(index), both[0].inputs(index)[:, both[0].live]
-    assert points.shape == expected.shape and len(points) == len(expected)
-    for at in (slice(None), slice(3, 17, 5), np.array([7, 2, 7]), np.arange(len(index)) % 3 == 0):
-        np.testing.assert_array_equal(points[at], expected[at])
-    np.testing.assert_array_equal(both[1].mean_input(index), both[0].inputs(index).mean(axis=0))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """What the two trainings share: augmentation and losses of batches."""
 
-import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -49,13 +48,6 @@ def test_noise_is_white_of_the_stated_standard_deviation(noise):
     assert abs(float(torch.corrcoef(neighbours)[0, 1])) < 0.03
 
 
-def test_no_augmentation_draws_nothing():
-    augment_frames, frames = augmentation(), torch.ones(3, 1, 2, 2)
-    state = augment_frames.rng.get_state()
-    assert augment_frames(frames) is frames
-    assert torch.equal(augment_frames.rng.get_state(), state)
-
-
 def test_a_shift_moves_a_frame_whole_and_nothing_moves_in():
     frame = torch.arange(1.0, 17).view(1, 1, 4, 4)
     moved = augmentation(shift=1)(frame.expand(300, 1, 4, 4))
@@ -69,49 +61,15 @@ def test_a_shift_moves_a_frame_whole_and_nothing_moves_in():
     assert min(by_hand.values()) > 10
 
 
-def losses_of_frames(frames, labels, classifier, *, batch, precision="float32", order=0, backbone=None):
-    compute = Compute(torch.device("cpu"), precision)
-    return list(
-        frame_losses(
-            FrameLoss(backbone or nn.Flatten(), classifier, augmentation(), compute),
-            frames,
-            labels,
-            batch=batch,
-            compute=compute,
-            order=seeded(order),
-        )
-    )
-
-
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_frame_losses_of_an_epoch_add_up_to_the_cross_entropy_of_all_frames(precision):
     frames, labels = torch.randn(20, 1, 2, 2, generator=seeded()), torch.arange(20) % 3
     classifier = nn.Linear(4, 3)
-    losses = losses_of_frames(frames, labels, classifier, batch=5, precision=precision)
+    compute = Compute(torch.device("cpu"), precision)
+    loss = FrameLoss(nn.Flatten(), classifier, augmentation(), compute)
+    losses = list(frame_losses(loss, frames, labels, batch=5, compute=compute, order=seeded()))
     expected = functional.cross_entropy(classifier(frames.flatten(1)), labels)
     torch.testing.assert_close(torch.stack(losses).mean(), expected)
-
-
-@pytest.mark.parametrize(("count", "size"), [(20, 5), (21, 5), (33, 32), (7, 64), (2, 2)])
-def test_batches_hold_every_frame_once_in_random_order_and_differ_by_one_at_most(count, size):
-    frames, passed = torch.arange(float(count)).view(-1, 1, 1, 1), []
-
-    class Watched(nn.Flatten):
-        def forward(self, batch):
-            passed.append(batch.flatten().tolist())
-            return super().forward(batch)
-
-    for order in (0, 0, 1):
-        losses_of_frames(
-            frames, torch.zeros(count).long(), nn.Linear(1, 2), batch=size, order=order, backbone=Watched()
-        )
-    number = math.ceil(count / size)
-    first, again, other = passed[:number], passed[number : 2 * number], passed[2 * number :]
-    assert first == again
-    assert first != other or count == 2
-    assert sorted(number for part in first for number in part) == list(range(count))
-    sizes = [len(part) for part in first]
-    assert max(sizes) <= size and max(sizes) - min(sizes) <= 1
 
 
 class Sums(nn.Module):

@@ -50,15 +50,6 @@ def test_several_batches_count_alike():
     torch.testing.assert_close(first.running_mean, patches.mean(dim=(0, 2, 3)), rtol=0.02, atol=1e-3)
 
 
-def test_weights_stay_and_no_training_is_left_on():
-    train = side()
-    before, classifier = trained(), measured(train.frames, train.draw())
-    for (name, weight), after in zip(before.named_parameters(), classifier.parameters(), strict=True):
-        assert torch.equal(weight, after), name
-    assert not any(module.training for module in classifier.modules())
-    assert {norm.momentum for norm in norms(classifier)} == {0.1}
-
-
 @pytest.mark.parametrize("system", ["view_gcn", "mvcnn", "gvcnn", "cnn_lstm", "vote"])
 def test_a_training_ends_with_clean_moments_where_they_are_asked_for(system):
     frames, weights = fewer_anchors(table(), 12), []

@@ -1,0 +1,173 @@
+"""What an inspection says, on a terminal and on its page alike: facts, tables, warnings, a verdict and a command."""
+
+import shlex
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_viewgcn.frames.inspection import Inspection
+from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.pages.html import Verdict, several
+from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
+from tactile_viewgcn.readers.source import EMPTY_HAND, listed
+from tactile_viewgcn.schema import as_change
+from tactile_viewgcn.tables.recordings import is_table
+
+MANY_GAPS = 0.01  # of the frames
+_LARGEST = f"at the largest reading in more than {100 * SATURATED:g} % of the frames"
+TWICE = "Record each object at least twice, better five times in two sessions."
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a header; their first column is a name, the others are numbers."""
+
+    title: str
+    remark: str
+    header: list[str]
+    rows: list[list[str]]
+
+
+def facts(overview: Overview) -> list[tuple[str, str]]:
+    """A figure each, and what it is of."""
+    of, (height, width) = overview.inspection, overview.shape
+    objects, sessions = several(len(np.unique(of.label)), "object"), several(len(np.unique(of.session)), "session")
+    low, middle, high = np.percentile(of.frames, [0, 50, 100])
+    pressed = "all are, even the quietest" if of.all_contact else f"{of.contact_sensors} or more sensors are pressed"
+    rate, times = "no", "times of the frames"
+    if overview.interval:
+        gaps = f"{several(overview.gaps, 'gap')} of more than {GAP} intervals"
+        rate = f"{1 / overview.interval:.4g} Hz"
+        times = f"is the frame rate; {gaps}, {np.median(overview.seconds):.3g} s a recording"
+    return [
+        (f"{of.frames.sum():,}", f"frames of {height} x {width}, kept as {overview.dtype}"),
+        (
+            f"{len(of.frames):,}",
+            f"recordings of {objects} in {sessions}: {low:g} to {high:g} frames, median {middle:g}",
+        ),
+        (f"{100 * of.contact.sum() / of.frames.sum():.0f} %", f"of the frames are in contact: {pressed}"),
+        (
+            f"{of.live.sum()} of {of.live.size}",
+            f"sensors vary; {overview.stuck.sum()} hardly do, {(overview.saturated > SATURATED).sum()} are {_LARGEST}",
+        ),
+        (rate, times),
+        (f"{len(overview.columns)}", f"optional columns: {', '.join(overview.columns) or 'none'}"),
+    ]
+
+
+def tables(overview: Overview) -> list[Table]:
+    """Objects, sessions, readings, and whether objects are told without contact."""
+    return [_objects(overview.inspection), _sessions(overview), _readings(overview), _leaks(overview)]
+
+
+def _objects(of: Inspection) -> Table:
+    columns = {"recordings": np.ones_like(of.frames), "frames": of.frames, "in contact": of.contact}
+    columns |= {"open hand": of.open} | ({} if of.flagged is None else {"flagged": of.flagged})
+    rows = [
+        [of.objects[label], *(f"{count[of.label == label].sum():,}" for count in columns.values())]
+        for label in np.unique(of.label)
+    ]
+    return Table("Objects", "Frames of each kind; flagged is what the recordings say.", ["object", *columns], rows)
+
+
+def _sessions(overview: Overview) -> Table:
+    of, rows = overview.inspection, []
+    for number in np.unique(of.session):
+        drift = overview.drift[of.session == number]
+        known = drift[np.isfinite(drift)]
+        drifts = f"{np.median(known):.2g}, at most {known.max():.2g}" if len(known) else "-"
+        noise = f"{np.median(of.hand.noise[number]):.3g}"
+        rows.append([overview.sessions[number], f"{len(drift):,}", f"{of.empty[number]:,}", noise, drifts])
+    remark = (
+        "Frames of the empty hand; noise of the median sensor, in counts; drift of the open hand in the median "
+        "recording, in standard deviations of noise."
+    )
+    return Table("Sessions", remark, ["session", "recordings", "empty hand", "noise", "drift"], rows)
+
+
+def _readings(overview: Overview) -> Table:
+    above = ["" if np.isnan(value) else f"{value:.4g}" for value in overview.above]
+    return Table(
+        "Readings",
+        "The second row is of sensors in contact. 1 % of the readings are less than what stands under 1 %.",
+        ["counts", "least", "1 %", "median", "99 %", "most"],
+        [["all", *(f"{value:.4g}" for value in overview.percentiles)], ["above the baseline", *above]],
+    )
+
+
+def _leaks(overview: Overview) -> Table:
+    leaks = {f"baseline {kind}": leak for kind, leak in overview.leaks.items()}
+    leaks |= {"first frame": overview.first_frame} if overview.first_frame else {}
+    rows = []
+    for name, leak in leaks.items():
+        error, tells = percent_interval(leak.error, leak.low, leak.high), "yes" if leak.tells_object else "no"
+        rows.append([name, error, f"{100 * leak.chance:.1f}", tells])
+    remark = (
+        "Whether the object is told from open-hand frames above a baseline, or from the first frame of a recording "
+        "alone: that is a leak where nothing is held yet. A check that is not listed lacks such frames."
+    )
+    return Table("Without contact", remark, ["told from", "error, %", "guessing, %", "tells the object"], rows)
+
+
+def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
+    """What may spoil a result with the settings that are recommended, each with what to do about it."""
+    of, by = overview.inspection, _chosen(chosen, "split.by")
+    baseline = _chosen(chosen, "preprocess.baseline")
+    leak, first_frame = overview.leaks.get(baseline), overview.first_frame
+    leaks = leak is not None and leak.tells_object
+    first_leaks = first_frame is not None and first_frame.tells_object and not of.all_contact
+    untouched = _names(of, np.bincount(of.label, of.contact, len(of.objects)) == 0)
+    once = _names(of, _groups(of, by) == 1)
+    stuck, saturated = int(overview.stuck.sum()), int((overview.saturated > SATURATED).sum())
+    cases = {
+        f"Never in contact: {untouched}. Record these objects again, held firmly.": untouched,
+        f"Frames of the open hand tell the object, also above the baseline {baseline}: errors will say less about "
+        "touch than they seem to. Record each object in several sessions, in another order in each.": leaks,
+        "The first frame of a recording, before anything is held, already tells the object: errors will say less about "
+        "touch than they seem to. Record the objects in another order in each session.": first_leaks,
+        f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {once}. Nothing is left to test with. {TWICE}": once,
+        f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable, and at the program that "
+        "records.": overview.gaps > MANY_GAPS * of.frames.sum(),
+        f"{several(stuck, 'sensor')} hardly vary. Check their wiring.": stuck,
+        f"{several(saturated, 'sensor')} are {_LARGEST}. Lower the gain of the electronics, or grip less.": saturated,
+    }
+    return [text for text, applies in cases.items() if applies]
+
+
+def verdict(overview: Overview, chosen: list[Note], warned: list[str]) -> Verdict:
+    """Whether the recordings can be trained and tested on."""
+    by = _chosen(chosen, "split.by")
+    groups = _groups(overview.inspection, by)
+    if (groups > 1).sum() < 2:
+        return Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
+    fewest = several(int(groups[groups > 0].min()), by)
+    reasons = ["Each object is on both published sides." if by == "source" else f"Each object has {fewest} or more."]
+    if overview.leaks and not any(leak.tells_object for leak in overview.leaks.values()):
+        reasons.append("Without contact the objects cannot be told apart, as it should be.")
+    if warned:
+        return Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", reasons)
+    return Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
+
+
+def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
+    """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash."""
+    presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
+    changes = [] if is_table(overview.path) else [as_change("data.source", str(overview.path))]
+    changes += [as_change(note.key, note.value) for note in chosen if note.key != "preset"]
+    lines = [" ".join(["dvc exp run", *presets]), *(f"  -S {shlex.quote(change)}" for change in changes)]
+    return " \\\n".join(lines).split("\n")
+
+
+def _chosen(chosen: list[Note], key: str) -> str:
+    return next(str(note.value) for note in chosen if note.key == key)
+
+
+def _names(of: Inspection, chosen: np.ndarray) -> str:
+    """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
+    return listed([of.objects[i] for i in np.unique(of.label) if chosen[i] and of.objects[i] != EMPTY_HAND])
+
+
+def _groups(of: Inspection, by: str) -> np.ndarray:
+    """How many groups of the recommended split each object has, (O,); recordings where single frames are held out."""
+    return of.groups["recording" if by == "frame" else by]

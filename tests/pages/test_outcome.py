@@ -1,0 +1,126 @@
+"""What a run's answers are worth, and what to do next, of runs made up so that the answer is known."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.evaluation.predictions import Predictions
+from tactile_viewgcn.intervals import proportion_interval
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.pages.finished_run import FinishedRun
+from tactile_viewgcn.pages.next_steps import next_steps
+from tactile_viewgcn.pages.outcome import Outcome
+
+NAMES = ["ball", "cup", "pen"]
+STAGES = ("preprocess", "finetune", "evaluate")
+LEAK = Note("better than by chance", "warning", "leak check", "preprocess.baseline", "grasp", "preprocess")
+RIGHT = [[label] * 12 for label in range(3)]
+FEW = [[label] * 2 for label in range(3)]
+ALWAYS_BALL = [[0] * 12] * 3
+PREDICT = "tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS"
+
+
+def finished(answers, *, notes=(), **changes):
+    """A run of three objects with as many test recordings each as `answers` has columns, ten anchors a recording.
+
+    Args:
+        answers: of each object, the answer to all anchors of each of its recordings.
+        changes: parameters that differ from the committed ones, `_` for a dot.
+    """
+    answers = np.repeat(np.array(answers), 10, axis=1)
+    labels, predicted = np.repeat(np.arange(3), answers.shape[1]), answers.ravel()
+    groups = np.arange(len(labels)) // 10
+    wrong = (predicted != labels).astype(float)
+    low, high = proportion_interval(wrong, groups, np.random.default_rng(0))
+    score = {"error": {"mean": float(wrong.mean()), "low": low, "high": high}, "top3_error": 0.0}
+    predictions = Predictions(
+        {"recording": predicted[None]}, labels, groups, groups.astype(str), np.array(NAMES), np.zeros(3), np.ones(1)
+    )
+    changed = {key.replace("_", ".", 1): value for key, value in changes.items()}
+    values = {"data.source": "my glove", "split.by": "recording", "split.folds": 3, "model.system": "lda"}
+    values |= {"preprocess.baseline": "auto", "pretrain.epochs": 30, "finetune.epochs": 15}
+    params = {"values": values | changed, "changed": changed}
+    records = {stage: {"notes": [], "params": params, "run_id": "f" * 32} for stage in STAGES}
+    records["preprocess"]["notes"] = [asdict(note) for note in notes]
+    return FinishedRun("", {"recording": score, "groups": {"test": len(np.unique(groups))}}, {}, predictions, records)
+
+
+def advice(run):
+    """The verdict, what to do, and the commands."""
+    outcome = Outcome(run)
+    steps = next_steps(run, outcome)
+    return outcome.verdict(), [step.what for step in steps], "\n".join(step.command for step in steps)
+
+
+def test_objects_pairs_and_guessing_by_hand():
+    labels = np.array([0, 0, 0, 0, 1, 1])  # cup: 4 view sets of two recordings, twice; pen: 2 of one; no tape
+    answers = np.array([[0, 0, 1, 2, 1, 1], [0, 1, 1, 0, 1, 0]])
+    predictions = Predictions(
+        {"recording": answers},
+        labels,
+        groups=labels,
+        recordings=np.array(["c1", "c1", "c2", "c2", "p1", "p1"]),
+        classes=np.array(["cup", "pen", "tape"]),
+        mean_frames=np.zeros((3, 2, 2)),
+        live=np.ones((2, 2), dtype=bool),
+    )
+    outcome = Outcome(replace(finished(FEW), predictions=predictions))
+    assert outcome.objects == [("cup", 2, 8, 0.5, "pen (37.5\xa0%)"), ("pen", 1, 4, 0.25, "cup (25.0\xa0%)")]
+    assert outcome.worst_pairs(5) == [(0, 1), (0, 2)] and outcome.worst_pairs(1) == [(0, 1)]
+    assert outcome.chance == pytest.approx(2 / 6) and outcome.only == ""
+
+
+@pytest.mark.parametrize(
+    ("answers", "changes", "kind", "reason", "first_step", "command"),
+    [
+        (RIGHT, {}, "good", "whole interval lies below", "Ask the classifier about new", PREDICT),
+        (
+            FEW,
+            {"views": 4},
+            "unsure",
+            "6 recordings, 2 of each",
+            "Record more.",
+            "-S split.fold=0,1,2 -S views=4\ndvc q",
+        ),
+        (ALWAYS_BALL, {}, "bad", "Every answer was ball", "See whether", "inspect 'my glove' --html inspection.html"),
+        (ALWAYS_BALL, {"model_system": "view_gcn"}, "bad", "guessing", "See whether", "-S pretrain.epochs=60 -S finet"),
+        (RIGHT, {"split_by": "frame"}, "unsure", "Single frames", "Hold out whole", "-S split.by=recording"),
+        (RIGHT, {"data_source": "data/virtual/recordings"}, "good", "", "Take your own", "inspect data/my_glove"),
+    ],
+)
+def test_the_verdict_and_what_to_do_follow_from_error_interval_and_split(
+    answers, changes, kind, reason, first_step, command
+):
+    judged, steps, commands = advice(finished(answers, **changes))
+    assert judged.kind == kind and reason in " ".join(judged.reasons)
+    assert steps[0].startswith(first_step) and command in commands
+    assert ("predict" in commands) == (kind != "bad" and "data_source" not in changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "run_id", "command"),
+    [
+        ("", "f" * 32, PREDICT),
+        ("f" * 32, "f" * 32, f"tactile-viewgcn predict {'f' * 32} NEW_RECORDINGS"),
+        ("my-wolf", None, f"dvc exp apply my-wolf\n{PREDICT}"),
+    ],
+)
+def test_a_model_is_named_where_it_is(name, run_id, command):
+    run = replace(finished(RIGHT), name=name)
+    run.records["evaluate"]["run_id"] = run_id
+    assert advice(run)[2] == command
+
+
+def test_a_warning_comes_first_with_the_remedies_that_are_values():
+    other = Note("the table is damaged", "warning", "objects", stage="preprocess")
+    for note, command in (LEAK, "dvc exp run -S views=4 -S preprocess.baseline=grasp"), (other, ""):
+        judged, steps, lines = advice(finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], views=4))
+        assert judged.kind == "unsure" and "1 warning below puts it in doubt." in judged.reasons
+        assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
+
+
+def test_one_group_cannot_be_judged():
+    run = finished(FEW)
+    run.metrics["recording"]["error"] |= {"low": None, "high": None}
+    assert advice(run)[0].answer == "This result cannot be judged."
