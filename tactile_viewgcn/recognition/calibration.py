@@ -131,12 +131,12 @@ def _calibration(answers: list[_Answers], views: int) -> Calibration:
     few, most = (torch.cat([of.recordings[way] for of in answers]) for way in (0, 1))
     wrong_few, wrong_most = ((logits.argmax(dim=1) != classes).sum() for logits in (few, most))
     whole = wrong_most < wrong_few
-    by_recordings = _together(most if whole else few, classes)
+    by_recordings = together_temperatures(most if whole else few, classes)
     most_frames = max(of.most_frames for of in answers) if whole else views
     return Calibration([fit_temperature(logits, labels) for logits in by_count], by_recordings, most_frames)
 
 
-def _together(logits: Tensor, classes: Tensor) -> list[float]:
+def together_temperatures(logits: Tensor, classes: Tensor) -> list[float]:
     """Temperatures of one, two and three recordings' added logits (P, classes), of classes (P,) with as many."""
     rng, temperatures = np.random.default_rng(0), []
     for count in range(1, MOST_RECORDINGS + 1):

@@ -18,6 +18,11 @@ Classifier = ViewNetwork | SensorClassifier
 def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE) -> Classifier:
     """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator."""
     if on_sensors(model.system):
-        build = load_system(model.system).build
-        return SensorClassifier(build(model.members) if model.system == "ensemble" else build(), viewpoints)
+        return build_sensor_classifier(viewpoints, model)
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)
+
+
+def build_sensor_classifier(viewpoints: Tensor, model: Model) -> SensorClassifier:
+    """The classifier of a system on the sensors, with nothing fitted yet."""
+    build = load_system(model.system).build
+    return SensorClassifier(build(model.members) if model.system == "ensemble" else build(), viewpoints)

@@ -10,10 +10,12 @@ from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.recognition.calibration import (
     MAX_TEMPERATURE,
     MIN_TEMPERATURE,
+    Calibration,
+    calibrate_network,
     calibration_warning,
     cross_calibrate,
     fit_temperature,
-    fit_temperatures,
+    together_temperatures,
 )
 from tactile_viewgcn.recognition.sequential import sequential_trials
 from tactile_viewgcn.training.finetuning import finetune_classifier
@@ -42,15 +44,16 @@ def test_labels_at_random_get_a_high_temperature_and_a_warning_with_a_remedy():
     logits, labels = 10 * torch.randn(4000, 4, generator=generator), torch.randint(4, (4000,), generator=generator)
     temperature = fit_temperature(logits, labels)
     assert temperature > 0.9 * MAX_TEMPERATURE
-    network, sensors = calibration_warning(trained(), [1.0, temperature]), fit_parts([])(table())
+    unsure, sure = (Calibration([1.0, last], [], 8) for last in (temperature, 0.8 * MAX_TEMPERATURE))
+    network, sensors = calibration_warning(trained(), unsure), fit_parts([])(table())
     assert network.level == "warning" and "raise finetune.epochs" in network.text
-    assert "finetune.epochs" not in calibration_warning(sensors, [1.0, temperature]).text  # these have none
-    assert calibration_warning(trained(), [1.0, 0.8 * MAX_TEMPERATURE]) is calibration_warning(sensors, None) is None
+    assert "finetune.epochs" not in calibration_warning(sensors, unsure).text  # these have none
+    assert calibration_warning(trained(), sure) is calibration_warning(sensors, None) is None
 
 
 def test_a_network_s_probabilities_are_as_often_right_as_they_say():
     frames, params = table("split.validation=0.25"), recipe("finetune.num_views=random")
-    temperatures = fit_temperatures(trained(), None, frames, params, CPU)
+    temperatures = calibrate_network(trained(), frames, params, CPU).by_frames
     assert len(temperatures) == 4
     index = frames.on(VALIDATION)
     with torch.inference_mode():
@@ -66,8 +69,8 @@ def test_a_network_s_probabilities_are_as_often_right_as_they_say():
 
 def test_a_network_is_not_calibrated_without_a_validation_side_or_where_it_takes_all_views():
     frames, random = table("split.validation=0.25"), recipe("finetune.num_views=random")
-    assert fit_temperatures(trained(), None, table(), random, CPU) is None
-    assert fit_temperatures(trained(), None, frames, recipe("finetune.num_views=full"), CPU) is None
+    assert calibrate_network(trained(), table(), random, CPU) is None
+    assert calibrate_network(trained(), frames, recipe("finetune.num_views=full"), CPU) is None
 
 
 def fit_parts(parts: list, system: str = "lda"):
@@ -86,7 +89,7 @@ def test_each_training_group_is_left_out_once_and_no_other_frame_is_used(validat
     """Neither the test side nor a validation side that the table has is trained on or calibrated with."""
     parts, frames = [], table("split.folds=6", f"split.validation={validation}")
     assert (frames.side == VALIDATION).any() == (validation != "0")
-    temperatures = cross_calibrate(fit_parts(parts), frames, CPU, 0)
+    temperatures = cross_calibrate(fit_parts(parts), frames, 4, CPU, 0).by_frames
     assert len(temperatures) == 4
     assert all(MIN_TEMPERATURE < temperature < MAX_TEMPERATURE for temperature in temperatures)
     left_out = np.stack([part.side == VALIDATION for part in parts])
@@ -99,14 +102,14 @@ def test_each_training_group_is_left_out_once_and_no_other_frame_is_used(validat
 def test_a_class_with_one_group_stays_and_without_two_nothing_is_left_out():
     frames, parts = table(), []
     of_one = frames.label == 3
-    cross_calibrate(fit_parts(parts), replace(frames, group=np.where(of_one, 1000, frames.group)), CPU, 0)
+    cross_calibrate(fit_parts(parts), replace(frames, group=np.where(of_one, 1000, frames.group)), 4, CPU, 0)
     assert all((part.side[of_one] != VALIDATION).all() for part in parts)
-    assert cross_calibrate(fit_parts([]), replace(frames, group=frames.label.astype(np.int64)), CPU, 0) is None
+    assert cross_calibrate(fit_parts([]), replace(frames, group=frames.label.astype(np.int64)), 4, CPU, 0) is None
 
 
 def test_groups_that_span_classes_are_left_out_as_a_whole():
     frames, parts = table(), []
-    cross_calibrate(fit_parts(parts), replace(frames, group=frames.recording % 3), CPU, 0)
+    cross_calibrate(fit_parts(parts), replace(frames, group=frames.recording % 3), 4, CPU, 0)
     assert parts
     assert not any(set(part.group[part.side == VALIDATION]) & set(part.group[part.side == TRAIN]) for part in parts)
 
@@ -116,5 +119,26 @@ def test_answers_that_are_random_are_made_unsure():
     frames = table("split.folds=6")
     dealt = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
     shuffled = replace(frames, label=dealt[frames.recording].astype(frames.label.dtype))
-    random, true = (cross_calibrate(fit_parts([], "kernel"), one, CPU, 0) for one in (shuffled, frames))
+    random, true = (cross_calibrate(fit_parts([], "kernel"), one, 4, CPU, 0).by_frames for one in (shuffled, frames))
     assert min(random) > 2 * max(true) and np.isfinite(random).all()
+
+
+def test_recordings_of_one_object_are_calibrated_together():
+    """Answers drawn apart from each other: added, they are as sure as they should be without further temperature."""
+    rng = np.random.default_rng(0)
+    classes = torch.from_numpy(np.arange(3000) % 3)
+    logits = torch.from_numpy(rng.normal(size=(3000, 3))) + 1.0 * torch.nn.functional.one_hot(classes, 3)
+    assert together_temperatures(logits, classes) == pytest.approx([1, 1, 1], abs=0.15)
+    alone = together_temperatures(logits[:3], classes[:3])  # one recording of each object
+    assert len(alone) == 1 and together_temperatures(2 * logits, classes)[0] == pytest.approx(2, abs=0.3)
+
+
+@pytest.mark.parametrize("system", ["kernel", "lda"])
+def test_all_frames_of_a_recording_are_taken_only_where_they_err_less(system):
+    frames = table("split.folds=6")
+    assert cross_calibrate(fit_parts([], system), frames, 4, CPU, 0).most_frames in (4, 32)
+    cut = replace(frames, side=np.where(frames.anchor, frames.side, TEST).astype(frames.side.dtype))
+    first = np.unique(np.stack([cut.recording, cut.label]), axis=1, return_index=True)[1]
+    few = np.isin(np.arange(len(cut)), first)
+    alone = replace(cut, side=np.where(few, TRAIN, TEST).astype(cut.side.dtype), anchor=few)
+    assert cross_calibrate(fit_parts([], "kernel"), alone, 1, CPU, 0).most_frames == 1

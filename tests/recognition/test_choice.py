@@ -1,0 +1,103 @@
+"""The choice: by groups that were left out, never by the test side; slow candidates only where they are better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.recognition import choice, left_out
+from tactile_viewgcn.recognition.choice import FALLBACK, Candidate, choose, choose_members, compare
+from tactile_viewgcn.recognition.left_out import left_out_parts, recording_sets
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
+from tests.small_tables import table
+
+FAST, SLOW = ["lda"], ["trees"]
+
+
+def candidate(members, wrong, error=0.5):
+    return Candidate(members, error, error, np.asarray(wrong, dtype=float), 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("fast", "slow", "members"),
+    [
+        ([1, 0, 1, 0], [1, 0, 0, 0], FAST),  # a quarter more, with a standard error of a quarter
+        ([1, 1, 1, 1], [0, 0, 0, 1], SLOW),
+        ([0, 0, 0, 0], [0, 0, 0, 1], FAST),
+        ([0.5], [0.0], SLOW),  # one group says nothing of the difference
+    ],
+)
+def test_a_slow_candidate_is_taken_only_where_fast_ones_err_by_more_than_a_standard_error_more(fast, slow, members):
+    rows = [candidate(SLOW, slow), candidate(FAST, fast), candidate(["knn"], np.add(fast, 1))]
+    assert choose(rows).members == members and choose(rows[::-1]).members == members
+
+
+def test_the_lower_error_is_taken_and_of_equal_ones_the_first():
+    rows = [candidate(["lda"], [1, 0]), candidate(["knn"], [0, 1]), candidate(["kernel"], [1, 1])]
+    assert choose(rows).members == ["lda"] and choose(rows[1:]).members == ["knn"]
+
+
+def test_what_tells_the_objects_is_chosen_and_the_test_side_changes_nothing():
+    """The last class is told by how its frames differ from each other, which one frame alone does not show."""
+    frames = table("split.folds=6")
+    members, notes = choose_members(frames, 4, [["lda"], ["max_kernel"], ["knn", "kernel"]], 0)
+    assert notes[0].level == "choice" and notes[0].key == "model.members" and notes[0].value == members
+    rows = [note.value for note in notes[1:]]
+    assert sorted(row["error"] + row["whole_error"] for row in rows) == [
+        row["error"] + row["whole_error"] for row in rows
+    ]
+    assert all(0 <= row["error"] < 0.75 and row["milliseconds"] > 0 for row in rows)  # better than chance
+    other = replace(frames, label=np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype))
+    again = choose_members(other, 4, [["lda"], ["max_kernel"], ["knn", "kernel"]], 0)
+    assert [note.value["error"] for note in again[1][1:]] == [row["error"] for row in rows]
+
+
+def test_a_candidate_s_errors_are_those_of_fits_that_have_not_met_its_groups():
+    """Labels dealt at random to the recordings: whatever is fitted is wrong about what was left out."""
+    frames = table("split.folds=6")
+    dealt = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
+    shuffled = replace(frames, label=dealt[frames.recording].astype(frames.label.dtype))
+    (random,), (true,) = (compare(one, 4, [["kernel"]], 0) for one in (shuffled, frames))
+    assert random.error > 0.5 > true.error and len(true.wrong) == len(np.unique(frames.group[frames.side == TRAIN]))
+
+
+def test_with_one_group_an_object_nothing_is_compared_and_a_note_says_so():
+    frames = table()
+    alone = replace(frames, group=frames.label.astype(np.int64))
+    assert compare(alone, 4, [["lda"]], 0) == []
+    members, (note,) = choose_members(alone, 4, [["lda"]], 0)
+    assert members == FALLBACK and "no object has two groups" in note.text
+
+
+def test_an_ensemble_has_the_answers_of_its_members_added():
+    frames = table("split.folds=6")
+    both, one = compare(frames, 4, [["knn", "lda"], ["lda"]], 0)
+    assert both.seconds > one.seconds and both.milliseconds > one.milliseconds and both.slow is False
+
+
+def test_of_many_groups_and_long_recordings_some_are_used(monkeypatch):
+    monkeypatch.setattr(left_out, "MOST_GROUPS", 12)
+    monkeypatch.setattr(left_out, "MOST_FRAMES", 5)
+    frames = table("split.folds=6")
+    parts = list(left_out_parts(frames))
+    used = np.any([part.side != TEST for part in parts], axis=0)
+    assert len(np.unique(frames.group[used])) == 12 and (frames.side[used] == TRAIN).all()
+    assert np.unique(frames.recording[used], return_counts=True)[1].max() <= 6
+    for part in parts:
+        assert not set(part.group[part.side == VALIDATION]) & set(part.group[part.side == TRAIN])
+
+
+def test_a_recording_as_a_whole_is_frames_of_it_alone():
+    frames = table()
+    index = frames.on(TRAIN)
+    pool, few, most = recording_sets(frames, index, 4)
+    assert few.shape[1] == 4 and most.shape[1] == left_out.WHOLE and len(few) == len(most) == pool.max() + 1
+    for sets in (few, most):
+        assert (pool[sets] == np.arange(len(sets))[:, None]).all()
+    assert len(np.unique(few[0])) == 4
+
+
+def test_seconds_and_milliseconds_grow_with_the_members(monkeypatch):
+    monkeypatch.setattr(choice, "MOST_FRAMES", 20)
+    (row,) = compare(table("split.folds=6"), 4, [["lda"]], 0)
+    assert row.seconds > 0 and row.milliseconds > 0
