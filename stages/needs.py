@@ -1,4 +1,4 @@
-"""Say which stages `model.system` needs: nothing is pretrained for a system that reads the sensors themselves."""
+"""Check the launcher, and say whether `model.system` needs a backbone, which one on the sensors themselves does not."""
 
 import json
 import shutil

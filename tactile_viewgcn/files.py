@@ -5,9 +5,9 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from json import JSONDecodeError
 from pathlib import Path
 from pickle import UnpicklingError
+from zipfile import BadZipFile
 
 from tactile_viewgcn.errors import UserError
 
@@ -69,7 +69,7 @@ def readable(path: object) -> Iterator[None]:
     """
     try:
         yield
-    except (OSError, KeyError, TypeError, RuntimeError, EOFError, UnpicklingError, JSONDecodeError) as error:
+    except (OSError, KeyError, TypeError, ValueError, RuntimeError, EOFError, UnpicklingError, BadZipFile) as error:
         reason = f"{type(error).__name__}: {str(error).partition('. ')[0]}"
         raise UserError(
             f"{path}: damaged, or not written by this version ({reason}); delete it and run `dvc repro` again"

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 GAP = 1  # blank cells between the frames of a mosaic
 WIDEST = 40  # inches
 FRAMES = "viridis"  # colours of network input
+LONGEST_NAME = 22  # characters above a small picture
 NO_SENSOR = "#e9edef"
 
 
@@ -25,7 +26,7 @@ def confusions(counts: dict[str, np.ndarray], classes: list[str]) -> Figure:
         axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=8, parse_math=False)
         axes.set_yticks(range(len(classes)), classes, fontsize=8, parse_math=False)
         axes.set(xlabel="predicted", title=title)
-    panels[0].set_ylabel("held")
+    panels[0].set_ylabel("object")
     figure.colorbar(image, ax=panels, label="share of the object's view sets", shrink=0.8)
     return figure
 
@@ -108,16 +109,18 @@ def error_intervals(errors: dict[str, dict[str, Any]], chance: float) -> Figure:
     return figure
 
 
-def shortened(name: str, most: int = 22) -> str:
+def shortened(name: str) -> str:
     """A name that fits above a small picture."""
-    return name if len(name) <= most else f"{name[: most - 1]}…"
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
 
-def time_lines(lines: list[np.ndarray], held: list[np.ndarray], seconds: list[float], titles: list[str]) -> Figure:
-    """The load of recordings over time, side by side with one scale; where an object is held the line is filled.
+def time_lines(
+    lines: list[np.ndarray], in_contact: list[np.ndarray], seconds: list[float], titles: list[str]
+) -> Figure:
+    """The load of recordings over time, side by side with one scale; filled where frames are in contact.
 
     Args:
-        lines: mean counts above the baseline, in order; held: share of each point's frames that are held.
+        lines: mean counts above the baseline, in order; in_contact: share of each point's frames that are.
         seconds: from first to last point; NaN counts in shares of the recording.
     """
     columns = min(3, len(lines))
@@ -126,7 +129,7 @@ def time_lines(lines: list[np.ndarray], held: list[np.ndarray], seconds: list[fl
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for axes in panels.flat[len(lines) :]:
         axes.set_visible(False)
-    for axes, line, share, length, title in zip(panels.flat, lines, held, seconds, titles, strict=False):
+    for axes, line, share, length, title in zip(panels.flat, lines, in_contact, seconds, titles, strict=False):
         at = np.linspace(0, 1 if np.isnan(length) else length, len(line))
         axes.plot(at, line, color="#12485c", linewidth=1)
         axes.fill_between(at, 0, line, where=share >= 0.5, color="#f2b45c", alpha=0.8, linewidth=0)

@@ -12,10 +12,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tactile_viewgcn.process import processor, start_ticks, usable_cores
-from tactile_viewgcn.schema import as_change, flatten
+from tactile_viewgcn.schema import as_change, flatten, parse
 
 MOST_FILES = 20  # changed files that are named
 WRITTEN = "dvc.lock", "results/summary.json"  # by every run, which is no change of the code
@@ -55,8 +53,8 @@ def committed_params(path: Path) -> dict[str, Any]:
     """The values of a params.yaml as it is in git's HEAD, by dotted key; empty where it is not there."""
     text = _git("show", f"HEAD:./{path.name}", folder=path.parent)
     try:
-        tree = yaml.safe_load(text or "")
-    except yaml.YAMLError:
+        tree = parse(text or "")
+    except ValueError:
         return {}
     return flatten(tree) if isinstance(tree, dict) else {}
 
@@ -74,7 +72,7 @@ def run_name(head: str, values: dict[str, Any], committed: dict[str, Any], skip:
 
 def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:
     """The values, by dotted key, that differ from the committed ones; a key that is not committed is left out."""
-    return {key: value for key, value in values.items() if key in committed and not _equal(value, committed[key])}
+    return {key: value for key, value in values.items() if key in committed and value != committed[key]}
 
 
 def origin() -> dict[str, str]:
@@ -92,13 +90,6 @@ def origin() -> dict[str, str]:
         "python": platform.python_version(),
         **versions,
     }
-
-
-def _equal(value: Any, committed: Any) -> bool:
-    try:
-        return value == (float(committed) if isinstance(value, float) else committed)  # YAML reads 5e-4 as text
-    except (TypeError, ValueError):
-        return False
 
 
 def _git(*words: str, folder: Path = Path()) -> str | None:

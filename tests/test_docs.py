@@ -13,8 +13,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import torch
 import yaml
 
+from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tests import small_glove
@@ -161,10 +163,14 @@ def test_a_command_of_the_package_runs(command, place):
 @pytest.mark.parametrize("page, program", fences("python"))
 def test_a_program_runs(page, program, place, monkeypatch, capsys):
     if "import mlflow" in program:
-        pytest.skip("needs a model in an MLflow store; tests/recognition/test_logged_model.py loads one the same way")
+        pytest.skip("needs a model in an MLflow store; tests/recognition/test_mlflow_model.py loads one the same way")
     monkeypatch.chdir(place)
     names: dict = {}
     exec(compile(program, page, "exec"), names)
+    for made in names.values():
+        if isinstance(made, type) and issubclass(made, ViewSystem) and made is not ViewSystem:
+            logits, aux = made(Sizes(torch.rand(4, 3), (6,), 3), recipe().model)(torch.rand(2, 4, 6))
+            assert logits.shape == (2, 3) and aux == []
     if "probabilities" in names:
         np.testing.assert_allclose(np.sum(names["probabilities"], axis=-1), 1, rtol=1e-5)
 

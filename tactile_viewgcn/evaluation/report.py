@@ -106,7 +106,7 @@ def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluat
         with atomic_write(folder / f"{name}.json") as part:
             part.write_text(json.dumps(tree, indent=2) + "\n")
     trials: list[list] = [["protocol", "trial", "error", "top3_error"]]
-    confusion: list[list] = [["protocol", "held", "predicted", "count"]]
+    confusion: list[list] = [["protocol", "object", "predicted", "count"]]
     per_class: list[list] = [["protocol", "object", "view_sets", "error"]]
     for protocol, each in evaluation.protocols.items():
         for number, (correct, in_top3) in enumerate(zip(each.correct, each.in_top3, strict=True)):

@@ -12,6 +12,7 @@ from typing import Any
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.evaluation.report import divergences
+from tactile_viewgcn.files import readable
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import VIRTUAL
 
@@ -77,8 +78,9 @@ def read_run(name: str = "") -> FinishedRun:
             raise UserError(f"{where}: no {path}; {REMEDY}") from None
 
     contents = {stage: read(f"runs/{stage}.json") for stage in STAGES}
-    records = {stage: json.loads(content) for stage, content in contents.items()}
-    evaluated = records["evaluate"]["inputs"]
+    with readable(f"{where}: a stage's record in runs/"):
+        records = {stage: json.loads(content) for stage, content in contents.items()}
+        evaluated = records["evaluate"]["inputs"]
     for stage, record in records.items():
         if "origin" not in record or not all(isinstance(note, dict) for note in record["notes"]):
             raise UserError(f"{where}: runs/{stage}.json was written by an earlier version; run `dvc repro --force`")
@@ -86,8 +88,11 @@ def read_run(name: str = "") -> FinishedRun:
             raise UserError(
                 f"{where}: `{stage}` ran again after `evaluate`, so that the results are of an earlier run; {REMEDY}"
             )
-    metrics, timing = (json.loads(read(f"results/{file}.json")) for file in ("metrics", "timing"))
-    return FinishedRun(name, metrics, timing, read_predictions(BytesIO(read("results/predictions.npz"))), records)
+    results = [read(f"results/{file}") for file in ("metrics.json", "timing.json", "predictions.npz")]
+    with readable(f"{where}: a file of results/"):
+        metrics, timing = map(json.loads, results[:2])
+        predictions = read_predictions(BytesIO(results[2]))
+    return FinishedRun(name, metrics, timing, predictions, records)
 
 
 def _reader(name: str) -> Callable[[str], bytes]:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, noise_left, trimmed_moments
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, noise_left, of_empty_hand, trimmed_moments
 from tactile_viewgcn.frames.filtering import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
-from tactile_viewgcn.frames.open_hand import find_open_hand, of_empty_hand
+from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.frames.preprocessing import measure_baseline
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
@@ -55,7 +55,9 @@ def _baseline(recordings: Recordings, fitted: FittedPreprocessing) -> Baseline:
             entries.append(trimmed_moments(recordings.frames(frames), left))
         else:
             entries.append(known[number])
-            text = f"session {name!r}: fewer than {MIN_FRAMES} frames of the open hand; the training's baseline"
-            notes.append(Note(text))
+            text = (
+                f"session {name!r} has fewer than {MIN_FRAMES} frames of the open hand: the training's is taken"
+            )
+            notes.append(Note(text, topic="baseline"))
     means, noises = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.sessions, means, noises, session, notes)

@@ -95,6 +95,12 @@ def gather(values: Tensor, count: int) -> Tensor:
     return whole
 
 
+def take_first(values: Tensor) -> None:
+    """Replace the values by those of the first process."""
+    if dist.is_initialized():
+        dist.broadcast(values, 0)
+
+
 def mean(value: Tensor) -> Tensor:
     """Mean over the processes."""
     if dist.is_initialized():

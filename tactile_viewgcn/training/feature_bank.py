@@ -35,12 +35,13 @@ class FeatureBank:
         """Store the features of all frames (n, 1, H, W), in batches in random order, from torch's default generator.
 
         The backbone is left in training mode, and the running moments of its batch normalisation are updated. Every
-        process does all of it.
+        process computes all features, and takes those of the first.
         """
         backbone.train()
         with self._compute.autocast():
             for index in torch.randperm(len(frames)).tensor_split(num_batches(len(frames), batch)):
                 self.values[self._compute.to_device(index)] = backbone(augment_frames(frames[index]))
+        distributed.take_first(self.values)
 
     def nodes(self, sets: Tensor, fresh: Tensor, features: Tensor, first: Tensor) -> Tensor:
         """Features (b, k, ...) of this process's view sets: new in the columns `fresh`, from the bank in the others.

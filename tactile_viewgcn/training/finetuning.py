@@ -86,7 +86,8 @@ def finetune_classifier(
 
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
-        checkpoint_path, on_epoch: see `pretrain_backbone`.
+        checkpoint_path: see `pretrain_backbone`.
+        on_epoch: see `pretrain_backbone`.
 
     Returns:
         classifier, and the progress: per epoch the loss and, where there is a validation side, its error.

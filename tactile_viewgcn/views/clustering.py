@@ -69,9 +69,9 @@ def cluster_pools(
     return cluster
 
 
-def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray, components: int = COMPONENTS) -> list[np.ndarray]:
+def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray) -> list[np.ndarray]:
     """Principal components (n_p, c) of the frames of each pool p, from points (n, d) and pools (n,)."""
-    return [principal_components(points[pool == number], components) for number in range(pool.max() + 1)]
+    return [principal_components(points[pool == number], COMPONENTS) for number in range(pool.max() + 1)]
 
 
 def principal_components(points: np.ndarray, count: int) -> np.ndarray:

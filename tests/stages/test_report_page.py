@@ -104,9 +104,11 @@ def test_warnings_curves_a_changed_tree_and_simulated_data_are_shown_where_there
 
 def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(workspace):
     path = Path("runs/preprocess.json")
-    path.write_text(path.read_text() + "\n")
+    record = path.read_text()
+    path.write_text(record + "\n")
     with pytest.raises(UserError, match="`preprocess` ran again after `evaluate`"):
         read_run()
+    path.write_text(record)
     Path("results/metrics.json").unlink()
     with pytest.raises(UserError, match=r"the workspace: no results/metrics\.json; run `dvc repro`"):
         read_run()
@@ -124,3 +126,13 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
         err = capsys.readouterr().err
         assert len(err.splitlines()) == 1 and says in err
     assert not Path("report.html").exists()
+
+
+@pytest.mark.parametrize(
+    "path", ["runs/finetune.json", "results/metrics.json", "results/timing.json", "results/predictions.npz"]
+)
+@pytest.mark.parametrize("content", [b"", b"{", b"PK\x03\x04 and no more"])
+def test_a_damaged_file_ends_in_one_line(workspace, path, content):
+    Path(path).write_bytes(content)
+    with pytest.raises(UserError, match="damaged, or not written by this version"):
+        read_run()
