@@ -41,7 +41,7 @@ def test_a_recording_without_an_open_hand_has_the_training_s_baseline(tmp_path, 
     write(tmp_path / "1.h5", recording(name, 51, before=0, after=0))
     ((row,), (note,)) = answer_source(recogniser(), open_source(tmp_path, labelled=False))
     assert (row.contact, best(row)) == (HELD, name)
-    assert note.text == "session 'session': fewer than 5 frames of the open hand; the training's baseline"
+    assert note.text == "session 'session' has fewer than 5 frames of the open hand: the training's is taken"
 
 
 def test_a_few_frames_in_contact_are_all_used_once():
