@@ -45,14 +45,14 @@ def _file(*changes: str) -> bytes:
     table = ArrayRecordings(arrays, [EMPTY_HAND, *OBJECTS], labels, np.zeros(13, dtype=int))
     fixed = ("preprocess.baseline=empty_hand", "preprocess.filter=contact", "preprocess.contact_sensors=6")
     small = "preprocess.empty_hand_class=false", "device=cpu"
-    params = load(ROOT / "params.yaml", (*preset_changes("best"), *fixed, *small, *changes))
+    params = load(ROOT / "params.yaml", (*preset_changes("kernels"), *fixed, *small, *changes))
     with tempfile.TemporaryDirectory() as folder:
         train(table, params, table.columns["recording"], Path(folder) / "classifier.pt")
         return (Path(folder) / "classifier.pt").read_bytes()
 
 
 def model_file(path: Path, *changes: str) -> Path:
-    """The file of the classifier of the three objects, of the preset `best` with `key=value` changes, at `path`."""
+    """The file of the classifier of the three objects, of the preset `kernels` with `key=value` changes, at `path`."""
     path.write_bytes(_file(*changes))
     return path
 

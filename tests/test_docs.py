@@ -19,6 +19,7 @@ import yaml
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.recognition.sequential import Calibration
 from tests import small_glove
 from tests.small_tables import recipe, table, trained
 
@@ -125,7 +126,13 @@ def place(tmp_path_factory) -> Path:
     shutil.copy(ROOT / "params.yaml", folder)
     (folder / "models").mkdir()
     save_classifier(folder / "models" / "classifier.pt", trained(), recipe().model, table())
-    save_classifier(folder / "models" / "sequential.pt", trained(), recipe().model, table(), temperatures=[1.0] * 4)
+    save_classifier(
+        folder / "models" / "sequential.pt",
+        trained(),
+        recipe().model,
+        table(),
+        calibration=Calibration([1.0] * 4, [], 4),
+    )
     rng = np.random.default_rng(0)
     np.save(folder / "counts.npy", (514 + rng.poisson(3, (2, 4, 12, 12))).astype(np.int16))
     recording = (514 + rng.poisson(1, (30, 12, 12))).astype(np.int16)

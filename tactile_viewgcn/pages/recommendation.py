@@ -19,7 +19,7 @@ def recommend(overview: Overview) -> list[Note]:
         chosen = [note for note in chosen if note.key != "preprocess.contact_sensors"]
     chosen += split_choices(inspection)
     if not inspection.has_published_split or inspection.contact.sum() <= FEW_FRAMES:  # unlike STAG's `classification`
-        reason = "the lowest error on validation groups where recordings are few"
+        reason = "it compares classifiers on your training recordings and takes the one that errs least"
         chosen.append(Note(reason, "choice", "preset", "preset", "best"))
     return chosen
 

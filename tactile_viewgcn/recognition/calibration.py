@@ -16,7 +16,7 @@ from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.left_out import left_out_parts, recording_sets, sampled_anchors
-from tactile_viewgcn.recognition.sequential import logits_by_count, sequences
+from tactile_viewgcn.recognition.sequential import Calibration, logits_by_count, sequences
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
@@ -25,21 +25,6 @@ from tactile_viewgcn.training.inputs import FrameInputs
 MOST_RECORDINGS = 3  # of one object that are answered together
 DRAWS = 10  # of recordings that are answered together, for each recording
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """Temperatures, and how many frames of a recording are taken.
-
-    Attributes:
-        by_frames: for 1 to V frames.
-        by_recordings: for recordings as a whole: one, two and three together; empty where they were not fitted.
-        most_frames: of a recording as a whole, evenly taken: V, or more where that errs less.
-    """
-
-    by_frames: list[float]
-    by_recordings: list[float]
-    most_frames: int
 
 
 def fit_temperature(logits: Tensor, labels: Tensor) -> float:

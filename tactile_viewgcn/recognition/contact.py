@@ -55,9 +55,7 @@ def _baseline(recordings: Recordings, fitted: FittedPreprocessing) -> Baseline:
             entries.append(trimmed_moments(recordings.frames(frames), left))
         else:
             entries.append(known[number])
-            text = (
-                f"session {name!r} has fewer than {MIN_FRAMES} frames of the open hand: the training's is taken"
-            )
+            text = f"session {name!r} has fewer than {MIN_FRAMES} frames of the open hand: the training's is taken"
             notes.append(Note(text, topic="baseline"))
     means, noises = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.sessions, means, noises, session, notes)

@@ -9,13 +9,13 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Model, Params
 from tactile_viewgcn.recognition.calibration import (
-    Calibration,
     calibrate_network,
     calibration_warning,
     cross_calibrate,
 )
 from tactile_viewgcn.recognition.choice import choose_members
 from tactile_viewgcn.recognition.left_out import WHOLE
+from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.systems.classifier import Classifier

@@ -16,6 +16,21 @@ from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """Temperatures, and how many frames of a recording are taken.
+
+    Attributes:
+        by_frames: for 1 to V frames.
+        by_recordings: for recordings as a whole: one, two and three together; empty where they were not fitted.
+        most_frames: of a recording as a whole, evenly taken: V, or more where that errs less.
+    """
+
+    by_frames: list[float]
+    by_recordings: list[float]
+    most_frames: int
+
+
+@dataclass(frozen=True)
 class SequentialTrials:
     """Predictions of T trials after each of the V frames of A sequences.
 

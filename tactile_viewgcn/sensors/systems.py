@@ -48,7 +48,7 @@ class TrainingFrames:
         """Random view sets, each of frames of one pool.
 
         Args:
-            count: of each pool and size; more where a pool has more than `count` times V frames, 1 where it has one.
+            count: of each pool and size; more where a pool has more than `count` times V frames.
 
         Returns:
             sets: one array (M, k) of frame indices for each size k; and labels (M,).
@@ -56,7 +56,7 @@ class TrainingFrames:
         rng = np.random.default_rng(self.seed)
         members = [np.flatnonzero(self.pools == pool) for pool in np.unique(self.pools)]
         most = max(1, MOST_SETS // len(members))
-        counts = [1 if len(frames) == 1 else min(most, max(count, len(frames) // self.views)) for frames in members]
+        counts = [min(most, max(count, len(frames) // self.views)) for frames in members]
         pools = [frames for frames, of_pool in zip(members, counts, strict=True) for _ in range(of_pool)]
         sets = [
             np.stack([rng.choice(frames, size, replace=len(frames) < size) for frames in pools]) for size in self.sizes

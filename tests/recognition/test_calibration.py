@@ -10,14 +10,13 @@ from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.recognition.calibration import (
     MAX_TEMPERATURE,
     MIN_TEMPERATURE,
-    Calibration,
     calibrate_network,
     calibration_warning,
     cross_calibrate,
     fit_temperature,
     together_temperatures,
 )
-from tactile_viewgcn.recognition.sequential import sequential_trials
+from tactile_viewgcn.recognition.sequential import Calibration, sequential_trials
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tests.small_tables import CPU, recipe, table, trained, views_of
 

@@ -44,7 +44,7 @@ NETWORK = {
 
 
 @parametrize_with_checks(
-    [TactileClassifier(), TactileClassifier(system="logistic", params={"preprocess.zero": -3})],
+    [TactileClassifier("kernels"), TactileClassifier(system="logistic", params={"preprocess.zero": -3})],
     expected_failed_checks=lambda estimator: {} if estimator.params else {"check_classifiers_train": CENTRED},
     xfail_strict=True,
 )
@@ -76,6 +76,7 @@ def last(recordings) -> np.ndarray:
 
 
 def made(params=None, **arguments) -> TactileClassifier:
+    arguments = arguments or {"preset": "kernels"}
     return TactileClassifier(views=4, params=RAW | (params or {}), **arguments)
 
 
@@ -100,10 +101,11 @@ def test_recordings_of_different_lengths_are_distinguished(system):
 def test_an_array_of_view_sets_has_its_own_number_of_views(system):
     X, y = grasps()
     new, truth = grasps(2, seed=1)
-    classifier = TactileClassifier(system=system, params=NETWORK if system else None).fit(last(X), y)
+    preset, params = (None, NETWORK) if system else ("kernels", None)
+    classifier = TactileClassifier(preset, system, params=params).fit(last(X), y)
     assert classifier.params_.views == 4
     assert classifier.score(last(new), truth) == 1
-    if system is None:  # the preset `best` takes any number of frames, and its probabilities are calibrated
+    if system is None:  # the preset takes any number of frames, and its probabilities are calibrated
         assert len(classifier.recogniser_.temperatures) == 4
         assert (classifier.predict(last(X)[:, :2]) == y).all()
 
@@ -194,7 +196,7 @@ def test_a_recording_without_contact_is_the_empty_hand_where_that_is_a_class():
 def test_recordings_that_are_all_contact_are_taken_as_they_are():
     X, y = grasps()
     new, truth = grasps(2, seed=1)
-    classifier = TactileClassifier(views=4).fit([counts[12:] for counts in X], y)
+    classifier = TactileClassifier("kernels", views=4).fit([counts[12:] for counts in X], y)
     assert classifier.recogniser_.preprocessing.params.filter == "none"
     assert classifier.score([counts[12:] for counts in new], truth) == 1
 

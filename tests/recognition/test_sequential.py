@@ -12,7 +12,13 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, sequential_scores
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.recognition.sequential import SequentialTrials, logits_by_count, sequences, sequential_trials
+from tactile_viewgcn.recognition.sequential import (
+    Calibration,
+    SequentialTrials,
+    logits_by_count,
+    sequences,
+    sequential_trials,
+)
 from tactile_viewgcn.tables.frames import TEST
 from tests.small_tables import CPU, recipe, table, trained
 
@@ -112,7 +118,7 @@ def test_sequential_trials_of_a_classifier_that_is_not_calibrated_are_refused():
 def recogniser(tmp_path_factory) -> Recogniser:
     """A recogniser that takes any number of frames, with a temperature for each."""
     path = tmp_path_factory.mktemp("model") / "classifier.pt"
-    save_classifier(path, trained(), recipe().model, table(), temperatures=TEMPERATURES)
+    save_classifier(path, trained(), recipe().model, table(), calibration=Calibration(TEMPERATURES, [], 4))
     return Recogniser(path)
 
 
