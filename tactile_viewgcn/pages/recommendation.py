@@ -42,9 +42,8 @@ def split_choices(inspection: Inspection) -> list[Note]:
         by = "recording"
     repeated = counts[by] >= 2
     if repeated.sum() < 2:
-        reason = (
-            "one recording an object: nothing can be held out. Frames beside each other are on both sides, and the "
-        )
+        few = "one recording an object" if not repeated.any() else "only one object has two recordings"
+        reason = f"{few}: nothing can be held out. Frames beside each other are on both sides, and the "
         return [choice("split.by", "frame", f"{reason}error says nothing about a new recording: record each twice")]
     single, fewest = int((~repeated).sum()), int(counts[by][repeated].min())
     alone = f"; {several(single, 'object')} {'has' if single == 1 else 'have'} one and cannot be tested" * (single > 0)
