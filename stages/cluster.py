@@ -6,7 +6,7 @@ import click
 import numpy as np
 
 from stages.command import Job, stage
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, read_frames
 from tactile_viewgcn.tables.views import write_views
@@ -23,15 +23,15 @@ def cluster(job: Job, frames: Path, out: Path) -> None:
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
     if not views.clustered:
-        click.echo(f"cluster: none; view sets are drawn at random from each of {pools} pools")
+        click.echo(f"cluster: none; view sets are drawn at random from each of {several(pools, 'pool')}")
     else:
-        click.echo(f"cluster: {pools} pools in {count} clusters each")
+        click.echo(f"cluster: {several(pools, 'pool')} in {several(count, 'cluster')} each")
         if job.run.id:
             from tactile_viewgcn.plots import cluster_means
 
             job.run.figure("cluster_means.png", cluster_means(views.means(table), table.live, table.classes))
     if empty:
-        text = f"{empty} of {pools * count} views have no frame of their own and repeat one of their pool's"
+        text = f"{empty} of {several(pools * count, 'view')}: no frame of its own, so one of its pool's is repeated"
         job.note(Note(text, topic="clusters"))
     write_views(out, views)
     job.counts = {"pools": pools, "empty_clusters": empty}

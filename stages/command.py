@@ -137,11 +137,12 @@ def _started(
     params, committed = load(params_path, changes), committed_params(params_path)
     values, entry = flatten(params), stages()[name]
     if row:
-        title = run_name(f"{params.model.system} V={params.views}", values, committed, ("model.system", "views"))
+        texts = {"model.system": params.model.system, "views": f"V={params.views}"}
+        title = run_name(values, committed, texts)
     else:
         prefixes = tuple(f"{key}." for key in entry["params"])
         values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
-        title = run_name(name, values, committed)
+        title = run_name(values, committed, {"": name})
     job = Job(name, params_of(entry, params), _md5s(inputs))
     if "needs" in inputs:
         with readable(inputs["needs"]):

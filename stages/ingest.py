@@ -6,6 +6,7 @@ import click
 import numpy as np
 
 from stages.command import Job, stage
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 
@@ -15,10 +16,11 @@ def ingest(job: Job, source: Path, out: Path) -> None:
     write_recordings(out, open_source(source), job.md5s["source"])
     table = Recordings(out)
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
+    names = [several(count, name.removesuffix("s")) for name, count in used.items()]
     job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
     click.echo(
-        "ingest: {frames:,} frames of {shape[0]} x {shape[1]}, {sensors} sensors, {objects} objects, "
-        "{recordings} recordings, {sessions} sessions".format(shape=table.shape, **job.counts)
+        f"ingest: {several(len(table), 'frame')} of {table.shape[0]} x {table.shape[1]}, "
+        f"{several(job.counts['sensors'], 'sensor')}, {', '.join(names)}"
     )
 
 

@@ -11,6 +11,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.leak import leak_of_split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.tables.frames import SIDES, write_frames
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -35,10 +36,11 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     job.run.artifacts(kept)
     job.run.metrics(leaked)
     counts = frame_counts(frames.side, frames.anchor, group=frames.group, recording=frames.recording)
-    click.echo(f"preprocess: {len(frames):,} of {len(selection.keep):,} frames kept, {len(frames.classes)} classes")
+    kept_of, classes = several(len(selection.keep), "frame"), several(len(frames.classes), "class", "classes")
+    click.echo(f"preprocess: {len(frames):,} of {kept_of} kept, {classes}")
     for side in SIDES:
-        number = {what: counts[f"{what}.{side}"] for what in ("frames", "groups", "anchors")}
-        click.echo("  {}: {frames:,} frames in {groups} groups, {anchors:,} anchors".format(side, **number))
+        texts = [several(counts[f"{what}s.{side}"], what) for what in ("frame", "group", "anchor")]
+        click.echo("  {}: {} in {}, {}".format(side, *texts))
     for note in notes:
         job.note(note)
     job.counts = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}

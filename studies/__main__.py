@@ -10,6 +10,7 @@ from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.queue import Queue
 from studies.runner import run_cells
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import several
 
 
 @click.command()
@@ -80,7 +81,7 @@ def run(
     finished = queue.finished()
     before = sum(stored(key) or f"{study.name}-{key}" in finished for key in cells)
     part = f", shard {shard}" if shard else ""
-    print(f"{study.name}{part}: {len(cells)} cells, {before} of them finished before", flush=True)
+    print(f"{study.name}{part}: {several(len(cells), 'cell')}, finished before: {before}", flush=True)
     faults = run_cells(study.name, cells, queue, jobs=jobs)
     answers = [read_answers(cell, key) for key, cell in cells.items() if key not in faults]
     if answers and not shard:
@@ -88,7 +89,9 @@ def run(
         print(write_report(study, answers, folder, rehearsal=quick, on_top=changes))
         print(f"written: {folder}/results.csv, results.md, results.png")
     if faults:
-        raise UserError(f"{len(faults)} of {len(cells)} cells failed, see above; the same command tries them again")
+        raise UserError(
+            f"{len(faults)} of {several(len(cells), 'cell')} failed, see above; the same command tries them again"
+        )
 
 
 if __name__ == "__main__":

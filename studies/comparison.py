@@ -14,6 +14,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.evaluation.statistics import holm, sign_flip
 from tactile_viewgcn.intervals import group_interval, proportion_interval
+from tactile_viewgcn.notes import several
 
 MIN_SEEDS = 3  # for an interval over trainings
 ENOUGH = 5.0  # points that a study is to be able to see
@@ -206,7 +207,7 @@ def power(rows: pd.DataFrame, groups: int) -> str:
     points = ", ".join(f"{width:.1f} points {kind}" for kind, width in widest.items())
     return (
         f"The smallest difference that this study could have seen is {points} ({protocol} protocol, half of the "
-        f"widest paired interval, {groups} split groups), {verdict}."
+        f"widest paired interval, {several(groups, 'split group')}), {verdict}."
     )
 
 

@@ -14,6 +14,7 @@ from studies.grid import COLUMNS, Study
 from studies.pictures import error_curves, errors_by_cost, errors_by_variant
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.randomness import stream
 
@@ -26,7 +27,7 @@ DEALT = """The groups were dealt to the folds in {deals} ways, so that each is t
 one."""
 COMPARED = """Differences are paired, over the seeds and deals that both were trained on. `p` says how often groups with
 their signs turned differ as much, corrected for all differences of a protocol and a weighting (Holm 1979); before that
-it is never below {least:.2g} with {groups} groups. `over trainings` is Student's 95 % interval of the difference per
+it is never below {least:.2g} with {groups}. `over trainings` is Student's 95 % interval of the difference per
 frame: what other seeds would give, not other recordings."""
 PAID = """Costs are medians over the trainings: seconds are summed over folds, milliseconds are per view set, the memory
 is that of the hungriest stage."""
@@ -55,13 +56,14 @@ def write_report(
     classes = {str(name) for each in answers for name in each.predictions.classes}
     changed = f" Every cell has {', '.join(f'`{change}`' for change in on_top)}." if on_top else ""
     text = [f"{data}. {study.question}{changed}", *([REHEARSAL] if rehearsal else []), power(rows, groups)]
-    size = f"{tested.shape[1]:,} view sets, {len(classes)} classes, {params.evaluate.trials} trials"
-    text.append(f"{size}, {groups} split groups on the {params.evaluate.side} side. {EXPLAINED}")
+    sizes = (tested.shape[1], "view set"), (len(classes), "class", "classes"), (params.evaluate.trials, "trial")
+    size = ", ".join([*(several(*each) for each in sizes), several(groups, "split group")])
+    text.append(f"{size} on the {params.evaluate.side} side. {EXPLAINED}")
     text += [DEALT.format(deals=deals)] * (deals > 1)
     if absent := [] if rehearsal else missing(study, variants, on_top):
         text.append(f"Trainings that have not been run: {', '.join(absent)}.")
     if references:
-        text.append(COMPARED.format(groups=groups, least=max(2.0**-groups * 2, 1e-4)))
+        text.append(COMPARED.format(groups=several(groups, "group"), least=max(2.0**-groups * 2, 1e-4)))
     parts = [*map(_paragraph, text), *tables(rows, sequential, references, study.columns)]
     shown = pd.concat([rows, sequential]).drop(columns={*COLUMNS} - {*study.columns})
     with atomic_write(folder / "results.csv") as part:

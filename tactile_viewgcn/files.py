@@ -1,13 +1,17 @@
-"""Files written whole or not at all, and their md5."""
+"""Files written whole or not at all, their locks and their md5."""
 
 import hashlib
 import os
 import shutil
+import socket
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from pickle import UnpicklingError
 from zipfile import BadZipFile
+
+from filelock import FileLock, Timeout
 
 from tactile_viewgcn.errors import UserError
 
@@ -74,6 +78,28 @@ def readable(path: object) -> Iterator[None]:
         raise UserError(
             f"{path}: damaged, or not written by this version ({reason}); delete it and run `dvc repro` again"
         ) from error
+
+
+@contextmanager
+def locked(path: Path, seconds: float = -1) -> Iterator[None]:
+    """Hold the lock of a file, whose text names the process that has it; one that has to wait prints this first.
+
+    Args:
+        seconds: to wait at most; below 0 for ever.
+    """
+    lock = FileLock(path)
+    holder = path.read_text(errors="replace").strip() if path.exists() else ""
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        remedy = "end it if a killed run has left it behind"
+        print(f"waits for {holder or 'another process'}, which has {path}; {remedy}", file=sys.stderr, flush=True)
+        lock.acquire(timeout=seconds)
+    try:
+        path.write_text(f"process {os.getpid()} on {socket.gethostname()} ({' '.join(sys.orig_argv[1:])[:200]})\n")
+        yield
+    finally:
+        lock.release()
 
 
 def md5(path: str | Path) -> str:

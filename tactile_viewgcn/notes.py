@@ -34,3 +34,8 @@ class Note:
 def warnings_of(notes: list[Note]) -> list[Note]:
     """The warnings among notes."""
     return [note for note in notes if note.level == "warning"]
+
+
+def several(count: int, thing: str, things: str = "") -> str:
+    """1 frame, 1,701 frames; `things` is a plural that is not made by an s."""
+    return f"{count:,} {thing if count == 1 else things or f'{thing}s'}"

@@ -12,6 +12,7 @@ from annotated_types import Interval, MinLen
 from pydantic import Strict, StringConstraints, model_validator
 from pydantic.dataclasses import dataclass
 
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.schema import SECTION, Integer, Number, Text, Truth, Unique, as_change, build, read_yaml
 from tactile_viewgcn.systems import Member, OnSensors, System
 
@@ -222,6 +223,13 @@ class Params:
             )
         if self.views != (places := PLACES.get(self.viewpoints, self.views)):
             wrong.append(f"viewpoints is {self.viewpoints}, which has {places} places; views is {self.views}")
+        levels = sum(self.views >> level >= 2 for level in range(3))  # of the view-graph
+        near = model.neighbours if isinstance(model.neighbours, list) else [0] * levels
+        if model.system == "view_gcn" and len(near) < levels:
+            wrong.append(
+                f"model.neighbours {near} has {several(len(near), 'entry', 'entries')}: expected one number, or one "
+                f"for each of the {levels} levels of {self.views} views"
+            )
         if self.preprocess.baseline == "none" and self.preprocess.filter == "contact":
             wrong.append(
                 "preprocess.filter is contact, which needs the baseline's noise: "

@@ -5,7 +5,6 @@ import platform
 import socket
 import subprocess
 import sys
-from collections.abc import Collection
 from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -59,15 +58,16 @@ def committed_params(path: Path) -> dict[str, Any]:
     return flatten(tree) if isinstance(tree, dict) else {}
 
 
-def run_name(head: str, values: dict[str, Any], committed: dict[str, Any], skip: Collection[str] = ()) -> str:
-    """A name for people: `head` and the values that differ from the committed ones, `mvcnn V=8 pretrain.lr=0.01`.
+def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str, str]) -> str:
+    """A name for people: the values that differ from the committed ones, then others: `V=12 pretrain.lr=0.01 mvcnn`.
 
     Args:
         values: by dotted key; a key that is not committed is left out.
-        skip: keys that `head` names already.
+        texts: what stands in every name, in its own words; by key, where it is a value's.
     """
-    changed = changes_of(values, committed).items()
-    return " ".join([head, *(as_change(key, value) for key, value in changed if key not in skip)])
+    changed = changes_of(values, committed)
+    first = [texts.get(key) or as_change(key, value) for key, value in changed.items()]
+    return " ".join([*first, *(text for key, text in texts.items() if key not in changed)])
 
 
 def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:

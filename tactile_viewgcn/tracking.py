@@ -4,6 +4,7 @@ An evaluated pipeline is one row of the experiment `tactile-viewgcn`: the run of
 stages lie in `tactile-viewgcn/stages`. Where the store is: see `tracking_store`.
 """
 
+import json
 import os
 import socket
 import tempfile
@@ -16,9 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from filelock import FileLock
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import locked
 from tactile_viewgcn.process import is_running
 from tactile_viewgcn.provenance import run_tags
 from tactile_viewgcn.tracking_store import DISABLED, address, check_store, existing_address, refusal, store_folder
@@ -29,6 +30,23 @@ if TYPE_CHECKING:
 EXPERIMENT = "tactile-viewgcn"
 MODEL_NEEDS = "torch", "numpy", "h5py", "pyyaml", "filelock"  # packages that every logged model needs
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
+COLUMNS = "error.recording", "error.object", "seconds.total"  # of the list that `viewStateShareKey=errors` opens
+VIEW = {  # MLflow has no other way to say which columns a list shows at first
+    "mlflow.sharedViewState.errors": json.dumps(
+        {
+            "selectedColumns": [f"metrics.`{name}`" for name in COLUMNS],
+            "columnOrder": [],
+            "columnWidths": {},
+            "searchFilter": "",
+            "orderByKey": "attributes.start_time",
+            "orderByAsc": False,
+            "startTime": "ALL",
+            "lifecycleFilter": "Active",
+            "datasetsFilter": [],
+            "modelVersionFilter": "All Runs",
+        }
+    )
+}
 STORE = "store"  # tag of an experiment: the folder of the database that it was created in
 
 
@@ -179,7 +197,7 @@ def _close_killed(experiments: list[str]) -> None:
 def _experiments(uri: str) -> list[str]:
     """The ids of the experiments of rows and stages; a fresh store is made by one process at a time."""
     name, folder = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT), store_folder(uri)
-    with FileLock(folder / "mlflow.db.lock") if folder else nullcontext():
+    with locked(folder / "mlflow.db.lock") if folder else nullcontext():
         return [_experiment(name, folder), _experiment(f"{name}/stages", folder)]
 
 
@@ -199,10 +217,12 @@ def _experiment(name: str, folder: Path | None) -> str:
         remedy = f"restore it (mlflow experiments restore -x {experiment.experiment_id}) or name another"
         raise UserError(f"MLflow experiment {name!r} is deleted; {remedy} with MLFLOW_EXPERIMENT_NAME")
     if experiment:
+        for key in VIEW.keys() - experiment.tags.keys():
+            client.set_experiment_tag(experiment.experiment_id, key, VIEW[key])
         return experiment.experiment_id
     place, tags = ((folder / "mlruns").as_uri(), {STORE: str(folder)}) if folder else (None, {})
     try:
-        return client.create_experiment(name, place, tags | KIND)
+        return client.create_experiment(name, place, tags | KIND | VIEW)
     except MlflowException:
         faster = client.get_experiment_by_name(name)  # another process's: no file locks a server's store
         if faster is None:

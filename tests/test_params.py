@@ -116,6 +116,10 @@ def test_all_mistakes_are_listed_at_once():
         (("split.folds=4", "split.fold=4"), "split.fold is 4; expected less than split.folds = 4"),
         (("evaluate.side=validation",), "evaluate.side is validation, and split.validation is 0"),
         (("viewpoints=cube", "views=12"), "viewpoints is cube, which has 8 places; views is 12"),
+        (
+            ("model.neighbours=[3,3]",),
+            "model.neighbours [3, 3] has 2 entries: expected one number, or one for each of the",
+        ),
         (("viewpoints=dodecahedron", "views=8"), "which has 20 places"),
         (("preprocess.baseline=none", "preprocess.filter=contact"), "preprocess.filter is contact, which needs"),
         (("finetune.num_views=random", "model.selector=joint"), "model.selector joint needs all views"),

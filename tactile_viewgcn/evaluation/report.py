@@ -12,7 +12,7 @@ from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import SIDES, Frames
 
@@ -150,8 +150,9 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
     """What was tested, the error in per cent under each protocol with its interval, what it cost, what diverged."""
     latency, ((side, groups),) = timing["latency_ms"], metrics["groups"].items()
     lines = [
-        f"evaluate: {metrics['frames'][side]:,} view sets of {metrics['views']}, {metrics['classes']} classes, "
-        f"{metrics['trials']} trials, {groups} groups" + (" of the validation side" if side == "validation" else "")
+        f"evaluate: {several(metrics['frames'][side], 'view set')} of {metrics['views']}, "
+        f"{several(metrics['classes'], 'class', 'classes')}, {several(metrics['trials'], 'trial')}, "
+        f"{several(groups, 'group')}" + (" of the validation side" if side == "validation" else "")
     ]
     for protocol in PROTOCOLS:
         if protocol in metrics:

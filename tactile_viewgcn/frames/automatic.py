@@ -8,7 +8,7 @@ import numpy as np
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly, quiet_frames
 from tactile_viewgcn.frames.inspection import Inspection, contact_readings, inspect_recordings
 from tactile_viewgcn.frames.leak import Leak, deciding_leaks
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.params import Preprocess, PreprocessSection
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.recordings import Recordings
@@ -69,7 +69,7 @@ def choose(inspection: Inspection, leaks: dict[str, Leak], asked: dict[str, Any]
         choices.append(_choice("filter", *_filter(inspection, str(baseline))))
     if asked["contact_sensors"] == "auto":
         live = int(inspection.live.sum())
-        reason = f"of {live} sensors" + (", as STAG's 14 of 548" if live != 548 else "")
+        reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
         choices.append(_choice("contact_sensors", inspection.contact_sensors, reason))
     if asked["scale"] == "auto":
         choices.append(_choice("scale", *_scale(inspection)))
@@ -98,7 +98,7 @@ def _baseline(inspection: Inspection, leaks: dict[str, Leak]) -> tuple[str, str]
     short = int((inspection.open < MIN_FRAMES).sum())
     if not short:
         return "grasp", "no empty hand in every session, and an open hand in every recording"
-    return "quiet", f"no empty hand in every session, and {short} recordings have hardly an open hand"
+    return "quiet", f"no empty hand in every session, and hardly an open hand in {several(short, 'recording')}"
 
 
 def _filter(inspection: Inspection, baseline: str) -> tuple[str, str]:
@@ -114,7 +114,7 @@ def _filter(inspection: Inspection, baseline: str) -> tuple[str, str]:
         many = flagged >= ENOUGH_FLAGS or flags.sum() >= FLAGGED_SHARE * contact.sum()
         if flags[recorded].all() and (many or not contact[recorded].all()):
             return "flags", "the source says in which frames the object is held"
-        remark = f"the source flags only {flagged:g} frames a recording; "
+        remark = f"the source flags only {flagged:g} {'frame' if flagged == 1 else 'frames'} a recording; "
     if baseline == "none":
         return "none", f"{remark}without a baseline contact cannot be told: every frame is kept"
     share = inspection.contact.sum() / inspection.frames.sum()
@@ -154,8 +154,8 @@ def _baseline_warnings(inspection: Inspection, frames: Frames, asked: Preprocess
     if kind != "quiet" or not short:
         return []
     text = (
-        f"quiet is made of frames in contact in {short} of {len(taken)} recordings, which have fewer frames without "
-        f"contact than the {taken.min()} or more that it takes; "
+        f"quiet is made of frames in contact in {short} of {several(len(taken), 'recording')}, with fewer frames "
+        f"without contact than the {taken.min()} or more that it takes; "
     )
     if asked.baseline == "auto":
         return [Note(f"{text}record an open hand first, or lower preprocess.quiet_share", "warning", "baseline")]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -100,7 +100,7 @@ def require_live(recordings: Recordings) -> None:
     """Raise a UserError if no sensor varies."""
     if not recordings.live.any():
         raise UserError(
-            f"{recordings.path}: no sensor varies over the {len(recordings)} frames; expected some that do: "
+            f"{recordings.path}: no sensor varies over {several(len(recordings), 'frame')}; expected some that do: "
             "is the glove connected?"
         )
 
@@ -125,7 +125,7 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
         index = np.flatnonzero(empty & (sessions == number))
         if len(index) < MIN_FRAMES and (sessions == number).any():
             raise UserError(
-                f"session {name!r} has {len(index)} frames of {EMPTY_HAND!r}; preprocess.baseline "
+                f"session {name!r} has {several(len(index), 'frame')} of {EMPTY_HAND!r}; preprocess.baseline "
                 f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to auto"
             )
         frames = recordings.frames(evenly(index, MOST_FRAMES))

@@ -4,7 +4,7 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.params import Preprocess
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
@@ -22,7 +22,7 @@ def passing(recordings: Recordings, baseline: Baseline, preprocess: Preprocess) 
         return (passed := flagged(recordings)), _notes(recordings, passed, "flags", "a flag")
     sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
     passed = in_contact(recordings, baseline, sensors=sensors, sigmas=sigmas)
-    return passed, _notes(recordings, passed, "contact", f"{sensors} sensors above {sigmas:g} sd")
+    return passed, _notes(recordings, passed, "contact", f"{several(sensors, 'sensor')} above {sigmas:g} sd")
 
 
 def flagged(recordings: Recordings) -> np.ndarray:
@@ -71,12 +71,12 @@ def pressed_frames(recordings: Recordings, baseline: Baseline, *, sensors: int, 
 
 def _notes(recordings: Recordings, passed: np.ndarray, kind: str, condition: str) -> list[Note]:
     """On frames without the filter's condition, and on recordings and objects without a frame with it."""
-    text = f"{kind}: {(~passed).sum():,} of {len(passed):,} frames dropped, without {condition}"
+    text = f"{kind}: {(~passed).sum():,} of {several(len(passed), 'frame')} dropped, without {condition}"
     notes = [Note(text, topic="filter")]
     for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
         before, after = np.unique(recordings.columns[column]), recordings.columns[column][passed]
         emptied = [names[i] for i in np.setdiff1d(before, after)]
-        text = f"{len(emptied)} of {len(before)} {column}s dropped, no frame has {condition}: {listed(emptied)}"
+        text = f"{len(emptied)} of {several(len(before), column)} dropped, no frame has {condition}: {listed(emptied)}"
         if emptied and column == "recording":
             notes.append(Note(text, topic="filter"))
         elif emptied:

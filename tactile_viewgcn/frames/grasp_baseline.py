@@ -13,7 +13,7 @@ from tactile_viewgcn.frames.baseline import (
     trimmed_moments,
 )
 from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.readers.source import EMPTY_HAND, listed
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -118,8 +118,8 @@ def _notes(
     borrowed = np.intersect1d(with_contact, grasp[(source > 0) & (source != grasp)])
     if len(borrowed):
         text = (
-            f"{len(borrowed)} of {len(with_contact)} grasps have fewer than {MIN_FRAMES} open-hand frames before them "
-            "and use those of the nearest grasp of their recording"
+            f"{len(borrowed)} of {several(len(with_contact), 'grasp')}: fewer than {MIN_FRAMES} open-hand frames "
+            "before, so those of the nearest grasp of the recording are used"
         )
         notes.append(Note(text, topic="baseline"))
     recording, session = recordings.columns["recording"], recordings.columns["session"]
@@ -127,8 +127,8 @@ def _notes(
         sessions = [number for number, name in stand_ins.items() if name == stand_in]
         without = np.unique(recording[(source == 0) & np.isin(session, sessions)])
         text = (
-            f"{len(without)} of {len(np.unique(recording))} recordings have fewer than {MIN_FRAMES} open-hand frames "
-            f"and use {stand_in}: {listed([recordings.recordings[i] for i in without])}"
+            f"{len(without)} of {several(len(np.unique(recording)), 'recording')}: fewer than {MIN_FRAMES} open-hand "
+            f"frames, so {stand_in} is used: {listed([recordings.recordings[i] for i in without])}"
         )
         notes.append(Note(text, topic="baseline"))
     return notes

@@ -14,7 +14,7 @@ from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.split import SPLIT_SEED, fold_sides, split_groups
 from tactile_viewgcn.intervals import proportion_interval
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.params import Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TEST
@@ -144,8 +144,8 @@ def leak_notes(leak: Leak | None, kind: str) -> list[Note]:
         return [Note("no open-hand frames of two objects, each in two groups: not checked", topic="leak check")]
     text = (
         f"the object is told from frames without contact with an error of {100 * leak.error:.1f} % "
-        f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; {leak.frames:,} frames in "
-        f"{leak.groups} groups, {leak.seconds:.1f} s"
+        f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; "
+        f"{several(leak.frames, 'frame')} in {several(leak.groups, 'group')}, {leak.seconds:.1f} s"
     )
     notes = [Note(text, topic="leak check")]
     if leak.tells_object:

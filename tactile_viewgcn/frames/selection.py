@@ -16,7 +16,7 @@ from tactile_viewgcn.frames.split import (
     surplus_groups,
     validation_sides,
 )
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.params import Preprocess, Split
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
@@ -63,6 +63,9 @@ def select(
         UserError: flags or groups that the recordings do not have, fewer than two classes left, or an empty side.
     """
     objects = recordings.columns["object"]
+    recorded = np.unique(objects if preprocess.empty_hand_class else objects[~of_empty_hand(recordings)])
+    if len(recorded) == 1:
+        raise UserError(one_class(recordings.objects[recorded[0]]))
     filtered, notes = passing(recordings, baseline, preprocess)
     keep = filtered.copy()
     if not preprocess.empty_hand_class:
@@ -149,7 +152,7 @@ def _test_side(
         side[recordings.columns["split"] == PUBLISHED_TEST] = TEST
         recording = recordings.columns["recording"]
         shared = np.intersect1d(recording[keep & (side == TRAIN)], recording[keep & (side == TEST)])
-        notes.append(Note(f"the published split has {len(shared)} recordings on both sides", topic="split"))
+        notes.append(Note(f"the published split has {several(len(shared), 'recording')} on both sides", topic="split"))
     elif split.by == "frame":
         side[keep] = frame_sides(objects[keep], folds=split.folds, fold=split.fold, rng=rng)
         notes.append(Note("by single frames, whose neighbours in time are on the other side: it leaks", topic="split"))
@@ -194,6 +197,11 @@ def _require_sides(keep: np.ndarray, side: np.ndarray, split: Split) -> None:
             "frames; expected some on each, so two groups of an object or more: record more, or choose another "
             "split.by, folds or fold"
         )
+
+
+def one_class(name: str, where: str = "the recordings have") -> str:
+    """The sentence on a single class, which nothing can be told from."""
+    return f"{where} one class, {name}; expected two or more"
 
 
 def _require_classes(recordings: Recordings, keep: np.ndarray) -> None:

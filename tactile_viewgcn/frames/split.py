@@ -8,7 +8,7 @@ number of recordings on both of them is reported. `frame_sides` leaks on purpose
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 
@@ -118,7 +118,10 @@ def balanced_anchors(
             anchor[rng.permutation(index)[:count]] = True
         smaller = sum(size < count for size in sizes)
         if smaller:
-            text = f"{smaller} of {len(sizes)} classes have fewer than {count} anchors and use all their frames"
+            text = (
+                f"{smaller} of {several(len(sizes), 'class', 'classes')}: fewer than {several(count, 'anchor')}, so "
+                f"all frames are used, {min(sizes)} in the smallest"
+            )
             topic = {"train": "training"}.get(name, name)
-            notes.append(Note(f"{text}, {min(sizes)} in the smallest", topic=f"{topic} side"))
+            notes.append(Note(text, topic=f"{topic} side"))
     return anchor, notes

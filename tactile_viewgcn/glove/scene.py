@@ -18,6 +18,7 @@ from tactile_viewgcn.glove.drive import Drive
 from tactile_viewgcn.glove.hand import Hands
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids
+from tactile_viewgcn.notes import several
 
 OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])  # rad: posture of an open and of a closed finger
 RELAXED, IDLE = 0.4, 0.2  # closure, 0 open to 1 closed: of a finger that meets nothing; of an empty hand
@@ -99,7 +100,9 @@ def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """
     each, fixed = frames // grasps, sum(PHASES.values())
     if each <= fixed:
-        raise UserError(f"{frames} frames for {grasps} grasps leave {each} each; expected more than {fixed}")
+        raise UserError(
+            f"{several(frames, 'frame')} for {several(grasps, 'grasp')} leave {each} each; expected more than {fixed}"
+        )
     lengths = np.array([length or each - fixed for length in PHASES.values()])
     lengths[0] += frames - each * grasps  # the remainder goes to the open hand before the first grasp
     starts = np.concatenate([[0], np.cumsum(lengths)])

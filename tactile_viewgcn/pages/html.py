@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.notes import several
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,11 +75,6 @@ def write(path: Path, text: str) -> str:
     with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
     return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
-
-
-def several(count: int, thing: str) -> str:
-    """1 frame, 1,701 frames."""
-    return f"{count:,} {thing}{'' if count == 1 else 's'}"
 
 
 def percent(share: float) -> str:

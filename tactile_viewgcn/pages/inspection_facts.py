@@ -2,14 +2,17 @@
 
 import shlex
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from tactile_viewgcn.frames.inspection import Inspection
+from tactile_viewgcn.frames.selection import one_class
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.notes import Note
-from tactile_viewgcn.pages.html import Verdict, several
+from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
+from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.readers.source import EMPTY_HAND, listed
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import is_table
@@ -31,9 +34,10 @@ class Table:
 
 def facts(overview: Overview) -> list[tuple[str, str]]:
     """A figure each, and what it is of."""
-    of, (height, width) = overview.inspection, overview.shape
+    of, (height, width), columns = overview.inspection, overview.shape, overview.columns
     objects, sessions = several(len(np.unique(of.label)), "object"), several(len(np.unique(of.session)), "session")
     low, middle, high = np.percentile(of.frames, [0, 50, 100])
+    lengths = f"{low:g} to {high:g} frames, median {middle:g}" if low < high else f"{several(int(low), 'frame')} each"
     pressed = "all are, even the quietest" if of.all_contact else f"{of.contact_sensors} or more sensors are pressed"
     rate, times = "no", "times of the frames"
     if overview.interval:
@@ -41,18 +45,21 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         rate = f"{1 / overview.interval:.4g} Hz"
         times = f"is the frame rate; {gaps}, {np.median(overview.seconds):.3g} s a recording"
     return [
-        (f"{of.frames.sum():,}", f"frames of {height} x {width}, kept as {overview.dtype}"),
+        (
+            f"{of.frames.sum():,}",
+            f"{'frame' if of.frames.sum() == 1 else 'frames'} of {height} x {width}, kept as {overview.dtype}",
+        ),
         (
             f"{len(of.frames):,}",
-            f"recordings of {objects} in {sessions}: {low:g} to {high:g} frames, median {middle:g}",
+            f"{'recording' if len(of.frames) == 1 else 'recordings'} of {objects} in {sessions}: {lengths}",
         ),
         (f"{100 * of.contact.sum() / of.frames.sum():.0f} %", f"of the frames are in contact: {pressed}"),
         (
             f"{of.live.sum()} of {of.live.size}",
-            f"sensors vary; {overview.stuck.sum()} hardly do, {(overview.saturated > SATURATED).sum()} are {_LARGEST}",
+            f"sensors vary; hardly: {overview.stuck.sum()}, {_LARGEST}: {(overview.saturated > SATURATED).sum()}",
         ),
         (rate, times),
-        (f"{len(overview.columns)}", f"optional columns: {', '.join(overview.columns) or 'none'}"),
+        (str(len(columns)), f"optional {'column' if len(columns) == 1 else 'columns'}: {', '.join(columns) or 'none'}"),
     ]
 
 
@@ -129,8 +136,9 @@ def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
         f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {once}. Nothing is left to test with. {TWICE}": once,
         f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable, and at the program that "
         "records.": overview.gaps > MANY_GAPS * of.frames.sum(),
-        f"{several(stuck, 'sensor')} hardly vary. Check their wiring.": stuck,
-        f"{several(saturated, 'sensor')} are {_LARGEST}. Lower the gain of the electronics, or grip less.": saturated,
+        f"{several(stuck, 'sensor')} hardly {'varies' if stuck == 1 else 'vary'}. Check their wiring.": stuck,
+        f"{several(saturated, 'sensor')} {'is' if saturated == 1 else 'are'} {_LARGEST}. Lower the gain of the "
+        "electronics, or grip less.": saturated,
     }
     return [text for text, applies in cases.items() if applies]
 
@@ -138,7 +146,9 @@ def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
 def verdict(overview: Overview, chosen: list[Note], warned: list[str]) -> Verdict:
     """Whether the recordings can be trained and tested on."""
     by = _chosen(chosen, "split.by")
-    groups = _groups(overview.inspection, by)
+    of, groups = overview.inspection, _groups(overview.inspection, by)
+    if len(np.unique(of.label)) == 1:
+        return Verdict("bad", f"Not yet: {one_class(of.objects[of.label[0]])}.", [])
     if (groups > 1).sum() < 2:
         return Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
     fewest = several(int(groups[groups > 0].min()), by)
@@ -153,10 +163,16 @@ def verdict(overview: Overview, chosen: list[Note], warned: list[str]) -> Verdic
 def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash."""
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
-    changes = [] if is_table(overview.path) else [as_change("data.source", str(overview.path))]
+    changes = [] if is_table(overview.path) else [as_change("data.source", _source(overview.path))]
     changes += [as_change(note.key, note.value) for note in chosen if note.key != "preset"]
     lines = [" ".join(["dvc exp run", *presets]), *(f"  -S {shlex.quote(change)}" for change in changes)]
     return " \\\n".join(lines).split("\n")
+
+
+def _source(path: Path) -> str:
+    """A path that a queued experiment finds too, from a temporary folder of what git and DVC track; else as typed."""
+    tracked = path.with_name(f"{path.name}.dvc").exists()
+    return str(path if path == Path(VIRTUAL) or tracked else path.absolute())
 
 
 def _chosen(chosen: list[Note], key: str) -> str:

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tactile_viewgcn.evaluation.statistics import confusion_counts
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.pages.finished_run import FinishedRun
-from tactile_viewgcn.pages.html import Verdict, percent, several
+from tactile_viewgcn.pages.html import Verdict, percent
 
 FEW = 10  # split groups: an interval of fewer says little
 WIDE = 0.25  # of an interval

@@ -6,9 +6,10 @@ from typing import Any
 
 from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.report import error_text
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.finished_run import FinishedRun
-from tactile_viewgcn.pages.html import Picture, picture, several
+from tactile_viewgcn.pages.html import Picture, picture
 from tactile_viewgcn.pages.next_steps import again, next_steps
 from tactile_viewgcn.pages.outcome import Outcome
 from tactile_viewgcn.provenance import PACKAGES

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import several
 
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
 UNLABELLED = ""  # in the place of an object's name, of recordings whose object is asked for
@@ -144,7 +145,9 @@ def checked_blocks(source: Source) -> Iterator[Block]:
         if not total:
             mistakes.append(f"{source.path}: no frames; expected at least one recording with frames in it")
         elif total != source.frames:
-            mistakes.append(f"{source.path}: {total} frames of {source.frames}; expected all, download it again")
+            mistakes.append(
+                f"{source.path}: {total} of {several(source.frames, 'frame')}; expected all, download it again"
+            )
     except OSError as error:
         mistakes.append(f"{source.path}: damaged or cut short ({error}); download or record it again")
     except UserError as error:  # of the reader

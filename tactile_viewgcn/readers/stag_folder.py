@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.matlab import NOT_NUMBERS, mat_fields, mat_shapes
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
@@ -84,7 +85,9 @@ def _shape(path: Path) -> tuple[int, int, int]:
         raise UserError(f"{path}: pressure is of type {kind}; expected integer counts or real numbers")
     for name in ("tStamp", "frame"):
         if name in header and (size := math.prod(header[name][0])) != shape[0]:
-            raise UserError(f"{path}: {name} has {size} values for {shape[0]} frames; expected one for each frame")
+            raise UserError(
+                f"{path}: {name} has {several(size, 'value')} for {several(shape[0], 'frame')}; expected one for each"
+            )
     return shape[0], *check_shape(shape, str(path))
 
 

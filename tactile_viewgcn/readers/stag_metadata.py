@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.matlab import NOT_NUMBERS, mat_fields, mat_frames, mat_shapes
 from tactile_viewgcn.readers.source import BLOCK_FRAMES, TEST, TRAIN, Block, Source, check_shape, storage_type
 
@@ -59,7 +60,7 @@ def read_metadata(path: Path) -> Source:
     for name, among in FIELDS_PER_NAME.items():
         if name in fields and fields[name].size != len(fields[among]):
             values, count = fields[name].size, len(fields[among])
-            raise UserError(f"{path}: {name} has {values} values for {count} {among}; expected one for each")
+            raise UserError(f"{path}: {name} has {several(values, 'value')} for {count} {among}; expected one for each")
     columns = {
         column: frame_column(fields[name], name, frames, path)
         for name, column in COLUMN_OF_FIELD.items()
@@ -94,7 +95,9 @@ def read_metadata(path: Path) -> Source:
 def frame_column(values: np.ndarray, name: str, frames: int, path: Path) -> np.ndarray:
     """A per-frame field as a column (T,): seconds as they are, indices and flags as int64, else a UserError."""
     if values.size != frames:
-        raise UserError(f"{path}: {name} has {values.size} values for {frames} frames; expected one for each frame")
+        raise UserError(
+            f"{path}: {name} has {several(values.size, 'value')} for {several(frames, 'frame')}; expected one for each"
+        )
     if values.dtype.kind not in "biuf":
         raise UserError(f"{path}: {name} is of type {values.dtype}; expected numbers")
     values = values.ravel()

@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.frames.selection import one_class
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
 from tactile_viewgcn.readers.source import EMPTY_HAND
@@ -220,7 +221,7 @@ def _classes(y: Any) -> tuple[np.ndarray, np.ndarray]:
     except TypeError:  # they have no order
         raise UserError("y holds labels of different kinds; expected texts, or whole numbers") from None
     if len(classes) < 2:
-        raise UserError(f"y has one class, {classes[0]}; expected two or more")
+        raise UserError(one_class(classes[0], "y has"))
     return classes, labels
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tracking import bad_request
 
@@ -45,7 +46,7 @@ class RecogniserModel:
         if session:
             raise UserError(f"session {session!r} and a baseline are given; expected one of the two")
         if baseline.size != height * width:
-            raise UserError(f"baseline has {baseline.size} values; expected {height * width}, row by row")
+            raise UserError(f"baseline has {several(baseline.size, 'value')}; expected {height * width}, row by row")
         return baseline.reshape(height, width)
 
 

@@ -25,6 +25,7 @@ from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
+EXPECTED = "expected what `finetune` or `TactileClassifier.save` has written, such as models/classifier.pt"
 FORMAT = 3  # of the file; one written before formats had numbers has none
 STRONG_FRAMES = 2000
 ARCHIVE = "skops"  # key of a pipeline's bytes, uint8 (n,)
@@ -108,11 +109,15 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
     """The classifier in evaluation mode, and the other content of the file that `save_classifier` wrote.
 
     Raises:
-        UserError: the file is damaged, altered, or of an earlier version.
+        UserError: the file is something else, damaged, altered, or of an earlier version.
     """
+    if not _begins_as_archive(path):
+        raise UserError(f"{path}: no classifier; {EXPECTED}")
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
+        if not isinstance(content, dict) or not {"model", "classes"} <= content.keys():
+            raise UserError(f"{path}: no classifier, but other weights or values; {EXPECTED}")
+        if content.get("format") != FORMAT:
             raise UserError(f"{path}: no classifier of this version; train it again (`dvc repro`, or fit and save)")
         model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
         classifier = build_classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
@@ -131,6 +136,17 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
     if isinstance(classifier, torch.nn.Module):
         classifier.eval()
     return classifier, content
+
+
+def _begins_as_archive(path: str | Path | BinaryIO) -> bool:
+    """Whether a file begins as all that torch saves: a classifier that was cut short does, a text does not."""
+    if isinstance(path, str | Path):
+        with Path(path).open("rb") as file:
+            return _begins_as_archive(file)
+    start = path.tell()
+    begin = path.read(2)
+    path.seek(start)
+    return begin == b"PK"
 
 
 def _packed(value: Any) -> Any:

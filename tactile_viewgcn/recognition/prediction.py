@@ -12,6 +12,7 @@ from typing import Any
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_source
 from tactile_viewgcn.recognition.recogniser import Recogniser
@@ -45,7 +46,8 @@ def predict(
     recogniser = load_model(model)
     views, calibrated = recogniser.classifier.views, recogniser.temperatures is not None
     echo(
-        f"model: {recogniser.system}, {len(recogniser.classes)} classes, {'up to ' * calibrated}{views} frames; "
+        f"model: {recogniser.system}, {several(len(recogniser.classes), 'class', 'classes')}, "
+        f"{'up to ' * (calibrated and views > 1)}{several(views, 'frame')}; "
         f"probabilities are {'' if calibrated else 'not '}calibrated"
     )
     if not recogniser.novelty:
@@ -77,7 +79,8 @@ def load_model(name: str) -> Recogniser:
         return Recogniser(name)
     is_run = len(name) == 32 and set(name) <= set("0123456789abcdef")
     if not (is_run or name.startswith(("runs:/", "models:/"))):
-        raise FileNotFoundError(f"{name}: no such file; expected {MODELS}")
+        kind = "a folder" if Path(name).is_dir() else "no such file"
+        raise FileNotFoundError(f"{name}: {kind}; expected {MODELS}")
     from tactile_viewgcn.tracking import download_model
 
     with tempfile.TemporaryDirectory() as folder:
@@ -88,11 +91,17 @@ def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
     """Refuse files that cannot be written, or would replace what is read, before any work."""
     taken = {path.resolve() for path in inputs}
     for path in outputs:
-        if path.is_dir() or not path.absolute().parent.is_dir():
+        if (path.exists() and not path.is_file()) or not path.absolute().parent.is_dir():
             raise UserError(f"{path}: not a file in a folder that exists; name another")
         if path.resolve() in taken:
             raise UserError(f"{path}: it is read here, or named twice; name another file for the answers")
         taken.add(path.resolve())
+        part = path.with_name(f"{path.name}.part")  # as `atomic_write` names it
+        try:
+            part.touch()
+            part.unlink()
+        except OSError as error:
+            raise UserError(f"{path}: cannot be written ({error.strerror}); name another") from None
 
 
 def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:

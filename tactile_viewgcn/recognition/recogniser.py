@@ -11,6 +11,7 @@ from torch import Tensor
 
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import load_classifier
@@ -146,7 +147,7 @@ class Recogniser:
         """Raise a UserError if the classifier takes V views alone, or the threshold is no probability."""
         if self.temperatures is None:
             raise UserError(
-                f"the classifier takes {self.classifier.views} views and no fewer; fine-tune it with "
+                f"the classifier takes {several(self.classifier.views, 'view')} and no fewer; fine-tune it with "
                 "finetune.num_views random and split.validation above 0"
             )
         if not 0 <= confidence_threshold <= 1:

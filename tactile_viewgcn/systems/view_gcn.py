@@ -11,7 +11,6 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
 from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
@@ -68,9 +67,6 @@ class ViewGCN(ViewSystem):
 
     With `model.start: max` the graph's logits, 0 at first, are added to those of the pretrained linear classifier for
     the views' element-wise maximum; both are trained.
-
-    Raises:
-        UserError: a list of neighbours that is shorter than the levels.
     """
 
     takes_fewer = True
@@ -82,11 +78,6 @@ class ViewGCN(ViewSystem):
         self.view_loss, features = model.view_loss, sizes.features
         levels = level_sizes(sizes.views)
         near = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
-        if len(near) < len(levels):
-            raise UserError(
-                f"model.neighbours {near} has {len(near)} entries; expected one number, or one for "
-                f"each of the {len(levels)} levels of {sizes.views} views"
-            )
         self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
         self.register_buffer("order", furthest_points(self.viewpoints, sizes.views), persistent=False)
         self.convolutions = nn.ModuleList(

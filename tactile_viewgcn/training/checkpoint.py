@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from filelock import FileLock
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.files import atomic_write, readable, root
+from tactile_viewgcn.files import atomic_write, locked, readable, root
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.training import distributed
 
@@ -24,8 +24,8 @@ LOCK_SECONDS = 300  # that several processes wait for another training of the sa
 def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path]:
     """The file of a stage's training, see `checkpoint_path`; removed when the block ends well.
 
-    Another process with the same training waits until this one is done. Of several that train together the first one
-    writes and removes the file; all read it.
+    Another process with the same training says so and waits until this one is done. Of several that train together the
+    first one writes and removes the file; all read it.
     """
     path = checkpoint_path(stage, key, compute)
     if rank():
@@ -34,7 +34,7 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     patience = LOCK_SECONDS if distributed.size() > 1 else -1  # the others wait for this one, and not for ever
-    with FileLock(path.with_suffix(".lock"), timeout=patience):
+    with locked(path.with_suffix(".lock"), patience):
         distributed.wait_for_all()
         yield path
         path.unlink(missing_ok=True)
@@ -62,7 +62,7 @@ class Progress:
         before = f" ({self.resumed[0]} of them before an interruption)" if self.resumed[0] else ""
         last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
         lost = f" ({self.diverged}; the weights after epoch {self.epoch} are kept)" if self.diverged else ""
-        return f"{self.epoch} epochs{before}{lost}" + (f", at the end {last}," if last else "")
+        return f"{several(self.epoch, 'epoch')}{before}{lost}" + (f", at the end {last}," if last else "")
 
     @property
     def metrics(self) -> dict[str, float]:

@@ -74,7 +74,7 @@ def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording_and_a_
         zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True)
     )  # of the last frame
     (note,) = baseline.notes
-    assert note.topic == "baseline" and note.text.startswith("2 of 24 grasps have fewer than 5 open-hand frames")
+    assert note.topic == "baseline" and note.text.startswith("2 of 24 grasps: fewer than 5 open-hand frames")
     assert of[1, 0] == of[1, 1] and of[1, 3] == of[1, 2] != of[1, 1]
     assert len(baseline.names) == 1 + 24 - 2
 
@@ -85,7 +85,7 @@ def test_a_recording_without_open_hand_has_its_session_s_empty_hand_and_is_named
     kept = ~((recording == 2) & glove.open)
     baseline = measured(tmp_path / "t", glove, kept, recordings=["a", "b", "c", "d", "e"], sessions=["monday"])
     (note,) = baseline.notes
-    assert "1 of 5 recordings" in note.text and note.text.endswith("use their session's empty hand: c")
+    assert "1 of 5 recordings" in note.text and note.text.endswith("so their session's empty hand is used: c")
     (number,) = np.unique(baseline.of_frame[recording[kept] == 2])
     assert baseline.names[number] == "monday"
     np.testing.assert_allclose(baseline.mean[number], 514.3, atol=0.4)

@@ -44,7 +44,7 @@ def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path,
     page = inspect_source(floats(tmp_path / "glove", open_hand=open_hand))
     inspection, settings = page.inspection, chosen(page)
     assert (settings["baseline"], settings["filter"]) == ("grasp", "contact") and "zero" not in settings
-    assert 2 <= settings["scale"] <= 2.6
+    assert "scale" not in settings  # which the preset `best` does not read
     assert sorted(inspection.objects) == sorted(NAMES) and page.sessions == ["Übung 1", "Übung 2"]
     assert (np.abs(inspection.contact - 40) <= 1).all() and (inspection.open >= 15).all()
     assert page.interval == pytest.approx(0.05) and page.gaps == 0
@@ -108,6 +108,30 @@ def test_stuck_and_saturated_sensors_and_gaps_in_time_are_found(tmp_path):
     assert (page.interval, page.gaps) == (pytest.approx(0.1), 1)
 
 
+def test_a_source_that_dvc_tracks_stays_as_it_was_typed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = inspect_source(all_contact(Path("glove")))
+    Path("glove.dvc").touch()
+    assert "  -S data.source=glove \\" in inspection_lines(page, recommend(page))
+
+
+def test_recordings_of_one_frame_are_views_of_one(tmp_path):
+    page = inspect_source(all_contact(tmp_path / "glove", recordings=8, frames=1))
+    lines = inspection_lines(page, recommend(page))
+    assert chosen(page)["views"] == 1 and "  -S views=1 \\" in lines
+    assert "  32 recordings of 4 objects in 2 sessions: 1 frame each" in lines
+
+
+def test_one_object_is_no_task(tmp_path):
+    for path in floats(tmp_path / "glove").rglob("*.h5"):
+        if NAMES[0] not in path.name:
+            path.unlink()
+    page = inspect_source(tmp_path / "glove")
+    text = " ".join(" ".join(inspection_lines(page, recommend(page))).split())
+    assert f"Not yet: the recordings have one class, {NAMES[0]}; expected two or more." in text
+    assert "split.by frame: only one object has two recordings: nothing can be held out" in text
+
+
 @pytest.mark.parametrize("write", [all_contact, floats, drifting_array])
 def test_the_text_is_80_columns_and_ends_with_a_command_that_params_yaml_takes(tmp_path, write):
     page = replace(inspect_source(write(tmp_path / "my glöve")), path=Path("data/my glöve"))
@@ -116,5 +140,5 @@ def test_the_text_is_80_columns_and_ends_with_a_command_that_params_yaml_takes(t
     words = shlex.split(" ".join(lines[lines.index("") + 1 :]).replace("\\ ", ""))
     assert words[:3] == ["dvc", "exp", "run"] and "best)" in words
     params = load(FILE, [words[i + 1] for i, word in enumerate(words) if word == "-S"])
-    assert params.data.source == "data/my glöve"
+    assert params.data.source == str(Path("data/my glöve").absolute())  # a queue's temporary folder finds it
     assert params.preprocess.baseline == chosen(page)["baseline"]

@@ -68,6 +68,11 @@ REFUSED = {
         {"columns": NO_GRASP},
         r"no grasp numbers.* set split\.by to",
     ),
+    "one class": (
+        ("preprocess.empty_hand_class=false",),
+        {"columns": COLUMNS | {"object": np.minimum(COLUMNS["object"], 1)}},
+        r"the recordings have one class, object1; expected two or more",
+    ),
     "one class left": (
         ("preprocess.empty_hand_class=false",),
         {"columns": COLUMNS | {"valid": COLUMNS["object"] < 2}},

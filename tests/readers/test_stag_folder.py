@@ -51,10 +51,10 @@ def test_the_mistakes_of_all_raw_recordings_are_listed_before_any_is_read(tmp_pa
         read_folder(raw)
     assert str(caught.value).replace(f"{raw}/", "").replace("/pressuredata.mat", "") == (
         "000/000-mug: no field pressure; expected STAG's pressuredata.mat; "
-        "000/001-pen: frame has 4 values for 3 frames; expected one for each frame; "
+        "000/001-pen: frame has 4 values for 3 frames; expected one for each; "
         "001/004-ball: pressure is of type char; expected integer counts or real numbers; "
         "001/005-fork: pressure has shape (4, 5); expected (frames, rows, columns); "
-        "001/006-cat: tStamp has 2 values for 3 frames; expected one for each frame; "
+        "001/006-cat: tStamp has 2 values for 3 frames; expected one for each; "
         "001/003-can: frames of (3, 5); expected (4, 5) as in 000/002-cup"
     )
 

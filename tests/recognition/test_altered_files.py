@@ -126,6 +126,29 @@ def test_the_recogniser_refuses_it_in_one_line(tmp_path, capfd, name):
     assert RAN not in capfd.readouterr().out
 
 
+OTHERS = {
+    "a text": lambda path: path.write_text("views: 8\n"),
+    "nothing": lambda path: path.write_bytes(b""),
+    "a backbone": lambda path: torch.save({"backbone": {"weight": torch.zeros(2)}, "classifier": {}}, path),
+    "a tensor": lambda path: torch.save(torch.zeros(2), path),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_another_file_is_called_no_classifier_and_nobody_is_told_to_train_or_delete(tmp_path, name):
+    OTHERS[name](tmp_path / "file.pt")
+    with pytest.raises(UserError, match=r"file.pt: no classifier[;,].* expected what `finetune`") as error:
+        Recogniser(tmp_path / "file.pt")
+    assert not {"damaged", "again", "delete", "repro"} & set(str(error.value).split())
+
+
+def test_a_classifier_that_was_cut_short_is_damaged(tmp_path):
+    path = model_file(tmp_path / "classifier.pt")
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(UserError, match=r"damaged, altered, or no classifier of this version .*; train it again"):
+        Recogniser(path)
+
+
 @pytest.mark.filterwarnings("default")  # MLflow's own
 @pytest.mark.parametrize("name", FOUR)
 def test_the_command_and_mlflow_print_the_same_line(tmp_path, capfd, name):

@@ -87,7 +87,7 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
     [
         (["nowhere.pt", "new"], FileNotFoundError, r"nowhere.pt: no such file; expected models/classifier.pt"),
         (["classifier.pt", "nowhere"], FileNotFoundError, r"nowhere: no such file or folder"),
-        (["new/0.h5", "new"], UserError, r"0.h5: damaged, altered, or no classifier"),
+        (["new/0.h5", "new"], UserError, r"0.h5: no classifier; expected what"),
         (["classifier.pt", "classifier.pt"], UserError, r"neither a MAT-file by its name"),
         (["classifier.pt", "other"], UserError, r"frames of 8 x 9; expected 8 x 10"),
         (["classifier.pt", "new", "--window", "0"], UserError, r"window is 0; expected seconds above 0"),
@@ -98,6 +98,8 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         ),
         (["classifier.pt", "new", "--csv", "a.json"], UserError, r"a.json: it is read here, or named twice"),
         (["classifier.pt", "new/0.h5", "--csv", "new/0.h5"], UserError, r"0.h5: it is read here, or named twice"),
+        (["new", "new"], FileNotFoundError, r"new: a folder; expected models/classifier.pt"),
+        (["classifier.pt", "new", "--csv", "a" * 254], UserError, r"aa: cannot be written \(File name too long\)"),
         (["classifier.pt", "new", "--csv", "no/a.csv"], UserError, r"a.csv: not a file in a folder that exists"),
     ],
 )

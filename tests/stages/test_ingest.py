@@ -33,7 +33,7 @@ def test_a_run_leaves_its_record(place):
     assert record["inputs"] == {"source": {"path": "metadata.mat", "md5": md5(place / "metadata.mat")}}
     assert record["counts"]["frames"] == 90 and record["params"]["values"] == {"data.source": "data/virtual/recordings"}
     assert record["origin"]["python"].startswith("3.") and int(record["origin"]["cores"]) >= 1
-    assert "90 frames of 32 x 32, 548 sensors, 3 objects, 9 recordings, 1 sessions" in result.stdout
+    assert "90 frames of 32 x 32, 548 sensors, 3 objects, 9 recordings, 1 session\n" in result.stdout
 
 
 def test_bad_and_missing_files_are_refused_in_one_line_and_nothing_is_written(place):

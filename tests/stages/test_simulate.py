@@ -50,6 +50,12 @@ def test_a_glove_that_cannot_be_is_refused_in_one_line_and_nothing_is_left(place
     assert [path.name for path in place.iterdir()] == ["params.yaml"]
 
 
+def test_what_later_stages_cannot_do_ends_before_anything_is_simulated(place):
+    for change, says in (("views=abc", "views is 'abc'"), ("model.neighbours=[3,3]", "3 levels of 8 views")):
+        assert says in refused(simulate(place, change))
+        assert [path.name for path in place.iterdir()] == ["params.yaml"]
+
+
 def repro(place):
     """The stages that `dvc repro ingest` runs."""
     return ran(sh("dvc", "repro", "ingest", cwd=place, MLFLOW_TRACKING_URI="disabled", DVC_NO_ANALYTICS="1"))

@@ -8,7 +8,6 @@ import torch
 import torch.nn.functional as functional
 from torch import nn
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.graph import furthest_points
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
 from tactile_viewgcn.params import load, preset_changes
@@ -121,8 +120,3 @@ def test_gradients_equal_finite_differences(row):
     for name, layer in (("sum", passing), ("convolution", lambda x: convolution(x, positions))):
         equation = {"sum": 4, "convolution": 2}[name]
         row(f"of equation {equation}'s {name}, every entry", 1.0 - torch.autograd.gradcheck(layer, nodes))
-
-
-def test_too_few_neighbours_listed_is_refused():
-    with pytest.raises(UserError, match=r"model.neighbours \[3, 3\] has 2 entries.*3 levels of 8 views"):
-        head_of(ViewGCN, "model.neighbours=[3,3]", places=viewpoints(8))

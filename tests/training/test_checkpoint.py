@@ -1,5 +1,6 @@
 """A training that was interrupted ends as one that was not."""
 
+import os
 import time
 from threading import Thread
 
@@ -103,7 +104,7 @@ def test_another_stage_key_or_machine_has_another_file_in_the_original_repositor
     assert {path.parent for path in paths} == {tmp_path / "checkpoints"}
 
 
-def test_of_two_processes_with_one_training_one_waits(tmp_path, monkeypatch):
+def test_of_two_processes_with_one_training_one_waits_and_says_for_whom(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
     training = ("pretrain", "key", CPU)
     order = []
@@ -121,6 +122,7 @@ def test_of_two_processes_with_one_training_one_waits(tmp_path, monkeypatch):
         order.append("first")
     thread.join(timeout=30)
     assert order == ["first", "second"]
+    assert f"waits for process {os.getpid()} on " in capsys.readouterr().err
 
 
 def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
