@@ -97,11 +97,11 @@ def _disagreements(headers: list[Header]) -> list[str]:
 
 
 def _read_header(file: Path, root: Path, layout: tuple[int, ...], labelled: bool) -> Header:
-    *folders, _ = file.relative_to(root).parts
-    if len(folders) > 2 or (labelled and not folders):
-        raise UserError(f"{file}: its place below {root} names no object; expected {PLACES}")
+    *folders, _ = (place := file.relative_to(root)).parts
+    if len(folders) > 2 or (labelled and not folders) or not str(place).isprintable():
+        raise UserError(f"{root}: {str(place)!r} names no object; expected {PLACES}, in printable letters")
     session, label = ["session", *(folders or [UNLABELLED])][-2:]
-    array, name = _read(file), file.relative_to(root).with_suffix("").as_posix()
+    array, name = _read(file), place.with_suffix("").as_posix()
     return Header(file, name, label, session, _frames(array.shape, layout, file), storage_type(array.dtype, str(file)))
 
 

@@ -104,6 +104,13 @@ def test_recordings_without_a_label_are_one_file_or_a_folder_without_objects(tmp
         assert "names no object; expected OBJECT/FILE or SESSION/OBJECT/FILE" in refusal(path)
 
 
+@pytest.mark.parametrize("name", ["lab/a/b/c/1.npy", "lab/mug\x1b[31m/1.npy", "lab/m\udcffg/1.npy", "lab/1.npy"])
+def test_a_place_that_names_no_object_is_refused(tmp_path, name):
+    save(tmp_path / name)
+    text = refusal(tmp_path / "lab")
+    assert f"{name.removeprefix('lab/')!r} names no object; expected OBJECT/FILE" in text and text.isprintable()
+
+
 class Bomb:
     def __reduce__(self):
         return (pytest.fail, ("it was unpickled",))

@@ -1,11 +1,13 @@
 """The stage ingest at its command line: what it reads, records and refuses."""
 
 import json
+import shutil
 
 import numpy as np
 import yaml
 
 from tactile_viewgcn.files import md5
+from tests.small_tables import ROOT
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import copy_pipeline, ingest, left, refused, sh
 
@@ -23,6 +25,19 @@ def test_dvc_hands_on_a_source_whatever_letters_its_path_has(place):
     assert "90 frames of 32 x 32" in output
     locked = yaml.safe_load((place / "dvc.lock").read_text())["stages"]["ingest"]["deps"]
     assert name in {dep["path"] for dep in locked}
+
+
+def test_dvc_hands_on_the_layout_of_arrays(place):
+    copy_pipeline(place)
+    (place / "glove" / "mug").mkdir(parents=True)
+    np.save(place / "glove" / "mug" / "1.npy", np.arange(24).reshape(4, 6))
+    tree = yaml.safe_load((place / "params.yaml").read_text())
+    tree["data"] = {"source": "glove", "shape": [2, 3]}
+    (place / "params.yaml").write_text(yaml.safe_dump(tree))
+    (place / ".dvc").mkdir()
+    shutil.copy(ROOT / ".dvc" / "config", place / ".dvc")
+    (place / ".dvc" / "config.local").write_text("[core]\n    no_scm = true\n")
+    assert "4 frames of 2 x 3" in sh("dvc", "repro", "ingest", cwd=place, MLFLOW_TRACKING_URI="disabled")
 
 
 def test_a_run_leaves_its_record(place):
