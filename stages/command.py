@@ -85,21 +85,29 @@ class Job:
 
 
 def stage(
-    *inputs: str, outputs: tuple[str, ...] = ("out",), row: bool = False
+    *inputs: str, outputs: tuple[str, ...] = ("out",), echoed: tuple[str, ...] = (), row: bool = False
 ) -> Callable[[Callable[..., None]], click.Command]:
     """Make the command of a DVC stage of a function that takes a `Job` and the paths named here, each an option.
 
     Args:
         inputs: the files and folders that it reads. One named `needs` says whether the stage is needed.
+        echoed: options that change nothing: keys of a section that dvc.yaml hands on whole, read from the parameters.
         row: its run is the pipeline's row in MLflow, and carries every parameter; it takes `after` too, the records of
             the stages that made its inputs.
     """
-    return partial(_command, inputs=inputs, outputs=outputs, row=row)
+    return partial(_command, inputs=inputs, outputs=outputs, echoed=echoed, row=row)
 
 
-def _command(work: Callable[..., None], inputs: tuple[str, ...], outputs: tuple[str, ...], row: bool) -> click.Command:
+def _command(
+    work: Callable[..., None],
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    echoed: tuple[str, ...],
+    row: bool,
+) -> click.Command:
     options: list[click.Parameter] = [
         *(click.Option([f"--{name}"], type=PATH, required=True) for name in (*inputs, *outputs)),
+        *(click.Option([f"--{name}"], multiple=True, expose_value=False, hidden=True) for name in echoed),
         click.Option(["--params", "params_path"], type=PATH, default="params.yaml", show_default=True),
         click.Option(["--set", "changes"], multiple=True, metavar="KEY=VALUE", help="Put on top of params.yaml."),
         click.Option(["--record"], type=PATH, help="Where costs and notes are written; without it no MLflow."),

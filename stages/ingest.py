@@ -11,9 +11,10 @@ from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 
 
-@stage("source")
+@stage("source", echoed=("shape",))
 def ingest(job: Job, source: Path, out: Path) -> None:
-    write_recordings(out, open_source(source), job.md5s["source"])
+    layout = None if job.params.data.shape == "auto" else job.params.data.shape
+    write_recordings(out, open_source(source, layout=layout), job.md5s["source"])
     table = Recordings(out)
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]

@@ -36,17 +36,18 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option("--html", "page", type=click.Path(path_type=Path), help="Write a page with pictures to this file.")
-def inspect(source: Path, page: Path | None) -> None:
+@click.option("--shape", type=(int, int), metavar="ROWS COLUMNS", help="Of the frames of arrays, as data.shape.")
+def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> None:
     """Say what SOURCE holds and what to set for it, with reasons.
 
-    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, or the recordings.h5 of `ingest`. Every mistake in
-    it is listed.
+    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy, .npz or .csv), or
+    the recordings.h5 of `ingest`. Every mistake in it is listed.
     """
     from tactile_viewgcn.pages.inspection_text import inspection_lines
     from tactile_viewgcn.pages.recommendation import recommend
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
-    inspection = inspect_source(source)
+    inspection = inspect_source(source, shape)
     click.echo("\n".join(inspection_lines(inspection, recommend(inspection))))
     if page:
         from tactile_viewgcn.pages.html import write
@@ -73,7 +74,7 @@ def predict(**options: Any) -> None:
     """Tell what is held in the recordings SOURCE, labelled or not, by MODEL.
 
     MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID or models:/NAME/VERSION. SOURCE is anything that
-    `inspect` reads; HDF5 recordings need no object here.
+    `inspect` reads; HDF5 recordings and arrays need no object here.
     """
     from tactile_viewgcn.recognition import prediction
 

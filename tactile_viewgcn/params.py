@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal, Self, get_args
 
-from annotated_types import Interval, MinLen
+from annotated_types import Interval, MaxLen, MinLen
 from pydantic import Strict, StringConstraints, model_validator
 from pydantic.dataclasses import dataclass
 
@@ -23,6 +23,7 @@ MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in whic
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
 
 Count = Annotated[Integer, Interval(ge=1)]
+Side = Annotated[Integer, Interval(ge=1, le=64)]  # as readers check
 Natural = Annotated[Integer, Interval(ge=0)]
 Positive = Annotated[Number, Interval(ge=1 / MAX_NUMBER, le=MAX_NUMBER)]
 NotNegative = Annotated[Number, Interval(ge=0, le=MAX_NUMBER)]
@@ -40,6 +41,7 @@ Effect = Literal[  # of the virtual glove
 @dataclass(frozen=True, config=SECTION)
 class Data:
     source: Text
+    shape: Literal["auto"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2), "[rows, columns], each 1 to 64"]
 
 
 @dataclass(frozen=True, config=SECTION)

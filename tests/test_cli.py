@@ -1,5 +1,6 @@
 """The command line `tactile-viewgcn`."""
 
+import json
 import os
 import re
 import subprocess
@@ -62,6 +63,19 @@ def test_inspect_lists_the_mistakes_of_all_files_at_once(tmp_path):
     assert result.returncode == 1 and len(result.stderr.splitlines()) == 1 and not result.stdout
     assert "recording b is nan" in result.stderr and "recording c is inf" in result.stderr
     assert call("inspect", "nowhere").stderr.startswith("Error: nowhere: no such file")
+
+
+def test_inspect_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
+    for name in ("mug", "pen"):
+        (tmp_path / "my glove" / name).mkdir(parents=True)
+        np.save(tmp_path / "my glove" / name / "1.npy", np.random.default_rng(0).random((20, 12)))
+    for words, shape in (((), "[1,12]"), (("--shape", 3, 4), "[3,4]")):
+        result = call("inspect", tmp_path / "my glove", *words)
+        assert f"-S 'data.shape={shape}'" in result.stdout, result.stderr
+        assert load(ROOT / "params.yaml", (f"data.shape={shape}",)).data.shape == json.loads(shape)
+    for wrong in ("[4]", "[4,65]", "4", "[4,4.0]"):
+        result = call("check", "--set", f"data.shape={wrong}")
+        assert "expected auto or [rows, columns], each 1 to 64" in result.stderr
 
 
 def test_preset_prints_its_changes_as_options_of_dvc():

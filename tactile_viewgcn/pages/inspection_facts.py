@@ -13,6 +13,7 @@ from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
+from tactile_viewgcn.readers.array_folder import array_files
 from tactile_viewgcn.readers.source import EMPTY_HAND, listed
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import is_table
@@ -164,6 +165,8 @@ def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash."""
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
     changes = [] if is_table(overview.path) else [as_change("data.source", _source(overview.path))]
+    if array_files(overview.path):
+        changes.append(as_change("data.shape", list(overview.shape)))
     changes += [as_change(note.key, note.value) for note in chosen if note.key != "preset"]
     lines = [" ".join(["dvc exp run", *presets]), *(f"  -S {shlex.quote(change)}" for change in changes)]
     return " \\\n".join(lines).split("\n")

@@ -30,7 +30,9 @@ def next_steps(run: FinishedRun, outcome: Outcome) -> list[Step]:
         steps.append(Step("Mend what is warned of, and run again.", "", command))
     if outcome.guesses:
         why = "The page shows contact, mean frames and faulty sensors, and the settings that fit."
-        command = f"tactile-viewgcn inspect {shlex.quote(str(params['data.source']))} --html inspection.html"
+        shape = params.get("data.shape", "auto")
+        layout = "" if shape == "auto" else f" --shape {' '.join(map(str, shape))}"
+        command = f"tactile-viewgcn inspect {shlex.quote(str(params['data.source']))}{layout} --html inspection.html"
         steps.append(Step("See whether the recordings can tell the objects apart.", why, command))
     if outcome.only and not on_sensors(params["model.system"]):
         longer = {key: 2 * params[key] for key in ("pretrain.epochs", "finetune.epochs")}

@@ -1,5 +1,6 @@
 """What the text and the page of an inspection show, measured when they are asked for."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -70,8 +71,8 @@ class Overview:
     in_contact: list[np.ndarray]
 
 
-def inspect_source(path: str | Path) -> Overview:
-    """Inspect a source in any form that `ingest` reads, or the table that it writes.
+def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Overview:
+    """Inspect a source in any form that `ingest` reads, see `open_source`, or the table that it writes.
 
     Raises:
         UserError: lists the mistakes of the source.
@@ -82,7 +83,7 @@ def inspect_source(path: str | Path) -> Overview:
         return overview(Recordings(path), path)
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings.h5"
-        write_recordings(file, open_source(path), "")
+        write_recordings(file, open_source(path, layout=layout), "")
         return overview(Recordings(file), path)
 
 

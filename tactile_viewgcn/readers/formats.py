@@ -1,23 +1,29 @@
 """Telling what form of recordings a path holds, and opening it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers.array_folder import PLACES, array_files, read_arrays
 from tactile_viewgcn.readers.hdf5 import SUFFIXES, read_hdf5
 from tactile_viewgcn.readers.source import SOURCE_MD5, Source, attribute_names
 from tactile_viewgcn.readers.stag_folder import read_folder
 from tactile_viewgcn.readers.stag_metadata import read_metadata
 
-EXPECTED = "expected a STAG metadata.mat, a STAG folder, or HDF5 recordings (see the manual's page on data)"
+EXPECTED = (
+    f"expected a STAG metadata.mat, a STAG folder, HDF5 recordings, or a folder of {PLACES}.npy, .npz or .csv "
+    "(see the manual's page on data)"
+)
 
 
-def open_source(path: str | Path, *, labelled: bool = True) -> Source:
-    """The source at a path: a STAG metadata.mat, a folder of STAG recordings, or the project's HDF5 recordings.
+def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None) -> Source:
+    """The source at a path: STAG's metadata.mat or folder, HDF5 recordings, or arrays.
 
     Args:
-        labelled: False: HDF5 recordings may lack `object` and `session`, see `read_hdf5`.
+        labelled: False: recordings may be of no object, see `read_hdf5` and `read_arrays`.
+        layout: (rows, columns) of the frames of arrays; None: as the arrays have them. Other forms have their own.
 
     Raises:
         FileNotFoundError: nothing at that path.
@@ -31,9 +37,15 @@ def open_source(path: str | Path, *, labelled: bool = True) -> Source:
             return read_folder(path)
         if any(file.suffix in SUFFIXES for file in path.rglob("*")):
             return read_hdf5(path, labelled=labelled)
-        raise UserError(f"{path}: neither [batch]/[recording]/pressuredata.mat nor .h5 recordings in it; {EXPECTED}")
+        if array_files(path):
+            return read_arrays(path, layout, labelled=labelled)
+        raise UserError(
+            f"{path}: neither [batch]/[recording]/pressuredata.mat, nor .h5 recordings, nor arrays in it; {EXPECTED}"
+        )
     if not path.stat().st_size:
         raise UserError(f"{path}: an empty file; {EXPECTED}")
+    if array_files(path):
+        return read_arrays(path, layout, labelled=labelled)
     attributes = attribute_names(path)
     if SOURCE_MD5 in attributes:
         raise UserError(f"{path}: the table that ingest writes, not what it reads; {EXPECTED}")

@@ -42,8 +42,8 @@ def predict(
         UserError, OSError: a mistake of the user.
     """
     _check_outputs([path for path in (csv_path, json_path) if path is not None], [Path(model), Path(source)])
-    recordings = open_recordings(source, labelled=False)
     recogniser = load_model(model)
+    recordings = open_recordings(source, labelled=False, layout=recogniser.shape)
     views, calibrated = recogniser.classifier.views, recogniser.temperatures is not None
     echo(
         f"model: {recogniser.system}, {several(len(recogniser.classes), 'class', 'classes')}, "

@@ -5,7 +5,7 @@ one HDF5 file, which `Recordings` reads. Counts are the sensors' raw ADC counts,
 axes are (frame, row, column).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import h5py
@@ -71,9 +71,10 @@ def read_table(path: Path) -> Source:
     )
 
 
-def open_recordings(path: str | Path, *, labelled: bool = True) -> Source:
+def open_recordings(path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None) -> Source:
     """The source of the table that `ingest` wrote at a path, or of any form that it reads, see `open_source`."""
-    return read_table(Path(path)) if is_table(Path(path)) else open_source(path, labelled=labelled)
+    table = is_table(Path(path))
+    return read_table(Path(path)) if table else open_source(path, labelled=labelled, layout=layout)
 
 
 class Recordings:

@@ -67,7 +67,7 @@ def test_the_pipelines_own_table_is_no_source(tmp_path):
         ("nowhere.mat", None, FileNotFoundError, "no such file or folder"),
         ("metadata.mat", b"", UserError, "an empty file"),
         ("photos/000000.jpg", b"\xff\xd8", UserError, "neither"),
-        ("table.csv", b"time,pressure\n0,513\n" * 50, UserError, "neither a MAT-file.* nor an HDF5 file"),
+        ("table.txt", b"time,pressure\n0,513\n" * 50, UserError, "neither a MAT-file.* nor an HDF5 file"),
     ],
 )
 def test_what_is_no_source_is_refused(tmp_path, name, content, error, sentence):

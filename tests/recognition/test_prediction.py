@@ -43,6 +43,15 @@ def test_unlabelled_recordings_have_a_line_each(place):
     assert last == "answers: 3 object"
 
 
+def test_arrays_of_cells_have_the_models_layout(place):
+    (place / "arrays" / "pen").mkdir(parents=True)
+    frames = recording("pen", 82).reshape(-1, SHAPE[0] * SHAPE[1])
+    np.savetxt(place / "arrays" / "pen" / "2.csv", frames, fmt="%d", delimiter=",", header="sensors", comments="")
+    assert call(place / "classifier.pt", place / "arrays")[-1].startswith("right: 1 of 1")
+    for path in (place / "arrays" / "pen", place / "arrays" / "pen" / "2.csv"):
+        assert call(place / "classifier.pt", path)[2:] == call(place / "classifier.pt", place / "new" / "2.h5")[2:]
+
+
 def test_labelled_recordings_are_counted_and_the_empty_hand_is_right_without_contact(place):
     *_, right, other = call(place / "classifier.pt", place / "known")
     assert right == "right: 4 of 4 (100.0 %); among the first three: 4"

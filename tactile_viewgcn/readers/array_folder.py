@@ -1,0 +1,149 @@
+"""Reading folders of arrays, one file a recording: OBJECT/NAME.npy, .npz or .csv, or SESSION/OBJECT/NAME.npy.
+
+A file holds (frames, rows, columns) or (frames, cells): of a given layout, else of one row. With a layout, also one
+frame (rows, columns).
+"""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers.source import (
+    BLOCK_FRAMES,
+    MAX_SIDE,
+    UNLABELLED,
+    Block,
+    Source,
+    check_shape,
+    numbered,
+    raise_mistakes,
+    storage_type,
+)  # fmt: skip
+
+SUFFIXES = (".npy", ".npz", ".csv")
+HEADER = r"\s*(?!nan|[-+]?inf)[^\s\d.,;+-]"  # how a line of .csv begins that is none of numbers
+PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is known of one recording before its frames are read; `shape` is (T, H, W), `dtype` as it is stored."""
+
+    file: Path
+    recording: str
+    object: str
+    session: str
+    shape: tuple[int, int, int]
+    dtype: np.dtype
+
+
+def array_files(path: Path) -> list[Path]:
+    """The file itself, or all files of arrays below a folder in the order of their paths."""
+    return [file for file in (sorted(path.rglob("*")) if path.is_dir() else [path]) if file.suffix.lower() in SUFFIXES]
+
+
+def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bool = True) -> Source:
+    """All files of arrays below a folder. Without folders of sessions they are of one.
+
+    Args:
+        layout: rows and columns of a frame; None: as the arrays have them.
+        labelled: False: files may lie in no object's folder, or be one file; their object is `UNLABELLED`.
+
+    Raises:
+        UserError: lists the mistakes of all files, and where they do not agree in shape, place or name.
+    """
+    headers: list[Header] = []
+    mistakes: list[str] = []
+    for file in array_files(path):
+        try:
+            headers.append(_read_header(file, path if path.is_dir() else path.parent, tuple(layout or ()), labelled))
+        except UserError as error:
+            mistakes.append(str(error))
+    raise_mistakes(mistakes + _disagreements(headers))
+    objects, sessions = numbered([header.object for header in headers]), sorted({header.session for header in headers})
+
+    def blocks() -> Iterator[Block]:
+        for number, header in enumerate(headers):
+            frames, ids = _read(header.file).reshape(header.shape), {"recording": number, "time": np.nan}
+            ids |= {"object": objects.index(header.object), "session": sessions.index(header.session)}
+            for start in range(0, len(frames), BLOCK_FRAMES):
+                pressure = np.ascontiguousarray(frames[start : start + BLOCK_FRAMES])
+                block = {name: np.full(len(pressure), value) for name, value in ids.items()}
+                yield block | {"pressure": pressure, "frame": start + np.arange(len(pressure))}
+
+    names, frames = [header.recording for header in headers], sum(header.shape[0] for header in headers)
+    dtype = np.result_type(*{header.dtype for header in headers})
+    return Source(path, objects, names, sessions, headers[0].shape[1:], dtype, frames, blocks())
+
+
+def _disagreements(headers: list[Header]) -> list[str]:
+    """Mistakes of files that are good alone and do not go together."""
+    mistakes, count = [], Counter(header.recording for header in headers)
+    for header in headers:
+        sides, expected = (f"{one.shape[1]} x {one.shape[2]}" for one in (header, headers[0]))
+        if sides != expected:
+            mistakes.append(f"{header.file}: frames of {sides}; expected {expected} as in {headers[0].file}")
+        if header.recording.count("/") != headers[0].recording.count("/"):
+            mistakes.append(f"{header.file}: not as deep as {headers[0].file}; expected all files as {PLACES}")
+        if count[header.recording] > 1:
+            mistakes.append(f"{header.file}: another file differs in its ending alone; expected one for each recording")
+    return mistakes
+
+
+def _read_header(file: Path, root: Path, layout: tuple[int, ...], labelled: bool) -> Header:
+    *folders, _ = (place := file.relative_to(root)).parts
+    if len(folders) > 2 or (labelled and not folders) or not str(place).isprintable():
+        raise UserError(f"{root}: {str(place)!r} names no object; expected {PLACES}, in printable letters")
+    session, label = ["session", *(folders or [UNLABELLED])][-2:]
+    array, name = _read(file), place.with_suffix("").as_posix()
+    return Header(file, name, label, session, _frames(array.shape, layout, file), storage_type(array.dtype, str(file)))
+
+
+def _frames(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tuple[int, int, int]:
+    """(T, H, W) of an array of that shape."""
+    if layout and shape in (layout, (*shape[:1], math.prod(layout)), (*shape[:1], *layout)):
+        return 1 if shape == layout else shape[0], layout[0], layout[1]
+    if layout:
+        expected = f"(frames, {layout[0]}, {layout[1]}) or (frames, {math.prod(layout)})"
+        raise UserError(f"{file}: an array {shape}; expected {expected} by data.shape, or as the model was fitted on")
+    if len(shape) == 2 and shape[1] > MAX_SIDE:
+        raise UserError(f"{file}: an array {shape}; expected rows and columns by data.shape (inspect --shape)")
+    return shape[0], *check_shape((shape[0], 1, shape[1]) if len(shape) == 2 else shape, str(file))
+
+
+def _read(file: Path) -> np.ndarray:
+    """The array in a file, of .npy mapped. Nothing is unpickled, and what a header declares has to be in the file."""
+    try:
+        if file.suffix.lower() == ".csv":
+            return _csv(file.read_text("utf-8-sig").splitlines())
+        if file.suffix.lower() == ".npz":
+            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+                names = [name for name in arrays if len(arrays) == 1 or name == "pressure"]
+                if not names:
+                    raise ValueError(f"arrays: {', '.join(arrays) or 'none'}; expected one, or pressure among them")
+                return arrays[names[0]]
+        array = np.load(file, mmap_mode="r", allow_pickle=False)
+        if array.offset + array.nbytes != file.stat().st_size:
+            raise ValueError("it goes on after its first array")
+        return array
+    except Exception as error:  # a damaged file fails in NumPy and zlib in many ways
+        text = " ".join(str(error).partition("; use `usecols`")[0].split())
+        raise UserError(f"{file}: not readable as {file.suffix}, or cut short ({text}); save it again") from None
+
+
+def _csv(lines: list[str]) -> np.ndarray:
+    """Numbers (lines, cells), whole ones where all are; a first line that begins with a word is left out."""
+    lines = [line for line in lines if line.strip()]
+    if not (lines := lines[bool(lines and re.match(HEADER, lines[0], re.IGNORECASE)) :]):
+        raise ValueError("no line of numbers")
+    mark = next((mark for mark in ",;" if mark in lines[0]), None)
+    try:
+        return np.loadtxt(lines, np.int64, delimiter=mark, comments=None, ndmin=2)
+    except ValueError:
+        return np.loadtxt(lines, delimiter=mark, comments=None, ndmin=2)
