@@ -43,6 +43,7 @@ NETWORK = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:answers on validation groups")  # some checks have labels at random
 @parametrize_with_checks(
     [TactileClassifier("kernels"), TactileClassifier(system="logistic", params={"preprocess.zero": -3})],
     expected_failed_checks=lambda estimator: {} if estimator.params else {"check_classifiers_train": CENTRED},
