@@ -157,9 +157,10 @@ def test_a_recording_without_an_open_hand_alone_does_without_its_grasp_s_baselin
     rows, notes = answer_source(model, open_source(tmp_path, labelled=False))
     answers = {row.recording: row for row in rows}
     assert best(answers["held"]) == "pen" and answers["held"].contact == HELD
-    assert [note.text for note in notes] == [
-        f"1 of {1 + len(others)} recordings have fewer than 5 open-hand frames and use {instead}: held"
-    ]
+    (note,) = notes
+    assert note.text.startswith(f"1 of {1 + len(others)} recording") and note.text.endswith(
+        f"so {instead} is used: held"
+    )
     if "open" in answers:
         alone = answer_recording(model, recording("cup", 63) + offset)
         np.testing.assert_allclose(answers["open"].probabilities, alone.probabilities, atol=1e-6)
