@@ -24,7 +24,6 @@ FALLBACK: list[Member] = [
     "max_kernel",
 ]  # the lowest errors with one recording an object, on STAG's two small sets
 MOST_FRAMES = 4000  # of a fold that candidates are fitted to
-SLOW = ("trees", "statistics_trees", "max_network")  # members that take ten times as long to answer as others
 ANSWERED_AT_ONCE = 200  # view sets
 REPEATS = 5  # of an answer that is timed
 
@@ -46,11 +45,6 @@ class Candidate:
     wrong: np.ndarray
     seconds: float
     milliseconds: float
-
-    @property
-    def slow(self) -> bool:
-        """Whether an answer takes more than a few milliseconds."""
-        return any(name in SLOW for name in self.members)
 
 
 def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> list[Candidate]:
@@ -93,17 +87,13 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
 
 
 def choose(rows: list[Candidate]) -> Candidate:
-    """The lowest error; one that answers slowly only if all that answer fast err by more than a standard error more.
-
-    The standard error is that of the difference over groups. Of equal errors it is the first.
-    """
+    """The first whose error is within one standard error, of the difference over groups, of the lowest."""
     best = min(rows, key=lambda row: row.wrong.mean())
-    fast = [row for row in rows if not row.slow]
-    if not best.slow or not fast:
-        return best
-    other = min(fast, key=lambda row: row.wrong.mean())
-    more = other.wrong - best.wrong
-    return other if len(more) > 1 and more.mean() <= more.std(ddof=1) / len(more) ** 0.5 else best
+    for row in rows:
+        more = row.wrong - best.wrong
+        if more.mean() <= (more.std(ddof=1) / len(more) ** 0.5 if len(more) > 1 else 0.0):
+            return row
+    return best
 
 
 def choose_members(
