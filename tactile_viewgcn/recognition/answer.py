@@ -157,6 +157,30 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
     return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty)
 
 
+def answer_together(recogniser: Recogniser, answers: list[Answer]) -> Answer:
+    """The answer to one object that was recorded several times, from the answers to the recordings.
+
+    Those without contact do not count. What is unlike anything seen in every recording is unlike anything seen.
+    """
+    pressed = [answer for answer in answers if answer.status != NO_CONTACT]
+    status = OBJECT if any(answer.status == OBJECT for answer in pressed) else UNKNOWN
+    probabilities = np.full(len(recogniser.classes), np.nan)
+    if pressed:
+        probabilities = recogniser.together([answer.probabilities for answer in pressed])
+    used, contact, frames = (sum(getattr(answer, name) for answer in answers) for name in ("used", "contact", "frames"))
+    objects = {answer.object for answer in answers}
+    return Answer(
+        status if pressed else NO_CONTACT,
+        probabilities,
+        used,
+        contact,
+        min((answer.novelty for answer in pressed), default=float("nan")),
+        frames=frames,
+        recording="together",
+        object=objects.pop() if len(objects) == 1 else UNLABELLED,
+    )
+
+
 def bisecting(index: np.ndarray) -> np.ndarray:
     """The indices (n,) in an order whose first k are spread over all of them, whatever k: bit reversal."""
     bits = max(1, (len(index) - 1).bit_length())

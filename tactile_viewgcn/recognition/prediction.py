@@ -14,7 +14,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.source import EMPTY_HAND
-from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_source
+from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_source, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import open_recordings
 
@@ -29,6 +29,7 @@ def predict(
     *,
     window: float | None,
     stop_at: float | None,
+    together: bool,
     csv_path: Path | None,
     json_path: Path | None,
     echo: Callable[[str], None],
@@ -36,7 +37,9 @@ def predict(
     """Print the answers as a table, and write them to the files that are named: both whole, or neither.
 
     Args:
-        window, stop_at: see `answer_source`.
+        window: see `answer_source`.
+        stop_at: see `answer_source`.
+        together: one more answer, from all recordings of the source, which are of one object.
 
     Raises:
         UserError, OSError: a mistake of the user.
@@ -54,13 +57,15 @@ def predict(
         echo("  it does not recognise what is unlike anything seen")
     answers, notes = answer_source(recogniser, recordings, window=window, stop_at=stop_at)
     records = [_record(answer, recogniser.classes) for answer in answers]
+    joined = [_record(answer_together(recogniser, answers), recogniser.classes)] if together else []
     for note in notes:
         echo(str(note))
     echo(f"{'recording':<{NAME_WIDTH}} {'frames':>8}  answer")
     for record in records:
         echo(_line(record))
-    for line in _summary(records, recogniser.classes):
+    for line in [*_summary(records, recogniser.classes), *map(_line, joined)]:
         echo(line)
+    records += joined
     content = {"model": model, "source": source, "calibrated": calibrated, "answers": records}
     texts = _as_csv(records), json.dumps(content, indent=1, ensure_ascii=False) + "\n"
     with ExitStack() as parts:

@@ -109,15 +109,15 @@ class Recogniser:
         return (logits[0] / temperature).softmax(dim=-1).numpy(), len(np.unique(index))
 
     def together(self, answers: list[np.ndarray]) -> np.ndarray:
-        """Class probabilities (classes,) of one object that was recorded several times.
+        """Class probabilities (classes,) of one object that was recorded several times: the answers' logarithms, added.
+
+        They are calibrated for one to three recordings, if the training had as many of an object.
 
         Args:
             answers: of `recording_above` to each.
         """
-        temperatures = self.calibration.by_recordings if self.calibration else []
-        first, last = (
-            (temperatures[0], temperatures[min(len(answers), len(temperatures)) - 1]) if temperatures else (1, 1)
-        )
+        temperatures = (self.calibration and self.calibration.by_recordings) or [1.0]
+        first, last = temperatures[0], temperatures[min(len(answers), len(temperatures)) - 1]
         logarithms = np.log(np.maximum(answers, np.finfo(np.float32).tiny)).sum(axis=0)
         return softmax(logarithms * first / last)
 

@@ -12,6 +12,7 @@ from tactile_viewgcn.recognition.answer import (
     answer_contact,
     answer_recording,
     answer_source,
+    answer_together,
     bisecting,
 )
 from tactile_viewgcn.recognition.novelty import spread_sets
@@ -164,3 +165,18 @@ def test_a_recording_without_an_open_hand_alone_does_without_its_grasp_s_baselin
     if "open" in answers:
         alone = answer_recording(model, recording("cup", 63) + offset)
         np.testing.assert_allclose(answers["open"].probabilities, alone.probabilities, atol=1e-6)
+
+
+def test_recordings_of_one_object_are_answered_together(tmp_path):
+    """The sum of the answers' logarithms, as sure as two recordings of an object were in the training."""
+    model = recogniser()
+    answers = [answer_recording(model, recording("pen", seed, held=2)) for seed in (70, 71)]
+    answer = answer_together(model, [*answers, answer_recording(model, empty_hand(72))])
+    one, two, _ = model.calibration.by_recordings
+    sums = one / two * sum(np.log(each.probabilities.astype(float)) for each in answers)
+    np.testing.assert_allclose(answer.probabilities, np.exp(sums) / np.exp(sums).sum(), atol=1e-5)
+    assert (answer.status, best(answer), answer.used, answer.contact) == (OBJECT, "pen", 4, 4)
+    alone = answer_together(model, answers[:1])
+    np.testing.assert_allclose(alone.probabilities, answers[0].probabilities, atol=1e-5)
+    nothing = answer_together(model, [answer_recording(model, empty_hand(72))])
+    assert nothing.status == NO_CONTACT and np.isnan(nothing.probabilities).all()

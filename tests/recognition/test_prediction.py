@@ -43,6 +43,15 @@ def test_unlabelled_recordings_have_a_line_each(place):
     assert last == "answers: 3 object"
 
 
+def test_recordings_of_one_object_get_one_more_answer_from_all_of_them(place):
+    for seed in (85, 86):
+        write(place / "one" / f"{seed}.h5", recording("pen", seed))
+    *lines, last = call(place / "classifier.pt", place / "one", "--together", "--json", place / "answers.json")
+    assert lines[-1] == "answers: 2 object" and last.split()[:3] == ["together", "16/40", "pen"]
+    first, second, both = json.loads((place / "answers.json").read_text())["answers"]
+    assert both["recording"] == "together" and both["frames_used"] == first["frames_used"] + second["frames_used"]
+
+
 def test_arrays_of_cells_have_the_models_layout(place):
     (place / "arrays" / "pen").mkdir(parents=True)
     frames = recording("pen", 82).reshape(-1, SHAPE[0] * SHAPE[1])
