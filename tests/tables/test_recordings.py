@@ -118,7 +118,7 @@ def test_a_source_that_fails_halfway_leaves_the_old_table(tmp_path):
     path = tmp_path / "t.h5"
     write_recordings(path, source(COUNTS), "0" * 32)
     before, second = md5(path), source(COUNTS[:20])
-    with pytest.raises(UserError, match=r"glove: 50 frames of 51; expected all"):
+    with pytest.raises(UserError, match=r"glove: 50 of 51 frames; expected all"):
         write_recordings(path, replace(source(COUNTS), frames=51), "0" * 32)
 
     def blocks():

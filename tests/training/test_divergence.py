@@ -35,7 +35,7 @@ def test_one_that_diverges_after_an_epoch_leaves_that_epochs_weights_and_says_so
     monkeypatch.setattr("tactile_viewgcn.training.pretraining.lr_lambda", lambda _: {0: 1.0, 1: 1e30}.get)
     result = run_pretrain("pretrain.epochs=2")
     assert result.exit_code == 0, result.output
-    assert "pretrain: 1 epochs (training diverged in epoch 2 at a learning rate of 5e+27" in result.output
+    assert "pretrain: 1 epoch (training diverged in epoch 2 at a learning rate of 5e+27" in result.output
     assert "lower lr in params.yaml; the weights after epoch 1 are kept)" in result.output
     assert json.loads((place / "pretrain.json").read_text())["counts"]["diverged_in_epoch"] == 2
     assert (place / "backbone.pt").exists()

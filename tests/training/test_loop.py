@@ -76,7 +76,7 @@ def test_a_training_that_diverges_stops_with_the_weights_of_the_last_good_epoch_
     assert progress.epoch == 1 and taken == [0, 0, 1, 1] and len(progress.curves["loss"]) == 1
     assert weights.values == (1 - 2 * 0.125, 1 - 2 * 0.25)
     assert re.search(
-        r"1 epochs \(training diverged in epoch 2 at a learning rate of 0.125, 0.25: the loss is .*; lower lr in "
+        r"1 epoch \(training diverged in epoch 2 at a learning rate of 0.125, 0.25: the loss is .*; lower lr in "
         r"params.yaml; the weights after epoch 1 are kept\)",
         str(progress),
     )
