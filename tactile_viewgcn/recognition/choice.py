@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.left_out import left_out_parts, recording_sets, sampled_anchors
 from tactile_viewgcn.recognition.sequential import sequences
@@ -19,10 +19,7 @@ from tactile_viewgcn.systems import Member
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.training.sensor_fitting import training_frames
 
-FALLBACK: list[Member] = [
-    "trees",
-    "max_kernel",
-]  # the lowest errors with one recording an object, on STAG's two small sets
+FALLBACK: list[Member] = ["trees", "max_kernel"]  # where nothing can be compared
 MOST_FRAMES = 4000  # of a fold that candidates are fitted to
 ANSWERED_AT_ONCE = 200  # view sets
 REPEATS = 5  # of an answer that is timed
@@ -109,11 +106,10 @@ def choose_members(
     text = f"of {len(rows)} candidates, compared on {groups} training groups, each left out of the fits that answer it"
     notes = [_choice(best.members, text)]
     for row in sorted(rows, key=lambda row: row.wrong.mean()):
-        errors = f"{100 * row.error:.1f} % from {views} frames, {100 * row.whole_error:.1f} % from whole recordings"
+        errors = f"{100 * row.error:.1f} % from {several(views, 'frame')}, {100 * row.whole_error:.1f} % from whole"
+        costs = f"fitted in {row.seconds:.1f} s, answers in {row.milliseconds:.1f} ms"
+        text = f"{' + '.join(row.members)}: {errors} recordings, {costs}"
         value = {name: getattr(row, name) for name in ("members", "error", "whole_error", "seconds", "milliseconds")}
-        text = (
-            f"{' + '.join(row.members)}: {errors}, fitted in {row.seconds:.1f} s, answers in {row.milliseconds:.1f} ms"
-        )
         notes.append(Note(text, topic="candidates", key="model.members", value=value))
     return best.members, notes
 

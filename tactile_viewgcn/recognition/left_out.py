@@ -12,7 +12,7 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames
 
 FOLDS = 3
 MOST_GROUPS = 900  # that are used
-MOST_FRAMES = 64  # of a recording that are used
+MOST_FRAMES = 64  # of a recording that are used, of the anchors and of the others
 MOST_SETS = 2000  # of a part that are answered
 DRAWS = 10  # view sets around each anchor, at most
 WHOLE = 32  # frames that stand for a whole recording
@@ -21,8 +21,8 @@ WHOLE = 32  # frames that stand for a whole recording
 def left_out_parts(table: Frames) -> Iterator[Frames]:
     """The table with a third of the training groups on the validation side, and nothing else there, at a time.
 
-    A class of which a fold holds all groups is left out of it. Of more than 900 groups, and of more than 64 frames of a
-    recording, as many are used.
+    A class of which a fold holds all groups is left out of it. Of many groups and of long recordings some are used, see
+    `_thinned`.
     """
     train = _thinned(table, table.on(TRAIN))
     group, label = table.group[train], table.label[train]
@@ -58,12 +58,15 @@ def sampled_anchors(table: Frames, index: np.ndarray) -> np.ndarray:
 
 
 def _thinned(table: Frames, train: np.ndarray) -> np.ndarray:
-    """Of the frames in `train` (n,) at most 64 of a recording, evenly taken, and those of at most 900 groups."""
+    """Of the frames in `train` (n,) those of at most 900 groups, and of a recording at most 64 anchors and 64 others.
+
+    They are evenly taken.
+    """
     groups = np.unique(table.group[train])
     if len(groups) > MOST_GROUPS:
         some = stream(SPLIT_SEED, "left out").permutation(groups)[:MOST_GROUPS]
         train = train[np.isin(table.group[train], some)]
-    places = np.stack([table.label[train], table.recording[train], table.group[train]])
+    places = np.stack([table.label[train], table.recording[train], table.group[train], table.anchor[train]])
     pool, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)[1:]
     pool = pool.ravel()
     order = np.argsort(pool, kind="stable")
