@@ -19,7 +19,6 @@ def source(
     objects: Sequence[str] | None = None,
     recordings: Sequence[str] | None = None,
     sessions: Sequence[str] | None = None,
-    weights: np.ndarray | None = None,
     **columns: np.ndarray | float,
 ) -> Source:
     """A source at the path `glove` of counts (T, H, W), in blocks that end at `cuts`.
@@ -45,7 +44,6 @@ def source(
         np.dtype(dtype or counts.dtype),
         frames,
         iter([{"pressure": counts[at], **{name: column[at] for name, column in values.items()}} for at in parts]),
-        weights=weights,
     )
 
 

@@ -68,19 +68,16 @@ def metadata(
         "splits": _cells(["train", "test"]),
         "hasValidLabel": valid,
         "isBalanced": valid,
-        "isTransition": np.zeros_like(valid),
-        "isGrap": valid,
     }
 
 
 def as_weights(tree: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The same recordings with the fields of a `weights` file: four grasps, no split, no flags."""
-    gone = ("splitId", "splits", "hasValidLabel", "isBalanced", "isTransition", "isGrap")
+    gone = ("splitId", "splits", "hasValidLabel", "isBalanced")
     out = {name: value for name, value in tree.items() if name not in gone}
     frames = int(tree["frame"].max()) + 1
     out["graspIndex"] = (tree["frame"] * 4 // frames).astype(np.uint8)
     out["graspValid"] = tree["hasValidLabel"]
-    out["weights"] = np.arange(tree["objects"].size, dtype=np.uint16)[:, None]
     return out
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -11,8 +10,7 @@ from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly
 from tactile_viewgcn.frames.inspection import Inspection, contact_readings, inspect_recordings
 from tactile_viewgcn.frames.leak import Leak, check_first_frames, leaks_of_baselines
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.tables.recordings import Recordings, is_table, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 
 PERCENTILES = (0, 1, 50, 99, 100)
 SAMPLE = 2000  # frames of which percentiles are computed
@@ -78,17 +76,12 @@ def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Ove
         UserError: lists the mistakes of the source.
         FileNotFoundError: nothing at that path.
     """
-    path = Path(path)
-    if is_table(path):
-        return overview(Recordings(path), path)
-    with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
-        file = Path(folder) / "recordings.h5"
-        write_recordings(file, open_source(path, layout=layout), "")
-        return overview(Recordings(file), path)
+    with recordings_of(path, layout=layout) as recordings:
+        return overview(recordings)
 
 
-def overview(recordings: Recordings, path: Path, *, sensors: int | None = None) -> Overview:
-    """Inspect the table of raw counts of the source at `path`; for `sensors` see `inspect_recordings`."""
+def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
+    """Inspect the table of raw counts; for `sensors` see `inspect_recordings`."""
     of = inspect_recordings(recordings, sensors=sensors)
     interval, gaps, seconds = _sampling([recordings.columns["time"][index] for index in of.frames_of])
     means, activity, in_contact = _means(of)
@@ -98,7 +91,7 @@ def overview(recordings: Recordings, path: Path, *, sensors: int | None = None) 
     spread = sample.std(axis=0)
     return Overview(
         inspection=of,
-        path=path,
+        path=recordings.path,
         shape=recordings.shape,
         dtype=str(recordings.dtype),
         columns=[name for name in recordings.columns if name not in ALWAYS],

@@ -5,8 +5,7 @@
 /valid        (T,)       the object is held, optional
 /grasp        (T,)       number of the grasp, optional
 /grasp_valid  (T,)       frame belongs to the steady part of its grasp, optional
-attributes    object, session; optional: recording (else the file's path in the folder), weight (grams),
-              split ("train" or "test")
+attributes    object, session; optional: recording (else the file's path in the folder), split ("train" or "test")
 """
 
 from collections import Counter
@@ -72,10 +71,6 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
     raise_mistakes(mistakes + _disagreements(headers, path))
     objects = numbered([header.attributes["object"] for header in headers])
     sessions = sorted({header.attributes["session"] for header in headers})
-    weights = np.full(len(objects), np.nan)
-    for header in headers:
-        if "weight" in header.attributes:
-            weights[objects.index(header.attributes["object"])] = float(header.attributes["weight"])
     return Source(
         path,
         objects,
@@ -85,7 +80,6 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
         storage_type(np.result_type(*(header.dtype for header in headers)), str(path)),
         sum(header.frames for header in headers),
         _blocks(headers, objects, sessions),
-        weights=None if np.isnan(weights).all() else weights,
     )
 
 
@@ -152,13 +146,7 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
             for name in ("object", "session")
             if labelled and not attributes.get(name)
         ]
-        weight, split = attributes.get("weight", "0"), attributes.get("split", "train")
-        try:
-            in_grams = 0 <= float(weight) < np.inf
-        except ValueError:
-            in_grams = False
-        if not in_grams:
-            mistakes.append(f"attribute weight is {weight!r}; expected grams")
+        split = attributes.get("split", "train")
         if split not in SPLITS:
             mistakes.append(f"attribute split is {split!r}; expected train or test")
         if mistakes:

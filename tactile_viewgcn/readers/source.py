@@ -29,8 +29,6 @@ COLUMNS = {
     "split": np.int8,  # published side: TRAIN or TEST
     "valid": np.bool_,  # the object is held (STAG: hasValidLabel)
     "balanced": np.bool_,  # STAG's subset of equally many frames a class (isBalanced)
-    "transition": np.bool_,  # last empty frame before contact (isTransition)
-    "grip": np.bool_,  # reliable contact (isGrap)
     "grasp": np.int16,  # number of the grasp inside the recording (graspIndex)
     "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
 }
@@ -47,8 +45,6 @@ class Source:
         dtype: of the stored pressure.
         frames: number of all frames.
         blocks: the frames in the file's order; can be read once.
-        weights: (objects,) grams, NaN where unknown.
-        action: (recordings, 2) seconds from and to which the object is handled, -1 for never.
     """
 
     path: Path
@@ -59,8 +55,6 @@ class Source:
     dtype: np.dtype
     frames: int
     blocks: Iterator[Block]
-    weights: np.ndarray | None = None
-    action: np.ndarray | None = None
 
 
 def open_hdf5(path: Path) -> h5py.File:

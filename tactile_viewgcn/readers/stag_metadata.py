@@ -27,14 +27,10 @@ COLUMN_OF_FIELD = {
     "splitId": "split",
     "hasValidLabel": "valid",
     "isBalanced": "balanced",
-    "isTransition": "transition",
-    "isGrap": "grip",
     "graspIndex": "grasp",
     "graspValid": "grasp_valid",
 }
-#: fields with one value for each of these names
-FIELDS_PER_NAME = {"weights": "objects", "actionStartTS": "recordings", "actionEndTS": "recordings"}
-KNOWN_FIELDS = (*REQUIRED_FIELDS, *COLUMN_OF_FIELD, *NAME_FIELDS, *FIELDS_PER_NAME)
+KNOWN_FIELDS = (*REQUIRED_FIELDS, *COLUMN_OF_FIELD, *NAME_FIELDS)
 
 
 def read_metadata(path: Path) -> Source:
@@ -57,10 +53,6 @@ def read_metadata(path: Path) -> Source:
     frame_shape, frames = check_shape(shape, str(path)), shape[0]
     fields = mat_fields(path, [name for name in KNOWN_FIELDS if name != "pressure"])
     dtype, pressure = mat_frames(path, "pressure")
-    for name, among in FIELDS_PER_NAME.items():
-        if name in fields and fields[name].size != len(fields[among]):
-            values, count = fields[name].size, len(fields[among])
-            raise UserError(f"{path}: {name} has {several(values, 'value')} for {count} {among}; expected one for each")
     columns = {
         column: frame_column(fields[name], name, frames, path)
         for name, column in COLUMN_OF_FIELD.items()
@@ -70,8 +62,6 @@ def read_metadata(path: Path) -> Source:
     columns.setdefault("time", np.full(frames, np.nan))
     if "split" in columns:
         columns["split"] = _published_split(columns["split"], fields.get("splits"), path)
-    starts, ends = fields.get("actionStartTS"), fields.get("actionEndTS")
-    action = None if starts is None or ends is None else np.stack([starts.ravel(), ends.ravel()], axis=1)
 
     def blocks() -> Iterator[Block]:
         for start in range(0, frames, BLOCK_FRAMES):
@@ -87,8 +77,6 @@ def read_metadata(path: Path) -> Source:
         storage_type(dtype, str(path)),
         frames,
         blocks(),
-        weights=None if "weights" not in fields else fields["weights"].ravel(),
-        action=action,
     )
 
 

@@ -1,6 +1,5 @@
 """Answers: which object is in the hand, from the frames in contact of a recording, or of every one of a source."""
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,13 +8,13 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.readers.source import UNLABELLED, Source
+from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
 from tactile_viewgcn.recognition.contact import find_contact
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings
 
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 
@@ -32,6 +31,7 @@ class Answer:
             fewer than V frames in contact.
         recording: its name; object: what it says is held, UNLABELLED if it does not.
         start, end: seconds since the recording's first frame; NaN without times.
+        grasp_again: the confidence that was asked for was not reached.
     """
 
     status: str
@@ -44,6 +44,7 @@ class Answer:
     object: str = UNLABELLED
     start: float = float("nan")
     end: float = float("nan")
+    grasp_again: bool = False
 
 
 def answer_recording(
@@ -54,7 +55,8 @@ def answer_recording(
     Its baseline and its frames in contact are found as those of the training were, from these frames alone.
 
     Args:
-        stop_at: classify frame after frame until a class has this calibrated probability; None: V frames at once.
+        stop_at: classify frame after frame until a class has this calibrated probability, see
+            `Recogniser.predict_sequential`; None: V frames at once.
         name: of the counts, in errors.
 
     Raises:
@@ -63,14 +65,15 @@ def answer_recording(
     """
     one = np.zeros(1, dtype=int)
     recordings = ArrayRecordings([checked_array(counts, name)], [UNLABELLED], one, one)
-    ((answer,), _, _) = _answers(recogniser, recordings, name, stop_at=stop_at)
+    recordings.path = Path(name)
+    ((answer,), _, _) = _answers(recogniser, recordings, stop_at=stop_at)
     return answer
 
 
-def answer_source(
-    recogniser: Recogniser, source: Source, *, window: float | None = None, stop_at: float | None = None
+def answer_table(
+    recogniser: Recogniser, recordings: Recordings, *, window: float | None = None, stop_at: float | None = None
 ) -> tuple[list[Answer], list[Note]]:
-    """The answers to the recordings of a source, and notes on what was not as expected.
+    """The answers to the recordings of a table, and notes on what was not as expected.
 
     Args:
         window: seconds that are answered together; None: whole recordings.
@@ -80,28 +83,19 @@ def answer_source(
         UserError: recordings unlike the training's in form or scale, or without the times that windows need; a
             `window` out of range; see `answer_recording`.
     """
-    name = str(source.path)
-    with tempfile.TemporaryDirectory() as folder:
-        write_recordings(Path(folder) / "recordings.h5", source, "")
-        recordings = Recordings(Path(folder) / "recordings.h5")
-        answers, classified, notes = _answers(recogniser, recordings, name, window=window, stop_at=stop_at)
-    recogniser.preprocessing.check_strength(classified, name)
+    answers, classified, notes = _answers(recogniser, recordings, window=window, stop_at=stop_at)
+    recogniser.preprocessing.check_strength(classified, str(recordings.path))
     return answers, notes
 
 
 def _answers(
-    recogniser: Recogniser,
-    recordings: Recordings,
-    name: str,
-    *,
-    window: float | None = None,
-    stop_at: float | None = None,
+    recogniser: Recogniser, recordings: Recordings, *, window: float | None = None, stop_at: float | None = None
 ) -> tuple[list[Answer], np.ndarray, list[Note]]:
     """The answers to a table; V frames in contact (n, H, W) of each, above baseline; and notes on the baseline."""
     if stop_at is not None:
         recogniser.check_sequential(stop_at)
     for _, counts in recordings.blocks():
-        recogniser.preprocessing.check_counts(counts, name)
+        recogniser.preprocessing.check_counts(counts, str(recordings.path))
     recordings.live, columns = recogniser.preprocessing.live, recordings.columns
     answers, classified = [], []
     baseline, contact = find_contact(recordings, recogniser.preprocessing)
@@ -154,13 +148,17 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
         probabilities, used = recogniser.recording_above(excess)
     known = recogniser.novelty if count >= views else None
     novelty = known.score(excess[spread]) if known else float("nan")
-    return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty)
+    again = stop_at is not None and bool(probabilities.max() < stop_at)
+    return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty, grasp_again=again)
 
 
-def answer_together(recogniser: Recogniser, answers: list[Answer]) -> Answer:
+def answer_together(recogniser: Recogniser, answers: list[Answer], name: str = "together") -> Answer:
     """The answer to one object that was recorded several times, from the answers to the recordings.
 
     Those without contact do not count. What is unlike anything seen in every recording is unlike anything seen.
+
+    Args:
+        name: that takes the place of the recording's.
     """
     pressed = [answer for answer in answers if answer.status != NO_CONTACT]
     status = OBJECT if any(answer.status == OBJECT for answer in pressed) else UNKNOWN
@@ -176,7 +174,7 @@ def answer_together(recogniser: Recogniser, answers: list[Answer]) -> Answer:
         contact,
         min((answer.novelty for answer in pressed), default=float("nan")),
         frames=frames,
-        recording="together",
+        recording=name,
         object=objects.pop() if len(objects) == 1 else UNLABELLED,
     )
 

@@ -14,9 +14,9 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.source import EMPTY_HAND
-from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_source, answer_together
+from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.tables.recordings import open_recordings
+from tactile_viewgcn.tables.recordings import recordings_of
 
 MODELS = "models/classifier.pt, the id of an MLflow run, runs:/ID or models:/NAME/VERSION"
 TOP = 3
@@ -37,16 +37,16 @@ def predict(
     """Print the answers as a table, and write them to the files that are named: both whole, or neither.
 
     Args:
-        window: see `answer_source`.
-        stop_at: see `answer_source`.
-        together: one more answer, from all recordings of the source, which are of one object.
+        window: see `answer_table`.
+        stop_at: see `answer_table`.
+        together: one more answer for each folder of recordings, which are of one object, and for each of its objects
+            where they are labelled.
 
     Raises:
         UserError, OSError: a mistake of the user.
     """
     _check_outputs([path for path in (csv_path, json_path) if path is not None], [Path(model), Path(source)])
     recogniser = load_model(model)
-    recordings = open_recordings(source, labelled=False, layout=recogniser.shape)
     views, calibrated = recogniser.classifier.views, recogniser.temperatures is not None
     echo(
         f"model: {recogniser.system}, {several(len(recogniser.classes), 'class', 'classes')}, "
@@ -55,16 +55,21 @@ def predict(
     )
     if not recogniser.novelty:
         echo("  it does not recognise what is unlike anything seen")
-    answers, notes = answer_source(recogniser, recordings, window=window, stop_at=stop_at)
+    with recordings_of(source, labelled=False, layout=recogniser.shape) as recordings:
+        answers, notes = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
     records = [_record(answer, recogniser.classes) for answer in answers]
-    joined = [_record(answer_together(recogniser, answers), recogniser.classes)] if together else []
+    joined = [_record(answer, recogniser.classes) for answer in _joined(recogniser, answers)] if together else []
     for note in notes:
         echo(str(note))
     echo(f"{'recording':<{NAME_WIDTH}} {'frames':>8}  answer")
     for record in records:
         echo(_line(record))
-    for line in [*_summary(records, recogniser.classes), *map(_line, joined)]:
+    for line in _summary(records, recogniser.classes):
         echo(line)
+    if joined:
+        echo("together:")
+        for line in [*map(_line, joined), *_summary(joined, recogniser.classes)]:
+            echo(line)
     records += joined
     content = {"model": model, "source": source, "calibrated": calibrated, "answers": records}
     texts = _as_csv(records), json.dumps(content, indent=1, ensure_ascii=False) + "\n"
@@ -109,6 +114,14 @@ def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
             raise UserError(f"{path}: cannot be written ({error.strerror}); name another") from None
 
 
+def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
+    """The answer to each object in each folder, from the answers to its recordings."""
+    parts: dict[tuple[str, str], list[Answer]] = {}
+    for answer in answers:
+        parts.setdefault((answer.recording.rpartition("/")[0], answer.object), []).append(answer)
+    return [answer_together(recogniser, part, folder or label or "together") for (folder, label), part in parts.items()]
+
+
 def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
     """The answer as plain values, NaN as None; no class has a probability without contact."""
     shares = {} if answer.status == NO_CONTACT else dict(zip(classes, answer.probabilities.tolist(), strict=True))
@@ -119,7 +132,8 @@ def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
         name = best[place] if place < len(best) else ""
         values |= {f"class_{place + 1}": name or None, f"probability_{place + 1}": shares.get(name)}
     values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
-    values |= {"novelty": answer.novelty, "object": answer.object or None, "probabilities": shares}
+    values |= {"novelty": answer.novelty, "object": answer.object or None}
+    values |= {"grasp_again": answer.grasp_again, "probabilities": shares}
     return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()}
 
 
@@ -132,7 +146,8 @@ def _line(record: dict[str, Any]) -> str:
     shares = [f"{name} {100 * share:.0f} %" for name, share in best if name]
     texts = {NO_CONTACT: NO_CONTACT, UNKNOWN: f"{UNKNOWN}; nearest {''.join(shares[:1])}"}
     frames = f"{record['frames_used']}/{record['frames_in_contact']}"
-    return f"{name:<{NAME_WIDTH}} {frames:>8}  {texts.get(record['answer'], ', '.join(shares))}"
+    again = "; grasp it again" if record["grasp_again"] else ""
+    return f"{name:<{NAME_WIDTH}} {frames:>8}  {texts.get(record['answer'], ', '.join(shares))}{again}"
 
 
 def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:

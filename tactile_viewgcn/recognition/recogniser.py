@@ -18,6 +18,8 @@ from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, spread_sets
 from tactile_viewgcn.tables.transform import network_input
 
+PATIENCE = 4  # frames of one grasp without a higher confidence; more of them hardly lower the error
+
 
 class Recogniser:
     """A trained classifier for raw counts.
@@ -158,10 +160,12 @@ class Recogniser:
     ) -> tuple[np.ndarray, int]:
         """Class probabilities (classes,) and the number of frames used: as few as the confidence threshold needs.
 
-        The probabilities are calibrated for random frames of a recording: leave time between frames.
+        The probabilities are calibrated for random frames of a recording: leave time between frames. Where the
+        threshold is not reached, another grasp helps more than further frames, see `together`.
 
         Args:
-            frames: raw counts (H, W), one after another; none is asked for once the threshold is reached, or after V.
+            frames: raw counts (H, W), one after another; none is asked for once the threshold is reached, after four
+                that did not raise the confidence, or after V.
             confidence_threshold: of the most probable class.
             baseline: see `probabilities`.
 
@@ -182,10 +186,14 @@ class Recogniser:
         """The same as `predict_sequential` of counts above baseline (H, W)."""
         self.check_sequential(confidence_threshold)
         values: list[Tensor] = []
+        highest, raised_at = 0.0, 0
         for frame in frames:
             values.append(self._values(frame[None]))
             (probabilities,) = self._probabilities(torch.cat(values), len(values))
-            if probabilities.max() >= confidence_threshold or len(values) == self.classifier.views:
+            if probabilities.max() > highest:
+                highest, raised_at = float(probabilities.max()), len(values)
+            last = len(values) == self.classifier.views or len(values) - raised_at == PATIENCE
+            if last or probabilities.max() >= confidence_threshold:
                 return probabilities, len(values)
         if not values:
             raise UserError("frames holds none; expected one frame or more")

@@ -33,4 +33,3 @@ class ArrayRecordings(Recordings):
             "time": np.full(len(row), np.nan),
         }
         self.live = pressure.min(axis=0) < pressure.max(axis=0)
-        self.weights = self.action = None

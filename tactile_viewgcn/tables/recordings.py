@@ -6,7 +6,9 @@ axes are (frame, row, column).
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import h5py
 import numpy as np
@@ -14,7 +16,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, SOURCE_MD5, Block, Source, checked_blocks, is_table
+from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, SOURCE_MD5, Source, checked_blocks, is_table
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
 
@@ -46,47 +48,35 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
             file[name] = np.concatenate(parts)
         for name in ("objects", "recordings", "sessions"):
             file[name] = np.array(getattr(source, name), dtype=h5py.string_dtype())
-        for name in ("weights", "action"):
-            if getattr(source, name) is not None:
-                file[name] = np.asarray(getattr(source, name), dtype=np.float64)
         file.attrs[SOURCE_MD5] = md5
 
 
-def read_table(path: Path) -> Source:
-    """The source that a table was written from.
-
-    Raises:
-        UserError: damaged, or of another version.
-    """
-    table = Recordings(path)
-
-    def blocks() -> Iterator[Block]:
-        for start, counts in table.blocks():
-            at = slice(start, start + len(counts))
-            yield {"pressure": counts, **{name: values[at] for name, values in table.columns.items()}}
-
-    names = table.objects, table.recordings, table.sessions
-    return Source(
-        path, *names, table.shape, table.dtype, len(table), blocks(), weights=table.weights, action=table.action
-    )
-
-
-def open_recordings(path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None) -> Source:
-    """The source of the table that `ingest` wrote at a path, or of any form that it reads, see `open_source`."""
-    table = is_table(Path(path))
-    return read_table(Path(path)) if table else open_source(path, labelled=labelled, layout=layout)
+@contextmanager
+def recordings_of(
+    path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None
+) -> Iterator["Recordings"]:
+    """The table that `ingest` wrote at a path, or a temporary one of any form that it reads, see `open_source`."""
+    path = Path(path)
+    if is_table(path):
+        yield Recordings(path)
+        return
+    source = open_source(path, labelled=labelled, layout=layout)
+    with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
+        file = Path(folder) / "recordings.h5"
+        write_recordings(file, source, "")
+        recordings = Recordings(file)
+        recordings.path = path
+        yield recordings
 
 
 class Recordings:
     """The table of raw counts. Frames are read when they are asked for.
 
     Attributes:
-        path: of the file.
+        path: of the file, or of the source that it was written from; errors name it.
         objects, recordings, sessions: names, by index.
         columns: one array (T,) for each column that the source has, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary.
-        weights: (objects,) grams, or None.
-        action: (recordings, 2) seconds from and to which the object is handled, or None.
     """
 
     def __init__(self, path: str | Path):
@@ -97,7 +87,6 @@ class Recordings:
             )
             self.columns = {name: file[name][()] for name in COLUMNS if name in file}
             self.live = file["live"][()]
-            self.weights, self.action = (file[name][()] if name in file else None for name in ("weights", "action"))
             self._pressure = mapped(path, file["pressure"])
 
     def __len__(self) -> int:

@@ -26,7 +26,7 @@ def chosen(page):
 
 def shown(recordings, sensors=None):
     """What the page of a table of recordings shows."""
-    return overview(recordings, Path("glove"), sensors=sensors)
+    return overview(recordings, sensors=sensors)
 
 
 def test_recordings_that_are_all_contact_are_taken_as_they_are(tmp_path):

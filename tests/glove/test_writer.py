@@ -65,7 +65,6 @@ def test_the_files_are_a_source_with_the_last_session_on_the_test_side(folder, t
     np.testing.assert_array_equal(table.frames(np.arange(len(table))), columns["pressure"])
     assert np.count_nonzero(table.live) <= 548
     np.testing.assert_array_equal(columns["split"], np.where(columns["session"] == 1, TEST, TRAIN))
-    np.testing.assert_array_equal(source.weights, [0, 55, 14])
 
 
 def test_one_seed_gives_the_same_files_and_another_others(tmp_path):

@@ -11,7 +11,7 @@ from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, sav
 TREE = metadata(objects=3, recordings=2, sessions=2, frames=8, blank=2)
 RAW = {"object": "objectId", "recording": "recordingId", "session": "batchId", "frame": "frame", "time": "ts"}
 HDF5 = RAW | {"split": "splitId", "valid": "hasValidLabel"}
-ALL = HDF5 | {"balanced": "isBalanced", "transition": "isTransition", "grip": "isGrap"}
+ALL = HDF5 | {"balanced": "isBalanced"}
 EXPECTED = r".*; expected a STAG metadata\.mat"
 
 

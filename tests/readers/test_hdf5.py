@@ -46,7 +46,6 @@ def test_a_single_file_is_one_recording(tmp_path):
     assert table.columns["frame"].tolist() == [0, 1, 2, 3]
     assert np.isnan(table.columns["time"]).all()
     assert table.columns.keys() == {"object", "recording", "session", "frame", "time"}
-    assert table.weights is None
 
 
 @settings(max_examples=15, deadline=None)
@@ -77,14 +76,13 @@ def test_files_are_found_at_any_depth_in_the_order_of_their_paths_and_the_empty_
     assert [block["object"][0] for block in source.blocks] == [2, 0, 1]
 
 
-def test_attributes_name_the_recording_and_its_side_and_the_objects_weight(tmp_path):
-    attributes = {"recording": "first", "weight": 55, "split": np.bytes_("train")}  # a text of fixed length
+def test_attributes_name_the_recording_and_its_side(tmp_path):
+    attributes = {"recording": "first", "split": np.bytes_("train")}  # a text of fixed length
     record(tmp_path / "lab" / "a.h5", attributes=attributes)
     record(tmp_path / "lab" / "b.h5", attributes={"object": "pen", "session": 2, "split": "test"})
     table = ingested(tmp_path / "lab", read_hdf5(tmp_path / "lab"))[1]
     assert (table.recordings, table.sessions) == (["first", "b"], ["2", "s1"])
     assert table.columns["split"].tolist() == [TRAIN] * 4 + [TEST] * 4
-    np.testing.assert_array_equal(table.weights, [55, np.nan])
 
 
 def test_grasps_and_flags_are_columns(tmp_path):
@@ -127,9 +125,6 @@ BAD = {
     "short time": ({"time": np.arange(3.0)}, r"/time has shape \(3,\); expected \(4,\)"),
     "flat flags": ({"valid": np.ones((4, 1), bool)}, r"/valid has shape \(4, 1\); expected \(4,\)"),
     "another split": ({"attributes": {"split": "exam"}}, r"attribute split is 'exam'; expected train or test"),
-    "no weight": ({"attributes": {"weight": "heavy"}}, r"attribute weight is 'heavy'; expected grams"),
-    "infinite weight": ({"attributes": {"weight": np.inf}}, r"attribute weight is 'inf'; expected grams"),
-    "negative weight": ({"attributes": {"weight": -1}}, r"attribute weight is '-1'; expected grams"),
     "text as flags": ({"valid": np.array([b"y"] * 4)}, r"/valid .*; expected"),
     "broken grasp": ({"grasp": np.array([0, 1.5, 1, 1])}, r"grasp .*; expected"),
     "large grasp": ({"grasp": np.array([0, 0, 70000, 1])}, r"grasp 70000.*; expected"),
@@ -153,7 +148,7 @@ def refusal(folder) -> str:
 
 
 def test_the_mistakes_of_all_files_are_listed_at_once(tmp_path):
-    record(tmp_path / "lab" / "a.h5", attributes={"session": None, "weight": "heavy"}, time=np.arange(3.0))
+    record(tmp_path / "lab" / "a.h5", attributes={"session": None, "split": "heavy"}, time=np.arange(3.0))
     record(tmp_path / "lab" / "b.h5")
     record(tmp_path / "lab" / "c.h5", pressure=COUNTS[0])
     (tmp_path / "lab" / "d.h5").write_text("no recording")
@@ -163,7 +158,7 @@ def test_the_mistakes_of_all_files_are_listed_at_once(tmp_path):
     for part in (
         "a.h5: /time has shape (3,)",
         "a.h5: no attribute 'session'",
-        "a.h5: attribute weight is 'heavy'",
+        "a.h5: attribute split is 'heavy'",
         "c.h5: pressure has shape (5, 7)",
         "d.h5: not a readable HDF5 file",
         "e.h5: shape (3, 7); expected (5, 7) as in b.h5",

@@ -10,14 +10,14 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.readers.source import COLUMNS, storage_type
 from tactile_viewgcn.tables import recordings as module
-from tactile_viewgcn.tables.recordings import Recordings, is_table, read_table, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, is_table, recordings_of, write_recordings
 from tests.sources import source, written
 
 RNG = np.random.default_rng(0)
 COUNTS = RNG.integers(500, 600, size=(50, 4, 6)).astype(np.int16)
 
 
-def test_what_is_written_in_blocks_is_read_back_whole_and_as_the_source_that_it_was(tmp_path, monkeypatch):
+def test_what_is_written_in_blocks_is_read_back_whole(tmp_path, monkeypatch):
     columns = {
         "object": np.repeat([0, 1], 25),
         "recording": np.repeat(np.arange(5), 10),
@@ -27,25 +27,29 @@ def test_what_is_written_in_blocks_is_read_back_whole_and_as_the_source_that_it_
         "grasp": np.arange(50) // 4,
         "valid": np.arange(50) % 3 == 0,
     }
-    first = replace(
-        source(COUNTS, cuts=(7, 7, 30), weights=np.array([0, np.nan]), **columns), action=np.array([[-1.0, 2.5]])
-    )
-    write_recordings(tmp_path / "t.h5", first, "0" * 32)
+    write_recordings(tmp_path / "t.h5", source(COUNTS, cuts=(7, 7, 30), **columns), "0" * 32)
     monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
-    table, again = Recordings(tmp_path / "t.h5"), read_table(tmp_path / "t.h5")
+    table = Recordings(tmp_path / "t.h5")
     np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
     assert table.columns.keys() == columns.keys()
     assert all(values.dtype == COLUMNS[name] for name, values in table.columns.items())
-    for read in (table, again):
-        assert (read.shape, read.dtype) == ((4, 6), np.int16)
-        assert read.objects == ["empty_hand", "object1"] and read.sessions == ["session0", "session1"]
-        assert read.recordings == [f"recording{number}" for number in range(5)]
-        np.testing.assert_array_equal(read.weights, [0, np.nan])
-        assert read.action.tolist() == [[-1.0, 2.5]]
-    blocks = list(again.blocks)
-    assert [len(block["pressure"]) for block in blocks] == [20, 20, 10]
-    for name, values in ({"pressure": COUNTS} | columns).items():
-        np.testing.assert_array_equal(np.concatenate([block[name] for block in blocks]), values, err_msg=name)
+    assert (table.shape, table.dtype) == ((4, 6), np.int16)
+    assert table.objects == ["empty_hand", "object1"] and table.sessions == ["session0", "session1"]
+    assert table.recordings == [f"recording{number}" for number in range(5)]
+    assert [(start, len(counts)) for start, counts in table.blocks()] == [(0, 20), (20, 20), (40, 10)]
+    np.testing.assert_array_equal(np.concatenate([counts for _, counts in table.blocks()]), COUNTS)
+    for name, values in columns.items():
+        np.testing.assert_array_equal(table.columns[name], values, err_msg=name)
+
+
+def test_a_table_is_taken_as_it_is_and_errors_name_the_source_of_a_temporary_one(tmp_path):
+    write_recordings(tmp_path / "t.h5", source(COUNTS), "0" * 32)
+    with recordings_of(tmp_path / "t.h5") as table:
+        assert table.path == tmp_path / "t.h5"
+    np.save(tmp_path / "a.npy", COUNTS)
+    with recordings_of(tmp_path / "a.npy", labelled=False) as table:
+        assert table.path == tmp_path / "a.npy"
+        np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
 
 
 def test_a_table_is_known_by_its_mark(tmp_path):
@@ -62,7 +66,7 @@ def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
     with h5py.File(tmp_path / "t.h5", "r+") as file:
         del file[name]
     with pytest.raises(UserError, match=r"t\.h5: damaged, or not written by this version .*dvc repro"):
-        read_table(tmp_path / "t.h5")
+        Recordings(tmp_path / "t.h5")
 
 
 def test_live_sensors_are_those_that_ever_vary(tmp_path):
