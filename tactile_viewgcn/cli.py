@@ -68,7 +68,11 @@ def preset(name: str) -> None:
 @click.argument("source")
 @click.option("--window", type=float, metavar="SECONDS", help="Answer every so many seconds, not whole recordings.")
 @click.option("--stop-at", type=float, metavar="P", help="Take frames one by one until a class has this probability.")
-@click.option("--together", is_flag=True, help="SOURCE is one object, recorded several times: answer from all of it.")
+@click.option(
+    "--together",
+    is_flag=True,
+    help="A folder is one object, recorded several times: answer it too.",
+)
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers here too.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")
 def predict(**options: Any) -> None:

@@ -25,7 +25,7 @@ def form_of(values: Any) -> str:
         isinstance(values, np.ndarray) and values.dtype == object and values.ndim == 1
     )
     try:
-        if listed and (not len(values) or any(_axes(row) == 3 for row in values)):
+        if listed and (not len(values) or any(_holds_recordings(row) or _axes(row) == 3 for row in values)):
             return RECORDINGS
         axes = _axes(values)
     except ValueError:
@@ -33,6 +33,17 @@ def form_of(values: Any) -> str:
     if axes not in (1, 2, 4):
         raise UserError(f"X is of type {type(values).__name__} with {axes} axes; expected {FORMS}")
     return VIEW_SETS if axes == 4 else ROWS
+
+
+def recordings_of_rows(rows: Sequence[Any]) -> tuple[list[Any], np.ndarray]:
+    """The recordings of rows that are one or a list of several each, and the row int64 (n,) of each recording."""
+    several = [row if _holds_recordings(row) else [row] for row in rows]
+    counts = [len(row) for row in several]
+    return [recording for row in several for recording in row], np.repeat(np.arange(len(several)), counts)
+
+
+def _holds_recordings(row: Any) -> bool:
+    return isinstance(row, list | tuple) and len(row) > 0 and all(_axes(recording) == 3 for recording in row)
 
 
 def _axes(values: Any) -> int:

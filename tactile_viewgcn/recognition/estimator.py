@@ -19,7 +19,7 @@ from tactile_viewgcn.frames.selection import one_class
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
 from tactile_viewgcn.readers.source import EMPTY_HAND
-from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of
+from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_of_rows
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 
@@ -40,7 +40,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     X is one of
 
     - a list of recordings, each raw counts (T_i, H, W): the baseline is subtracted and the frames in contact are found
-      as the pipeline does it;
+      as the pipeline does it; a row may be a list of several recordings of one object, which are answered together;
     - an array of view sets (n, V, H, W), counts above baseline, frames in contact;
     - an array (n, S), or what scikit-learn makes one of: each row is one frame of 1 x S sensors, counts above baseline.
 
@@ -86,11 +86,11 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """
         from tactile_viewgcn.recognition.training import train
 
-        form, arrays, y = self._checked(X, y)
+        form, arrays, row, y = self._checked(X, y)
         classes, labels = _classes(y)
-        group, params = _groups(groups, len(arrays)), self._parameters(form, arrays)
+        group, params = _groups(groups, len(y))[row], self._parameters(form, arrays)
         names, session = [str(label) for label in classes], np.zeros(len(arrays), dtype=int)
-        recordings = ArrayRecordings(arrays, names, labels, session)
+        recordings = ArrayRecordings(arrays, names, labels[row], session)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
             notes = train(recordings, params, group[recordings.columns["recording"]], path)
@@ -109,14 +109,15 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             UserError, ValueError: X of another form or layout than in training.
         """
         check_is_fitted(self, "recogniser_")
-        _, arrays, _ = self._checked(X)
+        _, arrays, row, _ = self._checked(X)
         names = [str(label) for label in self.classes_]
-        probabilities = np.zeros((len(arrays), len(names)), dtype=np.float32)
-        probabilities[:, [names.index(name) for name in self.recogniser_.classes]] = (
-            self._of_recordings(arrays)
+        of_rows = (
+            self._of_recordings(arrays, row)
             if self._form == RECORDINGS
             else self.recogniser_.probabilities(np.stack(arrays))
         )
+        probabilities = np.zeros((len(of_rows), len(names)), dtype=np.float32)
+        probabilities[:, [names.index(name) for name in self.recogniser_.classes]] = of_rows
         return probabilities
 
     def predict(self, X: Any) -> np.ndarray:
@@ -153,20 +154,21 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         with torch.random.fork_rng():  # building a network draws weights
             self.recogniser_ = Recogniser(io.BytesIO(self._file))
 
-    def _checked(self, X: Any, y: Any = NO_LABELS) -> tuple[str, list[np.ndarray], Any]:
-        """Form of X, its n rows as arrays (T_i, H, W), and y (n,) in training."""
+    def _checked(self, X: Any, y: Any = NO_LABELS) -> tuple[str, list[np.ndarray], np.ndarray, Any]:
+        """Form of X, arrays (T_i, H, W) in its n rows, the row of each, and y (n,) in training."""
         form, training = form_of(X), y is not NO_LABELS
         if not training and form != self._form:
             raise UserError(f"X holds {form}; expected {self._form}, as in training")
         if form == ROWS:
             checked = validate_data(self, X, y, reset=training, dtype=(np.float64, np.float32))
             X, y = checked if training else (checked, y)
-            return form, list(X[:, None, None, :]), y
-        arrays = checked_arrays(X, None if training else self.recogniser_.shape)
+            return form, list(X[:, None, None, :]), np.arange(len(X)), y
+        recordings, row = recordings_of_rows(X)
+        arrays = checked_arrays(recordings, None if training else self.recogniser_.shape)
         if training:
             y = column_or_1d(y, warn=True)
-            check_consistent_length(arrays, y)
-        return form, arrays, y
+            check_consistent_length(X, y)
+        return form, arrays, row, y
 
     def _parameters(self, form: str, arrays: list[np.ndarray]) -> Params:
         """All parameters, for rows of this form."""
@@ -194,19 +196,23 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
                 )
         return params
 
-    def _of_recordings(self, arrays: list[np.ndarray]) -> np.ndarray:
-        """Probabilities (n, classes) of recordings of raw counts, each by its frames in contact.
+    def _of_recordings(self, arrays: list[np.ndarray], row: np.ndarray) -> np.ndarray:
+        """Probabilities (n, classes) of rows, by the frames in contact of their recordings of raw counts.
 
         Without any it is the empty hand, or where that is no class, each class is as probable as any other.
         """
-        from tactile_viewgcn.recognition.answer import NO_CONTACT, answer_recording
+        from tactile_viewgcn.recognition.answer import NO_CONTACT, answer_recording, answer_together
 
         probabilities, names = [], self.recogniser_.classes
         nothing = np.full(len(names), 1 / len(names))
         if EMPTY_HAND in names:
             nothing = np.eye(len(names))[names.index(EMPTY_HAND)]
-        for number, counts in enumerate(arrays):
-            answer = answer_recording(self.recogniser_, counts, name=f"X[{number}]")
+        for number in np.unique(row):
+            answers = [
+                answer_recording(self.recogniser_, arrays[place], name=f"X[{number}]")
+                for place in np.flatnonzero(row == number)
+            ]
+            answer = answer_together(self.recogniser_, answers) if len(answers) > 1 else answers[0]
             probabilities.append(nothing if answer.status == NO_CONTACT else answer.probabilities)
             if answer.status == NO_CONTACT and EMPTY_HAND not in names:
                 warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=3)

@@ -13,7 +13,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.answer import answer_recording
+from tactile_viewgcn.recognition.answer import answer_recording, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.schema import parse
 from tactile_viewgcn.tables.frames import TEST, TRAIN
@@ -96,6 +96,20 @@ def test_recordings_of_different_lengths_are_distinguished(system):
     probabilities = classifier.predict_proba(new)
     assert probabilities.shape == (6, 3)
     np.testing.assert_allclose(probabilities.sum(axis=1), 1, rtol=1e-5)
+
+
+def test_several_recordings_of_a_row_are_answered_together_and_held_out_as_one_group():
+    recordings, labels = grasps()
+    rows = [recordings[0::6] + recordings[3::6], *([each] for each in recordings[1::3]), *recordings[2::3]]
+    y = ["ball"] + ["mug"] * 5 + ["pen"] * 5
+    classifier = TactileClassifier("kernels", params=RAW).fit(rows, y)
+    alone = TactileClassifier("kernels", params=RAW).fit(recordings, labels)
+    pairs = [[recordings[place], recordings[place + 3]] for place in range(3)]
+    for model in (classifier, alone):
+        assert model.predict(pairs).tolist() == ["ball", "mug", "pen"]
+        parts = [answer_recording(model.recogniser_, each) for each in pairs[0]]
+        expected = answer_together(model.recogniser_, parts).probabilities
+        np.testing.assert_allclose(model.predict_proba(pairs)[0], expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("system", [None, "view_gcn"])
