@@ -17,7 +17,7 @@ AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study 
 #: of every rehearsal: three objects and the empty hand of a small glove, trainings of one epoch
 QUICK = {
     "glove.objects": ["mug", "tape", "scissors"],
-    "glove.sessions": 3,
+    "glove.sessions": 4,
     "glove.grasps": 1,
     "glove.grasp_frames": 18,
     "model.backbone.width": 8,

@@ -21,8 +21,8 @@ from tactile_viewgcn.randomness import stream
 REHEARSAL = "**A rehearsal on tiny data: it shows that the study runs, and nothing else.**"
 EXPLAINED = """Errors are in per cent, means over trials and over a variant's trainings, each from one seed on all
 folds of one deal. `per frame` counts every anchor once, `per group` every split group once. In brackets: the 95 %
-interval that resamples these groups, conditional on the trainings; under `object`, where a view set mixes an object's
-recordings, it is optimistic. `std` is the standard deviation over the trainings, per frame."""
+interval that resamples these groups, conditional on the trainings; where a view set mixes an object's groups, as under
+`object` or with two grasps, it is optimistic. `std` is the standard deviation over the trainings, per frame."""
 DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times; it is resampled as
 one."""
 COMPARED = """Differences are paired, over the seeds and deals that both were trained on. `p` says how often groups with

@@ -154,6 +154,7 @@ class Evaluate:
     trials: Count
     side: Literal["test", "validation"]
     confidence_threshold: Share
+    grasps: Literal["all"] | Annotated[Integer, Interval(ge=1, le=3)]
     protocols: Annotated[list[Literal["object", "recording"]], Strict(), MinLen(1), Unique]
 
 
@@ -213,6 +214,9 @@ class Params:
                 f"evaluate.confidence_threshold is {threshold:g}, which needs a calibration: "
                 "expected finetune.num_views random and split.validation above 0"
             )
+        grasps = self.evaluate.grasps if "recording" in self.evaluate.protocols else "all"
+        if grasps != "all" and grasps > self.views:
+            wrong.append(f"evaluate.grasps is {grasps}, and views is {self.views}: expected a frame of each at least")
         if fewer_views and model.selector == "joint":
             wrong.append("model.selector joint needs all views, finetune.num_views is random: expected per_view")
         if fewer_views and model.system in ("stag", "rotationnet"):

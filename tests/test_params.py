@@ -128,6 +128,7 @@ def test_all_mistakes_are_listed_at_once():
         (("model.system=rotationnet", "model.assignments=rotations", "views=12"), "needs the cube: expected views 8"),
         (("evaluate.confidence_threshold=0.9", "finetune.num_views=random"), "needs a calibration"),
         (("evaluate.confidence_threshold=0.9", "split.validation=0.2"), "needs a calibration"),
+        (("evaluate.grasps=3", "views=2"), "evaluate.grasps is 3, and views is 2: expected a frame of each at least"),
         (
             ("split.by=frame", "split.validation=0.2"),
             "which leaks, and split.validation is 0.2: expected 0, or another",
@@ -143,6 +144,7 @@ def test_values_that_do_not_go_together_are_refused(changes, words):
     "changes",
     [
         ("split.folds=4", "split.fold=3"),
+        ("evaluate.grasps=3", "views=3"),
         ("viewpoints=dodecahedron", "views=20"),
         ("viewpoints=circle", "views=7"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "split.validation=0.2"),

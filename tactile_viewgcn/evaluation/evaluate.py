@@ -15,7 +15,7 @@ from torch import Tensor
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts, median_and_p95
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials, check_grasps, unit_of_grasps
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
@@ -38,7 +38,8 @@ class Evaluation:
     Attributes:
         protocols: trials by protocol.
         labels, groups: (A,) class and split group of the anchors.
-        scores: of each protocol, see `scores_of`; of `sequential` prediction, if asked for, see `sequential_scores`.
+        scores: of each protocol, see `scores_of`, and of `recording` how many grasps are `joined`, if not all; of
+            `sequential` prediction, if asked for, see `sequential_scores`.
         seconds: of all trials, including features and clustering.
         latency_ms: see `latency`; empty if it was not measured.
     """
@@ -73,8 +74,9 @@ def evaluate_table(
         timed: measure the latency too.
 
     Raises:
-        UserError: a confidence threshold for a classifier without temperatures.
+        UserError: a confidence threshold for a classifier without temperatures; see `check_grasps`.
     """
+    check_grasps(table, evaluate)
     if evaluate.confidence_threshold and not temperatures:
         raise UserError(
             f"evaluate.confidence_threshold is {evaluate.confidence_threshold:g}, and the classifier is not "
@@ -93,8 +95,10 @@ def evaluate_table(
         protocol: scores_of(trials, groups, stream(seed, "interval", PROTOCOLS.index(protocol)))
         for protocol, trials in protocols.items()
     }
+    if evaluate.grasps != "all" and "recording" in scores:
+        scores["recording"]["joined"] = {unit_of_grasps(table): evaluate.grasps}
     if evaluate.confidence_threshold and temperatures:
-        recording = pool_ids(table.label[index], table.recording[index], table.side[index], "recording")
+        recording = pool_ids(table, index, "recording")
         rngs = (stream(seed, "touches.trial", trial) for trial in range(evaluate.trials))
         trials = sequential_trials(classifier, temperatures, features, table.label[index], recording, anchors, rngs)
         rng = stream(seed, "touches.interval")

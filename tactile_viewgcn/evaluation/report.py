@@ -128,7 +128,10 @@ def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, fl
 
 def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
     """Errors with their intervals in words, the runs of the other stages, and which of them diverged."""
-    errors = {f"error.{name}.percent": error_text(metrics[name]["error"]) for name in PROTOCOLS if name in metrics}
+    scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
+    errors = {
+        f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()
+    }
     runs = {f"stage.{name}": record["run_id"] for name, record in records.items() if record["run_id"]}
     return errors | runs | {f"diverged.{note.stage}": note.text for note in divergences(metrics)}
 
@@ -158,7 +161,7 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
         if protocol in metrics:
             score = metrics[protocol]
             lines.append(
-                f"  {protocol} protocol: error {error_text(score['error'])} %, std over trials "
+                f"  {protocol} protocol{joined_text(score)}: error {error_text(score['error'])} %, std over trials "
                 f"{100 * score['error']['std']:.1f}, top-3 error {100 * score['top3_error']:.1f} %"
             )
     if "sequential" in metrics:
@@ -176,6 +179,11 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
         f"peak memory {timing['peak_mb']:,.0f} MB",
         *(f"  warning: {note.stage} {note.text}" for note in divergences(metrics)),
     ]
+
+
+def joined_text(score: dict[str, Any]) -> str:
+    """The words ` of 2 grasps` for a score of metrics.json whose view sets join so many; else nothing."""
+    return "".join(f" of {several(count, unit)}" for unit, count in score.get("joined", {}).items())
 
 
 def error_text(error: dict[str, Any]) -> str:

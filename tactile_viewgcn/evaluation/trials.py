@@ -8,13 +8,15 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
-from tactile_viewgcn.views.sampling import ViewSets
+from tactile_viewgcn.views.sampling import ViewSets, joined_pools
 
 PROTOCOLS = ("object", "recording")
 TOP = 3
@@ -42,6 +44,8 @@ def all_trials(
 ) -> dict[str, Trials]:
     """The trials of each protocol in `evaluate.protocols`; the view sets are the same for all classifiers of V views.
 
+    Under `recording` a view set is of one recording and split group, or joins `evaluate.grasps` grasps of one object.
+
     Args:
         classifier: its `logits` and `views` are used.
         features: (n, ...) of the evaluated side's frames, see `Classifier`.
@@ -54,10 +58,34 @@ def all_trials(
         for number, protocol in enumerate(PROTOCOLS):
             if protocol not in evaluate.protocols:
                 continue
-            pool = pool_ids(label, table.recording[index], table.side[index], protocol)
+            joined = evaluate.grasps if protocol == "recording" and evaluate.grasps != "all" else None
+            pool = pool_ids(table, index, "grasp" if joined else protocol)
             rngs = (stream(seed, "trial", number, trial) for trial in range(evaluate.trials))
-            protocols[protocol] = run_trials(classifier, features, points, label, pool, anchors, cluster, rngs, bar)
+            protocols[protocol] = run_trials(
+                classifier, features, points, label, pool, anchors, cluster, rngs, bar, joined or 1
+            )
     return protocols
+
+
+def check_grasps(table: Frames, evaluate: Evaluate) -> None:
+    """Raise a UserError where an object has fewer grasps on the evaluated side than `evaluate.grasps` joins."""
+    if evaluate.grasps == "all" or "recording" not in evaluate.protocols:
+        return
+    index = table.on(SIDES.index(evaluate.side))
+    first = np.unique(pool_ids(table, index, "grasp"), return_index=True)[1]
+    labels, counts = np.unique(table.label[index][first], return_counts=True)
+    fewest = int(counts.argmin())
+    if counts[fewest] < evaluate.grasps:
+        what = several(int(counts[fewest]), unit_of_grasps(table))
+        raise UserError(
+            f"evaluate.grasps is {evaluate.grasps}, and the {evaluate.side} side has {what} of "
+            f"{table.classes[labels[fewest]]}; expected {evaluate.grasps} of every object: lower it, or hold more out"
+        )
+
+
+def unit_of_grasps(table: Frames) -> str:
+    """What `evaluate.grasps` counts: grasp, or recording where grasps are not numbered."""
+    return "grasp" if table.grasp.any() else "recording"
 
 
 @torch.inference_mode()
@@ -71,6 +99,7 @@ def run_trials(
     cluster: Cluster,
     rngs: Iterable[np.random.Generator],
     bar: tqdm,
+    joined: int = 1,
 ) -> Trials:
     """Classify one view set per anchor in each trial, each with its own generator and clustering.
 
@@ -78,15 +107,18 @@ def run_trials(
         features: (n, C) of the frames; points: (n, d) network input that is clustered; labels, pool: (n,).
         anchors: (A,) indices of the frames that view sets are drawn around.
         rngs: a generator for each trial.
+        joined: pools of one class that a view set joins, each in so many times fewer clusters.
     """
     views, scores, empty = classifier.views, None, 0
-    if cluster.method == "kmeans" and views > 1:
+    clusters = -(-views // joined)
+    if cluster.method == "kmeans" and clusters > 1:
         scores = pool_scores(points, pool)
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
     for rng in rngs:
-        sets = ViewSets(cluster_pools(points, pool, views, cluster, rng, scores), pool, views)
-        drawn = torch.from_numpy(sets.draw(anchors, rng, cluster.assignment)).to(features.device)
-        logits = classifier.logits(features, drawn)
+        sets = ViewSets(cluster_pools(points, pool, clusters, cluster, rng, scores), pool, clusters)
+        pools = joined_pools(pool, labels, anchors, joined, rng)
+        drawn = torch.from_numpy(sets.draw(anchors, rng, cluster.assignment, pools, views))
+        logits = classifier.logits(features, drawn.to(features.device))
         order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class
         top.append(order[:, :TOP].cpu())
         empty += int(sets.empty.sum())

@@ -95,6 +95,7 @@ def prepare(
         label=label.astype(np.int16),
         recording=columns["recording"],
         session=columns["session"],
+        grasp=columns.get("grasp", np.zeros_like(columns["recording"])),
         group=selection.group[index],
         side=selection.side[index],
         anchor=selection.anchor[index],

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactile_viewgcn.evaluation.report import joined_text
 from tactile_viewgcn.evaluation.statistics import confusion_counts
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.pages.finished_run import FinishedRun
@@ -45,6 +46,16 @@ class Outcome:
         """Of the error's 95 % interval; None with one split group."""
         error = self.run.metrics[self.protocol]["error"]
         return (error["low"], error["high"]) if error["low"] is not None else None
+
+    @property
+    def joined(self) -> str:
+        """The words ` of 2 grasps` where the view sets of its protocol join so many; else nothing."""
+        return joined_text(self.run.metrics[self.protocol])
+
+    @property
+    def undivided(self) -> str:
+        """What a view set is of where it joins nothing: of what the split divides, one grasp or one recording."""
+        return "one grasp" if self.run.params["split.by"] == "grasp" else "one recording"
 
     @property
     def side(self) -> str:

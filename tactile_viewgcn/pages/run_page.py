@@ -17,10 +17,6 @@ from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.systems import on_sensors
 
 PAIRS = 4
-PROTOCOLS = {
-    "recording": "all frames of an answer come from one recording, as in use",
-    "object": "the frames come from any test recording of the object, as in the paper",
-}
 
 
 def run_page(run: FinishedRun) -> str:
@@ -29,7 +25,13 @@ def run_page(run: FinishedRun) -> str:
     origin = run.records["evaluate"]["origin"]
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     uncommitted, commit = _uncommitted(origin), origin.get("mlflow.source.git.commit")
-    protocols = {name: what for name, what in PROTOCOLS.items() if name in metrics}
+    protocols = {
+        "recording": f"all frames of an answer come from {outcome.undivided}, as in use",
+        "object": "the frames come from any test recording of the object, as in the paper",
+    }
+    if outcome.joined:
+        protocols["recording"] = f"the frames of an answer are{outcome.joined} of one object"
+    protocols = {name: what for name, what in protocols.items() if name in metrics}
     errors = {f"{name} protocol": metrics[name]["error"] for name in protocols}
     counts = {f"{outcome.protocol} protocol, all trials": outcome.counts}
     return html.render(

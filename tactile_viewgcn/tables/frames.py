@@ -26,6 +26,7 @@ class Frames:
         counts: (n, H, W) raw counts, memory-mapped where the table was read.
         label: (n,) class, index into `classes`.
         recording, session: (n,) index into `recordings` and `sessions`.
+        grasp: (n,) number of the grasp inside its recording; 0 where grasps are not numbered.
         group: (n,) split group.
         side: (n,) TRAIN, VALIDATION or TEST.
         anchor: bool (n,) view sets are drawn around it; the anchors are balanced over the classes.
@@ -44,6 +45,7 @@ class Frames:
     label: np.ndarray
     recording: np.ndarray
     session: np.ndarray
+    grasp: np.ndarray
     group: np.ndarray
     side: np.ndarray
     anchor: np.ndarray

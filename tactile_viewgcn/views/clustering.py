@@ -22,10 +22,19 @@ COMPONENTS = 8  # released: principal components that k-means uses
 MIN_DIFFERENCE = 2.0**-20  # of two rows, relative to the largest score; k-means' distances have no more digits
 
 
-def pool_ids(label: np.ndarray, recording: np.ndarray, side: np.ndarray, scope: str) -> np.ndarray:
-    """Pool int64 (n,) of each frame: with scope `object` a class on one side, with `recording` its part of that."""
-    keys = [side, label] + ([recording] if scope == "recording" else [])
-    return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
+def pool_ids(table: Frames, index: np.ndarray, scope: str) -> np.ndarray:
+    """Pool int64 (n,) of each frame in `index` (n,), counted from 0.
+
+    Args:
+        scope: `object`: a class on one side; `recording`: of that what is of one recording and one split group;
+            `grasp`: of that what is of one grasp, all of it where grasps are not numbered.
+    """
+    keys = [table.side, table.label]
+    if scope != "object":
+        keys += [table.recording, table.group]
+    if scope == "grasp":
+        keys.append(table.grasp)
+    return np.unique(np.stack(keys, axis=1)[index], axis=0, return_inverse=True)[1].ravel()
 
 
 def cluster_frames(table: Frames, viewpoints: np.ndarray, params: Cluster, rng: np.random.Generator) -> Views:
@@ -33,7 +42,7 @@ def cluster_frames(table: Frames, viewpoints: np.ndarray, params: Cluster, rng: 
 
     Frames of the test side get no cluster here: `evaluate` clusters them itself.
     """
-    pool, views = pool_ids(table.label, table.recording, table.side, params.scope), len(viewpoints)
+    pool, views = pool_ids(table, np.arange(len(table)), params.scope), len(viewpoints)
     cluster = np.full(len(table), NO_CLUSTER, dtype=np.int16)
     if params.method == "kmeans":
         index = table.on(TRAIN, VALIDATION)

@@ -1,7 +1,7 @@
 """Drawing view sets: V frames that are classified together, one from each cluster of a pool.
 
-A pool is the frames of one object or of one recording, divided into V clusters. A view set is drawn around an anchor,
-which is the frame of its cluster.
+A pool is the frames of one object, recording or grasp, divided into V clusters. A view set is drawn around an anchor,
+which is the frame of its cluster. A view set that joins several pools takes as many frames of each, or one fewer.
 """
 
 import numpy as np
@@ -20,6 +20,26 @@ def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> n
     cluster = np.empty(len(pool), dtype=np.int64)
     cluster[order] = rank % views
     return cluster
+
+
+def joined_pools(
+    pool: np.ndarray, labels: np.ndarray, anchors: np.ndarray, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Pools int64 (A, count) that view sets join: the anchor's own, then others of its class at random.
+
+    Args:
+        pool, labels: (n,) of each frame; a pool is of one class, and each class has `count` pools at least.
+        anchors: (A,) frame indices.
+    """
+    joined = np.repeat(pool[anchors][:, None], count, axis=1)
+    if count == 1:
+        return joined
+    for label in np.unique(labels[anchors]):
+        rows, of_class = np.flatnonzero(labels[anchors] == label), np.unique(pool[labels == label])
+        key = rng.random((len(rows), len(of_class)))
+        key[of_class == joined[rows, :1]] = -1
+        joined[rows] = of_class[np.argsort(key, axis=1)[:, :count]]
+    return joined
 
 
 class ViewSets:
@@ -47,7 +67,14 @@ class ViewSets:
         self._start = np.where(self.empty, start[:, :1], start)
         self._count = np.where(self.empty, count.sum(axis=1, keepdims=True), count)
 
-    def draw(self, anchors: np.ndarray, rng: np.random.Generator, assignment: str = "index") -> np.ndarray:
+    def draw(
+        self,
+        anchors: np.ndarray,
+        rng: np.random.Generator,
+        assignment: str = "index",
+        pools: np.ndarray | None = None,
+        views: int | None = None,
+    ) -> np.ndarray:
         """View sets int64 (A, V) of frame indices, one for each anchor (A,).
 
         Args:
@@ -55,16 +82,21 @@ class ViewSets:
             rng: for the draw.
             assignment: `anchor` (released code): the anchor first, frames of the other clusters in random order;
                 `random`: all in random order; otherwise column i holds a frame of cluster i, as in the paper.
+            pools: (A, G) that each view set joins, the anchor's own first; without them its own alone. Column i is of
+                pool i modulo G, there of cluster i // G, so that a pool needs no more than V / G clusters, rounded up.
+            views: frames of a view set, where they are not one of each cluster.
         """
-        pool = self._pool[anchors]
-        pick = self._start[pool] + (rng.random((len(anchors), self.views)) * self._count[pool]).astype(np.int64)
-        sets, anchor_cluster = self._members[pick], self._cluster[anchors]
+        pools = self._pool[anchors][:, None] if pools is None else pools
+        cluster, place = np.divmod(np.arange(views or self.views), pools.shape[1])
+        pool = pools[:, place]
+        pick = self._start[pool, cluster] + (rng.random(pool.shape) * self._count[pool, cluster]).astype(np.int64)
+        sets, anchor_column = self._members[pick], self._cluster[anchors] * pools.shape[1]
         rows = np.arange(len(anchors))
-        sets[rows, anchor_cluster] = anchors
+        sets[rows, anchor_column] = anchors
         if assignment in ("anchor", "random"):
             key = rng.random(sets.shape)
             if assignment == "anchor":
-                key[rows, anchor_cluster] = -1
+                key[rows, anchor_column] = -1
             sets = np.take_along_axis(sets, np.argsort(key, axis=1), axis=1)
         return sets
 

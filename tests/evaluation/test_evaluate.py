@@ -1,5 +1,6 @@
 """Evaluation on the test side: what is drawn, what is counted, and how long it takes."""
 
+from dataclasses import replace
 from itertools import count
 from types import SimpleNamespace
 
@@ -7,12 +8,13 @@ import numpy as np
 import pytest
 import torch
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation import evaluate as module
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_of
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.tables.frames import TEST
-from tests.small_tables import CPU, fewer_anchors, recipe, table, trained
+from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tests.small_tables import CPU, fewer_anchors, recipe, table, trained, views_of
 
 
 @pytest.fixture
@@ -60,6 +62,65 @@ def test_a_view_set_is_of_one_object_and_under_the_recording_protocol_of_one_rec
     assert len(drawn) == 3 and all((label[sets] == label[sets[:, :1]]).all() for sets in drawn)
     of_one = all((recording[sets] == recording[sets[:, :1]]).all() for sets in drawn)
     assert of_one == (protocol == "recording")
+
+
+def test_a_seed_draws_the_trials_that_it_drew_before_grasps_could_be_joined(drawn):
+    evaluated("evaluate.trials=1", "cluster.method=none", frames=fewer_anchors(table(), 24))
+    assert [sets.tolist() for sets in drawn] == [
+        [[21, 0, 14, 3], [24, 35, 29, 26], [48, 52, 70, 56], [82, 88, 83, 72]],
+        [[8, 6, 0, 7], [32, 24, 30, 35], [52, 48, 49, 57], [81, 74, 73, 72]],
+    ]
+
+
+def with_grasps(*, split=False):
+    """The table with three grasps of four frames in each recording, which are the split groups if asked."""
+    frames = table()
+    grasp = np.arange(len(frames)) % 12 // 4
+    return replace(frames, grasp=grasp, group=3 * frames.recording + grasp if split else frames.group)
+
+
+def test_with_split_by_grasp_a_view_set_of_the_recording_protocol_is_of_one_grasp(drawn):
+    frames = with_grasps(split=True)
+    evaluated("evaluate.protocols=[recording]", frames=frames)
+    group = frames.group[frames.on(TEST)]
+    assert len(drawn) == 3 and all((group[sets] == group[sets[:, :1]]).all() for sets in drawn)
+    views = views_of(frames, recipe("cluster.scope=recording"))
+    pools, groups = (np.unique(column, return_inverse=True)[1] for column in (views.pool, frames.group))
+    assert len(np.unique(np.stack([pools, groups]), axis=1).T) == len(np.unique(pools)) == len(np.unique(groups))
+
+
+@pytest.mark.parametrize("grasps", [1, 2, 3])
+@pytest.mark.parametrize("method", ["kmeans", "none"])
+def test_as_many_grasps_of_one_object_are_joined_as_asked_and_by_object_nothing_changes(drawn, grasps, method):
+    frames = with_grasps()
+    changes = f"cluster.method={method}", "evaluate.trials=2"
+    result = evaluated(*changes, f"evaluate.grasps={grasps}", frames=frames)
+    by_object, joined = drawn[:2], drawn[2:]
+    evaluated(*changes, "evaluate.protocols=[object]", frames=frames)
+    for sets, same in zip(by_object, drawn[4:], strict=True):
+        np.testing.assert_array_equal(sets, same)
+    index = frames.on(TEST)
+    label, grasp = frames.label[index], (3 * frames.recording + frames.grasp)[index]
+    for sets in joined:
+        assert sets.shape == (len(index), 4) and (label[sets] == label[:, None]).all()
+        assert (sets == np.arange(len(index))[:, None]).any(axis=1).all()
+        assert {len(set(row)) for row in grasp[sets].tolist()} == {grasps}
+        own = (grasp[sets] == grasp[:, None]).sum(axis=1)
+        assert (own == -(-4 // grasps)).all()
+    assert result.scores["recording"]["joined"] == {"grasp": grasps} and "joined" not in result.scores["object"]
+
+
+def test_recordings_are_joined_where_grasps_are_not_numbered_and_too_few_are_refused(drawn):
+    result = evaluated("evaluate.grasps=2", "evaluate.protocols=[recording]")
+    recording = table().recording[table().on(TEST)]
+    assert all(len(set(row)) == 2 for sets in drawn for row in recording[sets].tolist())
+    assert result.scores["recording"]["joined"] == {"recording": 2}
+    with pytest.raises(UserError, match=r"grasps is 3, and the test side has 2 recordings of .*; expected 3 of every"):
+        evaluated("evaluate.grasps=3")
+    evaluated("evaluate.grasps=3", "evaluate.protocols=[object]")
+    side = np.where(table().recording == table().recording[table().on(TEST)][0], TRAIN, table().side)
+    with pytest.raises(UserError, match=r"grasps is 2, and the test side has 1 recording of empty_hand;"):
+        evaluated("evaluate.grasps=2", frames=replace(table(), side=side))
 
 
 def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):

@@ -120,6 +120,14 @@ def test_the_lines_have_errors_with_their_intervals_costs_and_what_diverged():
     ) == []
 
 
+def test_the_lines_and_the_row_say_how_many_grasps_are_joined():
+    metrics, timing = numbers()
+    metrics["recording"]["joined"] = {"grasp": 2}
+    lines, tags = summary_lines(metrics, timing), row_tags(metrics, RECORDS)
+    assert "  object protocol: error" in lines[1] and "  recording protocol of 2 grasps: error 62.5" in lines[2]
+    assert tags["error.recording.percent"].endswith(") of 2 grasps") and tags["error.object.percent"].endswith(")")
+
+
 def test_the_row_has_errors_and_costs_as_metrics_and_constants_beside_them():
     metrics, timing = numbers()
     row = row_metrics(metrics, timing)

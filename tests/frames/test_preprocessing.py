@@ -96,6 +96,13 @@ REFUSED = {
 }
 
 
+def test_grasps_keep_their_numbers_and_are_0_where_there_are_none(tmp_path):
+    frames, selection, _ = prepared(tmp_path)
+    np.testing.assert_array_equal(frames.grasp, COLUMNS["grasp"][selection.keep])
+    assert len(np.unique(frames.grasp)) > 1
+    assert not prepared(tmp_path, columns=NO_GRASP)[0].grasp.any()
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_data_that_cannot_be_learnt_from_is_refused_in_one_sentence(tmp_path, case):
     changes, form, sentence = REFUSED[case]

@@ -102,6 +102,17 @@ def test_warnings_curves_a_changed_tree_and_simulated_data_are_shown_where_there
     assert "tests/params.yaml, a, b.py, and 3 more had changes that were not committed" in text
 
 
+def test_the_page_says_what_the_frames_of_an_answer_are_of(workspace, undrawn):
+    run = read_run()
+    assert "all frames of an answer come from one recording, as in use" in text_of(run_page(run))
+    run.params["split.by"] = "grasp"
+    text = text_of(run_page(run))
+    assert "come from one grasp, as in use" in text and "of a grasp that it has not learnt from" in text
+    run.metrics["recording"]["joined"] = {"grasp": 2}
+    text = text_of(run_page(run))
+    assert "pressure frames of 2 grasps of the test side" in text and "are of 2 grasps of one object" in text
+
+
 def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(workspace):
     path = Path("runs/preprocess.json")
     record = path.read_text()

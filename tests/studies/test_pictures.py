@@ -8,10 +8,12 @@ from studies.pictures import error_curves
 COSTS = ("pretrain s", "finetune s", "ms alone")
 
 
+EACH = {"low": np.nan, "high": np.nan}
+
+
 def test_curves_have_a_line_for_each_variant_along_the_crossing():
-    each = {"low": np.nan, "high": np.nan}
     rows = [
-        each | {"variant": variant, "protocol": protocol, "error": error} | dict(zip(COSTS, costs, strict=True))
+        EACH | {"variant": variant, "protocol": protocol, "error": error} | dict(zip(COSTS, costs, strict=True))
         for protocol, more in (("object", 50), ("recording", 0))  # the last protocol is drawn
         for variant, error, *costs in (
             ("a / 1 recording", 40 + more, 3, 4, 1.0),
@@ -25,3 +27,21 @@ def test_curves_have_a_line_for_each_variant_along_the_crossing():
     assert lines[0] == [([1, 8], [40, 10]), ([1, 8], [35, 20])]
     assert lines[1] == [([7, 70], [40, 10]), ([2, 11], [35, 20])]
     assert lines[2] == [([1.0, 1.5], [40, 10]), ([0.1, 0.2], [35, 20])]
+
+
+def test_what_a_crossing_s_names_say_before_their_last_number_is_a_line_of_its_own():
+    costs = dict.fromkeys(COSTS, 1.0)
+    rows = [
+        EACH | costs | {"variant": f"a / {grasps} / {frames}", "protocol": "recording", "error": error}
+        for grasps, frames, error in (
+            ("1 grasp", "1 frame a grasp", 40),
+            ("1 grasp", "8 frames a grasp", 30),
+            ("2 grasps", "1 frame a grasp", 20),
+            ("2 grasps", "8 frames a grasp", 10),
+        )
+    ]
+    panel = error_curves(pd.DataFrame(rows), pd.DataFrame(), "title").axes[0]
+    lines = [(line.get_xdata().tolist(), line.get_ydata().tolist()) for line in panel.get_lines()]
+    assert lines == [([1, 8], [40, 30]), ([1, 8], [20, 10])]
+    assert panel.get_legend_handles_labels()[1] == ["a / 1 grasp", "a / 2 grasps"]
+    assert panel.get_xlabel() == "frames a grasp"

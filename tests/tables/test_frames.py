@@ -25,6 +25,7 @@ def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
         label=(np.arange(frames) % 3).astype(np.int16),
         recording=np.arange(frames) // 2,
         session=baseline,
+        grasp=np.arange(frames) % 2,
         group=np.arange(frames, dtype=np.int64) // 2,
         side=np.array([TRAIN, TRAIN, TEST, VALIDATION, TRAIN, TEST, TRAIN, TRAIN, VALIDATION, TEST], np.int8)[:frames],
         anchor=np.arange(frames) % 2 == 0,

@@ -1,6 +1,7 @@
 """Clustering the frames of each pool into views."""
 
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,16 +34,16 @@ def same_partition(one, other):
     return np.array_equal(one[:, None] == one, other[:, None] == other)
 
 
-@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 3), st.integers(0, 2)), min_size=1, max_size=30))
+@given(st.lists(st.tuples(*(st.integers(0, most) for most in (2, 1, 2, 2, 2))), min_size=1, max_size=30))
 @settings(max_examples=25, deadline=None)
 def test_pools_are_those_that_a_loop_finds(frames):
-    label, recording, side = np.array(frames).T
-    for scope, keys in (
-        ("object", [(s, k) for k, _, s in frames]),
-        ("recording", [(s, k, r) for k, r, s in frames]),
-    ):
+    columns = np.array(frames).T
+    table = SimpleNamespace(**dict(zip(("side", "label", "recording", "group", "grasp"), columns, strict=True)))
+    index = np.arange(len(frames))[::2]
+    for scope, length in (("object", 2), ("recording", 4), ("grasp", 5)):
+        keys = [frames[i][:length] for i in index]
         numbers = {key: number for number, key in enumerate(sorted(set(keys)))}
-        assert pool_ids(label, recording, side, scope).tolist() == [numbers[key] for key in keys]
+        assert pool_ids(table, index, scope).tolist() == [numbers[key] for key in keys]
 
 
 def test_kmeans_keeps_the_best_of_its_restarts():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.tables.views import NO_CLUSTER, Views, read_views, write_views
-from tactile_viewgcn.views.sampling import ViewSets, random_clusters, sets_of
+from tactile_viewgcn.views.sampling import ViewSets, joined_pools, random_clusters, sets_of
 
 DRAWS = 6000
 
@@ -57,6 +57,45 @@ def test_both_other_assignments_keep_the_set_and_one_puts_the_anchor_first(case,
     np.testing.assert_array_equal(by_anchor[:, 0], anchors)
     np.testing.assert_array_equal(np.sort(by_anchor, axis=1), np.sort(by_index, axis=1))
     np.testing.assert_array_equal(np.sort(at_random, axis=1), np.sort(by_index, axis=1))
+
+
+def test_a_seed_draws_what_it_drew_before_pools_could_be_joined():
+    pool = np.repeat([0, 1, 2], [7, 3, 6])
+    drawn = ViewSets(random_clusters(pool, 4, np.random.default_rng(5)), pool, 4)
+    for kind, sets in (
+        ("index", [[4, 0, 5, 6], [7, 8, 9, 9], [14, 12, 10, 15]]),
+        ("anchor", [[0, 4, 5, 6], [8, 9, 9, 7], [15, 12, 14, 10]]),
+        ("random", [[4, 0, 5, 6], [9, 8, 9, 7], [15, 12, 14, 10]]),
+    ):
+        assert drawn.draw(np.array([0, 8, 15]), np.random.default_rng(7), kind).tolist() == sets
+
+
+@pytest.mark.parametrize(("views", "count"), [(8, 1), (8, 2), (8, 3), (4, 3), (3, 3)])
+def test_a_joined_set_has_as_many_frames_of_each_pool_or_one_fewer_and_its_anchor_in_its_cluster(views, count):
+    rng, clusters = np.random.default_rng(0), -(-views // count)
+    label, pool = np.repeat([0, 1], 60), np.repeat(np.arange(10), 12)
+    cluster = random_clusters(pool, clusters, rng)
+    drawn, anchors = ViewSets(cluster, pool, clusters), np.arange(0, 120, 3)
+    pools = joined_pools(pool, label, anchors, count, rng)
+    assert pools.shape == (40, count) and (pools[:, 0] == pool[anchors]).all()
+    assert (label[12 * pools] == label[anchors, None]).all()
+    assert all(len(set(row)) == count for row in pools.tolist())
+    sets = drawn.draw(anchors, rng, "index", pools, views)
+    column = np.arange(views)
+    np.testing.assert_array_equal(pool[sets], pools[:, column % count])
+    np.testing.assert_array_equal(cluster[sets], np.tile(column // count, (40, 1)))
+    np.testing.assert_array_equal(sets[np.arange(40), count * cluster[anchors]], anchors)
+    first = drawn.draw(anchors, rng, "anchor", pools, views)
+    np.testing.assert_array_equal(first[:, 0], anchors)
+    sizes = np.array([np.sort(np.unique(row, return_counts=True)[1]) for row in pool[first]])
+    assert sizes.shape == (40, count) and (sizes.max(axis=1) - sizes.min(axis=1) <= 1).all()
+
+
+def test_every_other_pool_of_the_class_is_joined_equally_often():
+    pool, label = np.array([3, 0, 1, 2, 4]), np.array([0, 0, 0, 0, 1])
+    pools = joined_pools(pool, label, np.zeros(DRAWS, dtype=int), 3, np.random.default_rng(0))
+    assert (pools[:, 0] == 3).all()
+    np.testing.assert_allclose(np.bincount(pools[:, 1:].ravel(), minlength=5) / DRAWS, [2 / 3] * 3 + [0, 0], atol=0.02)
 
 
 def test_the_random_assignment_puts_the_anchor_in_every_column_equally_often():
