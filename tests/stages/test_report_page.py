@@ -102,6 +102,19 @@ def test_warnings_curves_a_changed_tree_and_simulated_data_are_shown_where_there
     assert "tests/params.yaml, a, b.py, and 3 more had changes that were not committed" in text
 
 
+def test_candidates_have_a_table_of_their_own(workspace, undrawn):
+    run = read_run()
+    assert "Candidates" not in text_of(run_page(run))
+    value = {"error": 0.25, "whole_error": 0.5, "seconds": 61.0, "milliseconds": 1.25}
+    values = [value | {"members": members, "taken": members == ["lda"]} for members in (["lda"], ["knn", "svm"])]
+    notes = [Note("in columns", topic="candidates", value=each, stage="finetune") for each in [None, *values]]
+    run.records["finetune"]["notes"] += map(asdict, notes)
+    page = run_page(run)
+    text = text_of(page).replace("\xa0", " ")
+    assert "lda taken 25.0 % 50.0 % 1 min 1 s 1.2 ms knn + svm 25.0 % 50.0 %" in text
+    assert "in columns" not in text and page.count('<tr class="taken">') == 1
+
+
 def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(workspace):
     path = Path("runs/preprocess.json")
     record = path.read_text()
