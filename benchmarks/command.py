@@ -19,12 +19,13 @@ BLOCK = 0.2  # seconds that a variant runs in a round, at least
 Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows, and the picture
 
 
-def benchmark(measure: Callable[..., Result]) -> click.Command:
+def benchmark(measure: Callable[..., Result], folder: Path | None = None) -> click.Command:
     """Command of `measure(params, quick)`, named after it; further click options become further arguments.
 
-    It prints text and table, and writes results.csv, .md and .png into benchmarks/NAME, or where --out says.
+    It prints text and table, and writes results.csv, .md and .png into `folder`, benchmarks/NAME where none is given,
+    or where --out says.
     """
-    folder = Path("benchmarks", measure.__name__)
+    folder = folder or Path("benchmarks", measure.__name__)
 
     @click.command()
     @click.option("--out", type=click.Path(path_type=Path), help=f"Folder of the results.  [default: {folder}]")

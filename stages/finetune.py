@@ -40,6 +40,8 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         job.note(note)
     classifier, progress = fitted.classifier, fitted.progress
     job.counts = {"weights.head": 0} | progress.metrics
+    if params.model.system == "ensemble":
+        job.counts["resolved.model.members"] = " + ".join(fitted.model.members)
     line = f"{params.model.system} is {f'fitted in {progress.seconds:.1f} s' if alone else 'not fine-tuned'}"
     if isinstance(classifier, ViewNetwork):
         job.counts["weights.head"] = count_weights(classifier.head)

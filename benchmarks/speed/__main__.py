@@ -12,6 +12,7 @@ import torch
 from benchmarks.command import Result, benchmark, markdown
 from benchmarks.speed import measurements
 from benchmarks.speed.agreement import WITHIN, agreement
+from benchmarks.speed.fits import fits
 from benchmarks.speed.sample import take_sample
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
@@ -90,4 +91,4 @@ def recipe_rows(rows: list[dict]) -> list[dict]:
 
 
 if __name__ == "__main__":
-    speed()
+    click.Group(commands={"paths": speed, "fits": fits})()

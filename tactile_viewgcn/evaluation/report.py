@@ -127,13 +127,15 @@ def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, fl
 
 
 def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
-    """Errors with their intervals in words, the runs of the other stages, and which of them diverged."""
+    """Errors with their intervals in words, what `auto` chose, the other stages' runs, and which of them diverged."""
     scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
     errors = {
         f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()
     }
     runs = {f"stage.{name}": record["run_id"] for name, record in records.items() if record["run_id"]}
-    return errors | runs | {f"diverged.{note.stage}": note.text for note in divergences(metrics)}
+    counts = {name: str(value) for record in records.values() for name, value in record["counts"].items()}
+    chosen = {name: value for name, value in counts.items() if name.startswith("resolved.")}
+    return errors | runs | chosen | {f"diverged.{note.stage}": note.text for note in divergences(metrics)}
 
 
 def row_constants(metrics: dict[str, Any], records: Records) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -89,6 +89,28 @@ class Outcome:
         return self.run.notes("warning")
 
     @property
+    def members(self) -> list[str]:
+        """Of an ensemble, also where `model.members: auto` took them."""
+        taken = [note.value for note in self.run.notes("choice") if note.key == "model.members"]
+        return taken[0] if taken else self.run.params["model.members"]
+
+    @property
+    def candidates(self) -> list[dict[str, Any]]:
+        """Of the comparison that `model.members: auto` made, see `recognition.choice`, the lowest error first."""
+        return [note.value for note in self.run.notes("info") if note.topic == "candidates" and note.value]
+
+    @property
+    def beside_candidates(self) -> str:
+        """The error of the candidate that was taken beside those of the others, or ""."""
+        taken = [one["error"] for one in self.candidates if one["taken"]]
+        others = [one["error"] for one in self.candidates if not one["taken"]]
+        if not others:
+            return ""
+        range_of = f"{percent(min(others))} to {percent(max(others))}"
+        other = several(len(others), "other candidate")
+        return f"On left-out training groups it erred in {percent(taken[0])}, {other} in {range_of}."
+
+    @property
     def guesses(self) -> bool:
         """Whether the error cannot be told from that of guessing."""
         return not self.ends or self.ends[1] >= self.chance - ROUNDING
@@ -127,7 +149,7 @@ class Outcome:
 
     def verdict(self) -> Verdict:
         """Whether the result is good, and why."""
-        warned, reasons = len(self.warnings), []
+        warned, reasons = len(self.warnings), [self.beside_candidates] if self.beside_candidates else []
         if self.only:
             reasons.append(f"Every answer was {self.only}: the classifier tells nothing apart.")
         if self.uncertain:

@@ -54,6 +54,7 @@ def run_page(run: FinishedRun) -> str:
         pairs=[_pair(outcome, first, second) for first, second in outcome.worst_pairs(PAIRS)],
         curves=_curves(run),
         without_network=on_sensors(params["model.system"]),
+        remarks=[note for note in run.notes("info") if note.topic != "candidates"],
         choices=[(as_change(note.key, note.value), note.text) for note in run.notes("choice")],
         again="\n".join([*([f"git checkout {commit}"] if commit else []), again(run.changed)]),
         uncommitted=uncommitted,

@@ -27,14 +27,23 @@ DRAWS = 10  # of recordings that are answered together, for each recording
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 
 
-def fit_temperature(logits: Tensor, labels: Tensor) -> float:
-    """Temperature that gives labels (n,) the highest likelihood under softmax(logits / temperature), logits (n, Y)."""
+def fit_temperature(logits: Tensor, labels: Tensor, recordings: int) -> float:
+    """Temperature whose softmax(logits / temperature) fits labels (n,) best, logits (n, Y), two classes at least.
+
+    As Platt did (1999, section 2.2) a label counts as right with the probability that Laplace's rule gives after as
+    many right answers as there are recordings, (recordings + 1) / (recordings + 2): where every answer is right, the
+    confidence stays below 1.
+    """
     from scipy.optimize import minimize_scalar
 
     logits = logits.double()
 
+    doubt, of_label = 1 / (recordings + 2), torch.nn.functional.one_hot(labels, logits.shape[1]).bool()
+
     def negative_log_likelihood(log_temperature: float) -> float:
-        return float(torch.nn.functional.cross_entropy(logits / np.exp(log_temperature), labels))
+        shares = (logits / np.exp(log_temperature)).log_softmax(dim=1)
+        others = shares.masked_fill(of_label, -torch.inf).logsumexp(dim=1)
+        return float(-((1 - doubt) * shares[of_label] + doubt * others).mean())
 
     bounds = np.log(MIN_TEMPERATURE), np.log(MAX_TEMPERATURE)
     return float(np.exp(minimize_scalar(negative_log_likelihood, bounds=bounds, method="bounded").x))
@@ -118,7 +127,8 @@ def _calibration(answers: list[_Answers], views: int) -> Calibration:
     whole = wrong_most < wrong_few
     by_recordings = together_temperatures(most if whole else few, classes)
     most_frames = max(of.most_frames for of in answers) if whole else views
-    return Calibration([fit_temperature(logits, labels) for logits in by_count], by_recordings, most_frames)
+    by_frames = [fit_temperature(logits, labels, len(classes)) for logits in by_count]
+    return Calibration(by_frames, by_recordings, most_frames)
 
 
 def together_temperatures(logits: Tensor, classes: Tensor) -> list[float]:
@@ -134,5 +144,5 @@ def together_temperatures(logits: Tensor, classes: Tensor) -> list[float]:
         if not sets:
             break
         added = logits[torch.from_numpy(np.stack(sets))].log_softmax(dim=-1).sum(dim=1)
-        temperatures.append(fit_temperature(added, torch.tensor(labels)))
+        temperatures.append(fit_temperature(added, torch.tensor(labels), len(classes)))
     return temperatures

@@ -16,13 +16,12 @@ from tactile_viewgcn.recognition.sequential import sequences
 from tactile_viewgcn.sensors.pipelines import MEMBERS
 from tactile_viewgcn.sensors.systems import SensorSystem, added
 from tactile_viewgcn.systems import Member
-from tactile_viewgcn.tables.frames import VALIDATION, Frames
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.training.sensor_fitting import training_frames
 
 FALLBACK: list[Member] = ["trees", "max_kernel"]  # where nothing can be compared
-MOST_FRAMES = 4000  # of a fold that candidates are fitted to
 ANSWERED_AT_ONCE = 200  # view sets
-REPEATS = 5  # of an answer that is timed
+REPEATS = 3  # of an answer that is timed
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
         index, rng = part.on(VALIDATION), stream(seed, "choice", number)
         pool, _, whole = recording_sets(part, index, views)
         anchors = sampled_anchors(part, index)
-        data, unit = training_frames(part, views, (views, whole.shape[1]), seed, most=MOST_FRAMES, quick=True)
+        data, unit = training_frames(part, views, (views, whole.shape[1]), seed, quick=True)
         readings = part.inputs(index, "counts")[:, part.live] / np.float32(unit)
         sets = [sequences(anchors, pool, views, rng), whole]
         label, group = part.label[index], part.group[index]
@@ -96,21 +95,29 @@ def choose(rows: list[Candidate]) -> Candidate:
 def choose_members(
     table: Frames, views: int, candidates: list[list[Member]], seed: int
 ) -> tuple[list[Member], list[Note]]:
-    """The members of the ensemble for the table's training side, and notes: the choice, and a line a candidate."""
+    """The members of the ensemble for the table's training side, and notes: the choice, and a table of candidates.
+
+    Its lines fit a terminal of 80 columns; what they say is the value of the note, `taken` too.
+    """
     rows = compare(table, views, candidates, seed)
     if not rows:
         text = "no object has two groups to train on, so that nothing can be left out: taken without a comparison"
         return FALLBACK, [_choice(FALLBACK, text)]
     best = choose(rows)
-    groups = len(best.wrong)
-    text = f"of {len(rows)} candidates, compared on {groups} training groups, each left out of the fits that answer it"
-    notes = [_choice(best.members, text)]
+    groups, of = len(best.wrong), len(np.unique(table.group[table.on(TRAIN)]))
+    compared = f"{groups:,} of {of:,}" if groups < of else f"{groups:,}"
+    text = (
+        f"of {len(rows)} candidates, compared on {compared} training groups, each left out of the fits that answer it"
+    )
+    columns = f"{'error':>5} {'whole':>5} {'fit s':>6} {'ms':>5}"
+    head = f"{columns}   % of {several(views, 'frame')}, of recordings; * taken"
+    notes = [_choice(best.members, text), Note(head, topic="candidates")]
     for row in sorted(rows, key=lambda row: row.wrong.mean()):
-        errors = f"{100 * row.error:.1f} % from {several(views, 'frame')}, {100 * row.whole_error:.1f} % from whole"
-        costs = f"fitted in {row.seconds:.1f} s, answers in {row.milliseconds:.1f} ms"
-        text = f"{' + '.join(row.members)}: {errors} recordings, {costs}"
+        errors = f"{100 * row.error:5.1f} {100 * row.whole_error:5.1f}"
+        costs = f"{row.seconds:6.1f} {row.milliseconds:5.1f}"
+        text = f"{errors} {costs} {'*' if row is best else ' '} {'+'.join(row.members)}"
         value = {name: getattr(row, name) for name in ("members", "error", "whole_error", "seconds", "milliseconds")}
-        notes.append(Note(text, topic="candidates", key="model.members", value=value))
+        notes.append(Note(text, topic="candidates", key="model.members", value=value | {"taken": row is best}))
     return best.members, notes
 
 

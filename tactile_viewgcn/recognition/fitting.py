@@ -19,12 +19,12 @@ from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch
-from tactile_viewgcn.training.sensor_fitting import fit_sensors
+from tactile_viewgcn.training.sensor_fitting import QUICK_FRAMES, fit_sensors, fitted_index
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Fitted:
     Attributes:
         model: that it was built with, every `auto` decided.
         calibration: None where it is not calibrated.
-        notes: on the choice of members and on the calibration.
+        notes: on the choice of members, on frames that were not used, and on the calibration.
     """
 
     classifier: Classifier
@@ -64,13 +64,18 @@ def fit_classifier(
         members, notes = choose_members(table, count, model.candidates, seed)
         model = replace(model, members=members)
 
-    def fit(part: Frames, most_frames: int) -> tuple[SensorClassifier, Progress]:
-        return fit_sensors(part, views.viewpoints, model, num_views, seed, most_frames)
+    anchors, used = (table.anchor & (table.side == TRAIN)).sum(), len(fitted_index(table, count))
+    quick = bool(anchors > QUICK_FRAMES)  # the calibration
 
-    calibration = None
-    if num_views == "random":
-        calibration = cross_calibrate(lambda part: fit(part, max(count, WHOLE))[0], table, count, compute, seed)
-    classifier, progress = fit(table, calibration.most_frames if calibration else count)
+    def fit_part(part: Frames) -> SensorClassifier:
+        return fit_sensors(part, views.viewpoints, model, num_views, seed, max(count, WHOLE), quick=quick)[0]
+
+    calibration = cross_calibrate(fit_part, table, count, compute, seed) if num_views == "random" else None
+    most_frames = calibration.most_frames if calibration else count
+    if used < anchors:
+        text = f"{used:,} of {anchors:,} training frames, evenly taken; comparison and calibration have fewer"
+        notes.append(Note(text, topic="fit"))
+    classifier, progress = fit_sensors(table, views.viewpoints, model, num_views, seed, most_frames)
     return _with_warning(classifier, model, calibration, progress, notes)
 
 

@@ -5,15 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_viewgcn.frames.split import SPLIT_SEED, fold_sides, spans_classes
-from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.frames.split import fold_sides, spans_classes
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames
+from tactile_viewgcn.training.thinning import thinned
 
 FOLDS = 3
-MOST_GROUPS = 900  # that are used
-MOST_FRAMES = 64  # of a recording that are used, of the anchors and of the others
-MOST_SETS = 2000  # of a part that are answered
+MOST_FRAMES, LEAST_FRAMES = 20_000, 16  # that are used, of the anchors and of the others; of a recording
+MOST_SETS = 1000  # of a part that are answered
 DRAWS = 10  # view sets around each anchor, at most
 WHOLE = 32  # frames that stand for a whole recording
 
@@ -21,10 +20,9 @@ WHOLE = 32  # frames that stand for a whole recording
 def left_out_parts(table: Frames) -> Iterator[Frames]:
     """The table with a third of the training groups on the validation side, and nothing else there, at a time.
 
-    A class of which a fold holds all groups is left out of it. Of many groups and of long recordings some are used, see
-    `_thinned`.
+    A class of which a fold holds all groups is left out of it. Of many frames some are used, see `some_of`.
     """
-    train = _thinned(table, table.on(TRAIN))
+    train = some_of(table)
     group, label = table.group[train], table.label[train]
     for fold in range(FOLDS):
         left_out = fold_sides(group, label, folds=FOLDS, fold=fold, across=spans_classes(group, label)) == TEST
@@ -52,24 +50,15 @@ def recording_sets(table: Frames, index: np.ndarray, views: int) -> tuple[np.nda
 
 
 def sampled_anchors(table: Frames, index: np.ndarray) -> np.ndarray:
-    """Places in `index` (n,) of the anchors, each ten times, or some of them, 2,000 at most."""
+    """Places in `index` (n,) of the anchors, each ten times, or some of them, 1,000 at most."""
     anchors = np.repeat(np.flatnonzero(table.anchor[index]), DRAWS)
     return anchors[:: -(-len(anchors) // MOST_SETS)]
 
 
-def _thinned(table: Frames, train: np.ndarray) -> np.ndarray:
-    """Of the frames in `train` (n,) those of at most 900 groups, and of a recording at most 64 anchors and 64 others.
-
-    They are evenly taken.
-    """
-    groups = np.unique(table.group[train])
-    if len(groups) > MOST_GROUPS:
-        some = stream(SPLIT_SEED, "left out").permutation(groups)[:MOST_GROUPS]
-        train = train[np.isin(table.group[train], some)]
-    places = np.stack([table.label[train], table.recording[train], table.group[train], table.anchor[train]])
-    pool, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)[1:]
-    pool = pool.ravel()
-    order = np.argsort(pool, kind="stable")
-    rank = np.empty(len(train), dtype=np.int64)
-    rank[order] = np.arange(len(train)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return train[rank % -(-sizes[pool] // MOST_FRAMES) == 0]
+def some_of(table: Frames) -> np.ndarray:
+    """Rising indices of training frames: 20,000 anchors at most, and as many other frames of their recordings."""
+    train = table.on(TRAIN)
+    anchor = table.anchor[train]
+    anchors = thinned(table, train[anchor], most=MOST_FRAMES, each=LEAST_FRAMES)
+    others = train[~anchor & np.isin(table.recording[train], table.recording[anchors])]
+    return np.sort(np.concatenate([anchors, thinned(table, others, most=MOST_FRAMES, each=LEAST_FRAMES)]))

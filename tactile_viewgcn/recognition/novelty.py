@@ -49,25 +49,27 @@ def fit_novelty(frames: Frames, views: int) -> Novelty | None:
 
     None where no class has two training recordings with that many frames: there is nothing to compare with.
     """
+    from sklearn.metrics import euclidean_distances
+
     train = frames.on(TRAIN)
-    places = np.stack([frames.group[train], frames.recording[train], frames.label[train]])
-    pools = np.unique(places, axis=1, return_inverse=True)[1].ravel()
-    members = [train[pools == pool] for pool in range(pools.max(initial=-1) + 1)]
+    places = np.stack([frames.label[train], frames.group[train], frames.recording[train]])
+    pools, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)[1:]
+    members = np.split(train[np.argsort(pools.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
     members = [index for index in members if len(index) >= views]
+    members = members[:: max(1, -(-len(members) // MOST_SETS))]
     classes = np.array([frames.label[index[0]] for index in members])
     if not len(members) or np.bincount(classes).max() < 2:
         return None
     count = max(1, min(SETS, MOST_SETS // len(members)))
-    readings = [frames.inputs(index, "counts")[:, frames.live] for index in members]
+    sets = np.concatenate([index[spread_sets(len(index), views, count)] for index in members])
+    readings = [frames.inputs(index, "counts")[:, frames.live] for index in sets]
     unit = contact_unit(np.concatenate(readings))
-    maps = np.stack([sensor_map(of[row], unit) for of in readings for row in spread_sets(len(of), views, count)])
+    maps = np.stack([sensor_map(of_set, unit) for of_set in readings])
+    distance = euclidean_distances(maps) / maps.shape[1] ** 0.5
     pool, label = np.repeat(np.arange(len(members)), count), np.repeat(classes, count)
-    nearest = np.full(len(maps), np.inf)
-    for number in range(len(maps)):
-        others = pool != pool[number]
-        if (label[others] == label[number]).any():
-            nearest[number] = np.sqrt(((maps[others] - maps[number]) ** 2).mean(axis=1).min())
-    return Novelty(maps, unit, float(np.quantile(nearest[np.isfinite(nearest)], QUANTILE)), frames.live)
+    distance[pool[:, None] == pool] = np.inf
+    of_several = np.bincount(classes)[label] > 1  # recordings
+    return Novelty(maps, unit, float(np.quantile(distance.min(axis=1)[of_several], QUANTILE)), frames.live)
 
 
 def spread_sets(count: int, views: int, sets: int = 1) -> np.ndarray:

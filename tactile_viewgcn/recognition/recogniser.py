@@ -30,14 +30,15 @@ class Recogniser:
     Attributes:
         classes: names; shape: (H, W) of a frame.
         calibration: None for a classifier of V views alone; temperatures: its for 1 to V frames.
-        system: name of the system; preprocessing: that of the training.
+        system: name of the system, of an ensemble its members; preprocessing: that of the training.
         novelty: tells frames that are unlike the training's; None where it could not be fitted.
     """
 
     def __init__(self, path: str | Path | BinaryIO):
         self.classifier, content = load_classifier(path)
         self.classes, self.shape = content["classes"], tuple(content["shape"])
-        self.calibration, self.system = content["calibration"], content["model"]["system"]
+        self.calibration, model = content["calibration"], content["model"]
+        self.system = " + ".join(model["members"]) if model["system"] == "ensemble" else model["system"]
         self.temperatures = self.calibration.by_frames if self.calibration else None
         self._transform, self._scale = content["transform"], content["scale"]
         self._compute = select_device("cpu", content["precision"])

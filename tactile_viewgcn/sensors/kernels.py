@@ -1,16 +1,15 @@
 """Kernel ridge regression as a classifier of what the sensors read, and of means over blocks of sensors."""
 
-from typing import Any
-
 import numpy as np
+from scipy.linalg import solve
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+
+from tactile_viewgcn.sensors.gaussian import GaussianKernel, some_points
 
 BLOCKS = (2, 4, 8)  # rows and columns
 LIVE_SHARE = 0.5  # of a block's cells, at least
 WIDTH, RIDGE, SHARPNESS = 2.0, 0.3, 8.0
-MAX_POINTS = 4000  # beyond it the kernel's matrix is approximated
-LANDMARKS = 2000  # of the approximation
 
 
 class BlockMeans(TransformerMixin, BaseEstimator):
@@ -41,32 +40,28 @@ def block_weights(live: np.ndarray) -> np.ndarray:
     return np.concatenate(weights, axis=1).astype(np.float32)
 
 
-class KernelClassifier(ClassifierMixin, BaseEstimator):
+class KernelClassifier(GaussianKernel, ClassifierMixin, BaseEstimator):
     """Ridge regression of the classes' indicators with the kernel exp(-2 d^2 / m), m the mean squared distance.
 
     Probabilities are the softmax of eight times the regression's values.
+
+    Args:
+        seed: of the choice of points, where there are more than 4,000.
     """
 
+    def __init__(self, seed: int = 0):
+        self.seed = seed
+
     def fit(self, points: np.ndarray, labels: np.ndarray) -> "KernelClassifier":
+        points, labels = some_points(points, labels, self.seed)
         self.classes_ = np.unique(labels)
         spread = float(points.var(axis=0).sum())  # half of the mean squared distance
-        gamma = WIDTH / (2 * spread) if spread else 1.0
+        self.keep(points, WIDTH / (2 * spread) if spread else 1.0)
+        kernel = self.kernel(points)
+        kernel[np.diag_indices(len(points))] += RIDGE
         indicators = (labels[:, None] == self.classes_).astype(np.float32)
-        self.regression_ = ridge_regression(len(points), gamma).fit(points, indicators)
+        self.weights_ = solve(kernel, indicators, assume_a="pos", overwrite_a=True, check_finite=False)
         return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        return softmax(SHARPNESS * self.regression_.predict(points), axis=1)
-
-
-def ridge_regression(points: int, gamma: float) -> Any:
-    """Ridge regression with the kernel exp(-gamma d^2), on landmarks alone where there are many training points."""
-    from sklearn.kernel_approximation import Nystroem
-    from sklearn.kernel_ridge import KernelRidge
-    from sklearn.linear_model import Ridge
-    from sklearn.pipeline import make_pipeline
-
-    if points <= MAX_POINTS:
-        return KernelRidge(alpha=RIDGE, kernel="rbf", gamma=gamma)
-    features = Nystroem(kernel="rbf", gamma=gamma, n_components=LANDMARKS, random_state=0)
-    return make_pipeline(features, Ridge(alpha=RIDGE, fit_intercept=False))
+        return softmax(SHARPNESS * (self.kernel(points) @ self.weights_), axis=1)

@@ -17,7 +17,7 @@ THRESHOLDS = (4.0, 8.0, 16.0)  # units: a sensor is pressed lightly, firmly, har
 COMPONENTS = 50  # of the principal component analysis
 TREES, FEWEST_TREES = 500, 100
 ITERATIONS, QUICK_ITERATIONS = 500, 50  # of L-BFGS
-MOST_LEAF_VALUES = 125_000_000  # of a forest, probabilities of classes in leaves: 1 GB
+MOST_LEAF_VALUES = 60_000_000  # of a forest, probabilities of classes in leaves: 0.5 GB
 
 Points = Callable[[np.ndarray], np.ndarray]
 
@@ -102,7 +102,7 @@ def statistics_svm() -> SensorSystem:
 
 
 def _forest(data: TrainingFrames) -> Any:
-    """500 trees, or as few as 100 where leaves would hold more than 125 million numbers."""
+    """500 trees, or as few as 100 where leaves would hold more than 60 million numbers."""
     from tactile_viewgcn.sensors.forest import Forest
 
     fitting = MOST_LEAF_VALUES // (len(data.frames) * data.classes)
@@ -121,7 +121,7 @@ def _kernel_regression(data: TrainingFrames) -> Any:
 
     from tactile_viewgcn.sensors.kernels import BlockMeans, KernelClassifier
 
-    return make_pipeline(BlockMeans(data.live), KernelClassifier())
+    return make_pipeline(BlockMeans(data.live), KernelClassifier(seed=data.seed))
 
 
 def _support_vectors(data: TrainingFrames) -> Any:

@@ -4,11 +4,12 @@ import numpy as np
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 
+from tactile_viewgcn.sensors.gaussian import GaussianKernel, some_points
+
 C = 10.0
-MAX_POINTS = 4000  # that it is fitted to: the kernel is a matrix of their square
 
 
-class SupportVectors(ClassifierMixin, BaseEstimator):
+class SupportVectors(GaussianKernel, ClassifierMixin, BaseEstimator):
     """One machine for each pair of classes (scikit-learn's SVC, C = 10), with the kernel exp(-d^2 / (F v)).
 
     v is the variance of all values of the points (n, F). Probabilities are the softmax of the classes' votes.
@@ -23,18 +24,12 @@ class SupportVectors(ClassifierMixin, BaseEstimator):
     def fit(self, points: np.ndarray, labels: np.ndarray) -> "SupportVectors":
         from sklearn.svm import SVC
 
-        if len(points) > MAX_POINTS:
-            index = np.random.default_rng(self.seed).permutation(len(points))[:MAX_POINTS]
-            first = np.unique(labels, return_index=True)[1]  # of each class one point at least
-            index = np.union1d(index, first)
-            points, labels = points[index], labels[index]
-        points = np.asarray(points, dtype=np.float32)
+        points, labels = some_points(points, labels, self.seed)
         spread = float(points.var()) * points.shape[1]
-        self.gamma_ = 1 / spread if spread else 1.0
         self.classes_ = np.unique(labels)
-        self.points_ = points
-        machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(self._kernel(points), labels)
-        self.points_ = points[machines.support_]
+        self.keep(points, 1 / spread if spread else 1.0)
+        machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(self.kernel(points), labels)
+        self.points_, self.half_squares_ = self.points_[machines.support_], self.half_squares_[machines.support_]
         self.class_of_ = np.repeat(np.arange(len(self.classes_)), machines.n_support_)
         self.weights_ = machines.dual_coef_.T.astype(np.float32)  # (m, classes - 1)
         self.offsets_ = machines.intercept_.astype(np.float32)  # of pairs of classes, in order
@@ -42,7 +37,7 @@ class SupportVectors(ClassifierMixin, BaseEstimator):
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         """Probabilities (n, classes)."""
-        kernel, classes = self._kernel(np.asarray(points, dtype=np.float32)), len(self.classes_)
+        kernel, classes = self.kernel(points), len(self.classes_)
         parts = np.zeros((classes, len(points), classes), dtype=np.float32)  # of a class' vectors, against each other
         for number in range(classes):
             members = np.flatnonzero(self.class_of_ == number)
@@ -57,7 +52,3 @@ class SupportVectors(ClassifierMixin, BaseEstimator):
             np.add.at(confidence, winner, side)
         votes += confidence / (3 * (np.abs(confidence) + 1))  # less than a third: it decides between equal votes
         return softmax(votes.T, axis=1)
-
-    def _kernel(self, points: np.ndarray) -> np.ndarray:
-        squares = (points**2).sum(axis=1)[:, None] + (self.points_**2).sum(axis=1) - 2 * points @ self.points_.T
-        return np.exp(-self.gamma_ * np.maximum(squares, 0))

@@ -31,7 +31,7 @@ class TrainingFrames:
         sizes: numbers of frames in the view sets that the system will answer, rising.
         live: bool (H, W) with S sensors.
         seed: of every random choice.
-        quick: a comparison, not the final fit: fewer view sets, trees and iterations will do.
+        quick: a comparison or a calibration, not the final fit: fewer view sets, trees and iterations will do.
     """
 
     frames: np.ndarray

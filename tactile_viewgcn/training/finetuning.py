@@ -13,8 +13,7 @@ from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
-from tactile_viewgcn.systems import on_sensors, system_class
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.systems import system_class
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.tables.views import Views
@@ -28,7 +27,6 @@ from tactile_viewgcn.training.losses import SetLoss, error_rate, set_losses
 from tactile_viewgcn.training.moments import measure_moments
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
 from tactile_viewgcn.training.replay import Replay
-from tactile_viewgcn.training.sensor_fitting import fit_sensors
 from tactile_viewgcn.views.sampling import sets_of
 
 
@@ -79,8 +77,8 @@ def finetune_classifier(
     compute: Compute,
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
-) -> tuple[Classifier, Progress]:
-    """The classifier, from the pretrained weights, trained on one view set per anchor and epoch.
+) -> tuple[ViewNetwork, Progress]:
+    """The network, from the pretrained weights, trained on one view set per anchor and epoch.
 
     A system without weights to fine-tune is returned as it is initialised, but for `finetune.moments`.
 
@@ -90,14 +88,12 @@ def finetune_classifier(
         on_epoch: see `pretrain_backbone`.
 
     Returns:
-        classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
+        network, and the progress: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
         UserError: the training diverges in its first epoch, or `model` does not fit the number of views.
     """
     config, seed = params.finetune, params.seed
-    if on_sensors(params.model.system):
-        return fit_sensors(table, views.viewpoints, params.model, config.num_views, seed)
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
     viewpoints, (height, width) = torch.from_numpy(views.viewpoints), table.live.shape
     system = system_class(params.model.system)

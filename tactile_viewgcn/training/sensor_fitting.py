@@ -12,12 +12,20 @@ from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
 from tactile_viewgcn.systems.classifier import build_sensor_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.checkpoint import Progress
+from tactile_viewgcn.training.thinning import thinned
 
-MOST_FRAMES = 40_000  # that a system is fitted to, evenly taken
+MOST_FRAMES, QUICK_FRAMES = 20_000, 2500  # that a system is fitted to
 
 
 def fit_sensors(
-    table: Frames, viewpoints: np.ndarray, model: Model, num_views: str, seed: int, most_frames: int | None = None
+    table: Frames,
+    viewpoints: np.ndarray,
+    model: Model,
+    num_views: str,
+    seed: int,
+    most_frames: int | None = None,
+    *,
+    quick: bool = False,
 ) -> tuple[SensorClassifier, Progress]:
     """A system on the sensors, fitted to the training anchors of the table.
 
@@ -25,22 +33,28 @@ def fit_sensors(
         viewpoints: (V, 3).
         num_views: `finetune.num_views`: `full`, it will answer V frames; `random`, any number up to V.
         most_frames: with `random`, any number up to that, where it is more than V.
+        quick: see `TrainingFrames`.
     """
     begin, views = time.perf_counter(), len(viewpoints)
     sizes = (views,) if num_views == "full" else powers_of_two(views)
     while sizes[-1] < (most_frames or views):
         sizes += (min(2 * sizes[-1], most_frames or views),)
     classifier = build_sensor_classifier(torch.from_numpy(viewpoints), model)
-    classifier.fit(*training_frames(table, views, sizes, seed))
+    classifier.fit(*training_frames(table, views, sizes, seed, quick=quick))
     return classifier, Progress(seconds=time.perf_counter() - begin)
 
 
-def training_frames(
-    table: Frames, views: int, sizes: tuple[int, ...], seed: int, *, most: int = MOST_FRAMES, quick: bool = False
-) -> tuple[TrainingFrames, float]:
-    """At most so many of the training anchors, as systems are fitted to them; and their unit in counts."""
+def fitted_index(table: Frames, views: int, *, quick: bool = False) -> np.ndarray:
+    """Indices of the training anchors that a system is fitted to: 20,000 at most, or 2,500 for a quick fit."""
     index = np.flatnonzero(table.anchor & (table.side == TRAIN))
-    index = index[:: max(1, -(-len(index) // most))]
+    return thinned(table, index, most=QUICK_FRAMES if quick else MOST_FRAMES, each=views)
+
+
+def training_frames(
+    table: Frames, views: int, sizes: tuple[int, ...], seed: int, *, quick: bool = False
+) -> tuple[TrainingFrames, float]:
+    """The frames of `fitted_index` as systems are fitted to them, and their unit in counts."""
+    index = fitted_index(table, views, quick=quick)
     label = table.label[index].astype(np.int64)
     places = np.stack([table.group[index], table.recording[index], label])
     pools = np.unique(places, axis=1, return_inverse=True)[1].ravel()

@@ -10,6 +10,7 @@ from torch import nn
 from benchmarks.speed import measurements, plain
 from benchmarks.speed.__main__ import recipe_rows
 from benchmarks.speed.agreement import agreement, differences
+from benchmarks.speed.recordings import OBJECTS, recordings_table
 from benchmarks.speed.sample import Sample, anchors_of
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
@@ -117,6 +118,19 @@ def test_the_recipe_is_multiplied_out():
     assert hours["evaluation"]["plain hours"] == pytest.approx(644.76 / 3600)
     assert hours["fine-tuning, reuse 8"]["ratio"] == pytest.approx(8)
     assert hours["together, reuse 8"]["plain hours"] == pytest.approx((10959.3 + 10959.3 + 644.76) / 3600)
+
+
+def test_made_up_recordings_are_one_group_each_and_pressed_where_their_object_is():
+    frames = recordings_table(3 * OBJECTS, 4, 12)
+    assert len(frames) == 12 * OBJECTS and frames.anchor.all() and (frames.group == frames.recording).all()
+    assert (np.bincount(frames.label) == 12).all()
+    index = np.array([5, 0, 7])
+    assert (frames.counts[index] == np.stack([frames.counts[np.array([one])][0] for one in index])).all()
+    excess = frames.inputs(np.arange(len(frames)), "counts")
+    assert 15 < excess.max() < 1000 and abs(np.median(excess)) <= 3  # some sensors are pressed, most hardly
+    maps = excess.reshape(3 * OBJECTS, 4, -1).mean(axis=1)
+    alike, other = np.corrcoef(maps[0], maps[OBJECTS])[0, 1], np.corrcoef(maps[:OBJECTS])
+    assert alike > np.median(other[np.triu_indices(OBJECTS, 1)])
 
 
 def test_the_sample_is_some_anchors_of_each_class_on_each_side_spread_over_its_recordings():

@@ -106,13 +106,15 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
 
 
 def test_the_lines_have_errors_with_their_intervals_costs_and_what_diverged():
-    records = RECORDS | {"pretrain": RECORDS["pretrain"] | {"counts": {"diverged_in_epoch": 3.0}}}
+    counts = {"pretrain": {"diverged_in_epoch": 3.0}, "finetune": {"resolved.model.members": "svm + trees"}}
+    records = RECORDS | {stage: RECORDS[stage] | {"counts": of_stage} for stage, of_stage in counts.items()}
     metrics, timing = numbers(records=records)
     lines, error, tags = summary_lines(metrics, timing), metrics["object"]["error"], row_tags(metrics, records)
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in "\n".join(lines)
     assert "pretrain diverged in epoch 3" in lines[-1]
     assert (tags["stage.pretrain"], tags["stage.finetune"]) == ("a", "b") and tags["error.object.percent"] == text
+    assert tags["resolved.model.members"] == "svm + trees"
     assert "in epoch 3" in tags["diverged.pretrain"] and "diverged.finetune" not in tags
     (note,) = divergences(metrics)
     assert (note.level, note.stage, note.key) == ("warning", "pretrain", "pretrain.lr") and divergences(

@@ -120,6 +120,19 @@ def test_a_warning_comes_first_with_the_remedies_that_are_values():
         assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
 
 
+def test_a_chosen_candidate_is_judged_beside_the_others():
+    errors = {"kernel": 0.2, "svm": 0.19, "trees": 0.4}
+    values = [{"members": [name], "error": error, "taken": name == "kernel"} for name, error in errors.items()]
+    notes = [Note("", topic="candidates", value=value) for value in [None, *values]]
+    chosen = Note("because", "choice", key="model.members", value=["kernel"])
+    run = finished(RIGHT, notes=[*notes, chosen], model_members="auto")
+    expected = "On left-out training groups it erred in 20.0 %, 2 other candidates in 19.0 % to 40.0 %."
+    assert expected.replace(" %", "\xa0%") in advice(run)[0].reasons
+    assert Outcome(run).candidates == values and Outcome(run).members == ["kernel"]
+    alone = finished(RIGHT, notes=notes[:2], model_members=["lda"])
+    assert Outcome(alone).beside_candidates == "" and Outcome(alone).members == ["lda"]
+
+
 def test_one_group_cannot_be_judged():
     run = finished(FEW)
     run.metrics["recording"]["error"] |= {"low": None, "high": None}

@@ -18,10 +18,8 @@ from skops.io import dumps
 
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.recognition import model_file as module
 from tactile_viewgcn.recognition.model_file import ARCHIVE, read_archive
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.sensors import kernels
 from tactile_viewgcn.sensors.forest import Forest
 from tests.recognition.test_mlflow_model import serve
 from tests.small_glove import OBJECTS, ROOT, model_file, recording, write
@@ -184,12 +182,3 @@ def test_mlflow_s_server_ends_with_the_same_line(tmp_path, name):
     lines = log.read_text().splitlines()
     assert any(line.startswith("tactile_viewgcn.errors.UserError") and ALTERED[name][1] in line for line in lines)
     assert RAN not in lines
-
-
-def test_every_pipeline_that_we_write_is_trusted(monkeypatch):
-    """Also that of many points, which has landmarks."""
-    monkeypatch.setattr(kernels, "MAX_POINTS", 10)
-    monkeypatch.setattr(kernels, "LANDMARKS", 5)
-    classifier = kernels.KernelClassifier().fit(POINTS, LABELS)
-    again = module._unpacked(module._packed({"pipelines": {1: classifier}}))["pipelines"][1]
-    assert (again.predict_proba(POINTS) == classifier.predict_proba(POINTS)).all()

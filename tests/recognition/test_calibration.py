@@ -17,8 +17,9 @@ from tactile_viewgcn.recognition.calibration import (
     together_temperatures,
 )
 from tactile_viewgcn.recognition.sequential import Calibration, sequential_trials
-from tactile_viewgcn.training.finetuning import finetune_classifier
-from tests.small_tables import CPU, recipe, table, trained, views_of
+from tactile_viewgcn.training.sensor_fitting import fit_sensors
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.small_tables import CPU, recipe, table, trained
 
 
 @pytest.mark.parametrize("true", [0.3, 1.0, 4.0])
@@ -26,14 +27,20 @@ def test_the_temperature_is_found_that_labels_were_drawn_with(true):
     generator = torch.Generator().manual_seed(0)
     logits = torch.randn(20_000, 5, generator=generator) * 3
     labels = torch.multinomial((logits / true).softmax(dim=-1), 1, generator=generator).squeeze(1)
-    assert fit_temperature(logits, labels) == pytest.approx(true, rel=0.05)
+    assert fit_temperature(logits, labels, 20_000) == pytest.approx(true, rel=0.05)
+
+
+def test_answers_that_are_all_right_are_believed_by_laplaces_rule():
+    """Each logit is 6 above the two others: of 8 recordings, all right, 9 in 10 should be, and e^(6 / T) is 9 * 2."""
+    temperature = fit_temperature(6 * torch.eye(3).repeat(80, 1), torch.arange(3).repeat(80), 8)
+    assert temperature == pytest.approx(6 / np.log(18), rel=1e-3)
 
 
 @pytest.mark.stability("calibration")
 @pytest.mark.parametrize(("name", "sign"), [("right", 1), ("wrong", -1)])
 def test_logits_that_are_always_right_or_wrong_keep_a_temperature_inside_its_range(row, name, sign):
     for size in (1e-4, 1.0, 1e4):
-        temperature = fit_temperature(sign * size * torch.eye(3), torch.arange(3))
+        temperature = fit_temperature(sign * size * torch.eye(3), torch.arange(3), 3)
         outside = not 0.999 * MIN_TEMPERATURE <= temperature <= 1.001 * MAX_TEMPERATURE
         row(f"temperature outside its range, all {name}, logits {size:g}", outside, 0, f"{temperature:.3g}")
 
@@ -41,7 +48,7 @@ def test_logits_that_are_always_right_or_wrong_keep_a_temperature_inside_its_ran
 def test_labels_at_random_get_a_high_temperature_and_a_warning_with_a_remedy():
     generator = torch.Generator().manual_seed(0)
     logits, labels = 10 * torch.randn(4000, 4, generator=generator), torch.randint(4, (4000,), generator=generator)
-    temperature = fit_temperature(logits, labels)
+    temperature = fit_temperature(logits, labels, 4000)
     assert temperature > 0.9 * MAX_TEMPERATURE
     unsure, sure = (Calibration([1.0, last], [], 8) for last in (temperature, 0.8 * MAX_TEMPERATURE))
     network, sensors = calibration_warning(trained(), unsure), fit_parts([])(table())
@@ -63,7 +70,8 @@ def test_a_network_s_probabilities_are_as_often_right_as_they_say():
         trained(), temperatures, values, frames.label[index], recording, np.arange(len(index)), rngs
     )
     assert trials.confidence.shape == trials.correct.shape == (10, 4, len(index))
-    np.testing.assert_allclose(trials.confidence.mean(axis=(0, 2)), trials.correct.mean(axis=(0, 2)), atol=0.12)
+    laplace = (4 * trials.correct.mean(axis=(0, 2)) + 1) / (4 + 2)  # of four recordings
+    np.testing.assert_allclose(trials.confidence.mean(axis=(0, 2)), laplace, atol=0.12)
 
 
 def test_a_network_is_not_calibrated_without_a_validation_side_or_where_it_takes_all_views():
@@ -74,11 +82,11 @@ def test_a_network_is_not_calibrated_without_a_validation_side_or_where_it_takes
 
 def fit_parts(parts: list, system: str = "lda"):
     """A function that fits a system to a table and remembers the table."""
-    params = recipe(f"model.system={system}", "finetune.num_views=random")
+    params = recipe(f"model.system={system}")
 
     def fit(part):
         parts.append(part)
-        return finetune_classifier(part, views_of(table(), params), {}, params, CPU)[0]
+        return fit_sensors(part, viewpoints(4), params.model, "random", params.seed)[0]
 
     return fit
 

@@ -14,10 +14,10 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.answer import answer_recording, answer_together
+from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.schema import parse
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -138,7 +138,7 @@ def test_its_answers_are_those_of_the_stages(system):
     if system == "view_gcn":
         backbone, linear, _ = pretrain_backbone(frames, params, CPU)
         weights = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
-    expected = finetune_classifier(frames, views, weights, params, CPU)[0]
+    expected = fit_classifier(frames, views, weights, params, CPU).classifier
 
     train = frames.on(TRAIN)
     rows = [train[frames.recording[train] == number] for number in np.unique(frames.recording[train])]

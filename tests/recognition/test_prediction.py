@@ -37,7 +37,7 @@ def call(*words):
 
 def test_unlabelled_recordings_have_a_line_each(place):
     head, columns, *lines, last = call(place / "classifier.pt", place / "new")
-    assert head == "model: ensemble, 3 classes, up to 8 frames; probabilities are calibrated"
+    assert head == "model: kernel + max_kernel, 3 classes, up to 8 frames; probabilities are calibrated"
     assert [line.split()[:3] for line in lines] == [[str(i), "8/20", name] for i, name in enumerate(OBJECTS)]
     assert columns.split() == ["recording", "frames", "answer"]
     assert last == "answers: 3 object"

@@ -17,7 +17,7 @@ from sklearn.svm import SVC
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.sensors import max_network, pipelines, support_vectors
+from tactile_viewgcn.sensors import max_network, pipelines
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.kernels import BlockMeans, KernelClassifier
 from tactile_viewgcn.sensors.pipelines import MEMBERS
@@ -26,9 +26,9 @@ from tactile_viewgcn.sensors.systems import FLOOR, MOST_SETS, Ensemble, Training
 from tactile_viewgcn.sensors.unit import contact_unit
 from tactile_viewgcn.systems import Member, OnSensors
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.sensor_fitting import powers_of_two
-from tests.small_tables import CPU, recipe, table, views_of
+from tactile_viewgcn.training.sensor_fitting import fit_sensors, powers_of_two
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.small_tables import CPU, recipe, table
 
 PLAIN = {
     "trees": lambda: ExtraTreesClassifier(500, random_state=0),
@@ -57,7 +57,7 @@ def data(pools: int = 6, frames: int = 12, sizes: tuple[int, ...] = (4,)) -> Tra
 
 def fitted(name: str, frames=None) -> SensorClassifier:
     params, frames = recipe(f"model.system={name}"), table() if frames is None else frames
-    return finetune_classifier(frames, views_of(frames, params), {}, params, CPU)[0]
+    return fit_sensors(frames, viewpoints(4), params.model, params.finetune.num_views, params.seed)[0]
 
 
 def inputs(index: np.ndarray) -> torch.Tensor:
@@ -247,11 +247,3 @@ def test_support_vectors_of_equal_points_and_of_a_constant_sensor_are_finite(row
     for name, points in (("equal", np.ones((20, 3))), ("constant", constant)):
         answer = SupportVectors().fit(points.astype(np.float32), labels).predict_proba(points.astype(np.float32))
         row(f"probabilities that are not finite, {name} sensors", int((~np.isfinite(answer)).sum()), 0)
-
-
-def test_support_vectors_are_fitted_to_some_of_many_points_and_to_every_class(monkeypatch):
-    monkeypatch.setattr(support_vectors, "MAX_POINTS", 30)
-    rng = np.random.default_rng(0)
-    points, labels = rng.normal(size=(300, 4)).astype(np.float32), np.r_[np.zeros(298, int), 1, 2]
-    machines = SupportVectors().fit(points, labels)
-    assert len(machines.points_) <= 33 and machines.predict_proba(points).shape == (300, 3)

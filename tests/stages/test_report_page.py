@@ -113,6 +113,19 @@ def test_the_page_says_what_the_frames_of_an_answer_are_of(workspace, undrawn):
     assert "pressure frames of 2 grasps of the test side" in text and "are of 2 grasps of one object" in text
 
 
+def test_candidates_have_a_table_of_their_own(workspace, undrawn):
+    run = read_run()
+    assert "Candidates" not in text_of(run_page(run))
+    value = {"error": 0.25, "whole_error": 0.5, "seconds": 61.0, "milliseconds": 1.25}
+    values = [value | {"members": members, "taken": members == ["lda"]} for members in (["lda"], ["knn", "svm"])]
+    notes = [Note("in columns", topic="candidates", value=each, stage="finetune") for each in [None, *values]]
+    run.records["finetune"]["notes"] += map(asdict, notes)
+    page = run_page(run)
+    text = text_of(page).replace("\xa0", " ")
+    assert "lda taken 25.0 % 50.0 % 1 min 1 s 1.2 ms knn + svm 25.0 % 50.0 %" in text
+    assert "in columns" not in text and page.count('<tr class="taken">') == 1
+
+
 def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(workspace):
     path = Path("runs/preprocess.json")
     record = path.read_text()

@@ -1,0 +1,36 @@
+"""Some of many frames: equally many of each recording, and of some recordings where there are too many."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.training.thinning import thinned
+from tests.small_tables import table
+
+
+def recordings(*sizes):
+    """A table of recordings of so many frames, of two classes in turn, and its indices."""
+    recording = np.repeat(np.arange(len(sizes)), sizes)
+    return replace(table(), label=recording % 2, recording=recording, group=recording), np.arange(len(recording))
+
+
+@pytest.mark.parametrize(
+    ("sizes", "most", "each", "expected"),
+    [
+        ((3, 4), 7, 1, [0, 1, 2, 3, 4, 5, 6]),
+        ((3, 6), 6, 1, [0, 1, 2, 3, 5, 7]),  # three of each: of six every second one
+        ((5, 5), 4, 1, [0, 3, 5, 8]),
+        ((1, 1, 8), 6, 1, [0, 1, 2, 6]),  # what short recordings leave is left
+    ],
+)
+def test_equally_many_of_each_recording_evenly_taken(sizes, most, each, expected):
+    assert thinned(*recordings(*sizes), most=most, each=each).tolist() == expected
+
+
+def test_too_many_recordings_are_thinned_as_a_whole_and_all_classes_stay():
+    frames, index = recordings(*[6] * 400)
+    taken = thinned(frames, index, most=400, each=4)
+    counts = np.bincount(frames.recording[taken], minlength=400)
+    assert sorted(set(counts)) == [0, 4] and len(taken) == 400 and (np.diff(taken) > 0).all()
+    assert 30 < (counts[::2] > 0).sum() < 70  # of one class; every second recording, not one class
