@@ -42,7 +42,7 @@ was taken is from eight frames, or from one where recordings have one."""
 def fits(params: Params, quick: bool, sizes: tuple[str, ...]) -> Result:
     """Time the parts of `finetune` with the preset `best`, each size in a process of its own, for its memory.
 
-    Takes half an hour on two cores; --quick is the smallest size.
+    --quick is the smallest size.
     """
     columns = {}
     for size in sizes or (SIZES[:1] if quick else SIZES):
