@@ -8,7 +8,7 @@ import numpy as np
 
 from stages.command import Job, stage
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.leak import leak_of_split
+from tactile_viewgcn.frames.leak import leak_counts, leak_of_split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
 from tactile_viewgcn.notes import several
@@ -25,14 +25,14 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     rows = selection_counts(table, selection)
     notes = made.notes
     if inspection:
-        leak, leak_notes = leak_of_split(table, inspection, made.leaks, made.baseline, kind, split)
+        leak, leak_notes = leak_of_split(table, inspection, made.baseline, kind, split)
         notes = [*notes, *leak_notes]
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    leaked = leak.counts() if leak else {}
+    leaked = leak_counts(leak)
     job.run.artifacts(kept)
     job.run.metrics(leaked)
     counts = frame_counts(frames.side, frames.anchor, group=frames.group, recording=frames.recording)

@@ -61,7 +61,7 @@ def table(*changes: str) -> Frames:
         recordings = Recordings(path)
         return prepare(
             recordings,
-            decide(recordings, params.preprocess).params,
+            decide(recordings, params.preprocess, params.split).params,
             params.split,
             np.random.default_rng(params.seed),
         )[0]

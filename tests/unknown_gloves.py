@@ -1,4 +1,4 @@
-"""Small recordings of three gloves that the project does not know: all contact, floats, and a drifting array."""
+"""Small recordings of four gloves that the project does not know: all contact, floats, a drifting and a dense array."""
 
 from pathlib import Path
 
@@ -63,4 +63,18 @@ def drifting_array(folder: Path, *, recordings: int = RECORDINGS, seconds: int =
         held = (time >= 1) & (time < 3)
         counts = baseline + SIGNAL * held[:, None, None] * patterns[label] + rng.normal(0, 2, (len(time), 4, 4))
         _save(folder, label, number, np.rint(counts).astype(np.int16), rate, [f"o{i}" for i in range(OBJECTS)])
+    return folder
+
+
+def dense(folder: Path, *, recordings: int = RECORDINGS, opened: int = 40, held: int = 40, seed: int = 0) -> Path:
+    """4 x 4 sensors, of which 10 to 14 are pressed in a grasp; an open hand of `opened` frames before each."""
+    rng = np.random.default_rng(seed)
+    offset, in_hand = rng.normal(500, 10, 16), np.repeat([0.0, 1.0], [opened, held])
+    pressed = [rng.permutation(16) < count for count in (10, 12, 13, 14)]
+    patterns = np.stack([share * rng.uniform(0.5, 1, 16) for share in pressed])
+    for label, number in np.ndindex(OBJECTS, recordings):
+        force = SIGNAL * rng.uniform(0.8, 1.2) * in_hand
+        counts = offset + force[:, None] * patterns[label] + rng.normal(0, 2, (len(force), 16))
+        pressure = np.rint(counts).astype(np.int16).reshape(-1, 4, 4)
+        _save(folder, label, number, pressure, 10, [f"o{i}" for i in range(OBJECTS)])
     return folder

@@ -12,7 +12,7 @@ from tactile_viewgcn.frames.baseline import (
     of_empty_hand,
     trimmed_moments,
 )
-from tactile_viewgcn.frames.open_hand import find_open_hand, frames_by_recording
+from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.readers.source import EMPTY_HAND, listed
 from tactile_viewgcn.tables.recordings import Recordings
@@ -21,11 +21,7 @@ EMPTY, OPEN, KNOWN = "their session's empty hand", "their session's open hand", 
 
 
 def grasp_baseline(
-    recordings: Recordings,
-    *,
-    sensors: int,
-    sigmas: float,
-    known: list[tuple[np.ndarray, np.ndarray]] | None = None,
+    recordings: Recordings, hand: OpenHand, known: list[tuple[np.ndarray, np.ndarray]] | None = None
 ) -> Baseline:
     """Baseline of each grasp over the open-hand frames since the grasp before it, five at least.
 
@@ -34,13 +30,12 @@ def grasp_baseline(
     other recordings, else what is known. The noise is the session's.
 
     Args:
-        sensors, sigmas: what contact is, see `find_open_hand`.
+        hand: of the recordings, as `find_open_hand` returns it.
         known: mean and noise (H, W) of the empty hand of each session, measured before; None: of none.
 
     Raises:
         UserError: a recording without five open-hand frames, in a session without the empty hand and nothing `known`.
     """
-    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas, known=known)
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
     grasp, source = np.zeros((2, len(session)), dtype=np.int64)
     for index in frames_by_recording(recordings):

@@ -1,4 +1,4 @@
-"""What decides how recordings are preprocessed: open hand, contact, drift, and what can be held out."""
+"""What decides how recordings are preprocessed: open hand, contact, and what can be held out."""
 
 import math
 from contextlib import suppress
@@ -12,24 +12,19 @@ from tactile_viewgcn.frames.baseline import (
     MOST_FRAMES,
     evenly,
     of_empty_hand,
-    require_live,
     trimmed_moments,
 )
-from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording, quietest
-from tactile_viewgcn.frames.split import split_groups
-from tactile_viewgcn.readers.source import EMPTY_HAND
+from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
+from tactile_viewgcn.frames.quick_error import quick_error
+from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
+from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.readers.source import EMPTY_HAND, TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings
 
 SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548
-SIGMAS = 5.0  # standard deviations above the baseline of a pressed sensor, as in params.yaml
 CONTACT_SHARE = 1 / 40  # of the sensors of a smaller array: as STAG's 14
 NEAR_ZERO = 0.05  # of the range of readings
 SAMPLE = 2000  # frames whose readings are compared
-MOST_ACTIVE = 0.2  # share of a recording's frames that are compared with its quietest
-ALIKE = 0.2  # by so much two recordings of one object are more alike than those of two objects: a cosine
-GROWS = 0.25  # correlation over sensors of what the quietest frames read with what is added to it
-BY_CHANCE = 5.0  # so many standard deviations of that correlation of two random patterns
-COMPARABLE = 0.5  # spread over the sensors of the quietest frames, in spreads of what is added to them
 
 
 @dataclass(frozen=True)
@@ -42,18 +37,15 @@ class Inspection:
         frames_of: indices of the frames of each recording.
         live: bool (H, W) sensors that vary.
         hand: the frames of the open hand, and of contact.
-        contact_sensors: fewest sensors that are pressed in a frame of contact.
-        contact_sigmas: standard deviations above the baseline of a pressed sensor.
         contact, open: (R,) frames of contact, and of the open hand. Where `all_contact`, all are contact.
         flagged: (R,) frames with the source's flag that an object is held, or None.
         empty: (sessions,) frames of the empty hand.
         all_contact: even the quietest frames are contact: there is no open hand to take a baseline from.
-        zero: what the sensors read at least, in counts, where `all_contact`; else 0.
+        zero: what the sensors read at least, in counts; 0 where that is near it.
         of_session: (sessions, S) mean without contact, in counts; `zero` where `all_contact`.
         baseline: (R, S) the same of each recording, where it differs from its session's by as much as contact.
         in_hand: bool (T,) frames of contact with an object.
-        drifts_from_empty_hand: the open hand of half of the recordings differs from the session's empty hand by as much
-            as contact.
+        follows_paper: see the function of that name.
         groups: by each `split.by` that the source allows: (O,) number of an object's groups, 0 of the empty hand's.
     """
 
@@ -63,8 +55,6 @@ class Inspection:
     frames_of: list[np.ndarray]
     live: np.ndarray
     hand: OpenHand
-    contact_sensors: int
-    contact_sigmas: float
     contact: np.ndarray
     open: np.ndarray
     flagged: np.ndarray | None
@@ -74,7 +64,7 @@ class Inspection:
     of_session: np.ndarray
     baseline: np.ndarray
     in_hand: np.ndarray
-    drifts_from_empty_hand: bool
+    follows_paper: bool
     groups: dict[str, np.ndarray]
 
     @property
@@ -98,32 +88,37 @@ class Inspection:
         return "source" in self.groups and bool((self.groups["source"][self.label[self.has_object]] == 2).all())
 
 
-def inspect_recordings(recordings: Recordings, *, sensors: int | None = None, sigmas: float = SIGMAS) -> Inspection:
-    """Inspect the table of raw counts; without `sensors` they are chosen by the size of the array.
+def follows_paper(recordings: Recordings) -> bool:
+    """Whether there are an empty hand in every session, and a published split with every object on both sides."""
+    columns, empty = recordings.columns, of_empty_hand(recordings)
+    covered = np.bincount(columns["session"][empty], minlength=len(recordings.sessions)) >= MIN_FRAMES
+    if "split" not in columns or not covered[np.unique(columns["session"])].all():
+        return False
+    objects, split = columns["object"][~empty], columns["split"][~empty]
+    return bool(np.array_equal(np.unique(objects[split == TRAIN]), np.unique(objects[split == TEST])))
 
-    Raises:
-        UserError: no sensor that varies.
+
+def inspect_recordings(recordings: Recordings, hand: OpenHand, training: np.ndarray | None = None) -> Inspection:
+    """Inspect the table of raw counts.
+
+    Args:
+        hand: of the recordings, as `find_open_hand` returns it.
+        training: bool (T,) frames whose objects may be looked at; None: all.
     """
-    require_live(recordings)
     columns, is_empty = recordings.columns, of_empty_hand(recordings)
-    sensors = sensors or sensors_in_contact(int(recordings.live.sum()))
-    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas)
     frames_of = frames_by_recording(recordings)
-    first = [index[0] for index in frames_of]
+    first = np.array([index[0] for index in frames_of])
     label, session = columns["object"][first], columns["session"][first]
-    quiet = np.stack([_quietest_mean(hand.counts[index].astype(np.float64)) for index in frames_of])
     opened, contact = (np.array([mask[index].sum() for index in frames_of]) for mask in (hand.open, hand.contact))
     empty = np.bincount(columns["session"][is_empty], minlength=len(recordings.sessions))
+    of_session = _session_baselines(hand, is_empty, columns["session"], session)
     covered = bool((empty[np.unique(session)] >= MIN_FRAMES).all())
     alike = np.median(opened) < MIN_FRAMES or np.median(contact) == 0  # hardly any frame is as quiet, or all are
-    all_contact = not covered and bool(
-        alike or _quietest_are_contact(hand, frames_of, quiet, label, session, sensors, sigmas)
-    )
-    of_session = _session_baselines(hand, quiet, is_empty, columns["session"], session)
-    differs = (np.abs(quiet - of_session[session]) > sigmas * hand.noise[session]).sum(axis=1) >= sensors
-    baseline, zero = np.where(differs[:, None], quiet, of_session[session]), 0.0
+    usable = np.ones(len(first), dtype=bool) if training is None else training[first]
+    all_contact = not covered and bool(alike or _quietest_are_contact(hand, label, session, usable))
+    differs = (np.abs(hand.quiet - of_session[session]) > hand.sigmas * hand.noise[session]).sum(axis=1) >= hand.sensors
+    baseline, zero = np.where(differs[:, None], hand.quiet, of_session[session]), smallest_reading(hand)
     if all_contact:
-        zero = _smallest_reading(hand)
         of_session[:] = baseline[:] = zero
     flags = [columns[name] for name in ("grasp_valid", "valid") if name in columns]
     return Inspection(
@@ -133,8 +128,6 @@ def inspect_recordings(recordings: Recordings, *, sensors: int | None = None, si
         frames_of=frames_of,
         live=recordings.live,
         hand=hand,
-        contact_sensors=sensors,
-        contact_sigmas=sigmas,
         contact=np.array([len(index) for index in frames_of]) if all_contact else contact,
         open=np.zeros_like(opened) if all_contact else opened,
         flagged=np.array([flags[0][index].sum() for index in frames_of]) if flags else None,
@@ -144,7 +137,7 @@ def inspect_recordings(recordings: Recordings, *, sensors: int | None = None, si
         of_session=of_session,
         baseline=baseline,
         in_hand=~is_empty if all_contact else hand.contact & ~is_empty,
-        drifts_from_empty_hand=bool(covered and np.median(differs) > 0),
+        follows_paper=follows_paper(recordings),
         groups=_groups(recordings, is_empty),
     )
 
@@ -162,14 +155,18 @@ def contact_readings(inspection: Inspection) -> tuple[np.ndarray, np.ndarray]:
         sample = evenly(index[inspection.in_hand[index]], most)
         excess = hand.counts[sample] - inspection.baseline[row]
         every.append(excess.ravel())
-        in_contact.append(excess[excess > inspection.contact_sigmas * hand.noise[inspection.session[row]]])
+        in_contact.append(excess[excess > hand.sigmas * hand.noise[inspection.session[row]]])
     return np.concatenate(every), np.concatenate(in_contact)
 
 
-def _session_baselines(
-    hand: OpenHand, quiet: np.ndarray, empty: np.ndarray, session: np.ndarray, of_recording: np.ndarray
-) -> np.ndarray:
-    """Baseline (sessions, S) of each session: of the empty hand (T,), or else the median of the quietest means (R, S).
+def smallest_reading(hand: OpenHand) -> float:
+    """What sensors read at least, to three digits; 0 where that is near it."""
+    low, high = np.percentile(hand.counts[:: max(1, len(hand.counts) // SAMPLE)], [0.1, 99])
+    return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
+
+
+def _session_baselines(hand: OpenHand, empty: np.ndarray, session: np.ndarray, of_recording: np.ndarray) -> np.ndarray:
+    """Baseline (sessions, S) of each session: of the empty hand (T,), or else the median of the quietest means.
 
     `session` (T,) and `of_recording` (R,) are the indices of the sessions of frames and of recordings.
     """
@@ -179,14 +176,8 @@ def _session_baselines(
         if len(index) >= MIN_FRAMES:
             baselines[number] = trimmed_moments(hand.counts[evenly(index, MOST_FRAMES)])[0]
         else:
-            baselines[number] = np.median(quiet[of_recording == number], axis=0)
+            baselines[number] = np.median(hand.quiet[of_recording == number], axis=0)
     return baselines
-
-
-def _smallest_reading(hand: OpenHand) -> float:
-    """What sensors read at least, to three digits; 0 where that is near it."""
-    low, high = np.percentile(hand.counts[:: max(1, len(hand.counts) // SAMPLE)], [0.1, 99])
-    return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
 
 
 def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
@@ -201,63 +192,22 @@ def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
     return groups
 
 
-def _quietest_mean(counts: np.ndarray) -> np.ndarray:
-    """Mean (S,) over the five quietest successive frames of a recording (n, S)."""
-    start = quietest(counts)
-    return counts[start : start + MIN_FRAMES].mean(axis=0)
+def _quietest_are_contact(hand: OpenHand, label: np.ndarray, session: np.ndarray, usable: np.ndarray) -> bool:
+    """Whether even the quietest frames of the recordings are contact.
 
-
-def _quietest_are_contact(
-    hand: OpenHand,
-    frames_of: list[np.ndarray],
-    quiet: np.ndarray,
-    label: np.ndarray,
-    session: np.ndarray,
-    sensors: int,
-    sigmas: float,
-) -> bool:
-    """Whether even the quietest frames of the recordings, of means (R, S), are contact.
-
-    They are if a firmer grip presses the sensors more that they press already; or if they differ between recordings by
-    as much as contact, and less so between recordings of one object, which a drifting baseline does not.
+    They are if they differ between recordings (R,) by as much as contact, and tell the object of `usable` recordings
+    that are held out. A baseline that drifts does not: sessions are held out where they can be, as it never comes
+    again.
     """
-    growth = [
-        _growth(hand.counts[index].astype(np.float64), mean) for index, mean in zip(frames_of, quiet, strict=True)
-    ]
-    if np.median(growth) > max(GROWS, BY_CHANCE / np.sqrt(quiet.shape[1])):
-        return True
-    difference = np.empty_like(quiet)  # from the session's median recording
+    difference = np.empty_like(hand.quiet)  # from the session's median recording
     for number in np.unique(session):
         of_session = session == number
-        difference[of_session] = quiet[of_session] - np.median(quiet[of_session], axis=0)
-    pressed = (np.abs(difference) > sigmas * hand.noise[session]).sum(axis=1)
-    return bool(np.median(pressed) >= sensors) and _similarity(difference, label, session) > ALIKE
-
-
-def _growth(counts: np.ndarray, quiet: np.ndarray) -> float:
-    """Correlation over the sensors of a recording's quietest frames (S,) with what its most active of (n, S) add.
-
-    It is 0 where these add much more than the quietest read.
-    """
-    activity = counts.sum(axis=1)
-    active = np.argsort(activity, kind="stable")[-max(2, round(MOST_ACTIVE * len(counts))) :]
-    added = counts[active].mean(axis=0) - quiet
-    if not added.std() or quiet.std() < COMPARABLE * added.std():
-        return 0.0
-    return float(np.corrcoef(quiet, added)[0, 1])
-
-
-def _similarity(difference: np.ndarray, label: np.ndarray, session: np.ndarray) -> float:
-    """Mean cosine of differences (R, S) of two recordings of one object, less that of two objects.
-
-    It is 0 where no object has two recordings. Pairs in two sessions count if there are any: drift never comes again.
-    """
-    centred = difference - difference.mean(axis=1, keepdims=True)
-    length = np.linalg.norm(centred, axis=1, keepdims=True)
-    unit = centred / np.where(length > 0, length, 1)
-    cosine, same = unit @ unit.T, label[:, None] == label
-    apart = session[:, None] != session
-    pairs = same & apart if (same & apart).any() else same & ~np.eye(len(label), dtype=bool)
-    if not pairs.any() or same.all():
-        return 0.0
-    return float(cosine[pairs].mean() - cosine[~same].mean())
+        difference[of_session] = hand.quiet[of_session] - np.median(hand.quiet[of_session], axis=0)
+    pressed = (np.abs(difference) > hand.sigmas * hand.noise[session]).sum(axis=1)
+    if np.median(pressed) < hand.sensors:
+        return False
+    for group in (session, np.arange(len(label))):
+        told = quick_error(lambda index: difference[index], usable, label, group, stream(SPLIT_SEED, "all contact"))
+        if told:
+            return told.tells_object
+    return False

@@ -19,6 +19,7 @@ WEAK = 0.6  # of the threshold: a hand that closes, or holds little, is felt a l
 WEAK_SENSORS, WEAK_SHARE = 2, 0.01  # most sensors of an open hand above that: two and a hundredth of all
 MARGIN = 2  # frames so near to others are no open hand: it is closing, or has just let go
 FOLLOWED = 0.1  # share of the difference between an open-hand frame and the baseline that the baseline follows
+UNMOVED = 0.25  # share of the sensors that a dense grasp leaves as they are, and drift does not
 MAX_DIFFERENCES = 2000  # of successive frames, of which noise is estimated
 COMMON_SENSORS = 100  # about so many say what all sensors share, for a fifth of the time that 548 take
 
@@ -34,12 +35,17 @@ class OpenHand:
         open: bool (T,) the hand is open, and so it is in the two frames before and after: at most one sensor is in
             contact, few are at three fifths of it, and no flag says that an object is held. Frames that are neither
             open nor in contact lie between the two, or in a grasp that is hardly felt.
+        quiet: (R, S) mean over the five quietest successive frames of each recording with frames, in counts.
+        sensors, sigmas: what contact is, see `find_open_hand`.
     """
 
     counts: Counts
     noise: np.ndarray
     contact: np.ndarray
     open: np.ndarray
+    quiet: np.ndarray
+    sensors: int
+    sigmas: float
 
 
 def find_open_hand(
@@ -63,18 +69,22 @@ def find_open_hand(
     flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
     flagged = np.any([np.zeros(len(recordings), dtype=bool), *flags], axis=0) & ~empty  # an object is held
     contact, opened = np.zeros((2, len(counts)), dtype=bool)
+    quiet = []
     for index in frames_by_recording(recordings):
         mean, noise = of_session[session[index[0]]]
-        pressed, still = _pressed(counts[index].astype(np.float64), sigmas * noise, mean)
+        pressed, still, quietest = _pressed(counts[index].astype(np.float64), sigmas * noise, sensors, mean)
+        quiet.append(quietest)
         contact[index] = (pressed >= sensors) | flagged[index]
         opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
-    return OpenHand(counts, np.stack([noise for _, noise in of_session]), contact, opened)
+    noises = np.stack([noise for _, noise in of_session])
+    return OpenHand(counts, noises, contact, opened, np.stack(quiet), sensors, sigmas)
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
     """Indices of the frames of each recording that has some."""
     recording = recordings.columns["recording"]
-    return [np.flatnonzero(recording == number) for number in np.unique(recording)]
+    order = np.argsort(recording, kind="stable")
+    return np.split(order, 1 + np.flatnonzero(np.diff(recording[order])))
 
 
 def _empty_hand(
@@ -95,42 +105,61 @@ def _empty_hand(
     return None, trimmed_moments(changes, left)[1] / np.sqrt(2)
 
 
-def _pressed(counts: np.ndarray, threshold: np.ndarray, empty: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Number of sensors (n,) that read contact in each frame (n, S) of a recording, and whether it seems open (n,).
+def _pressed(
+    counts: np.ndarray, threshold: np.ndarray, sensors: int, empty: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Number of sensors (n,) that read contact in each frame (n, S) of a recording, whether it seems open (n,), and the
+    mean (S,) of its quietest frames.
 
-    `threshold` (S,) is what a sensor in contact reads above the baseline, `empty` (S,) the session's empty hand.
+    `threshold` (S,) is what a sensor in contact reads above the baseline, `empty` (S,) the session's empty hand. Frames
+    that fall below the baseline by as much as contact say that the hand was not open where it began: then the frames
+    with the smallest sums are tried, of which nothing is left out that all sensors share, as a dense grasp is.
     """
-    start = quietest(counts)
-    baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
-    if empty is not None and is_contact(baseline - empty, threshold):
-        start, baseline = 0, empty
-    pressed, still = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool)
-    for numbers in (
-        range(start, len(counts)),
-        range(start - 1, -1, -1),
-    ):  # the baseline follows forwards, and backwards
+    results = []
+    for start in dict.fromkeys((quietest(counts), quietest(counts, common=False))):
+        quiet = counts[start : start + MIN_FRAMES].mean(axis=0)
+        begin, baseline = start, quiet
+        if empty is not None and is_contact(quiet - empty, threshold):
+            begin, baseline = 0, empty
+        pressed, still, fallen = _follow(counts, begin, baseline, threshold, sensors)
+        results.append((fallen, pressed, still, quiet))
+        if not fallen:
+            break
+    return min(results, key=lambda result: result[0])[1:]
+
+
+def _follow(
+    counts: np.ndarray, start: int, baseline: np.ndarray, threshold: np.ndarray, sensors: int
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """As `_pressed`, with a `baseline` (S,) that follows from a frame on, and in how many frames it lies too high."""
+    pressed, still, fallen = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool), 0
+    for numbers in (range(start, len(counts)), range(start - 1, -1, -1)):  # forwards, and backwards
         follower = Follower(baseline, threshold)
         for number in numbers:
-            pressed[number], still[number] = follower.observe(counts[number])
-    return pressed, still
+            pressed[number], still[number], below = follower.observe(counts[number])
+            fallen += below >= sensors
+    return pressed, still, fallen
 
 
-def quietest(counts: np.ndarray) -> int:
-    """First of the five successive frames that read least in counts (n, S); what all sensors share is left out."""
+def quietest(counts: np.ndarray, *, common: bool = True) -> int:
+    """First of the five successive frames that read least in counts (n, S); what all share is left out if `common`."""
     excess = counts - counts.mean(axis=0)
-    common = np.median(excess[:, :: max(1, excess.shape[1] // COMMON_SENSORS)], axis=1)
-    activity = excess.sum(axis=1) - excess.shape[1] * common
+    activity = excess.sum(axis=1)
+    if common:
+        activity -= excess.shape[1] * np.median(excess[:, :: max(1, excess.shape[1] // COMMON_SENSORS)], axis=1)
     return int(np.convolve(activity, np.ones(min(MIN_FRAMES, len(counts))), "valid").argmin())
 
 
 def is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
     """Whether an excess (S,) over the empty hand is contact and no drift.
 
-    Drift moves all sensors together, or some up and some down. Contact moves less than half, all of them up.
+    Drift moves all sensors together, or some up and some down. Contact moves less than half, all of them up; or more,
+    and leaves a quarter where they are.
     """
     both = np.stack([excess, excess - np.median(excess)])
     up, down = (both > threshold).sum(axis=1), (both < -threshold).sum(axis=1)
-    return bool((up > OPEN_SENSORS + 2 * down).all())
+    dense = up[0] > OPEN_SENSORS and not down[0] and up[0] <= (1 - UNMOVED) * len(excess)
+    return bool(dense or (up > OPEN_SENSORS + 2 * down).all())
 
 
 class Follower:
@@ -140,11 +169,14 @@ class Follower:
         self.baseline, self._threshold, self._weak = baseline.copy(), threshold, WEAK * threshold
         self._most_weak = WEAK_SENSORS + WEAK_SHARE * len(threshold)
 
-    def observe(self, frame: np.ndarray) -> tuple[int, bool]:
-        """Number of sensors of the next frame (S,) that read contact, and whether the hand seems open."""
+    def observe(self, frame: np.ndarray) -> tuple[int, bool, int]:
+        """Number of sensors of the next frame (S,) that read contact, whether the hand seems open, and how many sensors
+        are below the baseline by as much as contact.
+        """
         excess = frame - self.baseline
         pressed = int(np.count_nonzero(excess > self._threshold))
+        below = int(np.count_nonzero(excess < -self._threshold))
         still = pressed <= OPEN_SENSORS and bool(np.count_nonzero(excess > self._weak) <= self._most_weak)
         if still:
             self.baseline += FOLLOWED * excess
-        return pressed, still
+        return pressed, still, below

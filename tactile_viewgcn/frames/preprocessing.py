@@ -14,7 +14,7 @@ from tactile_viewgcn.frames.baseline import (
 )
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.inspection import Inspection
-from tactile_viewgcn.frames.leak import Leak
+from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.frames.selection import Selection, select
 from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.notes import Note
@@ -32,7 +32,6 @@ class Preprocessed:
         selection: what became of every frame.
         params: without `auto`.
         inspection: of the recordings; None where nothing was to be decided.
-        leaks: see `automatic.Decision`.
         notes: on what `auto` chose, on the baseline and on what was left out, and warnings.
     """
 
@@ -41,7 +40,6 @@ class Preprocessed:
     params: Preprocess
     baseline: Baseline
     inspection: Inspection | None
-    leaks: dict[str, Leak]
     notes: list[Note]
 
 
@@ -56,14 +54,14 @@ def preprocess_recordings(
     Raises:
         UserError: see `prepare`.
     """
-    decision = decide(recordings, asked)
+    decision = decide(recordings, asked, split, groups)
     params, inspection = decision.params, decision.inspection
-    baseline = measure_baseline(recordings, params)
+    baseline = decision.baseline or measure_baseline(recordings, params)
     frames, selection = prepare(recordings, params, split, stream(SPLIT_SEED, "preprocess"), baseline, groups)
     notes = [*decision.choices, *baseline.notes, *selection.notes]
     if inspection:
         notes += preprocessing_warnings(inspection, frames, asked)
-    return Preprocessed(frames, selection, params, baseline, inspection, decision.leaks, notes)
+    return Preprocessed(frames, selection, params, baseline, inspection, notes)
 
 
 def prepare(
@@ -128,5 +126,6 @@ def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline
     if preprocess.baseline == "quiet":
         return quiet_baseline(recordings, preprocess.quiet_share)
     if preprocess.baseline == "grasp":
-        return grasp_baseline(recordings, sensors=preprocess.contact_sensors, sigmas=preprocess.contact_sigmas)
+        sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
+        return grasp_baseline(recordings, find_open_hand(recordings, sensors=sensors, sigmas=sigmas))
     return constant_baseline(recordings, preprocess.zero)

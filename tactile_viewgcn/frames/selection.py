@@ -9,8 +9,8 @@ from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
 from tactile_viewgcn.frames.filtering import passing
 from tactile_viewgcn.frames.split import (
     balanced_anchors,
-    fold_sides,
     frame_sides,
+    sides_of_split,
     spans_classes,
     split_groups,
     surplus_groups,
@@ -157,14 +157,7 @@ def _test_side(
         side[keep] = frame_sides(objects[keep], folds=split.folds, fold=split.fold, rng=rng)
         notes.append(Note("by single frames, whose neighbours in time are on the other side: it leaks", topic="split"))
     else:
-        side[keep] = fold_sides(
-            group[keep],
-            objects[keep],
-            folds=split.folds,
-            fold=split.fold,
-            across=split.by == "session",
-            deal=split.deal,
-        )
+        side[keep] = sides_of_split(split, group[keep], objects[keep])
     return side
 
 

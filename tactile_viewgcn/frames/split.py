@@ -9,6 +9,7 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.params import Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 
@@ -61,6 +62,12 @@ def fold_sides(
             order = stream(deal, "split.deal", *([] if label is None else [int(label)])).permutation(order)
         side[of_class & np.isin(groups, order[fold::folds])] = TEST
     return side
+
+
+def sides_of_split(split: Split, groups: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """TRAIN or TEST, int8 (T,), where `split.by` names whole groups: see `fold_sides`."""
+    across = split.by == "session"
+    return fold_sides(groups, labels, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
 
 
 def frame_sides(labels: np.ndarray, *, folds: int, fold: int, rng: np.random.Generator) -> np.ndarray:

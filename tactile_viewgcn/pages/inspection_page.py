@@ -31,7 +31,7 @@ def inspection_page(overview: Overview) -> str:
         command="\n".join(inspection_facts.command_lines(overview, chosen)),
         settings=[(as_change(note.key, note.value), note.text) for note in chosen],
         warnings=warnings,
-        tables=inspection_facts.tables(overview),
+        tables=inspection_facts.tables(overview, chosen),
         pictures={
             "Objects": [_mean_frames(overview)],
             "Sessions": [_time_lines(overview)],

@@ -16,7 +16,7 @@ def inspection_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     """The inspection, and what to set: `chosen` is what `recommend` returns."""
     lines = [f"{overview.path}{', written by ingest' if is_table(overview.path) else ''}"]
     lines += _wrapped(f"{figure} {what}" for figure, what in facts(overview))
-    for table in tables(overview):
+    for table in tables(overview, chosen):
         lines += [table.title, *_aligned(table), *_wrapped([table.remark])]
     warned = warnings(overview, chosen)
     judged = verdict(overview, chosen, warned)

@@ -1,14 +1,20 @@
 """What the text and the page of an inspection show, measured when they are asked for."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from tactile_viewgcn.frames.automatic import compare, first_look
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly
 from tactile_viewgcn.frames.inspection import Inspection, contact_readings, inspect_recordings
-from tactile_viewgcn.frames.leak import Leak, check_first_frames, leaks_of_baselines
+from tactile_viewgcn.frames.leak import check_first_frames
+from tactile_viewgcn.frames.measurement import Measurement, possible_baselines
+from tactile_viewgcn.frames.quick_error import QuickError
+from tactile_viewgcn.frames.split import split_groups
+from tactile_viewgcn.pages.split_choice import split_choices
+from tactile_viewgcn.params import DEFAULTS, load
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 
@@ -34,7 +40,8 @@ class Overview:
         seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: intervals of more than 2.5 times that.
         drift: (R,) largest change of the open hand, see `_drift`.
-        leaks: by `preprocess.baseline`: whether objects are told from frames without contact.
+        measurement: errors by baseline and filter, on all recordings by the `split.by` that is recommended; None where
+            no whole groups can be held out.
         first_frame: whether objects are told from the first frame of each recording; None where it was not checked.
         percentiles: (5,) of all readings, in counts: 0, 1, 50, 99 and 100.
         above: (5,) of the readings of sensors in contact, in counts above the baseline; NaN without any.
@@ -57,8 +64,8 @@ class Overview:
     interval: float | None
     gaps: int
     drift: np.ndarray
-    leaks: dict[str, Leak]
-    first_frame: Leak | None
+    measurement: Measurement | None
+    first_frame: QuickError | None
     percentiles: np.ndarray
     above: np.ndarray
     stuck: np.ndarray
@@ -81,8 +88,14 @@ def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Ove
 
 
 def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
-    """Inspect the table of raw counts; for `sensors` see `inspect_recordings`."""
-    of = inspect_recordings(recordings, sensors=sensors)
+    """Inspect the table of raw counts; `sensors`: `preprocess.contact_sensors`, None: auto."""
+    asked = load(DEFAULTS).preprocess
+    hand, params = first_look(recordings, asked if sensors is None else replace(asked, contact_sensors=sensors))
+    of, measurement = inspect_recordings(recordings, hand), None
+    by = next(str(note.value) for note in split_choices(of) if note.key == "split.by")
+    if by != "frame":
+        baselines, everything = possible_baselines(recordings, hand, params), np.ones(len(recordings), dtype=bool)
+        measurement = compare(recordings, of, baselines, params, split_groups(recordings.columns, by), everything)
     interval, gaps, seconds = _sampling([recordings.columns["time"][index] for index in of.frames_of])
     means, activity, in_contact = _means(of)
     above = contact_readings(of)[1]
@@ -100,7 +113,7 @@ def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
         interval=interval,
         gaps=gaps,
         drift=_drift(of),
-        leaks=leaks_of_baselines(recordings, of, "empty_hand", "grasp"),
+        measurement=measurement,
         first_frame=check_first_frames(recordings, of.hand, stream(0, "first frame")),
         percentiles=np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
         above=np.percentile(above, PERCENTILES) if len(above) else np.full(len(PERCENTILES), np.nan),

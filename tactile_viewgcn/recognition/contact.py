@@ -41,10 +41,10 @@ def _baseline(recordings: Recordings, fitted: FittedPreprocessing) -> Baseline:
         return measure_baseline(recordings, params)
     average, sensors, sigmas = fitted.mean_baseline(), params.contact_sensors, params.contact_sigmas
     known = [(fitted.baselines.get(name, average), fitted.noise) for name in recordings.sessions]
-    if params.baseline == "grasp":
-        return grasp_baseline(recordings, sensors=sensors, sigmas=sigmas, known=known)
-    session, empty = recordings.columns["session"], of_empty_hand(recordings)
     hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas, known=known)
+    if params.baseline == "grasp":
+        return grasp_baseline(recordings, hand, known)
+    session, empty = recordings.columns["session"], of_empty_hand(recordings)
     entries, notes, left = [], [], noise_left(recordings)
     for number, name in enumerate(recordings.sessions):
         of_session = session == number

@@ -6,7 +6,7 @@ import pytest
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.filtering import in_contact
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline, grasps
-from tactile_viewgcn.frames.open_hand import MARGIN
+from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
 from tests.drifting import HELD, NOISE, OPEN, SIGNAL, drifting
 from tests.sources import written
 
@@ -18,7 +18,7 @@ def measured(path, glove, kept=slice(None), **names):
     """The baseline of some of a glove's frames, by grasp."""
     columns = {name: values[kept] for name, values in glove.columns.items()}
     recordings = written(path, glove.counts[kept], **columns, **names)
-    return grasp_baseline(recordings, **CONTACT)
+    return grasp_baseline(recordings, find_open_hand(recordings, **CONTACT))
 
 
 def test_a_grasp_begins_as_the_hand_opens_after_contact_and_frames_between_belong_to_the_one_before():
@@ -52,7 +52,7 @@ def test_the_noise_is_that_of_the_grasp_s_own_session(tmp_path):
     more = np.random.default_rng(1).normal(0, 4, glove.counts.shape) * (session == 1)[:, None, None]
     counts = glove.counts + np.rint(more).astype(np.int16)
     recordings = written(tmp_path / "t", counts, **glove.columns | {"session": session})
-    baseline = grasp_baseline(recordings, sensors=5, sigmas=3.0)
+    baseline = grasp_baseline(recordings, find_open_hand(recordings, sensors=5, sigmas=3.0))
     of_session = [np.unique(baseline.of_frame[session == number]) for number in (0, 1)]
     np.testing.assert_allclose(baseline.noise[of_session[0]].mean(), SD, rtol=0.1)
     np.testing.assert_allclose(baseline.noise[of_session[1]].mean(), np.hypot(SD, 4), rtol=0.1)
@@ -61,7 +61,7 @@ def test_the_noise_is_that_of_the_grasp_s_own_session(tmp_path):
 def test_with_it_contact_is_baseline_that_the_session_s_empty_hand_hides(tmp_path):
     glove = drifting(between=2 * SIGNAL, within=10)
     recordings = written(tmp_path / "t", glove.counts, **glove.columns)
-    contact = in_contact(recordings, grasp_baseline(recordings, **CONTACT), **CONTACT)
+    contact = in_contact(recordings, grasp_baseline(recordings, find_open_hand(recordings, **CONTACT)), **CONTACT)
     np.testing.assert_array_equal(contact, ~glove.open | (glove.columns["object"] == 0))
 
 

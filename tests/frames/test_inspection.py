@@ -14,9 +14,9 @@ from tactile_viewgcn.pages.recommendation import recommend
 from tactile_viewgcn.pages.source_inspection import inspect_source, overview
 from tactile_viewgcn.params import load
 from tests.drifting import drifting
-from tests.grips import COLUMNS, COUNTS, FILE
+from tests.grips import FILE
 from tests.sources import written
-from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, all_contact, drifting_array, floats
+from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, all_contact, dense, drifting_array, floats
 
 
 def chosen(page):
@@ -36,7 +36,7 @@ def test_recordings_that_are_all_contact_are_taken_as_they_are(tmp_path):
     assert inspection.contact.sum() == 10 * OBJECTS * RECORDINGS
     assert (settings["baseline"], settings["zero"], settings["filter"]) == ("none", 0, "none")
     assert (settings["split.by"], settings["split.folds"], settings["preset"]) == ("recording", RECORDINGS, "best")
-    assert page.first_frame.error < 0.1 and page.leaks == {}  # it is touch, and no leak
+    assert page.first_frame.error < 0.1 and page.measurement.leaks == {}  # it is touch, and no leak
 
 
 @pytest.mark.parametrize("open_hand", [0.05, 0.0])  # with 0, half of the noise of 0.015 is cut off
@@ -52,21 +52,6 @@ def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path,
     np.testing.assert_allclose(inspection.of_session, open_hand, atol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("flagged", "contact", "light", "filtered"),
-    [(5, 15, 15, "contact"), (7, 8, 8, "flags"), (5, 15, 0, "flags"), (0, 15, 15, "contact")],
-)
-def test_flags_are_taken_unless_they_are_few_beside_contact_and_contact_is_in_every_object(
-    tmp_path, flagged, contact, light, filtered
-):
-    """Frames of each recording; `light` are those in contact with the last object."""
-    recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
-    page = shown(recordings, sensors=4)
-    label = page.inspection.label
-    counts = {"flagged": np.full(len(label), flagged), "contact": np.where(label == label.max(), light, contact)}
-    assert chosen(replace(page, inspection=replace(page.inspection, **counts)))["filter"] == filtered
-
-
 @pytest.mark.parametrize(("between", "baseline"), [(0.0, "empty_hand"), (1.5, "grasp"), (60.0, "grasp")])
 def test_a_baseline_that_tells_the_object_or_drifts_as_far_as_contact_is_taken_of_each_grasp(
     tmp_path, between, baseline
@@ -74,8 +59,8 @@ def test_a_baseline_that_tells_the_object_or_drifts_as_far_as_contact_is_taken_o
     glove = drifting(objects=6, between=between, same=True)
     recordings = written(tmp_path / "t", glove.counts, **glove.columns)
     page = shown(recordings, sensors=5)
-    assert page.inspection.drifts_from_empty_hand == (between == 60) and chosen(page)["baseline"] == baseline
-    assert ("empty_hand" in page.leaks and page.leaks["empty_hand"].tells_object) == (between > 0)
+    assert chosen(page)["baseline"] == baseline
+    assert page.measurement.leaks["empty_hand"].tells_object == (between > 0)
 
 
 @pytest.mark.parametrize(("in_test", "baseline"), [((1, 2, 3, 4, 5, 6), "empty_hand"), ((1, 2), "grasp")])
@@ -85,9 +70,21 @@ def test_auto_decides_as_inspect_recommends_with_a_split_that_is_published_in_pa
     split = np.isin(glove.columns["object"], in_test) & (glove.columns["grasp"] == 0)
     asked = load(FILE, ("preprocess.contact_sensors=5",)).preprocess
     recordings = written(tmp_path / "t", glove.counts, **glove.columns, split=split.astype(np.int8))
-    page, decision = shown(recordings, sensors=5), decide(recordings, asked)
+    page = shown(recordings, sensors=5)
+    by = chosen(page)["split.by"]
+    decision = decide(recordings, asked, load(FILE, (f"split.by={by}",)).split)
     assert decision.params.baseline == chosen(page)["baseline"] == baseline
-    assert recommend(page)[: len(decision.choices) - 1] == decision.choices[:-1]
+    assert (by, decision.params.filter) == ("source" if len(in_test) == 6 else "grasp", chosen(page)["filter"])
+
+
+def test_a_dense_array_has_its_open_hand_found_and_one_baseline_a_grasp(tmp_path):
+    page = inspect_source(dense(tmp_path / "glove"))
+    inspection, settings = page.inspection, chosen(page)
+    assert not inspection.all_contact and (inspection.contact == 40).all() and (inspection.open == 38).all()
+    assert (settings["baseline"], settings["filter"]) == ("grasp", "contact")
+    assert page.measurement.baselines["grasp"].error == 0 and "grasp *" in "\n".join(
+        inspection_lines(page, recommend(page))
+    )
 
 
 def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array():
@@ -141,4 +138,5 @@ def test_the_text_is_80_columns_and_ends_with_a_command_that_params_yaml_takes(t
     assert words[:3] == ["dvc", "exp", "run"] and "best)" in words
     params = load(FILE, [words[i + 1] for i, word in enumerate(words) if word == "-S"])
     assert params.data.source == str(Path("data/my glöve").absolute())  # a queue's temporary folder finds it
-    assert params.preprocess.baseline == chosen(page)["baseline"]
+    assert params.preprocess.baseline == "auto"  # by all recordings nothing is set: preprocess looks at some of them
+    assert f"preprocess.baseline {chosen(page)['baseline']}: " in "\n".join(lines)

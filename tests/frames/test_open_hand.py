@@ -46,6 +46,7 @@ EXCESS = {
     "half up, half down": ([UP] * 20 + [DOWN] * 20, False),
     "most up, the others down": ([UP] * 30 + [DOWN] * 10, False),
     "all up, ten more so": ([UP] * 30 + [2 * UP] * 10, True),
+    "twenty-five of forty up, and none down": ([UP] * 25 + [NONE] * 15, True),
     "below the threshold": ([4.0] * 25 + [-4.0] * 15, False),
 }
 

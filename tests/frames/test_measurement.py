@@ -1,0 +1,94 @@
+"""Baselines and filters that are chosen by the errors of a quick classifier on the training side."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.frames import automatic
+from tactile_viewgcn.frames.automatic import decide
+from tactile_viewgcn.frames.measurement import Measurement
+from tactile_viewgcn.frames.quick_error import QuickError, quick_error
+from tactile_viewgcn.params import load
+from tests.drifting import drifting
+from tests.grips import FILE
+from tests.sources import written
+
+CELLS = np.stack([np.repeat([1, 2], 10), np.arange(20)], axis=1)
+
+
+def error(mistakes, *, leaks=False):
+    """An error of twenty groups, of which the first ones are mistakes."""
+    wrong = (np.arange(20) < mistakes).astype(float)
+    return QuickError(CELLS, wrong, 0.0, 0.3 if leaks else 0.9, 0.5, 100, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("mistakes", "leaking", "taken"),
+    [
+        ((8, 8, 8, 8), "", "empty_hand"),
+        ((8, 8, 8, 6), "", "empty_hand"),  # 2 of 20 less: 0.1 with a standard error of 0.07
+        ((8, 8, 8, 2), "", "none"),
+        ((8, 3, 8, 2), "", "grasp"),  # within two standard errors of the lowest
+        ((2, 8, 3, 3), "empty_hand quiet", "none"),
+        ((2, 8, 3, 8), "empty_hand quiet none", "grasp"),
+    ],
+)
+def test_an_earlier_baseline_is_taken_unless_it_leaks_or_is_clearly_beaten(mistakes, leaking, taken):
+    kinds = ("empty_hand", "grasp", "quiet", "none")
+    errors = {kind: error(count) for kind, count in zip(kinds, mistakes, strict=True)}
+    leaks = {kind: error(5, leaks=kind in leaking.split()) for kind in kinds}
+    assert Measurement(errors, leaks, {}).best_baseline() == taken
+
+
+def test_of_baselines_that_all_leak_that_which_leaks_least_is_taken():
+    kinds = ("empty_hand", "grasp", "quiet")
+    leaks = {kind: error(count, leaks=True) for kind, count in zip(kinds, (1, 6, 3), strict=True)}
+    assert Measurement(dict.fromkeys(kinds, error(4)), leaks, {}).best_baseline() == "grasp"
+    assert Measurement({}, {}, {}).best_baseline() is Measurement({}, {}, {}).best_filter() is None
+
+
+def test_a_standard_error_is_over_groups_and_a_missing_group_is_wrong():
+    more, spread = error(8).more_than(error(6))
+    assert more == pytest.approx(0.1) and spread == pytest.approx(np.sqrt(0.1 * 0.9 / 19))
+    doubled = QuickError(np.repeat(CELLS, 2, axis=0), np.repeat(error(8).wrong, 2), 0, 1, 0.5, 100, 0.0)
+    assert doubled.standard_error == pytest.approx(error(8).standard_error)  # the same groups, more often
+    more_cells = np.concatenate([CELLS, [[2, 20]]])
+    assert error(0).among(more_cells).wrong.tolist() == [0.0] * 20 + [1.0]
+
+
+def test_objects_are_told_of_groups_that_are_held_out_and_labels_at_random_are_not():
+    rng = np.random.default_rng(0)
+    label, group = np.repeat([0, 1, 2], 60), np.repeat(np.arange(18), 10)
+    readings = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
+    usable = np.ones(180, dtype=bool)
+    told = quick_error(lambda index: readings[index], usable, label, group, rng)
+    assert (told.error, told.groups, told.frames, told.chance) == (0, 18, 180, pytest.approx(2 / 3))
+    by_group = rng.normal(0, 1, (18, 20))[group]  # a group is alike, an object is not
+    alike = quick_error(lambda index: by_group[index], usable, label, group, rng)
+    assert alike.error > 0.4 and not alike.tells_object and told.tells_object
+    once = np.where(label == 0, group, label)
+    assert quick_error(lambda index: readings[index], usable, label, once, rng) is None
+
+
+def test_the_test_side_changes_no_choice(tmp_path, monkeypatch):
+    """Noise is added to the contact of the third fold; what is measured stays the same."""
+    glove, seen = drifting(objects=6, recordings=3, grasps=2, between=1.5), []
+    compare = automatic.compare
+    monkeypatch.setattr(automatic, "compare", lambda *given: seen.append(compare(*given)) or seen[-1])
+    changes = ("split.by=recording", "split.folds=3", "split.fold=2", "preprocess.contact_sensors=5")
+    params = load(FILE, changes)
+    label, number = glove.columns["object"], glove.columns["recording"]
+    test = (number % 3 == 2) & (label > 0)
+    noisy = glove.counts.copy()
+    noisy[test & ~glove.open] += (
+        np.random.default_rng(1).integers(0, 60, noisy[test & ~glove.open].shape).astype(np.int16)
+    )
+    for name, counts in (("a", glove.counts), ("b", noisy)):
+        decide(written(tmp_path / name, counts, **glove.columns), params.preprocess, params.split)
+    one, other = seen
+    assert one.baselines.keys() == {"empty_hand", "grasp", "quiet", "none"} and one.filters.keys() >= {
+        "contact",
+        "none",
+    }
+    assert all(len(error.cells) == 12 for error in one.baselines.values())
+    for kind in one.baselines:
+        assert one.baselines[kind].wrong.tolist() == other.baselines[kind].wrong.tolist()
