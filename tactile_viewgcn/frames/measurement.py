@@ -94,9 +94,8 @@ def training_frames(
             unused = side == TEST
             if split.train_groups != "all":
                 unused |= surplus_groups(side, of_kept, label, most=split.train_groups)
-            pairs = np.unique(np.stack([of_kept[unused], label[unused]]), axis=1).T
-            for number, of_object in pairs:
-                training &= (group != number) | (columns["object"] != of_object)
+            cell = group * len(recordings.objects) + columns["object"]
+            training &= ~np.isin(cell, cell[kept][unused])
     return training
 
 
