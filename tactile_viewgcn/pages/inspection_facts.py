@@ -141,7 +141,7 @@ def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
     leaks_of, first_frame = overview.measurement.leaks if overview.measurement else {}, overview.first_frame
     leak = leaks_of.get(baseline)
     leaks = leak is not None and leak.tells_object
-    first_leaks = first_frame is not None and first_frame.tells_object and not of.all_contact
+    first_leaks = first_frame is not None and first_frame.tells_object
     untouched = _names(of, np.bincount(of.label, of.contact, len(of.objects)) == 0)
     once = _names(of, _groups(of, by) == 1)
     stuck, saturated = int(overview.stuck.sum()), int((overview.saturated > SATURATED).sum())

@@ -42,7 +42,8 @@ class Overview:
         drift: (R,) largest change of the open hand, see `_drift`.
         measurement: errors by baseline and filter, on all recordings by the `split.by` that is recommended; None where
             no whole groups can be held out.
-        first_frame: whether objects are told from the first frame of each recording; None where it was not checked.
+        first_frame: whether objects are told from the first frame of each recording; None where it was not checked, as
+            where all frames are contact.
         percentiles: (5,) of all readings, in counts: 0, 1, 50, 99 and 100.
         above: (5,) of the readings of sensors in contact, in counts above the baseline; NaN without any.
         stuck: bool (H, W) sensors that vary by less than a tenth of what the median sensor does.
@@ -102,6 +103,7 @@ def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
     sample = of.hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
     smallest, largest, at_largest = _extremes(of)
     spread = sample.std(axis=0)
+    rng = stream(0, "first frame")
     return Overview(
         inspection=of,
         path=recordings.path,
@@ -114,7 +116,7 @@ def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
         gaps=gaps,
         drift=_drift(of),
         measurement=measurement,
-        first_frame=check_first_frames(recordings, of.hand, stream(0, "first frame")),
+        first_frame=None if of.all_contact else check_first_frames(recordings, of.hand, rng),
         percentiles=np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
         above=np.percentile(above, PERCENTILES) if len(above) else np.full(len(PERCENTILES), np.nan),
         stuck=_on_layout(spread < STUCK * np.median(spread), of.live),
