@@ -39,6 +39,7 @@ def recordings_table(recordings: int, frames: int, side: int, seed: int = 0) -> 
         label=label[recording],
         recording=recording,
         session=zeros,
+        grasp=zeros,
         group=recording,
         side=zeros + TRAIN,
         anchor=np.ones(count, dtype=bool),
