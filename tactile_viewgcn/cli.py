@@ -71,7 +71,7 @@ def preset(name: str) -> None:
 @click.option(
     "--together",
     is_flag=True,
-    help="A folder is one object, recorded several times: answer it too.",
+    help="Also give one answer for each folder and object.",
 )
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers here too.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")

@@ -119,10 +119,7 @@ def compare(
     kind = _baseline(inspection, measured)[0] if params.baseline == "auto" else params.baseline
     if kind not in baselines:
         return measured
-    filters = measure_filters(recordings, inspection, baselines[kind], params, group, training)
-    if kind in measured.leaks and measured.leaks[kind].tells_object:
-        filters.pop("none", None)  # whose frames without contact tell the object
-    return replace(measured, filters=filters)
+    return replace(measured, filters=measure_filters(recordings, inspection, baselines[kind], params, group, training))
 
 
 def choose(inspection: Inspection, measurement: Measurement | None, asked: dict[str, Any]) -> list[Note]:
@@ -172,8 +169,9 @@ def _baseline(inspection: Inspection, measurement: Measurement | None) -> tuple[
 
 def _filter(inspection: Inspection, measurement: Measurement | None, baseline: str) -> tuple[str, str]:
     """Value and reason: the measured one, or else what the recordings have."""
-    if measurement and len(measurement.filters) > 1 and (best := measurement.best_filter()):
-        return best, _errors(best, measurement.filters)
+    measured = measurement.filters if measurement and not inspection.follows_paper else {}
+    if measurement and len(measured) > 1 and (best := measurement.best_filter()):
+        return best, _errors(best, measured)
     of_object = inspection.has_object
     if inspection.flagged is not None:
         flags = np.bincount(inspection.label[of_object], inspection.flagged[of_object])
@@ -187,8 +185,8 @@ def _filter(inspection: Inspection, measurement: Measurement | None, baseline: s
 
 def _errors(best: str, errors: dict[str, QuickError]) -> str:
     """The error with the setting that is taken, and with the others."""
-    others = [f"{kind} {100 * error.error:.1f} %" for kind, error in errors.items() if kind != best]
-    return ", ".join([f"error {100 * errors[best].error:.1f} %", *others])
+    others = [f"with {kind} by {100 * error.error:.1f} %" for kind, error in errors.items() if kind != best]
+    return ", ".join([f"ridge regression on held-out groups errs by {100 * errors[best].error:.1f} %", *others])
 
 
 def _scale(inspection: Inspection) -> tuple[float, str]:

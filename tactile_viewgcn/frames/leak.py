@@ -59,18 +59,21 @@ def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Ge
 
 
 def leak_of_split(
-    recordings: Recordings, inspection: Inspection, baseline: Baseline, kind: str, split: Split
+    recordings: Recordings, inspection: Inspection, baseline: Baseline, kind: str, split: Split, *, measured: bool
 ) -> tuple[QuickError | None, list[Note]]:
     """The leak check with the baseline of a `kind` that was taken and the groups of the split, and notes on it.
 
     It is of both sides, as nothing is chosen by it. None where all frames are contact, and as `check_leak` says.
+
+    Args:
+        measured: the baseline was taken since it leaks least, so that no other is advised.
     """
     if inspection.all_contact:
         return None, [Note("even the quietest frames are contact: not checked", topic="leak check")]
     frames = np.arange(len(recordings))
     group = frames if split.by == "frame" else split_groups(recordings.columns, split.by)
     leak = check_leak(recordings, baseline, inspection.hand, group, stream(SPLIT_SEED, "leak"))
-    return leak, leak_notes(leak, kind)
+    return leak, leak_notes(leak, advised=kind != "grasp" and not measured)
 
 
 def leak_counts(leak: QuickError | None) -> dict[str, float]:
@@ -79,8 +82,8 @@ def leak_counts(leak: QuickError | None) -> dict[str, float]:
     return {f"leak.{name}": getattr(leak, name) for name in names} if leak else {}
 
 
-def leak_notes(leak: QuickError | None, kind: str) -> list[Note]:
-    """A leak check in one line, and a warning where the object is told; `kind` is `preprocess.baseline`."""
+def leak_notes(leak: QuickError | None, *, advised: bool) -> list[Note]:
+    """A leak check in one line, and a warning where the object is told, with the advice to take the baseline grasp."""
     if leak is None:
         return [Note("no open-hand frames of two objects, each in two groups: not checked", topic="leak check")]
     text = (
@@ -91,11 +94,11 @@ def leak_notes(leak: QuickError | None, kind: str) -> list[Note]:
     notes = [Note(text, topic="leak check")]
     if leak.tells_object:
         text = "the object is told without contact better than by chance, so that errors say less about touch"
-        if kind == "grasp":
-            notes.append(Note(f"{text}: choose another split.by", "warning", "leak check"))
-        else:
+        if advised:
             text += ": set preprocess.baseline to grasp, or choose another split.by"
             notes.append(Note(text, "warning", "leak check", "preprocess.baseline", "grasp"))
+        else:
+            notes.append(Note(f"{text}: choose another split.by", "warning", "leak check"))
     return notes
 
 

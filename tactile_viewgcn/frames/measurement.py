@@ -27,7 +27,7 @@ from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import Recordings
 
 BASELINES = ("empty_hand", "grasp", "quiet", "none")  # an earlier one is taken unless a later one errs clearly less
-FILTERS = ("flags", "contact", "none")  # likewise
+FILTERS = ("flags", "contact")  # likewise; without a baseline every frame is kept where there are no flags
 CLEARLY = 2.0  # standard errors; three at once beat one of equal error by one in two cases of five, by two in one of 15
 
 
@@ -50,8 +50,8 @@ class Measurement:
 
         Where all tell it, that which tells it least; None without a measurement.
         """
-        leaking = {kind for kind in self.baselines if kind in self.leaks and self.leaks[kind].tells_object}
-        if self.baselines and leaking == self.baselines.keys():
+        leaking = [kind for kind in self.baselines if kind in self.leaks and self.leaks[kind].tells_object]
+        if self.baselines and len(leaking) == len(self.baselines):
             return max(leaking, key=lambda kind: self.leaks[kind].error)
         return _first_of_lowest({kind: error for kind, error in self.baselines.items() if kind not in leaking})
 

@@ -92,9 +92,6 @@ def quick_error(
         readings: gives (n, S) of frames (n,).
         label, group: (T,) object and group of each frame.
     """
-    import scipy.stats  # noqa: F401  both load slowly, which is no part of the time measured
-    import sklearn.linear_model  # noqa: F401
-
     start = time.perf_counter()
     index = _frames_to_use(usable, label, group, rng)
     if len(np.unique(label[index])) < 2:

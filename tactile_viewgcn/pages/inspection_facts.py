@@ -121,7 +121,7 @@ def _measured(overview: Overview, chosen: list[Note]) -> Table:
         "recording alone, where nothing is held yet: if these tell the object it is a leak. All recordings were used "
         f"here, by split.by {_chosen(chosen, 'split.by')}; preprocess measures again, on its training side alone."
     )
-    return Table("Baseline and filter", remark, ["", "error, %", "without contact, %", "guess", "leaks", "s"], rows)
+    return Table("Baseline and filter", remark, ["", "error, %", "without contact, %", "chance", "leaks", "s"], rows)
 
 
 def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:

@@ -149,7 +149,7 @@ class Outcome:
 
     def verdict(self) -> Verdict:
         """Whether the result is good, and why."""
-        warned, reasons = len(self.warnings), [self.beside_candidates] if self.beside_candidates else []
+        warned, reasons = len(self.warnings), []
         if self.only:
             reasons.append(f"Every answer was {self.only}: the classifier tells nothing apart.")
         if self.uncertain:
@@ -165,6 +165,7 @@ class Outcome:
             answer = "No: this result cannot be told from guessing."
             return Verdict("bad", answer, ["The interval reaches the error of guessing.", *reasons])
         below = ["The whole interval lies below the error of guessing."]
+        below += [self.beside_candidates] if self.beside_candidates else []
         if reasons:
             return Verdict("unsure", "It is better than guessing, but not yet to be relied on.", below + reasons)
         return Verdict("good", "Yes: it is better than guessing, and no stage gave a warning.", below)

@@ -152,13 +152,16 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
     return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty, grasp_again=again)
 
 
-def answer_together(recogniser: Recogniser, answers: list[Answer], name: str = "together") -> Answer:
+def answer_together(
+    recogniser: Recogniser, answers: list[Answer], name: str = "together", *, stop_at: float | None = None
+) -> Answer:
     """The answer to one object that was recorded several times, from the answers to the recordings.
 
     Those without contact do not count. What is unlike anything seen in every recording is unlike anything seen.
 
     Args:
         name: that takes the place of the recording's.
+        stop_at: confidence below which another grasp is asked for.
     """
     pressed = [answer for answer in answers if answer.status != NO_CONTACT]
     status = OBJECT if any(answer.status == OBJECT for answer in pressed) else UNKNOWN
@@ -176,6 +179,7 @@ def answer_together(recogniser: Recogniser, answers: list[Answer], name: str = "
         frames=frames,
         recording=name,
         object=objects.pop() if len(objects) == 1 else UNLABELLED,
+        grasp_again=bool(pressed and stop_at is not None and probabilities.max() < stop_at),
     )
 
 

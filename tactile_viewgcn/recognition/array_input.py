@@ -51,16 +51,19 @@ def _axes(values: Any) -> int:
     return values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
 
 
-def checked_arrays(recordings: Sequence[Any], shape: tuple[int, int] | None = None) -> list[np.ndarray]:
-    """Recordings as arrays (T_i, H, W) of one type, which holds the numbers of all of them.
+def checked_arrays(
+    recordings: Sequence[Any], shape: tuple[int, int] | None = None, rows: Sequence[int] | None = None
+) -> list[np.ndarray]:
+    """Recordings as arrays (T_i, H, W) of one type, which holds the numbers of all of them; `rows` of X are named.
 
     A UserError for none, for one that `checked_array` refuses, and for another layout than `shape` or the first one's.
     """
     if not len(recordings):
         raise UserError("X holds no recordings; expected one or more, each an array (frames, rows, columns)")
-    arrays = [checked_array(recording, f"X[{number}]") for number, recording in enumerate(recordings)]
+    rows = range(len(recordings)) if rows is None else rows
+    arrays = [checked_array(recording, f"X[{row}]") for recording, row in zip(recordings, rows, strict=True)]
     expected = shape or arrays[0].shape[1:]
-    for number, array in enumerate(arrays):
+    for number, array in zip(rows, arrays, strict=True):
         if array.shape[1:] != expected:
             layouts = (" x ".join(map(str, each)) for each in (array.shape[1:], expected))
             of = "in training" if shape else "X[0]"

@@ -164,7 +164,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             X, y = checked if training else (checked, y)
             return form, list(X[:, None, None, :]), np.arange(len(X)), y
         recordings, row = recordings_of_rows(X)
-        arrays = checked_arrays(recordings, None if training else self.recogniser_.shape)
+        arrays = checked_arrays(recordings, None if training else self.recogniser_.shape, row.tolist())
         if training:
             y = column_or_1d(y, warn=True)
             check_consistent_length(X, y)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.sensors.unit import contact_unit
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
@@ -56,8 +57,9 @@ def fit_novelty(frames: Frames, views: int) -> Novelty | None:
     pools, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)[1:]
     members = np.split(train[np.argsort(pools.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
     members = [index for index in members if len(index) >= views]
-    members = members[:: max(1, -(-len(members) // MOST_SETS))]
-    classes = np.array([frames.label[index[0]] for index in members])
+    classes = np.array([frames.label[index[0]] for index in members], dtype=int)
+    some = np.sort(by_turns(classes, stream(0, "novelty"))[:MOST_SETS])
+    members, classes = [members[place] for place in some], classes[some]
     if not len(members) or np.bincount(classes).max() < 2:
         return None
     count = max(1, min(SETS, MOST_SETS // len(members)))

@@ -58,7 +58,8 @@ def predict(
     with recordings_of(source, labelled=False, layout=recogniser.shape) as recordings:
         answers, notes = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
     records = [_record(answer, recogniser.classes) for answer in answers]
-    joined = [_record(answer, recogniser.classes) for answer in _joined(recogniser, answers)] if together else []
+    joined = _joined(recogniser, answers, stop_at) if together else []
+    joined_records = [_record(answer, recogniser.classes) for answer in joined]
     for note in notes:
         echo(str(note))
     echo(f"{'recording':<{NAME_WIDTH}} {'frames':>8}  answer")
@@ -68,9 +69,9 @@ def predict(
         echo(line)
     if joined:
         echo("together:")
-        for line in [*map(_line, joined), *_summary(joined, recogniser.classes)]:
+        for line in [*map(_line, joined_records), *_summary(joined_records, recogniser.classes)]:
             echo(line)
-    records += joined
+    records += joined_records
     content = {"model": model, "source": source, "calibrated": calibrated, "answers": records}
     texts = _as_csv(records), json.dumps(content, indent=1, ensure_ascii=False) + "\n"
     with ExitStack() as parts:
@@ -114,12 +115,17 @@ def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
             raise UserError(f"{path}: cannot be written ({error.strerror}); name another") from None
 
 
-def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
-    """The answer to each object in each folder, from the answers to its recordings."""
+def _joined(recogniser: Recogniser, answers: list[Answer], stop_at: float | None) -> list[Answer]:
+    """The answer to each object in each folder, named by both, from the answers to its recordings."""
     parts: dict[tuple[str, str], list[Answer]] = {}
     for answer in answers:
         parts.setdefault((answer.recording.rpartition("/")[0], answer.object), []).append(answer)
-    return [answer_together(recogniser, part, folder or label or "together") for (folder, label), part in parts.items()]
+    joined = []
+    for (folder, label), part in parts.items():
+        within = label if label != folder.rpartition("/")[2] else ""
+        name = "/".join(filter(None, [folder, within])) or "together"
+        joined.append(answer_together(recogniser, part, name, stop_at=stop_at))
+    return joined
 
 
 def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:

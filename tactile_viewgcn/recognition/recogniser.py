@@ -18,8 +18,6 @@ from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, spread_sets
 from tactile_viewgcn.tables.transform import network_input
 
-PATIENCE = 4  # frames of one grasp without a higher confidence; more of them hardly lower the error
-
 
 class Recogniser:
     """A trained classifier for raw counts.
@@ -165,8 +163,7 @@ class Recogniser:
         threshold is not reached, another grasp helps more than further frames, see `together`.
 
         Args:
-            frames: raw counts (H, W), one after another; none is asked for once the threshold is reached, after four
-                that did not raise the confidence, or after V.
+            frames: raw counts (H, W), one after another; none is asked for once the threshold is reached, or after V.
             confidence_threshold: of the most probable class.
             baseline: see `probabilities`.
 
@@ -187,14 +184,10 @@ class Recogniser:
         """The same as `predict_sequential` of counts above baseline (H, W)."""
         self.check_sequential(confidence_threshold)
         values: list[Tensor] = []
-        highest, raised_at = 0.0, 0
         for frame in frames:
             values.append(self._values(frame[None]))
             (probabilities,) = self._probabilities(torch.cat(values), len(values))
-            if probabilities.max() > highest:
-                highest, raised_at = float(probabilities.max()), len(values)
-            last = len(values) == self.classifier.views or len(values) - raised_at == PATIENCE
-            if last or probabilities.max() >= confidence_threshold:
+            if probabilities.max() >= confidence_threshold or len(values) == self.classifier.views:
                 return probabilities, len(values)
         if not values:
             raise UserError("frames holds none; expected one frame or more")

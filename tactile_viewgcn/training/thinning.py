@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.tables.frames import Frames
 
 SEED = 0  # of recordings that are taken, so that these are the same for every value of `seed`
@@ -12,15 +12,15 @@ def thinned(table: Frames, index: np.ndarray, *, most: int, each: int) -> np.nda
     """At most so many of the frames in `index` (n,), rising: of every recording equally many, evenly taken.
 
     A recording counts once for each class and split group. Where fewer than `each` frames of every recording would be
-    left, these many are taken of some recordings, drawn at random.
+    left, these many are taken of some recordings, drawn at random, of every class as many as can be.
     """
     if len(index) <= most:
         return index
     places = np.stack([table.label[index], table.recording[index], table.group[index]])
-    recording, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)[1:]
+    cells, recording, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)
     recording = recording.ravel()
     share = max(each, most // len(sizes))
-    order = stream(SEED, "thinned").permutation(len(sizes))
+    order = by_turns(cells[0], stream(SEED, "thinned"))
     taken = np.zeros(len(sizes), dtype=bool)
     taken[order] = np.minimum(sizes, share)[order].cumsum() <= most
     rank, by_recording = np.empty(len(index), dtype=np.int64), np.argsort(recording, kind="stable")

@@ -100,17 +100,17 @@ def test_what_cannot_be_held_out_is_not_checked(tmp_path, case):
     kept = NOTHING[case](glove)
     columns = {name: values[kept] for name, values in glove.columns.items()}
     assert checked(tmp_path / "t", replace(glove, counts=glove.counts[kept]), columns=columns) is None
-    (note,) = leak_notes(None, "grasp")
+    (note,) = leak_notes(None, advised=True)
     assert note.level == "info" and note.text.endswith("not checked")
 
 
 def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp():
     leak = module.QuickError(np.zeros((20, 2), dtype=int), np.full(20, 0.05), 0.02, 0.08, 0.96, 2000, 1.0)
     assert leak.tells_object and not replace(leak, high=0.96).tells_object
-    notes = leak_notes(leak, "empty_hand")
+    notes = leak_notes(leak, advised=True)
     assert [(note.level, note.key, note.value) for note in notes] == [
         ("info", "", None),
         ("warning", "preprocess.baseline", "grasp"),
     ]
-    assert [(note.level, note.key) for note in leak_notes(leak, "grasp")] == [("info", ""), ("warning", "")]
-    assert [note.level for note in leak_notes(replace(leak, high=0.97), "empty_hand")] == ["info"]
+    assert [(note.level, note.key) for note in leak_notes(leak, advised=False)] == [("info", ""), ("warning", "")]
+    assert [note.level for note in leak_notes(replace(leak, high=0.97), advised=True)] == ["info"]

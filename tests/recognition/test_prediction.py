@@ -56,17 +56,17 @@ def test_recordings_of_one_object_get_one_more_answer_from_all_of_them(place):
 def test_each_folder_and_each_labelled_object_is_answered_together(place):
     for seed, name in enumerate(("pen", "pen", "cup")):
         write(place / "two" / name / f"{seed}.h5", recording(name, 85 + seed))
-        write(place / "labelled" / f"{seed}.h5", recording(name, 85 + seed), object=name, session="today")
+        write(place / "labelled" / "1" / f"{seed}.h5", recording(name, 85 + seed), object=name, session="today")
     lines = call(place / "classifier.pt", place / "two", "--together")
     assert [line.split()[:3] for line in lines[-3:-1]] == [["cup", "8/20", "cup"], ["pen", "16/40", "pen"]]
     lines = call(place / "classifier.pt", place / "labelled", "--together")
-    assert [line.split()[:3] for line in lines[-4:-2]] == [["pen", "16/40", "pen"], ["cup", "8/20", "cup"]]
+    assert [line.split()[:3] for line in lines[-4:-2]] == [["1/pen", "16/40", "pen"], ["1/cup", "8/20", "cup"]]
     assert lines[-1] == "right: 2 of 2 (100.0 %); among the first three: 2"
 
 
 def test_where_the_confidence_is_not_reached_another_grasp_is_asked_for(place):
     write(place / "new" / "4.h5", (recording("pen", 87) + recording("cup", 88)) // 2)  # as if both were in the hand
-    lines = call(place / "classifier.pt", place / "new", "--stop-at", "0.999", "--json", place / "answers.json")
+    lines = call(place / "classifier.pt", place / "new", "--stop-at", "0.8", "--json", place / "answers.json")
     answers = json.loads((place / "answers.json").read_text())["answers"]
     assert [line.endswith("; grasp it again") for line in lines[2:6]] == [False, False, False, True]
     assert [answer["grasp_again"] for answer in answers] == [False, False, False, True]

@@ -149,14 +149,6 @@ def test_the_recogniser_asks_for_no_more_frames_than_it_needs(recogniser):
         np.testing.assert_allclose(probabilities, recogniser.probabilities(counts[None, :taken])[0], rtol=1e-5)
 
 
-def test_no_further_frame_is_asked_for_after_four_that_did_not_raise_the_confidence(recogniser, monkeypatch):
-    rising = iter([0.4, 0.5, 0.5, 0.45, 0.3, 0.5, 0.9])
-    monkeypatch.setattr(type(recogniser.classifier), "views", 8)
-    monkeypatch.setattr(recogniser, "_probabilities", lambda values, views: np.array([[next(rising), 0.1]]))
-    probabilities, taken = recogniser.predict_sequential(np.zeros((9, 12, 12)), 0.8)
-    assert (taken, probabilities[0]) == (6, 0.5)
-
-
 def test_no_frames_more_than_v_and_what_is_no_probability_are_refused(recogniser):
     for count in (0, 5):
         with pytest.raises(UserError, match=r"counts has shape .*; expected .* \(any, 1 to 4, 12, 12\)"):

@@ -33,4 +33,12 @@ def test_too_many_recordings_are_thinned_as_a_whole_and_all_classes_stay():
     taken = thinned(frames, index, most=400, each=4)
     counts = np.bincount(frames.recording[taken], minlength=400)
     assert sorted(set(counts)) == [0, 4] and len(taken) == 400 and (np.diff(taken) > 0).all()
-    assert 30 < (counts[::2] > 0).sum() < 70  # of one class; every second recording, not one class
+    assert (counts[::2] > 0).sum() == 50  # of one class
+
+
+def test_a_class_of_one_recording_stays_and_the_others_take_turns():
+    frames, index = recordings(*[6] * 90)
+    label = np.repeat(np.arange(90), 6) // 30
+    label[-6:] = 3
+    taken = thinned(replace(frames, label=label), index, most=40, each=4)
+    assert np.bincount(label[taken]).tolist() == [12, 12, 12, 4]
