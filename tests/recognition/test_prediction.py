@@ -70,6 +70,7 @@ def test_where_the_confidence_is_not_reached_another_grasp_is_asked_for(place):
     answers = json.loads((place / "answers.json").read_text())["answers"]
     assert [line.endswith("; grasp it again") for line in lines[2:6]] == [False, False, False, True]
     assert [answer["grasp_again"] for answer in answers] == [False, False, False, True]
+    assert call(place / "classifier.pt", place / "new", "--together", "--stop-at", "1")[-2].endswith("; grasp it again")
 
 
 def test_arrays_of_cells_have_the_models_layout(place):
