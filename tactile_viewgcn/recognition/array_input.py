@@ -43,7 +43,11 @@ def recordings_of_rows(rows: Sequence[Any]) -> tuple[list[Any], np.ndarray]:
 
 
 def _holds_recordings(row: Any) -> bool:
-    return isinstance(row, list | tuple) and len(row) > 0 and all(_axes(recording) == 3 for recording in row)
+    """Whether a row is a list of recordings; one that is ragged is none."""
+    try:
+        return isinstance(row, list | tuple) and len(row) > 0 and all(_axes(recording) == 3 for recording in row)
+    except ValueError:
+        return False
 
 
 def _axes(values: Any) -> int:
