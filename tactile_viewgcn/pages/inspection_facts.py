@@ -121,17 +121,16 @@ def _measured(overview: Overview, chosen: list[Note]) -> Table:
         "recording alone, where nothing is held yet: if these tell the object it is a leak. All recordings were used "
         f"here, by split.by {_chosen(chosen, 'split.by')}; preprocess measures again, on its training side alone."
     )
-    return Table("Baseline and filter", remark, ["", "error, %", "without contact, %", "chance", "leaks", "s"], rows)
+    return Table("Baseline and filter", remark, ["", "error, %", "without contact, %", "chance", "leaks"], rows)
 
 
 def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
     """The cells of an error, and of one without contact."""
-    seconds = sum(one.seconds for one in (error, leak) if one)
     cells = [f"{100 * error.error:.1f} ± {100 * error.standard_error:.1f}" if error else "", "", "", ""]
     if leak:
         interval = percent_interval(leak.error, leak.low, leak.high)
         cells[1:] = [interval, f"{100 * leak.chance:.1f}", "yes" if leak.tells_object else "no"]
-    return [*cells, f"{seconds:.1f}"]
+    return cells
 
 
 def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
