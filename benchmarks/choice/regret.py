@@ -8,7 +8,7 @@ from scipy.stats import t
 
 from tactile_viewgcn.intervals import OUTSIDE, percent_interval
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.choice import choose_members
+from tactile_viewgcn.recognition.choice import choose_members, set_logits
 from tactile_viewgcn.recognition.left_out import recording_sets
 from tactile_viewgcn.recognition.sequential import sequences
 from tactile_viewgcn.sensors.pipelines import MEMBERS
@@ -18,7 +18,6 @@ from tactile_viewgcn.tables.frames import TEST, Frames
 from tactile_viewgcn.training.sensor_fitting import training_frames
 
 SETS = 10  # view sets of each recording
-AT_ONCE = 200  # view sets that are answered
 
 
 def measure(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> list[dict]:
@@ -38,8 +37,7 @@ def measure(table: Frames, views: int, candidates: list[list[Member]], seed: int
     logits = {}
     for name in dict.fromkeys(name for members in measured for name in members):
         system = MEMBERS[name]().fit(data)
-        values, parts = system.frame_values(readings), np.array_split(sets, -(-len(sets) // AT_ONCE))
-        logits[name] = np.concatenate([system.logits(values[part]) for part in parts])
+        logits[name] = set_logits(system, system.frame_values(readings), sets)
     rows = []
     for members in measured:
         wrong = added([logits[name] for name in members]).argmax(axis=1) != label[sets[:, 0]]

@@ -117,9 +117,11 @@ def compare(
         baselines = {"none": baselines["none"]}
     measured = measure_baselines(recordings, inspection, baselines, group, training)
     kind = _baseline(inspection, measured)[0] if params.baseline == "auto" else params.baseline
-    if kind not in baselines:
+    if kind not in measured.baselines:
         return measured
-    return replace(measured, filters=measure_filters(recordings, inspection, baselines[kind], params, group, training))
+    cells = measured.baselines[kind].cells  # of objects and groups with contact
+    filters = measure_filters(recordings, inspection, baselines[kind], params, group, training, cells)
+    return replace(measured, filters=filters)
 
 
 def choose(inspection: Inspection, measurement: Measurement | None, asked: dict[str, Any]) -> list[Note]:

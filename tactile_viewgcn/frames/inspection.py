@@ -207,7 +207,7 @@ def _quietest_are_contact(hand: OpenHand, label: np.ndarray, session: np.ndarray
     if np.median(pressed) < hand.sensors:
         return False
     for group in (session, np.arange(len(label))):
-        told = quick_error(lambda index: difference[index], usable, label, group, stream(SPLIT_SEED, "all contact"))
-        if told:
-            return told.tells_object
+        error = quick_error(lambda index: difference[index], usable, label, group, stream(SPLIT_SEED, "all contact"))
+        if error:
+            return error.tells_object
     return False

@@ -5,16 +5,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tactile_viewgcn.frames.automatic import decide, preprocessing_warnings
-from tactile_viewgcn.frames.baseline import (
-    Baseline,
-    constant_baseline,
-    empty_hand_baseline,
-    quiet_baseline,
-    require_live,
-)
-from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
+from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.inspection import Inspection
-from tactile_viewgcn.frames.open_hand import find_open_hand
+from tactile_viewgcn.frames.measurement import measure_baseline
 from tactile_viewgcn.frames.selection import Selection, select
 from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.notes import Note
@@ -112,20 +105,3 @@ def prepare(
         kept_share=float(selection.filtered.mean()),
     )
     return frames, selection
-
-
-def measure_baseline(recordings: Recordings, preprocess: Preprocess) -> Baseline:
-    """The baseline that `preprocess.baseline` names.
-
-    Raises:
-        UserError: no sensor that varies; no frames to estimate the baseline from.
-    """
-    require_live(recordings)
-    if preprocess.baseline == "empty_hand":
-        return empty_hand_baseline(recordings)
-    if preprocess.baseline == "quiet":
-        return quiet_baseline(recordings, preprocess.quiet_share)
-    if preprocess.baseline == "grasp":
-        sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
-        return grasp_baseline(recordings, find_open_hand(recordings, sensors=sensors, sigmas=sigmas))
-    return constant_baseline(recordings, preprocess.zero)

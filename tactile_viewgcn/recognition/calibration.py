@@ -37,7 +37,6 @@ def fit_temperature(logits: Tensor, labels: Tensor, recordings: int) -> float:
     from scipy.optimize import minimize_scalar
 
     logits = logits.double()
-
     doubt, of_label = 1 / (recordings + 2), torch.nn.functional.one_hot(labels, logits.shape[1]).bool()
 
     def negative_log_likelihood(log_temperature: float) -> float:

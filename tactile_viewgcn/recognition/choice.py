@@ -62,7 +62,7 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
             system = MEMBERS[name]().fit(data)
             seconds[name] += time.perf_counter() - begin
             values = system.frame_values(readings)
-            answers[name] = [_logits(system, values, of_kind) for of_kind in sets]
+            answers[name] = [set_logits(system, values, of_kind) for of_kind in sets]
             milliseconds[name] = min(milliseconds[name], _milliseconds(system, readings[sets[0][0]]))
         for members, parts in zip(candidates, errors, strict=True):
             by_group = []
@@ -125,7 +125,7 @@ def _choice(members: list[Member], reason: str) -> Note:
     return Note(reason, "choice", "recogniser", "model.members", members)
 
 
-def _logits(system: SensorSystem, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
+def set_logits(system: SensorSystem, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
     """Logits (A, classes) of view sets (A, k) of indices into values (n, F), in parts that fit memory."""
     parts = np.array_split(sets, -(-len(sets) // ANSWERED_AT_ONCE))
     return np.concatenate([system.logits(values[part]) for part in parts])

@@ -5,8 +5,8 @@ import numpy as np
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, noise_left, of_empty_hand, trimmed_moments
 from tactile_viewgcn.frames.filtering import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
+from tactile_viewgcn.frames.measurement import measure_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand
-from tactile_viewgcn.frames.preprocessing import measure_baseline
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.tables.recordings import Recordings

@@ -20,9 +20,9 @@ WHOLE = 32  # frames that stand for a whole recording
 def left_out_parts(table: Frames) -> Iterator[Frames]:
     """The table with a third of the training groups on the validation side, and nothing else there, at a time.
 
-    A class of which a fold holds all groups is left out of it. Of many frames some are used, see `some_of`.
+    A class of which a fold holds all groups is left out of it. Of many frames some are used, see `training_sample`.
     """
-    train = some_of(table)
+    train = training_sample(table)
     group, label = table.group[train], table.label[train]
     for fold in range(FOLDS):
         left_out = fold_sides(group, label, folds=FOLDS, fold=fold, across=spans_classes(group, label)) == TEST
@@ -55,7 +55,7 @@ def sampled_anchors(table: Frames, index: np.ndarray) -> np.ndarray:
     return anchors[:: -(-len(anchors) // MOST_SETS)]
 
 
-def some_of(table: Frames) -> np.ndarray:
+def training_sample(table: Frames) -> np.ndarray:
     """Rising indices of training frames: 20,000 anchors at most, and as many other frames of their recordings."""
     train = table.on(TRAIN)
     anchor = table.anchor[train]

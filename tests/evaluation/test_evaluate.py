@@ -105,8 +105,8 @@ def test_as_many_grasps_of_one_object_are_joined_as_asked_and_by_object_nothing_
         assert sets.shape == (len(index), 4) and (label[sets] == label[:, None]).all()
         assert (sets == np.arange(len(index))[:, None]).any(axis=1).all()
         assert {len(set(row)) for row in grasp[sets].tolist()} == {grasps}
-        own = (grasp[sets] == grasp[:, None]).sum(axis=1)
-        assert (own == -(-4 // grasps)).all()
+        of_anchor = (grasp[sets] == grasp[:, None]).sum(axis=1)
+        assert (of_anchor == -(-4 // grasps)).all()
     assert result.scores["recording"]["joined"] == {"grasp": grasps} and "joined" not in result.scores["object"]
 
 

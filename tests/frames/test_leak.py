@@ -7,8 +7,8 @@ import pytest
 
 from tactile_viewgcn.frames import quick_error as module
 from tactile_viewgcn.frames.leak import check_first_frames, check_leak, leak_notes
+from tactile_viewgcn.frames.measurement import measure_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand
-from tactile_viewgcn.frames.preprocessing import measure_baseline
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.params import load
 from tests.drifting import drifting

@@ -60,11 +60,11 @@ def test_objects_are_told_of_groups_that_are_held_out_and_labels_at_random_are_n
     label, group = np.repeat([0, 1, 2], 60), np.repeat(np.arange(18), 10)
     readings = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
     usable = np.ones(180, dtype=bool)
-    told = quick_error(lambda index: readings[index], usable, label, group, rng)
-    assert (told.error, told.groups, told.frames, told.chance) == (0, 18, 180, pytest.approx(2 / 3))
+    apart = quick_error(lambda index: readings[index], usable, label, group, rng)
+    assert (apart.error, apart.groups, apart.frames, apart.chance) == (0, 18, 180, pytest.approx(2 / 3))
     by_group = rng.normal(0, 1, (18, 20))[group]  # a group is alike, an object is not
     alike = quick_error(lambda index: by_group[index], usable, label, group, rng)
-    assert alike.error > 0.4 and not alike.tells_object and told.tells_object
+    assert alike.error > 0.4 and not alike.tells_object and apart.tells_object
     once = np.where(label == 0, group, label)
     assert quick_error(lambda index: readings[index], usable, label, once, rng) is None
 
