@@ -4,11 +4,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from tactile_viewgcn.frames.automatic import decide, preprocessing_warnings
+from tactile_viewgcn.frames.automatic import decide
 from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.measurement import measure_baseline
 from tactile_viewgcn.frames.selection import Selection, select
+from tactile_viewgcn.frames.setting_check import preprocessing_warnings
 from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Preprocess, PreprocessSection, Split
