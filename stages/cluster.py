@@ -1,5 +1,6 @@
 """Cluster the training and validation frames of each object (or recording) into views."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -15,14 +16,18 @@ from tactile_viewgcn.views.sampling import sets_of
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 
-@stage("frames")
-def cluster(job: Job, frames: Path, out: Path) -> None:
+@stage("needs", "frames")
+def cluster(job: Job, needs: Path, frames: Path, out: Path) -> None:
     params, table = job.params, read_frames(frames)
+    if not job.needed:
+        params.cluster = replace(params.cluster, method="none")
     count, rng = params.views, stream(params.seed, "cluster")
     views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), params.cluster, rng)
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
-    if not views.clustered:
+    if not job.needed:
+        click.echo("cluster: left out, model.system does not need it")
+    elif not views.clustered:
         click.echo(f"cluster: none; view sets are drawn at random from each of {several(pools, 'pool')}")
     else:
         click.echo(f"cluster: {several(pools, 'pool')} in {several(count, 'cluster')} each")
@@ -30,7 +35,7 @@ def cluster(job: Job, frames: Path, out: Path) -> None:
             from tactile_viewgcn.plots import cluster_means
 
             job.run.figure("cluster_means.png", cluster_means(views.means(table), table.live, table.classes))
-    if empty:
+    if empty and job.needed:
         text = f"{empty} of {several(pools * count, 'view')}: no frame of its own, so one of its pool's is repeated"
         job.note(Note(text, topic="clusters"))
     write_views(out, views)

@@ -1,4 +1,4 @@
-"""Check the launcher, and say whether `model.system` needs a backbone, which one on the sensors themselves does not."""
+"""Check the launcher, and say which stages `model.system` needs: one on the sensors needs no clusters and no backbone."""
 
 import json
 import shutil
@@ -19,10 +19,10 @@ def needs(job: Job, out: Path) -> None:
     if not shutil.which(program):
         expected = "expected python -m, or torchrun --standalone ... -m"
         raise UserError(f"launcher: no program {program!r} here; {expected}")
-    pretrain = not on_sensors(system)
-    with atomic_write(out) as part:
-        part.write_text(json.dumps({"pretrain": pretrain}) + "\n")  # the same for all systems with a backbone
-    click.echo(f"needs: {system} needs {'a' if pretrain else 'no'} pretrained backbone")
+    network = not on_sensors(system)
+    with atomic_write(out) as part:  # the same for all systems with a backbone
+        part.write_text(json.dumps({"cluster": network, "pretrain": network}) + "\n")
+    click.echo(f"needs: {system} needs {'clusters and a' if network else 'no clusters and no'} pretrained backbone")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Which stages a system needs, and what pretrain and finetune do for one that needs no pretrained backbone."""
+"""Which stages a system needs, and what cluster, pretrain and finetune do for one that needs no pretrained backbone."""
 
 import json
 import os
@@ -15,6 +15,7 @@ from stages.finetune import finetune
 from stages.needs import needs
 from tactile_viewgcn.systems import OnBackbone, OnSensors
 from tactile_viewgcn.tables.frames import write_frames
+from tactile_viewgcn.tables.views import read_views
 from tests.small_tables import ROOT, SMALL, fewer_anchors, table
 
 LEFT_OUT = "pretrain: left out, model.system does not need it\n"
@@ -35,10 +36,10 @@ def needs_of(system):
 
 
 def test_all_systems_with_a_backbone_need_the_same_and_those_without_too():
-    assert {needs_of(name)[1] for name in get_args(OnBackbone)} == {'{"pretrain": true}\n'}
-    assert {needs_of(name)[1] for name in get_args(OnSensors)} == {'{"pretrain": false}\n'}
-    assert needs_of("view_gcn")[0] == "needs: view_gcn needs a pretrained backbone\n"
-    assert needs_of("trees")[0] == "needs: trees needs no pretrained backbone\n"
+    assert {needs_of(name)[1] for name in get_args(OnBackbone)} == {'{"cluster": true, "pretrain": true}\n'}
+    assert {needs_of(name)[1] for name in get_args(OnSensors)} == {'{"cluster": false, "pretrain": false}\n'}
+    assert needs_of("view_gcn")[0] == "needs: view_gcn needs clusters and a pretrained backbone\n"
+    assert needs_of("trees")[0] == "needs: trees needs no clusters and no pretrained backbone\n"
 
 
 IMPORTS = """
@@ -74,8 +75,11 @@ def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_an
     (place / "backbone.pt").write_text(LEFT_OUT)
     changes = (*SMALL, "precision=float32", "device=cpu", f"model.system={system}")
     words = ["--frames", "frames.h5", *(word for change in changes for word in ("--set", change))]
-    result = CliRunner().invoke(cluster, [*words, "--out", "views.h5", "--record", "cluster.json"])
+    needs_of(system)
+    result = CliRunner().invoke(cluster, ["--needs", "needs.json", *words, "--out", "views.h5"])
     assert result.exit_code == 0, result.output
+    assert ("cluster: left out" in result.output) == fitted
+    assert read_views("views.h5").clustered != fitted
     files = ("--views", "views.h5", "--backbone", "backbone.pt", "--out", "classifier.pt")
     result = CliRunner().invoke(finetune, [*words, *files, "--record", "finetune.json"])
     assert result.exit_code == (0 if fitted else 1), result.output

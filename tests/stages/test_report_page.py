@@ -28,7 +28,7 @@ RECORDS = [f"runs/{stage}.json" for stage in ("ingest", "preprocess", "cluster",
 FILES = {
     "ingest": "--source metadata.mat --out data/recordings.h5",
     "preprocess": "--recordings data/recordings.h5 --out data/frames.h5 --kept data/kept.csv",
-    "cluster": "--frames data/frames.h5 --out data/views.h5",
+    "cluster": "--needs data/needs.json --frames data/frames.h5 --out data/views.h5",
     "pretrain": "--needs data/needs.json --frames data/frames.h5 --out models/backbone.pt",
     "finetune": "--frames data/frames.h5 --views data/views.h5 --backbone models/backbone.pt "
     "--out models/classifier.pt",
@@ -46,7 +46,7 @@ def finished(tmp_path_factory) -> Path:
     tree["objects"][0, 1] = "<b>Öl & $x$"
     save_matlab5(place / "metadata.mat", tree)
     (place / "data").mkdir()
-    (place / "data" / "needs.json").write_text('{"pretrain": false}')
+    (place / "data" / "needs.json").write_text('{"cluster": false, "pretrain": false}')
     changes = (*SMALL, "data.source=metadata.mat", "model.system=lda", "device=cpu")
     words = [word for change in changes for word in ("--set", change)]
     for stage, files in FILES.items():

@@ -63,11 +63,11 @@ def place(tmp_path_factory):
     """A folder with all that the trainings read."""
     place = tmp_path_factory.mktemp("resume")
     (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
-    (place / "needs.json").write_text('{"pretrain": true}')
+    (place / "needs.json").write_text('{"cluster": true, "pretrain": true}')
     save_matlab5(place / "metadata.mat", metadata(objects=4, recordings=3, frames=12))
     run(place, "ingest", "--source", "metadata.mat", "--out", "recordings.h5")
     run(place, "preprocess", "--recordings", "recordings.h5", "--out", "frames.h5", "--kept", "kept.csv")
-    run(place, "cluster", "--frames", "frames.h5", "--out", "views.h5")
+    run(place, "cluster", "--needs", "needs.json", "--frames", "frames.h5", "--out", "views.h5")
     return place
 
 
