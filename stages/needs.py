@@ -1,4 +1,4 @@
-"""Check the launcher, and say which stages `model.system` needs: one on the sensors needs no clusters and no backbone."""
+"""Check the launcher, and say which stages the system needs: one on the sensors needs no clusters and no backbone."""
 
 import json
 import shutil

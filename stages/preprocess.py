@@ -25,17 +25,17 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     rows = selection_counts(table, selection)
     notes = made.notes
     if inspection:
-        measured = job.params.preprocess.baseline == "auto" and not inspection.follows_paper
-        leak, leak_notes = leak_of_split(table, inspection, made.baseline, kind, split, measured=measured)
+        taken = job.params.preprocess.baseline == "auto" and made.measurement is not None
+        leak, leak_notes = leak_of_split(table, inspection, made.baseline, kind, split, measured=taken)
         notes = [*notes, *leak_notes]
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    leaked = leak_counts(leak)
+    errors = leak_counts(leak) | (made.measurement.counts() if made.measurement else {})
     job.run.artifacts(kept)
-    job.run.metrics(leaked)
+    job.run.metrics(errors)
     counts = frame_counts(frames.side, frames.anchor, group=frames.group, recording=frames.recording)
     kept_of, classes = several(len(selection.keep), "frame"), several(len(frames.classes), "class", "classes")
     click.echo(f"preprocess: {len(frames):,} of {kept_of} kept, {classes}")
@@ -47,7 +47,7 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     job.counts = {"frames.kept": len(frames), "frames.dropped": len(selection.keep) - len(frames)}
     job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
     chosen = {f"resolved.{note.key}": note.value for note in made.notes if note.level == "choice"}
-    job.counts |= counts | leaked | chosen
+    job.counts |= counts | errors | chosen
 
 
 if __name__ == "__main__":

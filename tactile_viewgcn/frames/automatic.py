@@ -43,12 +43,14 @@ class Decision:
         params: with a value in place of every `auto`.
         choices: the notes on these values, of level `choice`.
         inspection: None where nothing is `auto` and no baseline is measured.
+        measurement: that they are by; None where nothing was measured.
         baseline: that `params` names, where it is computed already.
     """
 
     params: Preprocess
     choices: list[Note]
     inspection: Inspection | None
+    measurement: Measurement | None
     baseline: Baseline | None
 
 
@@ -66,7 +68,7 @@ def decide(
         UserError: no sensor that varies; groups that the recordings do not have.
     """
     if asked.baseline == "none" and "auto" not in vars(asked).values():
-        return Decision(Preprocess(**vars(asked)), [], None, None)
+        return Decision(Preprocess(**vars(asked)), [], None, None, None)
     hand, params = first_look(recordings, asked)
     measurement: Measurement | None = None
     baselines: dict[str, Baseline] = {}
@@ -84,7 +86,7 @@ def decide(
     choices = choose(inspection, measurement, {key: getattr(asked, key) for key in AUTO})
     values = {note.key.removeprefix("preprocess."): note.value for note in choices}
     params = Preprocess(**vars(asked) | values)
-    return Decision(params, choices, inspection, baselines.get(params.baseline))
+    return Decision(params, choices, inspection, measurement, baselines.get(params.baseline))
 
 
 def first_look(recordings: Recordings, asked: PreprocessSection) -> tuple[OpenHand, Preprocess]:

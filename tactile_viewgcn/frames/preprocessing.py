@@ -7,7 +7,7 @@ import numpy as np
 from tactile_viewgcn.frames.automatic import decide
 from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.inspection import Inspection
-from tactile_viewgcn.frames.measurement import measure_baseline
+from tactile_viewgcn.frames.measurement import Measurement, measure_baseline
 from tactile_viewgcn.frames.selection import Selection, select
 from tactile_viewgcn.frames.setting_check import preprocessing_warnings
 from tactile_viewgcn.frames.split import SPLIT_SEED
@@ -26,6 +26,7 @@ class Preprocessed:
         selection: what became of every frame.
         params: without `auto`.
         inspection: of the recordings; None where nothing was to be decided.
+        measurement: of the settings that were `auto`; None where nothing was measured.
         notes: on what `auto` chose, on the baseline and on what was left out, and warnings.
     """
 
@@ -34,6 +35,7 @@ class Preprocessed:
     params: Preprocess
     baseline: Baseline
     inspection: Inspection | None
+    measurement: Measurement | None
     notes: list[Note]
 
 
@@ -55,7 +57,7 @@ def preprocess_recordings(
     notes = [*decision.choices, *baseline.notes, *selection.notes]
     if inspection:
         notes += preprocessing_warnings(inspection, frames, asked)
-    return Preprocessed(frames, selection, params, baseline, inspection, notes)
+    return Preprocessed(frames, selection, params, baseline, inspection, decision.measurement, notes)
 
 
 def prepare(

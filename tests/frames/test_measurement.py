@@ -46,6 +46,17 @@ def test_of_baselines_that_all_leak_that_which_leaks_least_is_taken():
     assert Measurement({}, {}, {}).best_baseline() is Measurement({}, {}, {}).best_filter() is None
 
 
+def test_the_measured_errors_have_names():
+    baselines, leaks = {"empty_hand": error(1), "grasp": error(2)}, {"grasp": error(4)}
+    counts = Measurement(baselines, leaks, {"flags": error(1)}).counts()
+    assert counts == {
+        "measured.baseline.empty_hand": 0.05,
+        "measured.baseline.grasp": 0.1,
+        "measured.leak.grasp": 0.2,
+        "measured.filter.flags": 0.05,
+    }
+
+
 def test_a_standard_error_is_over_groups_and_a_missing_group_is_wrong():
     more, spread = error(8).more_than(error(6))
     assert more == pytest.approx(0.1) and spread == pytest.approx(np.sqrt(0.1 * 0.9 / 19))
