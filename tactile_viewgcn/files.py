@@ -1,5 +1,6 @@
 """Files written whole or not at all, their locks and their md5."""
 
+import errno
 import hashlib
 import os
 import shutil
@@ -15,6 +16,7 @@ from filelock import FileLock, Timeout
 
 from tactile_viewgcn.errors import UserError
 
+LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 VIDEO_SUFFIX = ".jpg"  # STAG's folders also hold gigabytes of video frames, which no reader reads
 
 
@@ -34,7 +36,8 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
     try:
-        yield part
+        with _room_for(path):
+            yield part
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
@@ -55,13 +58,25 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         shutil.rmtree(stale, ignore_errors=True)
     part.mkdir(parents=True)
     try:
-        yield part
+        with _room_for(path):
+            yield part
         if path.exists():
             path.replace(old)
         part.replace(path)
     finally:
         for stale in (part, old):
             shutil.rmtree(stale, ignore_errors=True)
+
+
+@contextmanager
+def _room_for(path: Path) -> Iterator[None]:
+    """Tell of a full disk as Python does; torch, h5py and other libraries each have their own exception."""
+    try:
+        yield
+    except Exception as error:
+        if shutil.disk_usage(path.parent).free < LEAST_FREE:
+            raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}; make room", str(path)) from error
+        raise
 
 
 @contextmanager

@@ -7,10 +7,11 @@ stages lie in `tactile-viewgcn/stages`. Where the store is: see `tracking_store`
 import json
 import os
 import socket
+import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -22,7 +23,15 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import locked
 from tactile_viewgcn.process import is_running
 from tactile_viewgcn.provenance import run_tags
-from tactile_viewgcn.tracking_store import DISABLED, address, check_store, existing_address, refusal, store_folder
+from tactile_viewgcn.tracking_store import (
+    DISABLED,
+    StoreLocked,
+    address,
+    check_store,
+    existing_address,
+    refusal,
+    store_folder,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,52 +56,52 @@ VIEW = {  # MLflow has no other way to say which columns a list shows at first
         }
     )
 }
+MOST_LETTERS = 200  # of a reason that is printed
 STORE = "store"  # tag of an experiment: the folder of the database that it was created in
 
 
 class Run:
-    """MLflow's run under way; without one, its `id` is None and every method does nothing."""
+    """MLflow's run under way; without one, its `id` is None and every method does nothing.
+
+    No stage is lost for its row: where the store fails, a line says so, and nothing more is logged.
+    """
 
     def __init__(self, mlflow: Any = None, run_id: str | None = None):
         self._mlflow, self.id = mlflow, run_id
 
     def parameters(self, values: dict[str, Any]) -> None:
         """Log parameters, and counts that are no result, by name."""
-        if self._mlflow:
-            self._mlflow.log_params(values)
+        self._log(lambda mlflow: mlflow.log_params(values))
 
     def metrics(self, values: dict[str, float], step: int = 0) -> None:
         """Log a value each, of a step such as an epoch or a trial."""
-        if self._mlflow:
-            self._mlflow.log_metrics(values, step)
+        self._log(lambda mlflow: mlflow.log_metrics(values, step))
 
     def tags(self, values: dict[str, Any]) -> None:
         """Set tags by name."""
-        if self._mlflow:
-            self._mlflow.set_tags(values)
+        self._log(lambda mlflow: mlflow.set_tags(values))
 
     def dataset(self, source: str, digest: str) -> None:
         """Log the data set by its path and digest, in MLflow's own column of datasets."""
-        if self._mlflow:
+
+        def log(mlflow: Any) -> None:
             from mlflow.entities import Dataset, DatasetInput
 
-            self._mlflow.MlflowClient().log_inputs(self.id, [DatasetInput(Dataset(source, digest, "local", source))])
+            mlflow.MlflowClient().log_inputs(self.id, [DatasetInput(Dataset(source, digest, "local", source))])
+
+        self._log(log)
 
     def artifacts(self, path: Path) -> None:
         """Log a file, or all files of a folder, as they are."""
-        if self._mlflow:
-            log = self._mlflow.log_artifacts if path.is_dir() else self._mlflow.log_artifact
-            log(str(path))
+        self._log(lambda mlflow: (mlflow.log_artifacts if path.is_dir() else mlflow.log_artifact)(str(path)))
 
     def text(self, text: str, name: str) -> None:
         """Log a text as a file of that name."""
-        if self._mlflow:
-            self._mlflow.log_text(text, name)
+        self._log(lambda mlflow: mlflow.log_text(text, name))
 
     def figure(self, name: str, figure: "Figure") -> None:
         """Log a picture; draw one only where there is an `id`."""
-        if self._mlflow:
-            self._mlflow.log_figure(figure, name)
+        self._log(lambda mlflow: mlflow.log_figure(figure, name))
 
     def model(
         self,
@@ -112,31 +121,50 @@ class Run:
             packages: what its system needs besides.
 
         Returns:
-            Its address, for `mlflow.pyfunc.load_model`; None without tracking.
+            Its address, for `mlflow.pyfunc.load_model`; None where it is not logged.
         """
+        metadata = {"classes": classes, "views": views, "shape": list(shape), "dtype": str(dtype)}
+        return self._log(lambda mlflow: _log_model(mlflow, checkpoint, packages, metadata))
+
+    def _log(self, log: Callable[[Any], Any]) -> Any:
         if not self._mlflow:
             return None
-        from mlflow.models import ModelSignature
-        from mlflow.types import ColSpec, ParamSchema, ParamSpec, Schema, TensorSpec
+        try:
+            return log(self._mlflow)
+        except Exception as error:  # of MLflow, of its database, of the disk
+            _not_logged(error)
+            self._mlflow = None
+            return None
 
-        signature = ModelSignature(
-            Schema([TensorSpec(np.dtype(object), (-1,), "counts")]),
-            Schema([ColSpec("float", name) for name in classes]),
-            ParamSchema([ParamSpec("session", "string", ""), ParamSpec("baseline", "double", [], shape=(-1,))]),
+
+def _log_model(mlflow: Any, checkpoint: Path, packages: tuple[str, ...], metadata: dict[str, Any]) -> str:
+    from mlflow.models import ModelSignature
+    from mlflow.types import ColSpec, ParamSchema, ParamSpec, Schema, TensorSpec
+
+    signature = ModelSignature(
+        Schema([TensorSpec(np.dtype(object), (-1,), "counts")]),
+        Schema([ColSpec("float", name) for name in metadata["classes"]]),
+        ParamSchema([ParamSpec("session", "string", ""), ParamSpec("baseline", "double", [], shape=(-1,))]),
+    )
+    needs = [f"{name}=={version(name).partition('+')[0]}" for name in (*MODEL_NEEDS, *packages)]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*input example")  # it would copy frames of the data set
+        logged = mlflow.pyfunc.log_model(
+            name="classifier",
+            loader_module="tactile_viewgcn.recognition.mlflow_model",
+            data_path=str(checkpoint),
+            code_paths=[str(Path(__file__).parent)],
+            signature=signature,
+            pip_requirements=needs,
+            metadata=metadata,
         )
-        needs = [f"{name}=={version(name).partition('+')[0]}" for name in (*MODEL_NEEDS, *packages)]
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message=".*input example")  # it would copy frames of the data set
-            logged = self._mlflow.pyfunc.log_model(
-                name="classifier",
-                loader_module="tactile_viewgcn.recognition.mlflow_model",
-                data_path=str(checkpoint),
-                code_paths=[str(Path(__file__).parent)],
-                signature=signature,
-                pip_requirements=needs,
-                metadata={"classes": classes, "views": views, "shape": list(shape), "dtype": str(dtype)},
-            )
-        return logged.model_uri
+    return logged.model_uri
+
+
+def _not_logged(error: Exception) -> None:
+    """Say that a stage goes on without its row, and why."""
+    text = " ".join(str(error).split())[:MOST_LETTERS]
+    print(f"warning: MLflow store {address()}: {text}; the stage goes on without it", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -147,6 +175,8 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
         name: what people see; the stage's where it is left out.
         row: an evaluated pipeline, a row of the experiment that people compare.
 
+    A store that another program has locked is left out, with a warning.
+
     Raises:
         UserError: the store does not answer, or refuses; before the block runs.
     """
@@ -154,7 +184,12 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
     if uri == DISABLED:
         yield Run()
         return
-    check_store(uri)
+    try:
+        check_store(uri)
+    except StoreLocked as error:
+        _not_logged(error)
+        yield Run()
+        return
     import mlflow
     from mlflow.exceptions import MlflowException
 
@@ -173,14 +208,12 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
     except (KeyboardInterrupt, SystemExit):
         status = "KILLED"
         raise
-    except MlflowException as error:  # the server went away, or refuses what it is given
-        raise refusal(uri, error) from error
     except Exception:
-        with suppress(MlflowException):  # the stage's own error is the one to tell
+        with suppress(Exception):  # the stage's own error is the one to tell
             mlflow.log_text(traceback.format_exc(), "traceback.txt")
         raise
     finally:
-        with suppress(MlflowException):
+        with suppress(Exception):
             mlflow.end_run(status)
 
 

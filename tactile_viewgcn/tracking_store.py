@@ -6,8 +6,10 @@ override both, a relative `sqlite:///my.db` counts from the same root; MLFLOW_TR
 """
 
 import os
+import sqlite3
 import urllib.error
 import urllib.request
+from contextlib import closing
 from http.client import HTTPException
 from pathlib import Path
 
@@ -18,6 +20,7 @@ DISABLED = "disabled"
 SQLITE = "sqlite:///"
 DATABASES = "postgresql", "mysql", "mssql"  # that MLflow can also open without a server
 REACH_SECONDS = 5
+LOCK_SECONDS = 10  # that a database may be locked; stages that run at once lock it for less
 QUIET = {  # MLflow looks when it is imported
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "MLFLOW_LOGGING_LEVEL": "WARNING",  # it tells of the tables that it creates
@@ -25,6 +28,10 @@ QUIET = {  # MLflow looks when it is imported
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
 }
+
+
+class StoreLocked(Exception):
+    """Another program has locked the store's database."""
 
 
 def address() -> str:
@@ -63,6 +70,9 @@ def check_store(uri: str) -> None:
 
     MLflow itself would try a server for minutes. Behind a database it would keep models and pictures in the working
     folder, which DVC deletes after an experiment, and processes that open a fresh one at once would fail.
+
+    Raises:
+        StoreLocked: its file is locked for ten seconds, where MLflow would try for half a minute and fail.
     """
     scheme = uri.partition(":")[0]
     if scheme.partition("+")[0] in DATABASES:
@@ -70,6 +80,8 @@ def check_store(uri: str) -> None:
             f"MLFLOW_TRACKING_URI is a {scheme} database, which keeps no models and pictures; expected a server in "
             "front of it: mlflow server --backend-store-uri DATABASE --artifacts-destination FOLDER"
         )
+    if store_folder(uri):
+        _check_lock(uri)
     if scheme not in ("http", "https"):
         return
     try:
@@ -81,6 +93,18 @@ def check_store(uri: str) -> None:
             f"MLflow server {uri} does not answer ({error}); start it, correct MLFLOW_TRACKING_URI, "
             f"or set it to {DISABLED}"
         ) from None
+
+
+def _check_lock(uri: str) -> None:
+    path = Path(uri.removeprefix(SQLITE).partition("?")[0])
+    if not path.is_file():
+        return
+    with closing(sqlite3.connect(path, timeout=LOCK_SECONDS)) as database:
+        try:
+            database.execute("BEGIN IMMEDIATE")
+        except sqlite3.Error as error:  # other errors are MLflow's to tell
+            if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+                raise StoreLocked(f"locked by another program for {LOCK_SECONDS} s") from None
 
 
 def refusal(uri: str, error: Exception) -> UserError:

@@ -1,6 +1,7 @@
 """Files that appear whole or not at all, and their md5."""
 
 import hashlib
+from types import SimpleNamespace
 
 import pytest
 
@@ -27,6 +28,15 @@ def test_a_block_that_fails_leaves_what_was_there(tmp_path, error, before):
         part.write_text("new")
         raise error
     assert [file.read_text() for file in tmp_path.iterdir()] == ([before] if before else [])
+
+
+@pytest.mark.parametrize(("free", "told"), [(0, "No space left on device; make room"), (2**30, "failed writing")])
+def test_a_full_disk_is_told_whatever_a_library_says_of_it(tmp_path, monkeypatch, free, told):
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=free))
+    for context in (atomic_write, atomic_folder):
+        with pytest.raises((OSError, RuntimeError), match=told), context(tmp_path / "model.pt"):
+            raise RuntimeError("PytorchStreamWriter failed writing file")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_part_left_by_a_killed_run_is_overwritten(tmp_path):

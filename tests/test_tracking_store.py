@@ -1,8 +1,10 @@
 """Which MLflow store is used: addresses, servers, copied and shared checkouts, several processes."""
 
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -90,6 +92,30 @@ def test_a_copied_or_mounted_checkout_keeps_its_own_artifacts(store, monkeypatch
     here = runs_of(client, f"{tracking.EXPERIMENT}/stages in {copy}")
     assert len(here) == 2 and len(runs_of(client)) == 1
     assert all(run.info.artifact_uri.startswith((copy / "mlruns").as_uri()) for run in here)
+
+
+def test_a_stage_goes_on_without_a_store_that_another_program_has_locked(store, monkeypatch, capsys):
+    monkeypatch.setattr("tactile_viewgcn.tracking_store.LOCK_SECONDS", 0.1)
+    fresh_store(store / "mlflow.db")
+    with closing(sqlite3.connect(store / "mlflow.db")) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with tracking.stage_run("ingest") as run:
+            run.metrics({"seconds": 1})
+    assert run.id is None
+    assert capsys.readouterr().err.endswith("locked by another program for 0.1 s; the stage goes on without it\n")
+
+
+def test_a_store_that_fails_under_way_is_told_once_and_the_stage_goes_on(store, client, monkeypatch, capsys):
+    def log_metrics(*_):
+        raise OSError(28, "No space left on device")
+
+    with tracking.stage_run("ingest") as run:
+        monkeypatch.setattr("mlflow.log_metrics", log_metrics)
+        run.metrics({"seconds": 1})
+        run.text("not logged any more", "notes.txt")
+    (entry,) = runs_of(client)
+    assert entry.info.status == "FINISHED" and client.list_artifacts(entry.info.run_id) == []
+    assert capsys.readouterr().err.count("No space left on device; the stage goes on without it") == 1
 
 
 @pytest.mark.slow
