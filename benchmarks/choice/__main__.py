@@ -20,7 +20,9 @@ TEXT = """# Regret of the choice
 
 Every candidate is fitted to the training side and answers view sets of each test recording; the choice is made on the
 training side alone. Regret: the error of what it took minus that of the candidate that is lowest on that test side.
-Intervals are Student's over deals of the folds, in the last row over data sets. Training groups an object: {groups}.
+Hindsight: the same of one candidate in all folds, the best of them. Intervals are Student's over deals of the folds, in
+the last row over data sets. Training groups an object: {groups}. blindfolded_lite and weights_lite are
+STAG's (Sundaram et al. 2019), digits are scikit-learn's, the others are simulated or drawn.
 
 {regret}
 

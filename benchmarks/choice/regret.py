@@ -68,25 +68,30 @@ def candidate_rows(fits: pd.DataFrame) -> list[dict]:
 
 
 def regret_rows(fits: pd.DataFrame) -> list[dict]:
-    """A row for each data set, over deals; and their mean, whose interval is over data sets."""
-    rows, regrets = [], []
+    """A row for each data set, over deals; and their mean, whose interval is over data sets.
+
+    `hindsight` is the regret of one candidate in all folds, the best: what no choice made once could avoid.
+    """
+    rows, regrets, hindsights = [], [], []
     for name, of_set in fits.groupby("data set", sort=False):
         folds = of_set.groupby(["deal", "fold"])["error"].min().to_frame("lowest")
         taken = of_set[of_set["taken"]].set_index(["deal", "fold"])
-        deals = folds.join(taken).assign(regret=lambda row: row["error"] - row["lowest"])
-        deals = deals.groupby("deal")[["error", "regret", "choosing"]].mean()
+        joined = folds.join(taken).assign(regret=lambda row: row["error"] - row["lowest"])
+        deals = joined.groupby("deal")[["error", "regret", "choosing"]].mean()
         candidates = of_set.groupby("candidate", sort=False)["error"].mean()
         regrets.append(deals["regret"].mean())
+        hindsights.append(candidates.min() - folds["lowest"].mean())
         rows.append({
             "data set": name,
             "deals": str(len(deals)),
             "choice errs, %": percent(deals["error"]),
             "regret, points": percent(deals["regret"]),
             "lowest over deals": f"{candidates.idxmin()}, {100 * candidates.min():.1f}",
+            "hindsight, points": f"{100 * hindsights[-1]:.1f}",
             "CPU s of choosing": f"{deals['choosing'].mean():.0f}",
         })  # fmt: skip
-    mean = {"data set": "mean", "regret, points": percent(pd.Series(regrets))}
-    return [*rows, dict.fromkeys(rows[0], "") | mean]
+    means = {"regret, points": percent(pd.Series(regrets)), "hindsight, points": f"{100 * np.mean(hindsights):.1f}"}
+    return [*rows, dict.fromkeys(rows[0], "") | {"data set": "mean"} | means]
 
 
 def percent(values: pd.Series) -> str:
