@@ -142,6 +142,14 @@ def test_data_that_cannot_be_split_are_refused(row, tmp_path, name, frames, obje
     row.refused(name, lambda: prepared(tmp_path / "t", counts, **columns), message)
 
 
+@pytest.mark.stability("one class and 1,000")
+def test_one_class_is_refused(row, tmp_path):
+    counts, _ = pressed_by_objects(np.random.default_rng(0).integers(0, 40, (12, 4, 4)))
+    columns = {"object": np.zeros(72, dtype=int), "objects": ["empty_hand"]}
+    pattern = "the recordings have one class, empty_hand; expected two or more"
+    row.refused("one class", lambda: prepared(tmp_path / "t", counts, **columns), pattern)
+
+
 @pytest.mark.stability("one live sensor")
 def test_clusters_of_one_live_sensor_are_stretches_of_its_reading(row, tmp_path):
     sensor = np.zeros((12, 4, 4), dtype=int)
