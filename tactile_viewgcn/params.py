@@ -20,16 +20,18 @@ PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "kernels", "
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that data/virtual/dvc.yaml makes
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
+MOST = 1_000_000  # of what is counted
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
 
-Count = Annotated[Integer, Interval(ge=1)]
+Count = Annotated[Integer, Interval(ge=1, le=MOST)]
 Side = Annotated[Integer, Interval(ge=1, le=64)]  # as readers check
-Natural = Annotated[Integer, Interval(ge=0)]
+Natural = Annotated[Integer, Interval(ge=0, le=MOST)]
 Positive = Annotated[Number, Interval(ge=1 / MAX_NUMBER, le=MAX_NUMBER)]
 NotNegative = Annotated[Number, Interval(ge=0, le=MAX_NUMBER)]
 Share = Annotated[Number, Interval(ge=0, lt=1)]
 Seed = Annotated[Integer, Interval(ge=0, le=2**32 - 1)]
-Batch = Annotated[Integer, Interval(ge=2)]  # batch normalisation learns nothing from one
+Batch = Annotated[Integer, Interval(ge=2, le=MOST)]  # batch normalisation learns nothing from one
+Damping = Annotated[Number, Interval(ge=1e-6, le=1e6)]
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Effect = Literal[  # of the virtual glove
@@ -77,7 +79,7 @@ class Preprocess:
 @dataclass(frozen=True, config=SECTION)
 class Split:
     by: Literal["source", "recording", "grasp", "session", "frame"]
-    folds: Annotated[Integer, Interval(ge=2)]
+    folds: Annotated[Integer, Interval(ge=2, le=MOST)]
     fold: Natural
     deal: Seed
     validation: Share
@@ -160,18 +162,20 @@ class Evaluate:
 
 @dataclass(frozen=True, config=SECTION)
 class Glove:
+    """The virtual glove; its solver meets the tolerance at every end of these ranges."""
+
     scale: Literal["small", "stag"]
-    sessions: Annotated[Integer, Interval(ge=2)]
+    sessions: Annotated[Integer, Interval(ge=2, le=MOST)]
     grasps: Count
     grasp_frames: Count
     objects: Literal["all"] | Annotated[list[Text | dict], Strict(), MinLen(1)]
     seed: Seed
-    frame_rate: Positive
-    skin_stiffness: Positive
-    skin_thickness: Positive
-    joint_damping: Positive
-    object_damping: Positive
-    tolerance: Positive
+    frame_rate: Annotated[Number, Interval(ge=0.1, le=1000)]
+    skin_stiffness: Annotated[Number, Interval(ge=1e3, le=1e12)]
+    skin_thickness: Annotated[Number, Interval(ge=1e-5, le=0.1)]
+    joint_damping: Damping
+    object_damping: Damping
+    tolerance: Annotated[Number, Interval(ge=1e-4, le=1)]
     leave_out: Annotated[list[Effect], Strict(), Unique]
 
 

@@ -16,7 +16,7 @@ from tactile_viewgcn.glove.simulation import Simulation
 
 FRAME = 0.1  # s
 BALL_RADIUS = 0.1  # m
-BALL = GraspObject("ball", 1, 1e15, (sphere(BALL_RADIUS),))
+BALL = GraspObject("ball", 1, 1e12, (sphere(BALL_RADIUS),))
 UNITS = np.array([0.05] * 10 + [1.0] * 3)  # m per rad and per m: makes errors of joints and positions comparable
 LAYER = Layer(stiffness=2e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
 OPEN_PALM = np.zeros((5, 2))

@@ -89,7 +89,9 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("preprocess.quiet_share=0", "preprocess.quiet_share is 0; expected a number in (0, 1]"),
         ("preprocess.scale=-1", "preprocess.scale is -1; expected auto or a number in [1e-30, 1e+30]"),
         ("model.system=view_gnc", "(did you mean view_gcn?)"),
-        ("model.neighbours=[3, 0]", "model.neighbours is [3, 0]; expected an integer in [1, inf) or a list of"),
+        ("model.neighbours=[3, 0]", "model.neighbours is [3, 0]; expected an integer in [1, 1000000] or a list of"),
+        ("evaluate.trials=1000001", "evaluate.trials is 1000001; expected an integer in [1, 1000000]"),
+        ("split.folds=1e30", "split.folds is 1e+30; expected an integer in [2, 1000000]"),
         ("evaluate.protocols=[]", "evaluate.protocols is []; expected a list of object | recording"),
         ("glove.leave_out=[moton]", "glove.leave_out is ['moton']; expected a list of motion | weight"),
         ("launcher=-m", "launcher is '-m'; expected a text of several words that ends in -m"),
@@ -102,6 +104,25 @@ def test_every_key_refuses_a_value_of_another_type(key):
 )
 def test_a_mistake_names_its_key_its_value_and_what_is_allowed(change, words):
     assert words in refusal(change)
+
+
+RANGES_OF_THE_SOLVER = {
+    "frame_rate": (0.1, 1000),
+    "skin_stiffness": (1e3, 1e12),
+    "skin_thickness": (1e-5, 0.1),
+    "joint_damping": (1e-6, 1e6),
+    "object_damping": (1e-6, 1e6),
+    "tolerance": (1e-4, 1),
+}
+
+
+@pytest.mark.parametrize(("name", "ends"), RANGES_OF_THE_SOLVER.items())
+def test_a_number_that_the_virtual_glove_s_solver_cannot_meet_is_refused_before_any_work(name, ends):
+    for end in ends:
+        assert getattr(params(f"glove.{name}={end}").glove, name) == end
+    for value in (0, 1e-30, 0.999 * ends[0], 1.001 * ends[1], 1e30):
+        words = f"glove.{name} is {value}; expected a number in [{ends[0]:.10g}, {ends[1]:.10g}]"
+        assert words in refusal(f"glove.{name}={value}")
 
 
 def test_all_mistakes_are_listed_at_once():

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, require_live
 from tactile_viewgcn.frames.inspection import (
     Inspection,
@@ -25,7 +26,7 @@ from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
 from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.notes import Note, several
-from tactile_viewgcn.params import Preprocess, PreprocessSection, Split
+from tactile_viewgcn.params import MAX_NUMBER, Preprocess, PreprocessSection, Split
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -65,7 +66,7 @@ def decide(
         groups: see `select`.
 
     Raises:
-        UserError: no sensor that varies; groups that the recordings do not have.
+        UserError: no sensor that varies; groups that the recordings do not have; readings too small or large.
     """
     if asked.baseline == "none" and "auto" not in vars(asked).values():
         return Decision(Preprocess(**vars(asked)), [], None, None, None)
@@ -191,7 +192,7 @@ def _errors(best: str, errors: dict[str, QuickError]) -> str:
 
 
 def _scale(inspection: Inspection) -> tuple[float, str]:
-    """Value and reason."""
+    """Value and reason; a UserError where params would refuse the value."""
     in_contact = contact_readings(inspection)[1]
     if not len(in_contact):
         return RELEASED_SCALE, "the released code's: no sensor is in contact"
@@ -199,4 +200,6 @@ def _scale(inspection: Inspection) -> tuple[float, str]:
     reason = f"the strongest hundredth of the sensors in contact reads {strongest:.3g} or more"
     if strongest <= RELEASED_SCALE <= HEADROOM * strongest:
         return RELEASED_SCALE, f"the released code's fits: {reason}"
-    return float(f"{strongest:.2g}"), reason
+    if not 1 / MAX_NUMBER <= (value := float(f"{strongest:.2g}")) <= MAX_NUMBER:
+        raise UserError(f"{reason}; expected {1 / MAX_NUMBER:g} to {MAX_NUMBER:g}: rescale the readings")
+    return value, reason

@@ -103,7 +103,7 @@ class Mechanics:
         self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *,
         motion: bool, names: list[str] | None = None,
     ):  # fmt: skip
-        self.names = names
+        self.names = names or [str(number) for number in range(len(stiffness))]
         self.hands, self.solids, self.drive, self.layer, self.motion = hands, solids, drive, layer, motion
         self.stiffness = layer.series(np.asarray(stiffness, dtype=float))
         self.size = 13 if motion else 10
@@ -125,7 +125,7 @@ class Mechanics:
             worst = np.where(contacts.patch >= LINK_PATCHES, contacts.depth, 0).argmax()
             row = contacts.row[worst]
             raise UserError(
-                f"object {self.names[row] if self.names else row} starts "
+                f"object {self.names[row]} starts "
                 f"{contacts.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; start it further away"
             )
         y = np.zeros((count, self.size))

@@ -26,6 +26,7 @@ STAGE_TOLERANCE = 0.2  # of the integrator's tolerance
 SAFETY, SHRINK, GROW = 0.8, 0.2, 4.0  # of the step size control
 UNSOLVED = 4.0  # error, in tolerances, of a step with an unsolved stage or with tunnelling
 SMALLEST = 1e-3  # of a frame: steps as short as this are accepted whatever their error
+MOST_STEPS = 500  # of a frame: with more, half of them or so are as short as that, and the tolerance is not met
 ARRIVED = 1e-9  # of a frame: less is rounding
 
 
@@ -34,7 +35,7 @@ class _Steps:
 
     Attributes:
         y: (B, n) state at the start of the step; slope: (B, n) of its first stage.
-        knot: (B,) frames completed; elapsed: (B,) s in the current frame.
+        knot: (B,) frames completed; elapsed: (B,) s in the current frame; taken: (B,) steps in it.
         h: (B,) s, size of the step; proposed: (B,) s, what the error control wants.
         second: (B,) in the second stage; solved: (B,) no stage of the step has failed.
     """
@@ -42,7 +43,7 @@ class _Steps:
     def __init__(self, y: np.ndarray, frame: float, first: float, solver: StageSolver):
         count = len(y)
         self.y, self.slope, self.frame, self.solver = y, np.zeros_like(y), frame, solver
-        self.knot, self.elapsed = np.zeros(count, dtype=int), np.zeros(count)
+        self.knot, self.elapsed, self.taken = np.zeros(count, dtype=int), np.zeros(count), np.zeros(count, dtype=int)
         self.h, self.proposed = np.zeros(count), np.full(count, first)
         self.second, self.solved = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
 
@@ -98,7 +99,11 @@ class ImplicitIntegrator:
                 raise UserError(f"{name} is {value}; expected more than 0, and finite")
 
     def run(self, y: np.ndarray, frames: int) -> np.ndarray:
-        """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0."""
+        """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0.
+
+        Raises:
+            UserError: a frame that MOST_STEPS do not end.
+        """
         states, mechanics, rows = np.empty((len(y), frames, y.shape[1])), self.mechanics, np.arange(len(y))
         solver = StageSolver(y, STAGE_TOLERANCE * self.tolerance, NEWTON if self.step is None else 5 * NEWTON)
         steps = _Steps(y.copy(), self.frame, self.frame if self.step is None else self.step, solver)
@@ -121,8 +126,12 @@ class ImplicitIntegrator:
         return states
 
     def _end_step(self, rows: np.ndarray, error: np.ndarray, steps: _Steps, states: np.ndarray) -> None:
-        """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones."""
-        error = np.where(steps.solved[rows], error, UNSOLVED)
+        """Accept or reject the steps of rows (R,), whose errors (R, 2) are in tolerances, and begin the next ones."""
+        steps.taken[rows] += 1
+        if (endless := steps.taken[rows] > MOST_STEPS).any():
+            first = int(endless.argmax())
+            raise UserError(self._fault(int(rows[first]), error[first], bool(steps.solved[rows[first]])))
+        error = np.where(steps.solved[rows], error.max(axis=1), UNSOLVED)
         if self.step is None and self.mechanics.solids.has_primitives:
             self._reject_tunnelling(rows, error, steps)
         accepted = (error <= 1) | (steps.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
@@ -141,7 +150,7 @@ class ImplicitIntegrator:
         complete = rows[accepted & arrived]
         states[complete, steps.knot[complete]] = steps.y[complete]
         steps.knot[complete] += 1
-        steps.elapsed[complete] = 0
+        steps.elapsed[complete], steps.taken[complete] = 0, 0
         steps.begin(rows)
 
     def _reject_tunnelling(self, rows: np.ndarray, error: np.ndarray, steps: _Steps) -> None:
@@ -155,9 +164,9 @@ class ImplicitIntegrator:
         self.statistics["evaluations"] += evaluations
 
     def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray, steps: _Steps) -> np.ndarray:
-        """Error (R,), in tolerances, of steps that end at y (R, n).
+        """Errors (R, 2), in tolerances, of steps that end at y (R, n).
 
-        The larger of two: of the sensors' forces, relative to them; of positions, relative to the skin's thickness.
+        They are of the sensors' forces, relative to them, and of positions, relative to the skin's thickness.
         """
         mechanics, scaled = self.mechanics, steps.solver.scaled_step[rows, None]
         shift = mechanics.damping / scaled
@@ -167,4 +176,19 @@ class ImplicitIntegrator:
         force = np.sqrt(np.bincount(balance.contacts.row, balance.force**2, len(rows)))
         lever = np.where(np.arange(error.shape[1]) < 10, LEVER, 1.0)
         distance = np.abs(error * lever).max(axis=1) / mechanics.layer.thickness
-        return np.maximum(force_error / (force + FORCE_FLOOR), distance) / self.tolerance
+        return np.stack([force_error / (force + FORCE_FLOOR), distance], axis=1) / self.tolerance
+
+    def _fault(self, row: int, error: np.ndarray, solved: bool) -> str:
+        """What keeps a hand from the end of a frame: the stage's forces, or the larger of its step's errors (2,)."""
+        mechanics, thickness = self.mechanics, self.mechanics.layer.thickness
+        if not solved:
+            goal = f"a softer contact than {mechanics.stiffness[row]:.3g} Pa/m: lower glove.skin_stiffness"
+        elif error[1] > error[0]:
+            goal = (
+                f"a larger glove.tolerance x glove.skin_thickness than {self.tolerance:g} x {thickness:g} m, to which "
+                "positions are solved"
+            )
+        else:
+            goal = f"a larger glove.tolerance than {self.tolerance:g}"
+        start = f"object {mechanics.names[row]}: {MOST_STEPS} steps do not end a frame of {self.frame:.3g} s"
+        return f"{start}; expected {goal}"

@@ -16,12 +16,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.glove.shapes import BOX, Primitive, box, capsule, cylinder, sphere, torus, tube
+from tactile_viewgcn.glove.shapes import BOX, Primitive, box, capsule, check_vector, cylinder, sphere, torus, tube
 
 # Stiffness of surfaces, Pa/m: pressure per depth.
 PLUSH, FOAM, RUBBER, SOFT, CARD, PLASTIC, STEEL = 1e6, 4e6, 2e7, 5e7, 2e8, 2e9, 5e10
 ACROSS = (pi / 2, 0.0, 0.0)  # the long axis lies across the palm, the fingers close around it
 FACING = (0.0, 0.0, 0.0)  # the long axis stands on the palm
+SOFTEST, HARDEST = 1e3, 1e12  # Pa/m: as of the skin
+HEAVIEST = 1e5  # g
 NAME = re.compile(r"\w[\w .-]*")
 
 
@@ -39,8 +41,8 @@ class GraspObject:
         position: (x, y, z) m in the palm's axes where it is held; None: where `pinch` says.
 
     Raises:
-        UserError: a name that no file can have, a stiffness that is not above 0, a negative weight, or an orientation
-            or position that is not three finite numbers.
+        UserError: a name that no file can have, a stiffness or weight out of range, or an orientation or position that
+            is not three numbers in range.
     """
 
     name: str
@@ -56,14 +58,15 @@ class GraspObject:
             raise UserError(
                 f"object {self.name}: expected a name of letters, digits, '_', '-', '.' and spaces: it names files"
             )
-        if not self.stiffness > 0:
-            raise UserError(f"object {self.name}: stiffness is {self.stiffness} Pa/m; expected more than 0")
-        if not 0 <= self.weight < np.inf:
-            raise UserError(f"object {self.name}: weight is {self.weight} g; expected 0 or more")
-        position = (0, 0, 0) if self.position is None else self.position
-        for name, values in (("orientation", self.orientation), ("position", position)):
-            if np.shape(values) != (3,) or not np.isfinite(values).all():
-                raise UserError(f"object {self.name}: {name} is {values}; expected 3 numbers")
+        if not SOFTEST <= self.stiffness <= HARDEST:
+            raise UserError(
+                f"object {self.name}: stiffness is {self.stiffness} Pa/m; expected {SOFTEST:g} to {HARDEST:g}"
+            )
+        if not 0 <= self.weight <= HEAVIEST:
+            raise UserError(f"object {self.name}: weight is {self.weight} g; expected 0 to {HEAVIEST:g}")
+        check_vector(f"object {self.name}: orientation", self.orientation, 3)
+        if self.position is not None:
+            check_vector(f"object {self.name}: position", self.position, 3)
 
     def lowest(self, rotation: np.ndarray) -> float:
         """How far (m) it reaches below its origin, along -z, after a rotation (3, 3). Ignores cuts."""

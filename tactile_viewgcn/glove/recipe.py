@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.contact import Layer
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
+from tactile_viewgcn.notes import several
 
 #: Version of the constants in this package. They were calibrated on what is known of STAG's frames and on simple
 #: classifiers, and are frozen. Every file carries the version beside what its recipe chose.
@@ -13,6 +15,8 @@ MECHANICS = ("motion", "weight", "shift", "tremor", "fit")
 READING = ("bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects")
 EFFECTS = MECHANICS + READING
 STAG_SIZE = {"sessions": 3, "frames": 1667, "grasps": 49}  # 81 recordings, 135,027 frames
+
+MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15 - 1  # in all; recordings are numbered in 16 bits
 
 Cell = tuple[int, int]  # one recording: number of the session and of the object
 
@@ -53,15 +57,24 @@ def recipe_from_params(glove: Any) -> Recipe:
     """Recipe that the section `glove` of params.yaml describes.
 
     Raises:
-        UserError: as `Layer` and `select_objects` do.
+        UserError: as `Layer` and `select_objects` do; more than MOST_FRAMES or MOST_RECORDINGS.
     """
+    objects = select_objects(glove.objects)
     size = {"sessions": glove.sessions, "frames": glove.grasps * glove.grasp_frames, "grasps": glove.grasps}
+    size = STAG_SIZE if glove.scale == "stag" else size
+    recordings = len(objects) * size["sessions"]
+    if recordings > MOST_RECORDINGS or recordings * size["frames"] > MOST_FRAMES:
+        raise UserError(
+            f"{several(len(objects), 'object')}, glove.sessions {size['sessions']:,}, glove.grasps {size['grasps']:,}, "
+            f"and glove.grasp_frames {size['frames'] // size['grasps']:,} are {recordings:,} recordings of "
+            f"{size['frames']:,} frames; expected at most {MOST_RECORDINGS:,}, and {MOST_FRAMES:,} frames in all"
+        )
     return Recipe(
-        objects=select_objects(glove.objects),
+        objects=objects,
         seed=glove.seed,
         rate=glove.frame_rate,
         layer=Layer(glove.skin_stiffness, glove.skin_thickness, glove.joint_damping, glove.object_damping),
         tolerance=glove.tolerance,
         effects=frozenset(EFFECTS) - set(glove.leave_out),
-        **(STAG_SIZE if glove.scale == "stag" else size),
+        **size,
     )

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from tactile_viewgcn.errors import UserError
 
 REVOLVED, BOX = 0, 1
+LARGEST, THINNEST = 10.0, 1e-5  # m, and rad of a rotation vector: what a hand meets lies well between
 NO_CUT = (0.0, 0.0, 1.0, np.inf)
 
 
@@ -34,7 +35,8 @@ class Primitive:
         cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c.
 
     Raises:
-        UserError: a size that is negative or not finite, a vector of the wrong length, or a shape without extent.
+        UserError: a number beyond LARGEST, a negative size, a vector of the wrong length, a cut without a direction,
+            or a shape thinner than THINNEST.
     """
 
     kind: int
@@ -46,16 +48,19 @@ class Primitive:
     cut: tuple[float, float, float, float] = NO_CUT
 
     def __post_init__(self) -> None:
-        for name, count in (("centre", 3), ("rotation", 3), ("cut", 4)):
-            values = getattr(self, name)
-            if np.shape(values) != (count,) or not np.isfinite(values[:3]).all() or np.isnan(values[-1]):
-                raise UserError(f"shape's {name} is {values}; expected {count} numbers")
+        check_vector("shape's centre", self.centre, 3)
+        check_vector("shape's rotation", self.rotation, 3)
+        if self.cut != NO_CUT:
+            check_vector("shape's cut", self.cut, 4)
+            if np.linalg.norm(self.cut[:3]) < THINNEST:
+                raise UserError(f"shape's cut is {self.cut}; expected a direction and a distance")
         sizes = (*self.half, self.round, self.offset)
-        if not all(np.isfinite(size) and size >= 0 for size in sizes):
-            raise UserError(f"shape sizes are {sizes}; expected finite numbers of metres, none negative")
-        if min(self.half) + self.round <= 0:
+        if not all(0 <= size <= LARGEST for size in sizes):
+            raise UserError(f"shape sizes are {sizes}; expected 0 to {LARGEST:g} m each")
+        if min(self.half) + self.round < THINNEST:
             raise UserError(
-                f"shape with half sizes {self.half} and rounding {self.round} m has no extent; give it some"
+                f"shape with half sizes {self.half} and rounding {self.round} m is too thin; "
+                f"expected at least {THINNEST:g} m"
             )
 
     @property
@@ -64,6 +69,12 @@ class Primitive:
         if self.kind == BOX:
             return float(np.linalg.norm(self.half)) + self.round
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
+
+
+def check_vector(name: str, values: Any, count: int) -> None:
+    """Raise a UserError unless the values are so many numbers, none further from 0 than LARGEST."""
+    if np.shape(values) != (count,) or not all(abs(value) <= LARGEST for value in values):
+        raise UserError(f"{name} is {values}; expected {count} numbers from {-LARGEST:g} to {LARGEST:g}")
 
 
 def _inner_half(size: float, round: float, name: str) -> float:
@@ -133,6 +144,7 @@ class Solids:
                     getattr(self, name)[b, p] = getattr(part, name)
                 self.half[b, p, : len(part.half)] = part.half
                 self.rotation[b, p] = Rotation.from_rotvec(part.rotation).as_matrix()
+        self.cut /= np.maximum(np.linalg.norm(self.cut[..., :3], axis=-1, keepdims=True), THINNEST)  # n of length 1
         self.has_primitives = bool((self.bounding_radius > 0).any())
         inradii = ([min(part.half) + part.round for part in solids] for solids in parts)
         self.inradius = np.array([min(radii, default=np.inf) for radii in inradii])

@@ -102,7 +102,7 @@ def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
     above = contact_readings(of)[1]
     sample = of.hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
     smallest, largest, at_largest = _extremes(of)
-    spread = sample.std(axis=0)
+    spread = sample.std(axis=0, dtype=np.float64)
     rng = stream(0, "first frame")
     return Overview(
         inspection=of,

@@ -16,6 +16,7 @@ TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64  # rows and columns of a frame
 BLOCK_FRAMES = 4096  # read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
+MIN_SPREAD = 1e-30  # of the readings of some sensor, likewise
 MAX_LISTED = 10  # mistakes or names in one message
 SOURCE_MD5 = "source_md5"  # attribute that only the table of recordings has: md5 of its source
 
@@ -178,8 +179,9 @@ def _mistakes_of_block(block: Block, source: Source, start: int) -> list[str]:
     if not mistakes and counts.dtype.kind == "f" and not (inside := np.abs(counts) <= MAX_PRESSURE).all():
         bad = int(inside.all(axis=(1, 2)).argmin())
         value, recording = counts[bad][~inside[bad]][0], source.recordings[int(block["recording"][bad])]
+        remedy = ": rescale the readings" if np.isfinite(value) else ""
         mistakes.append(
             f"{path}: pressure of frame {block['frame'][bad]} of recording {recording} is {value:g}; expected a number "
-            f"from every sensor, up to {MAX_PRESSURE:g}"
+            f"from every sensor, up to {MAX_PRESSURE:g}{remedy}"
         )
     return mistakes

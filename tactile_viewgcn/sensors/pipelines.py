@@ -14,6 +14,7 @@ from tactile_viewgcn.sensors.systems import PooledSets, SensorSystem, SingleFram
 from tactile_viewgcn.sensors.unit import above_dead_zone, logarithm
 
 THRESHOLDS = (4.0, 8.0, 16.0)  # units: a sensor is pressed lightly, firmly, hard
+ROUNDING = 1e-6  # of a reading in units
 COMPONENTS = 50  # of the principal component analysis
 TREES, FEWEST_TREES = 500, 100
 ITERATIONS, QUICK_ITERATIONS = 500, 50  # of L-BFGS
@@ -131,8 +132,12 @@ def _support_vectors(data: TrainingFrames) -> Any:
 
 
 def above_thresholds(sensors: np.ndarray) -> np.ndarray:
-    """Whether readings (n, S) in units are above each of three thresholds, float32 (n, 3 S)."""
-    return np.concatenate([sensors > threshold for threshold in THRESHOLDS], axis=1).astype(np.float32)
+    """Whether readings (n, S) in units reach each of three thresholds, float32 (n, 3 S).
+
+    All that a glove's pressed sensors read may be the lowest threshold, where they are saturated or tell contact alone.
+    """
+    reached = [sensors > (1 - ROUNDING) * threshold for threshold in THRESHOLDS]
+    return np.concatenate(reached, axis=1).astype(np.float32)
 
 
 def maximum(points: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from tactile_viewgcn.sensors.gaussian import GaussianKernel, some_points
 
 C = 10.0
+MOST_VALUES = 1 << 24  # numbers of pairs of classes at once
 
 
 class SupportVectors(GaussianKernel, ClassifierMixin, BaseEstimator):
@@ -37,6 +38,11 @@ class SupportVectors(GaussianKernel, ClassifierMixin, BaseEstimator):
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         """Probabilities (n, classes)."""
+        parts = -(-len(points) * len(self.classes_) ** 2 // MOST_VALUES)
+        return np.concatenate([self._probabilities(part) for part in np.array_split(points, max(1, parts))])
+
+    def _probabilities(self, points: np.ndarray) -> np.ndarray:
+        """The same of few points: all pairs of classes are compared at once."""
         kernel, classes = self.kernel(points), len(self.classes_)
         parts = np.zeros((classes, len(points), classes), dtype=np.float32)  # of a class' vectors, against each other
         for number in range(classes):

@@ -16,6 +16,7 @@ from scipy.special import softmax
 PACKAGES = ("scikit-learn", "skops")
 SETS, QUICK_SETS = 10, 4  # view sets of each pool of frames and size that a pipeline is fitted to
 MOST_SETS = 4000  # of a size: a kernel is a matrix of their square
+MOST_VALUES = 1 << 24  # numbers of view sets that are pooled at once
 FLOOR = 0.01  # added to the probabilities of an ensemble's members, so that no member's zero is a veto
 
 
@@ -123,11 +124,16 @@ class PooledSets:
         sets, labels = data.view_sets(QUICK_SETS if data.quick else SETS)
         values = self.points(data.frames)
         pipelines = {
-            size: fit_pipeline(self.pipeline(data), self.pooled(values[of_size]), labels)
+            size: fit_pipeline(self.pipeline(data), self._pooled_sets(values, of_size), labels)
             for size, of_size in zip(data.sizes, sets, strict=True)
         }
         self.fitted = {"classes": data.classes, "pipelines": pipelines}
         return self
+
+    def _pooled_sets(self, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
+        """What the pipeline reads of view sets (M, k) of indices into values (n, F), in parts that fit memory."""
+        parts = -(-sets.size * values.shape[1] // MOST_VALUES)
+        return np.concatenate([self.pooled(values[part]) for part in np.array_split(sets, max(1, parts))])
 
     def frame_values(self, sensors: np.ndarray) -> np.ndarray:
         return self.points(sensors)

@@ -14,9 +14,18 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, SOURCE_MD5, Source, checked_blocks, is_table
+from tactile_viewgcn.readers.source import (
+    BLOCK_FRAMES,
+    COLUMNS,
+    MIN_SPREAD,
+    SOURCE_MD5,
+    Source,
+    checked_blocks,
+    is_table,
+)
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
 
@@ -24,7 +33,8 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
     """Write the frames of a source, whose md5 is given, to one HDF5 table, block by block.
 
     Raises:
-        UserError: no frames, an id out of range, or pressure that is not finite or too large; no file is left behind.
+        UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little; no
+            file is left behind.
     """
     low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
     columns: dict[str, list[np.ndarray]] = {}
@@ -44,6 +54,11 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
     with atomic_write(path) as part, h5py.File(part, "w") as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
         file["live"] = low < high
+        if 0 < (spread := (high - low).max()) < MIN_SPREAD:
+            raise UserError(
+                f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
+                "rescale the readings"
+            )
         for name, parts in columns.items():
             file[name] = np.concatenate(parts)
         for name in ("objects", "recordings", "sessions"):

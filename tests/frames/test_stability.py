@@ -11,9 +11,11 @@ import pytest
 
 from benchmarks.stability.network import unusual_counts
 from benchmarks.stability.rows import max_rel_error, share_different
+from tactile_viewgcn.frames.automatic import AUTO, choose
 from tactile_viewgcn.frames.baseline import ROUNDING_SD, empty_hand_baseline, trimmed_moments
 from tactile_viewgcn.frames.filtering import in_contact
-from tactile_viewgcn.frames.preprocessing import prepare
+from tactile_viewgcn.frames.preprocessing import prepare, preprocess_recordings
+from tactile_viewgcn.pages.source_inspection import overview
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import recipe, table
@@ -140,6 +142,14 @@ def test_data_that_cannot_be_split_are_refused(row, tmp_path, name, frames, obje
     row.refused(name, lambda: prepared(tmp_path / "t", counts, **columns), message)
 
 
+@pytest.mark.stability("one class and 1,000")
+def test_one_class_is_refused(row, tmp_path):
+    counts, _ = pressed_by_objects(np.random.default_rng(0).integers(0, 40, (12, 4, 4)))
+    columns = {"object": np.zeros(72, dtype=int), "objects": ["empty_hand"]}
+    pattern = "the recordings have one class, empty_hand; expected two or more"
+    row.refused("one class", lambda: prepared(tmp_path / "t", counts, **columns), pattern)
+
+
 @pytest.mark.stability("one live sensor")
 def test_clusters_of_one_live_sensor_are_stretches_of_its_reading(row, tmp_path):
     sensor = np.zeros((12, 4, 4), dtype=int)
@@ -154,6 +164,75 @@ def test_clusters_of_one_live_sensor_are_stretches_of_its_reading(row, tmp_path)
         ordered = views.cluster[members[np.argsort(frames.counts[members][:, 1, 2], kind="stable")]]
         breaks += int((np.diff(ordered) != 0).sum()) - (len(np.unique(ordered)) - 1)
     row("clusters that are no stretch", breaks)
+
+
+def two_grasped_objects():
+    """Readings (R, T, 6, 6) around 0 of six recordings, each a grasp of one of two objects with an open hand around."""
+    rng = np.random.default_rng(0)
+    readings = rng.normal(0, 1, (6, 24, 6, 6)) - 40
+    for number, grasp in enumerate(readings):
+        grasp[7:18, 3 * (number % 2) : 3 * (number % 2) + 3] += rng.uniform(40, 80, (11, 3, 6))
+    return readings
+
+
+def automatic(path, readings):
+    """What `inspect` recommends of preprocess, and the network input with it."""
+    label, recording = np.arange(6) % 2, np.arange(6)
+    columns = {"object": np.repeat(label, 24), "recording": np.repeat(recording, 24), "objects": ["mug", "ball"]}
+    recordings = written(path, readings.reshape(-1, 6, 6), **columns)
+    seen = overview(recordings)
+    asked = dict.fromkeys(AUTO, "auto")
+    chosen = {note.key: note.value for note in choose(seen.inspection, seen.measurement, asked)}
+    params = recipe("split.by=recording", "split.folds=3", *[f"{key}={value}" for key, value in chosen.items()])
+    frames = preprocess_recordings(recordings, params.preprocess, params.split).frames
+    return chosen, frames.inputs(np.arange(len(frames.label)))
+
+
+@pytest.mark.stability("readings far from one")
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_what_is_recommended_and_the_network_input_do_not_depend_on_the_unit(row, tmp_path, kind):
+    """From 1e3 on the unit is not that of the released scale; zero and contact_sensors are no units."""
+    chosen, expected = automatic(tmp_path / "reference", (1e3 * two_grasped_objects()).astype(kind))
+    for number, factor in enumerate((1e-30, 1e-20, 1e20, 8e27)):
+        of_unit, inputs = automatic(tmp_path / f"{number}", (factor * two_grasped_objects()).astype(kind))
+        others = [key for key in chosen if of_unit.get(key) != chosen[key] and key != "preprocess.scale"]
+        row(f"settings that differ, {factor:g} times, {kind.__name__}", len(others), 0, ", ".join(others))
+        ratio = of_unit["preprocess.scale"] / factor / (chosen["preprocess.scale"] / 1e3)
+        row(f"scale in the unit, {factor:g} times, {kind.__name__}", abs(ratio - 1), 1e-6)
+        row(f"network input, {factor:g} times, {kind.__name__}", max_rel_error(inputs, expected), 2 * ROUNDING)
+
+
+@pytest.mark.stability("readings far from one")
+@pytest.mark.parametrize(
+    ("factor", "message"),
+    [
+        (1e-300, "no sensor varies by more than .*e-299; expected 1e-30 or more: rescale the readings"),
+        (
+            2e28,
+            "the strongest hundredth of the sensors in contact reads .* expected 1e-30 to 1e.30: rescale the readings",
+        ),
+        (1e30, r"expected a number from every sensor, up to 1e\+30: rescale the readings"),
+    ],
+)
+def test_readings_for_which_params_has_no_scale_are_refused_before_anything_is_recommended(
+    row, tmp_path, factor, message
+):
+    row.refused(
+        f"readings {factor:g} times", lambda: automatic(tmp_path / "t", factor * two_grasped_objects()), message
+    )
+
+
+@pytest.mark.stability("the ends of 16 bits")
+def test_the_least_and_the_most_that_16_bits_hold_are_65_535_apart(row, tmp_path):
+    lowest, highest = np.iinfo(np.int16).min, np.iinfo(np.int16).max
+    counts = np.full((6, 24, 6, 6), lowest)
+    counts += np.random.default_rng(0).integers(0, 3, counts.shape)
+    for number, grasp in enumerate(counts):
+        grasp[7:18, 3 * (number % 2) : 3 * (number % 2) + 3] = highest - number
+    chosen, inputs = automatic(tmp_path / "t", counts.astype(np.int16))
+    row("scale", abs(chosen["preprocess.scale"] / (highest - lowest) - 1), 0.02, f"{chosen['preprocess.scale']:g}")
+    row("network input out of [0, 1]", float(((inputs < 0) | (inputs > 1)).sum()))
+    row("sensors that read neither 0 nor 1", float(((inputs > 1e-4) & (inputs < 0.99)).mean()))
 
 
 @pytest.mark.stability("time stamps that repeat or run back")

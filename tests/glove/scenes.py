@@ -86,9 +86,9 @@ def energies(mechanics: Mechanics, y: np.ndarray, states: np.ndarray) -> np.ndar
     return np.stack(energy, axis=1)
 
 
-def radau(mechanics: Mechanics, y: np.ndarray, frames: int) -> np.ndarray:
+def radau(mechanics: Mechanics, y: np.ndarray, frames: int, *, frame: float = FRAME) -> np.ndarray:
     """States (1, frames, n) of the first hand from y (1, n)."""
-    states, _ = integrate_with_scipy("Radau", mechanics, 0, y[0], frames, FRAME, rtol=RTOL, max_evaluations=MOST)
+    states, _ = integrate_with_scipy("Radau", mechanics, 0, y[0], frames, frame, rtol=RTOL, max_evaluations=MOST)
     return states[None]
 
 

@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove import integrator
 from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON, Mechanics
 from tactile_viewgcn.glove.drive import Drive
@@ -112,7 +113,7 @@ def accepted(part_of_frame, error, *, solved):
     y, solver = mechanics.initial_state(), ImplicitIntegrator(mechanics, FRAME)
     steps = _Steps(y.copy(), FRAME, FRAME, StageSolver(y, 0.1, 16))
     steps.h[:], steps.solved[:], steps.solver.best[:] = part_of_frame * FRAME, solved, y + 0.1
-    solver._end_step(np.array([0]), np.array([error]), steps, np.empty((1, 2, 13)))
+    solver._end_step(np.array([0]), np.array([[error, 0.0]]), steps, np.empty((1, 2, 13)))
     return bool((steps.y == y + 0.1).all()), solver.statistics
 
 
@@ -133,3 +134,27 @@ def test_where_no_step_is_good_enough_the_smallest_ones_end_the_frame(monkeypatc
     states = solver.run(np.array([[0.2] * 10 + [0, 0, 0.45]]), 1)
     assert np.isfinite(states).all()
     assert solver.statistics["steps"] - solver.statistics["rejected"] == 20 and solver.statistics["forced"] >= 19
+
+
+@pytest.mark.parametrize(
+    ("error", "solved", "at_fault"),
+    [
+        ((9.0, 2.0), True, "a larger glove.tolerance than 0.02"),
+        ((2.0, 9.0), True, "a larger glove.tolerance x glove.skin_thickness than 0.02 x 0.004 m"),
+        ((2.0, 9.0), False, "a softer contact than 1.96e\\+07 Pa/m: lower glove.skin_stiffness"),
+    ],
+)
+def test_a_frame_of_more_than_500_steps_ends_in_a_line_that_names_what_is_at_fault(error, solved, at_fault):
+    mechanics = free_finger()
+    y, solver = mechanics.initial_state(), ImplicitIntegrator(mechanics, FRAME)
+    steps = _Steps(y.copy(), FRAME, FRAME, StageSolver(y, 0.1, 16))
+    steps.taken[:], steps.solved[:] = 500, solved
+    with pytest.raises(UserError, match=f"^object 0: 500 steps do not end a frame of 0.1 s; expected {at_fault}"):
+        solver._end_step(np.array([0]), np.array([error]), steps, np.empty((1, 2, 13)))
+
+
+def test_a_tolerance_that_steps_cannot_meet_ends_in_a_line(monkeypatch):
+    monkeypatch.setattr(integrator, "MOST_STEPS", 40)
+    mechanics, y = sphere_on_bed()
+    with pytest.raises(UserError, match=r"40 steps do not end a frame of 0.1 s; expected a larger glove.tolerance"):
+        ImplicitIntegrator(mechanics, FRAME, 1e-8).run(y, 1)

@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+import pytest
+
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.recipe import EFFECTS, STAG_SIZE, recipe_from_params
 from tactile_viewgcn.params import load
 
@@ -19,3 +22,22 @@ def test_parameters_become_a_recipe():
     assert {name: getattr(large, name) for name in STAG_SIZE} == {"sessions": 3, "frames": 1667, "grasps": 49}
     assert large.cells[0] == (0, 0) and large.cells[-1] == (2, 26)
     assert len(large.cells) * large.frames == 135_027  # as many frames as STAG
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        (
+            ("glove.sessions=1214",),
+            "1,214, glove.grasps 3, and glove.grasp_frames 22 are 32,778 recordings of 66 frames",
+        ),
+        (
+            ("glove.grasps=1000", "glove.grasp_frames=124"),
+            "are 81 recordings of 124,000 frames; expected at most 32,767",
+        ),
+    ],
+)
+def test_more_recordings_or_frames_than_a_table_holds_are_refused(changes, found):
+    with pytest.raises(UserError, match=found):
+        recipe_from_params(load(PARAMS, changes).glove)
+    assert recipe_from_params(load(PARAMS, ("glove.sessions=1213",)).glove).sessions == 1213

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.solver.scenes import ball_grasp
 from benchmarks.stability.rows import share_not_finite
 from tactile_viewgcn.glove.contact import HOLDING, JOINT, LEVER, TENDON
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
@@ -79,6 +80,32 @@ def test_a_ball_rolls_from_one_sensor_to_the_next(row):
     remark = f"{lambda_h(mechanics, tight)}; at {TOLERANCE:g}: {against_radau(mechanics, y, usual):.2g}; {work}"
     quantity = f"forces against Radau's, rolling, solved to {TOLERANCE / 4:g}"
     row(quantity, against_radau(mechanics, y, tight), TOLERANCE, remark)
+
+
+ENDS = {  # of the ranges in params.py: skin Pa/m, object Pa/m, joints N m s/rad, object N s/m, and frames a second
+    "a skin of 1e9 Pa/m": (1e9, 1e9, 0.02, 60.0, 7.35),
+    "0.1 frames a second": (2.5e7, 2e7, 0.02, 60.0, 0.1),
+    "joints damped by 1e6": (2.5e7, 2e7, 1e6, 60.0, 7.35),
+    "joints damped by 1e-6": (2.5e7, 2e7, 1e-6, 60.0, 7.35),
+    "an object damped by 1e6": (2.5e7, 2e7, 0.02, 1e6, 7.35),
+    "an object damped by 1e-6": (2.5e7, 2e7, 0.02, 1e-6, 7.35),
+}
+QUICK_ENDS = {
+    "1,000 frames a second": (2.5e7, 2e7, 0.02, 60.0, 1000.0),
+    "all damped by 1e6": (2.5e7, 2e7, 1e6, 1e6, 7.35),
+}
+
+
+@pytest.mark.stability("ends of the solver's ranges")
+@pytest.mark.parametrize("name", [*QUICK_ENDS, *(pytest.param(name, marks=pytest.mark.slow) for name in ENDS)])
+def test_at_the_ends_of_the_ranges_a_grasp_has_radau_s_forces(row, name):
+    *setting, rate = (QUICK_ENDS | ENDS)[name]
+    mechanics = ball_grasp(*setting, rate=rate, seed=3000).mechanics(7, 13)
+    y, integrator = mechanics.initial_state(), ImplicitIntegrator(mechanics, 1 / rate, TOLERANCE)
+    states = integrator.run(y, 6)
+    exact = radau(mechanics, y, 6, frame=1 / rate)
+    error = rel_norm_error(forces(mechanics, states), forces(mechanics, exact))
+    row(f"forces against Radau's, {name}", error, TOLERANCE, work_of(integrator))
 
 
 @pytest.mark.stability("stiffness of a plate")

@@ -194,6 +194,21 @@ def test_log_odds_of_large_logits(row):
         row(f"log odds of logits of {factor:g}", max_rel_error(single.amax(dim=-1), exact.amax(dim=-1)), SINGLE)
 
 
+@pytest.mark.stability("one class and 1,000")
+def test_logits_loss_and_gradient_of_1_000_classes(row):
+    torch.manual_seed(0)
+    head, nodes = build_classifier(EVEN, 1000, recipe().model).head.eval(), nodes_of(8, 2)
+    row("logits, 1,000 classes", logits_error(head, nodes), SINGLE)
+    labels, losses = torch.tensor([0, 999]), []
+    for kind in (torch.float32, torch.float64):
+        net = deepcopy(head).to(kind)
+        loss = net.loss(*net(nodes.to(kind)), labels)
+        loss.backward()
+        losses.append((loss.detach(), net.classifier[-1].weight.grad))
+    row("loss, 1,000 classes", max_rel_error(losses[0][0], losses[1][0]), SINGLE)
+    row("gradient of the classifier, 1,000 classes", max_rel_error(losses[0][1], losses[1][1]), SINGLE)
+
+
 @pytest.mark.stability("losses of sure logits")
 def test_equation_6_and_its_gradient_where_the_right_class_is_10_000_above_or_below_the_others(row):
     labels = torch.tensor([0, 1, 1, 0])
