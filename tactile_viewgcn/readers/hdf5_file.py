@@ -6,6 +6,8 @@ what the file stores before any of it is read.
 
 import io
 import math
+import mmap
+import struct
 from pathlib import Path
 
 import h5py
@@ -19,6 +21,7 @@ MOST_CHUNK = 64 * 2**20  # bytes of a chunk, which is read whole, and kept for t
 CAREFUL = 2**15  # bytes stored of a chunk, above which gzip is tried before HDF5 inflates it, by 1,032 at most
 MOST_LZF = 2**23  # likewise, of lzf, which inflates by 90 at most
 SLACK = 64  # bytes that filters may add
+HEAP, MOST_PARTS = b"GCOL\1\0\0\0", 2**20  # how a heap begins; texts in all of them
 GZIP, LZF = h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_LZF
 CHECKS = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32
 NUMBERS, REFERENCES = "biuf", "O"  # kinds of dtype; the latter also of texts
@@ -30,7 +33,27 @@ def open_hdf5(path: Path) -> h5py.File:
     """An HDF5 file, open for reading; a UserError where it is no such file, or cut short."""
     check_is_file(path)
     with readable(path, DAMAGED, AGAIN):
-        return h5py.File(path, "r", rdcc_nbytes=MOST_CHUNK)
+        file = h5py.File(path, "r", rdcc_nbytes=MOST_CHUNK)
+        _check_heaps(file, path)
+        return file
+
+
+def _check_heaps(file: h5py.File, path: Path) -> None:
+    """Raise a ValueError where HDF5 would not end: a heap, which holds texts, has a part without a size."""
+    if file.id.get_create_plist().get_sizes() != (8, 8):
+        raise ValueError("its addresses are not of eight bytes")
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        place, parts = data.find(HEAP), 0
+        while place >= 0:
+            (size,) = struct.unpack_from("<Q", data, place + len(HEAP))
+            at, end = place + 16, min(place + size, len(data))
+            while at + 16 <= end:
+                index, length = struct.unpack_from("<H6xQ", data, at)
+                parts += 1
+                if length > size or not (index or length) or parts > MOST_PARTS:
+                    raise ValueError("a heap of texts is damaged")
+                at += 16 + length + -length % 8 if index else length
+            place = data.find(HEAP, place + 1)
 
 
 def attribute_names(path: Path) -> set[str]:

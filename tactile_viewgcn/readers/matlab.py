@@ -14,7 +14,7 @@ from tactile_viewgcn.readers.hdf5_file import NUMBERS, REFERENCES, check_dataset
 from tactile_viewgcn.readers.source import MOST_LETTERS, MOST_NAMES
 
 #: MATLAB's classes that are no arrays of numbers
-NOT_NUMBERS = ("char", "cell", "struct", "object", "function", "opaque", "sparse", "unknown", "group")
+NOT_NUMBERS = ("char", "cell", "struct", "object", "function", "opaque", "sparse", "complex", "unknown", "group")
 DAMAGED = "not a readable MAT-file, or cut short"
 REMEDY = "expected MATLAB 5 or 7.3; download it again"
 

@@ -1,102 +1,154 @@
-"""Reading MAT-files of MATLAB 5 by SciPy, which believes what a file says: how far it inflates is counted before."""
+"""Reading MAT-files of MATLAB 5: arrays of numbers, and cell arrays of names.
 
-import io
+SciPy reads them too, but crashes where a byte is wrong: it looks up types that a file names without a bound, and goes
+down into cells of cells without end. The format: "MAT-File Format", MathWorks, chapter 1.
+"""
+
 import math
 import struct
-import warnings
-from collections.abc import Sequence
+import zlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.readers.limits import check_size, inflated, most_declared
+from tactile_viewgcn.readers.limits import check_size
+from tactile_viewgcn.readers.source import MOST_LETTERS, MOST_NAMES
 
-HEADER = 128  # bytes before the first element
-COMPRESSED = 15  # type of an element, miCOMPRESSED
-MOST_CELL_BYTES = 2**18  # of an array of names, 3,000 or so; SciPy's recursion into cells of cells ends in a crash
+FILE_HEADER = 128  # bytes
+HEAD = 1024  # bytes of a variable, in which its header ends: MATLAB's names have 63 letters
+MATRIX, COMPRESSED = 14, 15  # types of an element
+NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+TEXTS = {1: "ascii", 2: "ascii", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+CLASSES = (
+    *("unknown", "cell", "struct", "object", "char", "sparse", "double", "single", "int8", "uint8"),
+    *("int16", "uint16", "int32", "uint32", "int64", "uint64", "function", "opaque"),
+)
+COMPLEX = 0x800  # flag
 
 
-class Element(NamedTuple):
-    """An element of the file: where its tag begins, its bytes with the tag, and what they inflate to."""
+class Variable(NamedTuple):
+    """A variable: shape, class, its bytes in the file, and their number when they are inflated."""
 
+    name: str
+    shape: tuple[int, ...]
+    kind: str
     start: int
     stored: int
     size: int
+    compressed: bool
 
 
 def shapes(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
     """Shape and class of each variable, from the headers alone.
 
     Raises:
-        UserError: a variable declares, or inflates to, far more than is stored, or stands twice.
+        UserError: a variable declares far more than is stored, or stands twice. Of a damaged file anything is raised.
     """
-    from scipy import io as scipy_io
-
-    stored = path.stat().st_size
-    check_size(sum(element.size for element in _elements(path)), stored, str(path))
-    variables = scipy_io.whosmat(str(path))
-    for name, shape, _ in variables:
-        check_size(math.prod(shape), stored, f"{path}: {name}")
-    names = [name for name, _, _ in variables]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise UserError(f"{path}: {', '.join(twice)} stands twice; expected each variable once")
-    return {name: (shape, kind) for name, shape, kind in variables}
-
-
-def fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
-    """Those of the named variables that there are: arrays; a cell array as a list of its texts.
-
-    Raises:
-        UserError: a cell array that is too large for names. Of a damaged file SciPy raises anything.
-    """
-    from scipy import io as scipy_io
-
-    variables = scipy_io.whosmat(str(path))
-    cells = {name for name, _, kind in variables if kind == "cell" and name in names}
-    numbers = [name for name, _, _ in variables if name in names and name not in cells]
-    found: dict[str, Any] = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # of a variable that cannot be read
-        if numbers:
-            read = scipy_io.loadmat(str(path), variable_names=numbers)
-            found = {name: read[name] for name in numbers}
-        if cells:
-            elements = zip(variables, _elements(path), strict=True)
-            found |= {name: _texts(path, name, one) for (name, _, _), one in elements if name in cells}
+    found: dict[str, tuple[tuple[int, ...], str]] = {}
+    for variable in _variables(path, _order(path)):
+        if variable.name in found:
+            raise UserError(f"{path}: {variable.name} stands twice; expected each variable once")
+        found[variable.name] = variable.shape, variable.kind
     return found
 
 
-def _texts(path: Path, name: str, element: Element) -> list[str]:
-    """The texts of a cell array, from its bytes alone: beyond them SciPy would read on."""
-    from scipy import io as scipy_io
+def fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
+    """Those of the named variables that there are: arrays; a cell array as a list of its texts."""
+    order, found = _order(path), {}
+    for variable in _variables(path, order):
+        if variable.name in names:
+            with path.open("rb") as stream:
+                stream.seek(variable.start)
+                data = stream.read(variable.stored)
+            if variable.compressed:
+                data = zlib.decompressobj().decompress(data, variable.size)
+            if len(data) != variable.size:
+                raise ValueError(f"{variable.name} is cut short")
+            found[variable.name] = _value(memoryview(data)[8:], order)
+    return found
 
-    if element.size > MOST_CELL_BYTES:
-        raise UserError(f"{path}: {name} takes {element.size:,} bytes; expected names in at most {MOST_CELL_BYTES:,}")
+
+def _order(path: Path) -> str:
+    """The order of bytes, as `struct` names it."""
     with path.open("rb") as stream:
-        header = stream.read(HEADER)
-        stream.seek(element.start)
-        alone = io.BytesIO(header + stream.read(element.stored))
-    return [str(np.squeeze(cell)) for cell in scipy_io.loadmat(alone)[name].ravel()]
+        mark = stream.read(FILE_HEADER)[126:]
+    if mark not in (b"IM", b"MI"):
+        raise ValueError("it does not begin as one of MATLAB 5")
+    return "<" if mark == b"IM" else ">"
 
 
-def _elements(path: Path) -> list[Element]:
-    """The elements of a file in their order; of one of MATLAB 4, where nothing is compressed or nested, none."""
-    elements, stored = [], path.stat().st_size
-    most = most_declared(stored)
+def _variables(path: Path, order: str) -> Iterator[Variable]:
+    """The variables of a file, by their headers."""
+    end = path.stat().st_size
     with path.open("rb") as stream:
-        header = stream.read(HEADER)
-        if 0 in header[:4]:
-            return []
-        order = {b"IM": "<", b"MI": ">"}[header[126:128]]
-        while len(tag := stream.read(8)) == 8 and most >= 0:
-            start = stream.tell() - 8
-            kind, count = struct.unpack(f"{order}II", tag)
-            if start + 8 + count > stored:
-                raise ValueError("an element goes on after the end")
-            size = inflated(stream, count, most) if kind == COMPRESSED else count
-            elements.append(Element(start, 8 + count, size))
-            most -= size
-            stream.seek(start + 8 + count)
-    return elements
+        start = FILE_HEADER
+        while start < end:
+            stream.seek(start)
+            kind, count = struct.unpack(f"{order}II", stream.read(8))
+            if start + 8 + count > end:
+                raise ValueError("a variable goes on after the end")
+            head = stream.read(min(count, HEAD))
+            if kind == COMPRESSED:
+                head = zlib.decompressobj().decompress(head, HEAD)
+                inner, size = struct.unpack_from(f"{order}II", head)
+                place = start + 8, count, 8 + size, True
+            else:
+                inner, head, place = kind, bytes(8) + head, (start, 8 + count, 8 + count, False)
+            if inner != MATRIX:
+                raise ValueError(f"an element of type {inner} is no variable")
+            name, shape, kind_name, _ = _header(memoryview(head)[8:], order)
+            check_size(max(place[2], math.prod(shape)), end, f"{path}: {name}")
+            yield Variable(name, shape, kind_name, *place)
+            start += 8 + count
+
+
+def _header(data: memoryview, order: str) -> tuple[str, tuple[int, ...], str, int]:
+    """Name, shape and class of a matrix, and where its content begins."""
+    _, flags, at = _part(data, 0, order)
+    (word,) = struct.unpack_from(f"{order}I", flags)
+    kind = CLASSES[word & 0xFF]
+    if kind == "opaque":  # it has no shape
+        return bytes(_part(data, at, order)[1]).decode("latin-1"), (), kind, at
+    _, sides, at = _part(data, at, order)
+    _, name, at = _part(data, at, order)
+    shape = struct.unpack(f"{order}{len(sides) // 4}I", sides)
+    return bytes(name).decode("latin-1"), shape, "complex" if word & COMPLEX else kind, at
+
+
+def _part(data: memoryview, at: int, order: str) -> tuple[int, memoryview, int]:
+    """Type and content of the part of a matrix that begins there, and where the next one does."""
+    kind, count = struct.unpack_from(f"{order}II", data, at)
+    if kind >> 16:  # up to four bytes, within the tag
+        kind, count, begin, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+    else:
+        begin, after = at + 8, at + 8 + count + -count % 8
+    if begin + count > len(data) or begin + count > after:
+        raise ValueError("a part of a variable goes on after its end")
+    return kind, data[begin : begin + count], after
+
+
+def _value(data: memoryview, order: str) -> Any:
+    """The array of a matrix of numbers, or the texts of a cell array."""
+    _, shape, kind, at = _header(data, order)
+    if kind == "cell":
+        texts = []
+        for _ in range(min(math.prod(shape), MOST_NAMES + 1)):
+            _, cell, at = _part(data, at, order)
+            texts.append(_text(cell, order))
+        return texts
+    code, content, _ = _part(data, at, order)
+    dtype = np.dtype(order + NUMBERS[code])
+    return np.frombuffer(content, dtype).reshape(shape, order="F").astype(dtype.newbyteorder("="), copy=False)
+
+
+def _text(data: memoryview, order: str) -> str:
+    """The text of a matrix of letters."""
+    _, _, kind, at = _header(data, order)
+    if kind != "char":
+        raise ValueError(f"a cell is of type {kind}, and no text")
+    code, letters, _ = _part(data, at, order)
+    codec = TEXTS[code] + ("" if TEXTS[code] in ("ascii", "utf-8") else "-le" if order == "<" else "-be")
+    return bytes(letters[: 4 * MOST_LETTERS + 4]).decode(codec)

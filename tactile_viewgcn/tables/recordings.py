@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.hdf5_file import REFERENCES, dataset, is_table, open_hdf5
+from tactile_viewgcn.readers.hdf5_file import REFERENCES, dataset, is_table
 from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_disk
 from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, SOURCE_MD5, Source, checked_blocks
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
@@ -86,7 +86,7 @@ class Recordings:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        with readable(path), open_hdf5(self.path) as file:  # somebody else's, too: `inspect` and `predict` take tables
+        with readable(path), h5py.File(path, "r") as file:  # somebody else's, too: `inspect` and `predict` take tables
             self.objects, self.recordings, self.sessions = (
                 [text.decode() for text in dataset(file, name, REFERENCES)[()]]
                 for name in ("objects", "recordings", "sessions")

@@ -194,6 +194,18 @@ def test_a_name_of_control_characters_is_stored_as_it_is(tmp_path):
         assert table.objects == [name]
 
 
+@pytest.mark.parametrize("size", [0, 2**64 - 16])
+def test_a_heap_of_texts_in_which_hdf5_would_go_round_in_circles_is_refused(tmp_path, size):
+    path = record(tmp_path / "in" / "bad.h5")
+    content = bytearray(path.read_bytes())
+    at = content.index(b"GCOL") + 16
+    while int.from_bytes(content[at : at + 2], "little"):  # to what is free
+        at += 16 + -(-int.from_bytes(content[at + 8 : at + 16], "little") // 8) * 8
+    content[at + 8 : at + 16] = size.to_bytes(8, "little")
+    path.write_bytes(content)
+    assert "a heap of texts is damaged" in refusal(path)
+
+
 @pytest.mark.parametrize("name", ["grip.h5", "grip.npy", "metadata.mat", "grip.csv"])
 @pytest.mark.parametrize("inside", [True, False])
 def test_a_named_pipe_is_no_recording(tmp_path, name, inside):
@@ -265,17 +277,32 @@ def matrix(name, kind, dims, content=b"", declared=None):
 def test_an_element_of_matlab_5_that_inflates_without_end_is_refused(tmp_path):
     content = struct.pack("<II", 3, 80 * 2**20) + bytes(80 * 2**20)
     path = matlab5(tmp_path / "in" / "metadata.mat", matrix(b"pressure", 10, (1, 1), content))
-    assert "metadata.mat declares 68 MB and stores 0.082 MB" in refusal(path)
+    assert "metadata.mat: pressure declares 84 MB and stores 0.082 MB" in refusal(path)
 
 
-def test_cells_of_cells_of_matlab_5_do_not_crash(tmp_path):
-    deep = matrix(b"", 1, (1, 1)) * 20_000  # SciPy does not look at how long each says it is: it goes down
-    elements = [matrix(name, 1, (1, 1), deep) for name in (b"objects", b"recordings", b"batches")]
-    number, six = struct.pack("<HHI", 2, 1, 0), struct.pack("<II", 2, 6) + bytes(8)
+def metadata5(path, objects, pressure_type=2):
+    """The fields that a metadata.mat has to have, one frame of 2 x 3, in MATLAB 5."""
+    number, six = struct.pack("<HHI", 2, 1, 0), struct.pack("<II", pressure_type, 6) + bytes(8)
+    elements = [matrix(name, 1, (1, 1), objects) for name in (b"objects", b"recordings", b"batches")]
     elements += [matrix(name, 9, (1, 1), number) for name in (b"objectId", b"recordingId", b"batchId")]
-    elements.append(matrix(b"pressure", 9, (1, 2, 3), six))
-    path = matlab5(tmp_path / "in" / "metadata.mat", *elements)
-    assert "objects takes " in refusal(path) and "expected names in at most 262,144" in refusal(path)
+    return matlab5(path, *elements, matrix(b"pressure", 9, (1, 2, 3), six))
+
+
+def test_a_file_of_matlab_5_made_by_hand_is_read(tmp_path):
+    mug = matrix(b"", 4, (1, 3), struct.pack("<HH4s", 16, 3, b"mug"))
+    source = open_source(metadata5(tmp_path / "in" / "metadata.mat", mug))
+    assert (source.objects, source.frames, source.shape) == (["mug"], 1, (2, 3))
+
+
+@pytest.mark.parametrize(
+    ("objects", "pressure_type", "says"),
+    [
+        (matrix(b"", 1, (1, 1)) * 20_000, 2, "a cell is of type cell, and no text"),  # SciPy goes down, and crashes
+        (matrix(b"", 4, (1, 3), struct.pack("<HH4s", 16, 3, b"mug")), 66, "KeyError: 66"),  # SciPy crashes
+    ],
+)
+def test_what_makes_other_readers_of_matlab_5_crash_is_refused(tmp_path, objects, pressure_type, says):
+    assert says in refusal(metadata5(tmp_path / "in" / "metadata.mat", objects, pressure_type))
 
 
 def test_a_variable_that_stands_twice_is_refused(tmp_path):
