@@ -24,7 +24,7 @@ SLACK = 64  # bytes that filters may add
 HEAP, MOST_PARTS = b"GCOL\1\0\0\0", 2**20  # how a heap begins; texts in all of them
 GZIP, LZF = h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_LZF
 CHECKS = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32
-NUMBERS, REFERENCES = "biuf", "O"  # kinds of dtype; the latter also of texts
+NUMBERS, OBJECTS = "biuf", "O"  # kinds of dtype; the latter of texts and references
 DAMAGED = "not a readable HDF5 file, or cut short"
 AGAIN = "record or download it again"
 
@@ -124,7 +124,8 @@ def check_dataset(values: h5py.Dataset, where: str, kinds: str = NUMBERS) -> Non
     """
     if values.is_virtual or values.external:
         raise UserError(f"{where} has its values outside the file; expected them in it")
-    if values.shape is None or values.dtype.kind not in kinds:
+    is_object = h5py.check_string_dtype(values.dtype) or h5py.check_ref_dtype(values.dtype) is h5py.Reference
+    if values.shape is None or values.dtype.kind not in kinds or (values.dtype.kind == OBJECTS and not is_object):
         kind = "null" if values.shape is None else values.dtype
         raise UserError(f"{where} is of type {kind}; expected integers or real numbers")
     stored = min(values.id.get_storage_size(), Path(values.file.filename).stat().st_size)

@@ -10,7 +10,7 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.readers import matlab5
-from tactile_viewgcn.readers.hdf5_file import NUMBERS, REFERENCES, check_dataset, dataset, kind_of, open_hdf5
+from tactile_viewgcn.readers.hdf5_file import NUMBERS, OBJECTS, check_dataset, dataset, kind_of, open_hdf5
 from tactile_viewgcn.readers.source import MOST_LETTERS, MOST_NAMES
 
 #: MATLAB's classes that are no arrays of numbers
@@ -72,8 +72,8 @@ def _shape_and_type(file: h5py.File, name: str) -> tuple[tuple[int, ...], str]:
 
 def _of_hdf5(file: h5py.File, name: str) -> Any:
     """The array of a field, or the texts of a cell array, which holds references to arrays of character codes."""
-    values = dataset(file, name, NUMBERS + REFERENCES)
-    if values.dtype.kind != REFERENCES:
+    values = dataset(file, name, NUMBERS + OBJECTS)
+    if values.dtype.kind != OBJECTS:
         return values[()].T
     where, texts = f"{file.filename}: a cell of /{name}", []
     if values.size > MOST_NAMES:

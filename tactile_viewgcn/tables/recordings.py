@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.hdf5_file import REFERENCES, dataset, is_table
+from tactile_viewgcn.readers.hdf5_file import OBJECTS, dataset, is_table
 from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_disk
 from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, SOURCE_MD5, Source, checked_blocks
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
@@ -88,7 +88,7 @@ class Recordings:
         self.path = Path(path)
         with readable(path), h5py.File(path, "r") as file:  # somebody else's, too: `inspect` and `predict` take tables
             self.objects, self.recordings, self.sessions = (
-                [text.decode() for text in dataset(file, name, REFERENCES)[()]]
+                [text.decode() for text in dataset(file, name, OBJECTS)[()]]
                 for name in ("objects", "recordings", "sessions")
             )
             self.columns = {name: dataset(file, name)[()] for name in COLUMNS if name in file}

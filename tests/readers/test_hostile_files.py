@@ -342,9 +342,12 @@ def test_what_is_honestly_large_is_not_refused():
     assert limits.most_declared(2**20) == 200 * 2**20
 
 
+SEQUENCES = np.empty(1, dtype=h5py.vlen_dtype(np.uint8))
+SEQUENCES[0] = np.arange(3, dtype=np.uint8)
 ALTERED = {
     "a number that leads nowhere": ("object", np.full(4, 7, np.int16), "a number in /object leads to no name"),
     "a short column": ("frame", np.arange(3), "the columns have other lengths than /pressure"),
+    "sequences as names": ("sessions", SEQUENCES, "/sessions is of type object; expected integers or real numbers"),
     "another layout": ("live", np.ones((5, 8), bool), "/live does not have the shape of a frame"),
 }
 
