@@ -90,7 +90,7 @@ def kind_of(file: h5py.File, name: str) -> str:
     if isinstance(link, h5py.ExternalLink):
         return "link to another file"
     if isinstance(link, h5py.SoftLink) and not _leads_to_object(file, link.path):
-        return "link that leads nowhere"
+        return "link that leads nowhere in the file"
     return "dataset" if isinstance(file[name], h5py.Dataset) else "group"
 
 

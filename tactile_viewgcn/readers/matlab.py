@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import readable
+from tactile_viewgcn.files import check_is_file, readable
 from tactile_viewgcn.readers import matlab5
 from tactile_viewgcn.readers.hdf5_file import NUMBERS, OBJECTS, check_dataset, dataset, kind_of, open_hdf5
 from tactile_viewgcn.readers.source import MOST_LETTERS, MOST_NAMES
@@ -27,6 +27,7 @@ def mat_shapes(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
     Raises:
         UserError: it is damaged, or declares or inflates to far more than it stores; a link is no field.
     """
+    check_is_file(path)
     with readable(path, DAMAGED, REMEDY):
         if not h5py.is_hdf5(path):
             return matlab5.shapes(path)

@@ -114,10 +114,10 @@ def references(file, folder):
 HOSTILE = {
     external_storage: "/pressure has its values outside the file; expected them in it",
     external_link: "/pressure is a link to another file; expected a dataset in the file itself",
-    link_to_an_external_link: "/pressure is a link that leads nowhere; expected a dataset in the file itself",
+    link_to_an_external_link: "/pressure is a link that leads nowhere in the file; expected a dataset",
     virtual: "/pressure has its values outside the file; expected them in it",
-    dangling: "/pressure is a link that leads nowhere; expected a dataset",
-    cyclic: "/pressure is a link that leads nowhere; expected a dataset",
+    dangling: "/pressure is a link that leads nowhere in the file; expected a dataset",
+    cyclic: "/pressure is a link that leads nowhere in the file; expected a dataset",
     group: "/pressure is a group; expected a dataset",
     nothing: "/pressure is of type null; expected integers or real numbers",
     declared: "/pressure declares 25,770 MB and stores 0.000 MB; expected at most 67 MB",
@@ -215,6 +215,12 @@ def test_a_named_pipe_is_no_recording(tmp_path, name, inside):
     if inside and name == "metadata.mat":
         pytest.skip("no form of a folder has it")
     assert "a folder, named pipe, socket or device; expected a file" in refusal(path)
+
+
+def test_a_named_pipe_in_a_folder_of_stag_is_no_recording(tmp_path):
+    (tmp_path / "in" / "000" / "003-mug").mkdir(parents=True)
+    os.mkfifo(tmp_path / "in" / "000" / "003-mug" / "pressuredata.mat")
+    assert "named pipe, socket or device; expected a file" in refusal(tmp_path / "in")
 
 
 def test_a_socket_and_a_device_are_no_recordings(tmp_path, monkeypatch):
