@@ -19,6 +19,7 @@ from stages.pipeline import code_of, params_of, stages
 from tactile_viewgcn import tracking
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, md5, readable
+from tactile_viewgcn.names import shown
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import load
 from tactile_viewgcn.process import LOST, first_to_tell, launched, peak_mb, rank, seconds_since_start
@@ -191,7 +192,7 @@ def _end(*_: object) -> None:
 
 def _what_to_mend(error: Exception) -> str | None:
     """The line for a user who can mend it; None where it is a fault of ours."""
-    text = " ".join(str(error).split())
+    text = shown(" ".join(str(error).split()))
     if isinstance(error, UserError | OSError | click.ClickException):
         return text
     torch = sys.modules.get("torch")  # a stage that takes no torch does not meet its errors

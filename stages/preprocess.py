@@ -1,6 +1,5 @@
 """Subtract the baseline, filter, split and balance the frames."""
 
-import csv
 from pathlib import Path
 
 import click
@@ -11,6 +10,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.leak import leak_counts, leak_of_split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.selection import frame_counts, selection_counts
+from tactile_viewgcn.names import write_csv
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.tables.frames import SIDES, write_frames
 from tactile_viewgcn.tables.recordings import Recordings
@@ -30,9 +30,7 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
         notes = [*notes, *leak_notes]
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+        write_csv(file, [rows[0], *(row.values() for row in rows)])
     errors = leak_counts(leak) | (made.measurement.counts() if made.measurement else {})
     job.run.artifacts(kept)
     job.run.metrics(errors)

@@ -1,5 +1,6 @@
 """The command `tactile-viewgcn`: check parameters, inspect recordings, print presets, predict."""
 
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import click
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.names import shown
 from tactile_viewgcn.params import PRESETS, preset_changes
 
 
@@ -25,10 +27,10 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
     from tactile_viewgcn.schema import flatten
 
     params = load(path, changes)
-    click.echo(f"{path}: {len(flatten(params))} values, all allowed")
+    _say(f"{path}: {len(flatten(params))} values, all allowed")
     if not Path(params.data.source).exists():
         if Path(params.data.source) == Path(VIRTUAL):
-            click.echo(f"data.source is {VIRTUAL}: `dvc repro` simulates it")
+            _say(f"data.source is {VIRTUAL}: `dvc repro` simulates it")
             return
         raise FileNotFoundError(f"data.source is {params.data.source}: no such file or folder")
 
@@ -48,19 +50,19 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> N
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
     inspection = inspect_source(source, shape)
-    click.echo("\n".join(inspection_lines(inspection, recommend(inspection))))
+    _say(*inspection_lines(inspection, recommend(inspection)))
     if page:
         from tactile_viewgcn.pages.html import write
         from tactile_viewgcn.pages.inspection_page import inspection_page
 
-        click.echo(write(page, inspection_page(inspection)))
+        _say(write(page, inspection_page(inspection)))
 
 
 @cli.command()
 @click.argument("name", type=click.Choice(PRESETS))
 def preset(name: str) -> None:
     """Print a preset as options of DVC: dvc exp run $(tactile-viewgcn preset released)."""
-    click.echo(" ".join(f"-S {change}" for change in preset_changes(name)))
+    _say(" ".join(f"-S {change}" for change in preset_changes(name)))
 
 
 @cli.command()
@@ -83,7 +85,7 @@ def predict(**options: Any) -> None:
     """
     from tactile_viewgcn.recognition import prediction
 
-    prediction.predict(echo=click.echo, **options)
+    prediction.predict(echo=_say, **options)
 
 
 @cli.command()
@@ -95,11 +97,16 @@ def report(run: str, out: Path) -> None:
     from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.run_page import run_page
 
-    click.echo(write(out, run_page(read_run(run))))
+    _say(write(out, run_page(read_run(run))))
+
+
+def _say(*lines: str) -> None:
+    click.echo("\n".join(map(shown, lines)))
 
 
 def main() -> None:
     """Run the command; a mistake of the user ends in one line and exit code 1, without a traceback."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # temporary folders are removed
     try:
         cli(standalone_mode=False)
     except click.ClickException as error:
@@ -113,5 +120,5 @@ def main() -> None:
         if "--debug" in sys.argv:  # click has gone by then
             raise
         needs = "; pip install 'tactile-viewgcn[pipeline]'" if isinstance(error, ModuleNotFoundError) else ""
-        click.echo(f"Error: {' '.join(str(error).split())}{needs}", err=True)
+        click.echo(f"Error: {shown(' '.join(str(error).split()))}{needs}", err=True)
         raise SystemExit(1) from None

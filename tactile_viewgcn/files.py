@@ -9,8 +9,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from pickle import UnpicklingError
-from zipfile import BadZipFile
 
 from filelock import FileLock, Timeout
 
@@ -80,19 +78,30 @@ def _room_for(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def readable(path: object) -> Iterator[None]:
-    """Context for reading what an earlier stage wrote.
+def readable(
+    path: object,
+    what: str = "damaged, or not written by this version",
+    remedy: str = "delete it and run `dvc repro` again",
+) -> Iterator[None]:
+    """Context for reading a file, of an earlier stage where `what` is wrong and the `remedy` are not given.
 
     Raises:
-        UserError: the file is damaged, or of another version of the project.
+        UserError: whatever a library raises, in one line: a damaged file fails in HDF5, SciPy, NumPy and zlib in many
+            ways.
     """
     try:
         yield
-    except (OSError, KeyError, TypeError, ValueError, RuntimeError, EOFError, UnpicklingError, BadZipFile) as error:
-        reason = f"{type(error).__name__}: {str(error).partition('. ')[0]}"
-        raise UserError(
-            f"{path}: damaged, or not written by this version ({reason}); delete it and run `dvc repro` again"
-        ) from error
+    except UserError:
+        raise
+    except Exception as error:
+        reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
+        raise UserError(f"{path}: {what} ({reason}); {remedy}") from error
+
+
+def check_is_file(path: Path) -> None:
+    """Raise a UserError for a named pipe, a socket or a device, which would be waited for, or never ends."""
+    if path.exists() and not path.is_file():
+        raise UserError(f"{path}: a folder, named pipe, socket or device; expected a file")
 
 
 @contextmanager
@@ -125,6 +134,7 @@ def md5(path: str | Path) -> str:
         for file in sorted(file for file in path.rglob("*") if file.suffix != VIDEO_SUFFIX and file.is_file()):
             digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode())
         return digest.hexdigest()
+    check_is_file(path)
     with path.open("rb") as stream:
         while block := stream.read(1 << 20):
             digest.update(block)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from tactile_viewgcn.names import shown
+
 
 @dataclass(frozen=True)
 class Note:
@@ -24,11 +26,12 @@ class Note:
     stage: str = ""
 
     def __str__(self) -> str:
-        """The line on a terminal; of a choice with key and value."""
+        """The line on a terminal, names shown; of a choice with key and value."""
         if self.level == "choice":
             value = f"{self.value:g}" if isinstance(self.value, float) else str(self.value).replace("'", "")
-            return f"{self.key} {value}: {self.text}"
-        return f"{'warning: ' if self.level == 'warning' else ''}{self.topic and f'{self.topic}: '}{self.text}"
+            return shown(f"{self.key} {value}: {self.text}")
+        warning = "warning: " if self.level == "warning" else ""
+        return shown(f"{warning}{self.topic and f'{self.topic}: '}{self.text}")
 
 
 def warnings_of(notes: list[Note]) -> list[Note]:

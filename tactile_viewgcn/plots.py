@@ -8,6 +8,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from tactile_viewgcn.names import shown
+
 GAP = 1  # blank cells between the frames of a mosaic
 WIDEST = 40  # inches
 FRAMES = "viridis"  # colours of network input
@@ -17,14 +19,14 @@ NO_SENSOR = "#e9edef"
 
 def confusions(counts: dict[str, np.ndarray], classes: list[str]) -> Figure:
     """Counts (C, C) by their panel's title, rows the true class, drawn side by side as shares of each row."""
-    side = 2 + 0.28 * len(classes)
+    side, names = 2 + 0.28 * len(classes), list(map(shown, classes))
     figure = Figure(figsize=(1 + side * len(counts), side), layout="constrained")
     panels = figure.subplots(1, len(counts), sharey=True, squeeze=False)[0]
     for axes, (title, table) in zip(panels, counts.items(), strict=True):
         shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
         image = axes.imshow(shares, vmin=0, vmax=1, cmap="Blues")
-        axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=8, parse_math=False)
-        axes.set_yticks(range(len(classes)), classes, fontsize=8, parse_math=False)
+        axes.set_xticks(range(len(classes)), names, rotation=90, fontsize=8, parse_math=False)
+        axes.set_yticks(range(len(classes)), names, fontsize=8, parse_math=False)
         axes.set(xlabel="predicted", title=title)
     panels[0].set_ylabel("object")
     figure.colorbar(image, ax=panels, label="share of the object's view sets", shrink=0.8)
@@ -42,7 +44,9 @@ def cluster_means(means: np.ndarray, live: np.ndarray, classes: list[str]) -> Fi
     figure = Figure(figsize=(2 + min(0.8 * views, WIDEST), 1 + 0.8 * count), layout="compressed")
     axes = figure.add_subplot()
     image = axes.imshow(mosaic, cmap=FRAMES, vmin=0, vmax=np.nanpercentile(mosaic, 99.5) or 1)
-    axes.set_yticks(np.arange(count) * (height + GAP) + height / 2, classes, fontsize=8, parse_math=False)
+    axes.set_yticks(
+        np.arange(count) * (height + GAP) + height / 2, list(map(shown, classes)), fontsize=8, parse_math=False
+    )
     axes.set_xticks(np.arange(views) * (width + GAP) + width / 2, [str(column) for column in range(views)])
     axes.set(xlabel="cluster = viewpoint", title="mean frame of each cluster, training side")
     figure.colorbar(image, label="network input", shrink=0.4)
@@ -111,6 +115,7 @@ def error_intervals(errors: dict[str, dict[str, Any]], chance: float) -> Figure:
 
 def shortened(name: str) -> str:
     """A name that fits above a small picture."""
+    name = shown(name)
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
 

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -101,3 +102,33 @@ def test_a_command_that_needs_what_is_not_installed_says_so_in_one_line():
     result = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
     assert result.returncode == 1 and len(result.stderr.splitlines()) == 1
     assert "pip install 'tactile-viewgcn[pipeline]'" in result.stderr
+
+
+def test_names_do_nothing_to_a_terminal_or_a_page(tmp_path):
+    rng, names = np.random.default_rng(0), ("m\x1b[31mug\n", "p\u202een")
+    for name in names:
+        (tmp_path / "lab" / name).mkdir(parents=True)
+        for number in range(3):
+            np.save(tmp_path / "lab" / name / f"{number}.npy", rng.integers(500, 530, (30, 4, 4), dtype=np.int16))
+    result = call("inspect", tmp_path / "lab", "--html", tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert result.returncode == 0, result.stderr
+    for text in (result.stdout, page):
+        assert r"m\x1b[31mug\n" in text and r"p\u202een" in text
+        assert all(line.isprintable() for line in text.replace("\xa0", "").splitlines())
+
+
+def test_what_is_ended_leaves_no_temporary_folder(tmp_path):
+    (tmp_path / "lab" / "mug").mkdir(parents=True)
+    (place := tmp_path / "temporary").mkdir()
+    rng = np.random.default_rng(0)
+    np.save(tmp_path / "lab" / "mug" / "1.npy", rng.integers(500, 530, (40_000, 16, 16), dtype=np.int16))
+    command = [sys.executable, "-m", "tactile_viewgcn", "inspect", tmp_path / "lab"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(place)}
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not list(place.glob("tactile-viewgcn-*/recordings.h5")):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.terminate()
+    assert process.wait(60) == 143
+    assert list(place.iterdir()) == []

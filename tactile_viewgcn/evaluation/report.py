@@ -1,6 +1,5 @@
 """What evaluate leaves behind: metrics, costs, tables, the row in MLflow and `dvc exp show`, and lines of text."""
 
-import csv
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,6 +11,7 @@ from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.names import write_csv
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import SIDES, Frames
@@ -118,7 +118,7 @@ def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluat
                 per_class.append([protocol, name, view_sets, float(1 - row[label] / view_sets)])
     for name, rows in (("trials", trials), ("confusion", confusion), ("per_class", per_class)):
         with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
-            csv.writer(file).writerows(rows)
+            write_csv(file, rows)
 
 
 def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:

@@ -1,6 +1,6 @@
 """Self-contained HTML pages from the templates in `templates/`: no script, and no request leaves a page.
 
-Jinja2 escapes whatever a template is given.
+Jinja2 escapes whatever a template is given, and names are shown, see `names.shown`.
 """
 
 import base64
@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.names import shown
 from tactile_viewgcn.notes import several
 
 if TYPE_CHECKING:
@@ -64,10 +65,22 @@ def render(template: str, **content: Any) -> str:
 def environment() -> Environment:
     """Of the templates."""
     loader = PackageLoader("tactile_viewgcn.pages")
-    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    made = Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_finalize,
+    )
     made.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent}
     made.filters |= {"duration": duration}
     return made
+
+
+def _finalize(value: Any) -> Any:
+    """A value as a page shows it; what is markup already is not touched."""
+    return shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def write(path: Path, text: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.pages.inspection_facts import Table, command_lines, facts, tables, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import Overview
-from tactile_viewgcn.tables.recordings import is_table
+from tactile_viewgcn.readers.hdf5_file import is_table
 
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name

@@ -6,14 +6,18 @@ frame (rows, columns).
 
 import math
 import re
+import zipfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import check_is_file, readable
+from tactile_viewgcn.readers.limits import check_size
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
     MAX_SIDE,
@@ -21,12 +25,14 @@ from tactile_viewgcn.readers.source import (
     Block,
     Source,
     check_shape,
+    listed,
     numbered,
     raise_mistakes,
     storage_type,
 )  # fmt: skip
 
 SUFFIXES = (".npy", ".npz", ".csv")
+MOST_LINE = 2**17  # letters of a line: 32 for each of 64 x 64 sensors
 HEADER = r"\s*(?!nan|[-+]?inf)[^\s\d.,;+-]"  # how a line of .csv begins that is none of numbers
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 
@@ -98,8 +104,8 @@ def _disagreements(headers: list[Header]) -> list[str]:
 
 def _read_header(file: Path, root: Path, layout: tuple[int, ...], labelled: bool) -> Header:
     *folders, _ = (place := file.relative_to(root)).parts
-    if len(folders) > 2 or (labelled and not folders) or not str(place).isprintable():
-        raise UserError(f"{root}: {str(place)!r} names no object; expected {PLACES}, in printable letters")
+    if len(folders) > 2 or (labelled and not folders):
+        raise UserError(f"{root}: {str(place)!r} names no object; expected {PLACES}")
     session, label = ["session", *(folders or [UNLABELLED])][-2:]
     array, name = _read(file), place.with_suffix("").as_posix()
     return Header(file, name, label, session, _frames(array.shape, layout, file), storage_type(array.dtype, str(file)))
@@ -119,31 +125,50 @@ def _frames(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tupl
 
 def _read(file: Path) -> np.ndarray:
     """The array in a file, of .npy mapped. Nothing is unpickled, and what a header declares has to be in the file."""
-    try:
+    check_is_file(file)
+    with readable(file, f"not readable as {file.suffix}, or cut short", "save it again"):
         if file.suffix.lower() == ".csv":
-            return _csv(file.read_text("utf-8-sig").splitlines())
+            return _csv(file)
         if file.suffix.lower() == ".npz":
-            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-                names = [name for name in arrays if len(arrays) == 1 or name == "pressure"]
-                if not names:
-                    raise ValueError(f"arrays: {', '.join(arrays) or 'none'}; expected one, or pressure among them")
-                return arrays[names[0]]
+            return _npz(file)
         array = np.load(file, mmap_mode="r", allow_pickle=False)
         if array.offset + array.nbytes != file.stat().st_size:
             raise ValueError("it goes on after its first array")
         return array
-    except Exception as error:  # a damaged file fails in NumPy and zlib in many ways
-        text = " ".join(str(error).partition("; use `usecols`")[0].split())
-        raise UserError(f"{file}: not readable as {file.suffix}, or cut short ({text}); save it again") from None
 
 
-def _csv(lines: list[str]) -> np.ndarray:
+def _npz(file: Path) -> np.ndarray:
+    """The only array of a file, or the one named pressure."""
+    with zipfile.ZipFile(file) as archive:
+        members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+    names = [name for name in members if len(members) == 1 or name == "pressure"]
+    if not names:
+        raise ValueError(f"arrays: {listed(list(members)) or 'none'}; expected one, or pressure among them")
+    check_size(members[names[0]].file_size, file.stat().st_size, f"{file}: {names[0]}")
+    with np.load(file, allow_pickle=False) as arrays:
+        if isinstance(array := arrays[names[0]], np.ndarray):
+            return array
+    raise ValueError(f"{names[0]} is no array")
+
+
+def _csv(file: Path) -> np.ndarray:
     """Numbers (lines, cells), whole ones where all are; a first line that begins with a word is left out."""
-    lines = [line for line in lines if line.strip()]
-    if not (lines := lines[bool(lines and re.match(HEADER, lines[0], re.IGNORECASE)) :]):
+    words = bool(re.match(HEADER, next(_lines(file), ""), re.IGNORECASE))
+    first = next(islice(_lines(file), words, None), "")
+    if not first:
         raise ValueError("no line of numbers")
-    mark = next((mark for mark in ",;" if mark in lines[0]), None)
+    mark = next((mark for mark in ",;" if mark in first), None)
     try:
-        return np.loadtxt(lines, np.int64, delimiter=mark, comments=None, ndmin=2)
+        return np.loadtxt(islice(_lines(file), words, None), np.int64, delimiter=mark, comments=None, ndmin=2)
     except ValueError:
-        return np.loadtxt(lines, delimiter=mark, comments=None, ndmin=2)
+        return np.loadtxt(islice(_lines(file), words, None), delimiter=mark, comments=None, ndmin=2)
+
+
+def _lines(file: Path) -> Iterator[str]:
+    """The lines of a text that are not blank, one at a time."""
+    with file.open(encoding="utf-8-sig") as stream:
+        while line := stream.readline(MOST_LINE + 1):
+            if len(line) > MOST_LINE:
+                raise ValueError(f"a line of more than {MOST_LINE:,} letters")
+            if line.strip():
+                yield line

@@ -6,9 +6,11 @@ from pathlib import Path
 import h5py
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import check_is_file
 from tactile_viewgcn.readers.array_folder import PLACES, array_files, read_arrays
 from tactile_viewgcn.readers.hdf5 import SUFFIXES, read_hdf5
-from tactile_viewgcn.readers.source import SOURCE_MD5, Source, attribute_names
+from tactile_viewgcn.readers.hdf5_file import attribute_names
+from tactile_viewgcn.readers.source import SOURCE_MD5, Source
 from tactile_viewgcn.readers.stag_folder import read_folder
 from tactile_viewgcn.readers.stag_metadata import read_metadata
 
@@ -42,6 +44,7 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
         raise UserError(
             f"{path}: neither [batch]/[recording]/pressuredata.mat, nor .h5 recordings, nor arrays in it; {EXPECTED}"
         )
+    check_is_file(path)
     if not path.stat().st_size:
         raise UserError(f"{path}: an empty file; {EXPECTED}")
     if array_files(path):

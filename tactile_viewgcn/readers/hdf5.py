@@ -13,10 +13,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import readable
+from tactile_viewgcn.readers.hdf5_file import AGAIN, DAMAGED, attribute, dataset, open_hdf5
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
     SOURCE_MD5,
@@ -26,8 +27,8 @@ from tactile_viewgcn.readers.source import (
     Block,
     Source,
     check_shape,
+    listed,
     numbered,
-    open_hdf5,
     raise_mistakes,
     storage_type,
 )
@@ -36,6 +37,7 @@ SUFFIXES = (".h5", ".hdf5")
 SPLITS = {"train": TRAIN, "test": TEST}
 NOT_LABELLED = {"object": UNLABELLED, "session": "session"}  # attributes that an unlabelled recording may lack
 OPTIONAL_COLUMNS = ("time", "valid", "grasp", "grasp_valid")
+ATTRIBUTES = ("object", "session", "recording", "split")
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ def _blocks(headers: list[Header], objects: list[str], sessions: list[str]) -> I
         }
         if "split" in attributes:
             constant["split"] = SPLITS[attributes["split"]]
-        with open_hdf5(header.file) as file:
+        with readable(header.file, DAMAGED, AGAIN), open_hdf5(header.file) as file:
             for start in range(0, header.frames, BLOCK_FRAMES):
                 at = slice(start, min(start + BLOCK_FRAMES, header.frames))
                 block = {name: np.full(at.stop - start, value) for name, value in constant.items()}
@@ -123,34 +125,34 @@ def _disagreements(headers: list[Header], path: Path) -> list[str]:
 
 def _read_header(path: Path, root: Path, labelled: bool) -> Header:
     """Header of one file below `root`; a UserError lists all its mistakes."""
-    with open_hdf5(path) as file:
+    with readable(path, DAMAGED, AGAIN), open_hdf5(path) as file:
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
-        pressure = file.get("pressure")
-        if not isinstance(pressure, h5py.Dataset):
-            raise UserError(f"{path}: no dataset /pressure; found {', '.join(file) or 'nothing'}")
+        names = list(file)
+        if "pressure" not in names:
+            raise UserError(f"{path}: no dataset /pressure; found {listed(names) or 'nothing'}")
+        pressure = dataset(file, "pressure")
         shape, dtype = check_shape(pressure.shape, str(path)), storage_type(pressure.dtype, str(path))
-        columns, mistakes = [name for name in OPTIONAL_COLUMNS if name in file], []
+        columns, mistakes = [name for name in OPTIONAL_COLUMNS if name in names], []
         for name in columns:
-            if not isinstance(file[name], h5py.Dataset):
-                mistakes.append(f"/{name} is a group; expected a dataset")
-            elif file[name].shape != (len(pressure),):
-                mistakes.append(f"/{name} has shape {file[name].shape}; expected ({len(pressure)},)")
-            elif file[name].dtype.kind not in "biuf":
-                mistakes.append(f"/{name} is of type {file[name].dtype}; expected numbers")
+            try:
+                values = dataset(file, name)
+            except UserError as error:
+                mistakes.append(str(error))
+                continue
+            if values.shape != (len(pressure),):
+                mistakes.append(f"{path}: /{name} has shape {values.shape}; expected ({len(pressure)},)")
         attributes = {} if labelled else dict(NOT_LABELLED)
-        for name, value in file.attrs.items():
-            attributes[name] = value.decode() if isinstance(value, bytes) else str(value)  # bytes: of fixed length
+        attributes |= {name: text for name in ATTRIBUTES if (text := attribute(file, name)) is not None}
         mistakes += [
-            f"no attribute {name!r}; expected a text on the file's root"
+            f"{path}: no attribute {name!r}; expected a text on the file's root"
             for name in ("object", "session")
             if labelled and not attributes.get(name)
         ]
         split = attributes.get("split", "train")
         if split not in SPLITS:
-            mistakes.append(f"attribute split is {split!r}; expected train or test")
-        if mistakes:
-            raise UserError("; ".join(f"{path}: {mistake}" for mistake in mistakes))
+            mistakes.append(f"{path}: attribute split is {split!r}; expected train or test")
+        raise_mistakes(mistakes)
         recording = attributes.get("recording", path.relative_to(root).with_suffix("").as_posix())
         columns += ["split"] if "split" in attributes else []
         return Header(path, recording, attributes, len(pressure), shape, dtype, columns)

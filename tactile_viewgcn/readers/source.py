@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
@@ -18,6 +17,8 @@ BLOCK_FRAMES = 4096  # read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
 MIN_SPREAD = 1e-30  # of the readings of some sensor, likewise
 MAX_LISTED = 10  # mistakes or names in one message
+MOST_NAMES = 2**15  # of one kind: ids are int16
+MOST_LETTERS = 1000  # of a name
 SOURCE_MD5 = "source_md5"  # attribute that only the table of recordings has: md5 of its source
 
 #: Type of each column, one value per frame. The first five are always there, the others if the source has them.
@@ -46,6 +47,9 @@ class Source:
         dtype: of the stored pressure.
         frames: number of all frames.
         blocks: the frames in the file's order; can be read once.
+
+    Raises:
+        UserError: too many names for the table, or one that is no text.
     """
 
     path: Path
@@ -57,29 +61,21 @@ class Source:
     frames: int
     blocks: Iterator[Block]
 
+    def __post_init__(self) -> None:
+        for kind, names in self.names.items():
+            if len(names) > MOST_NAMES:
+                raise UserError(f"{self.path}: {len(names):,} {kind}s; expected at most {MOST_NAMES:,}")
+            for name in names:
+                if len(name) > MOST_LETTERS or "\0" in name or name != name.encode(errors="ignore").decode():
+                    raise UserError(
+                        f"{self.path}: the name of {kind} {name[:MOST_LETTERS]!r} is no text; expected UTF-8 without "
+                        f"NUL, up to {MOST_LETTERS:,} letters"
+                    )
 
-def open_hdf5(path: Path) -> h5py.File:
-    """A source's HDF5 file, open for reading; a UserError where it is no such file, or cut short."""
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        raise UserError(
-            f"{path}: not a readable HDF5 file, or cut short ({error}); record or download it again"
-        ) from None
-
-
-def attribute_names(path: Path) -> set[str]:
-    """Names of the attributes on the root of an HDF5 file; none of another file, or of one that is cut short."""
-    try:
-        with open_hdf5(path) as file:
-            return set(file.attrs)
-    except UserError:
-        return set()
-
-
-def is_table(path: Path) -> bool:
-    """Whether a file was written by `write_recordings`."""
-    return SOURCE_MD5 in attribute_names(path)
+    @property
+    def names(self) -> dict[str, list[str]]:
+        """Names by the column whose ids lead to them."""
+        return {"object": self.objects, "recording": self.recordings, "session": self.sessions}
 
 
 def numbered(names: list[str]) -> list[str]:
@@ -143,8 +139,6 @@ def checked_blocks(source: Source) -> Iterator[Block]:
             mistakes.append(
                 f"{source.path}: {total} of {several(source.frames, 'frame')}; expected all, download it again"
             )
-    except OSError as error:
-        mistakes.append(f"{source.path}: damaged or cut short ({error}); download or record it again")
     except UserError as error:  # of the reader
         mistakes.append(str(error))
     raise_mistakes(mistakes)
@@ -160,7 +154,7 @@ def _mistakes_of_block(block: Block, source: Source, start: int) -> list[str]:
                 f"{path}: pressure from {counts.min()} to {counts.max()}; "
                 f"expected counts from {limits.min} to {limits.max}"
             )
-    names = {"object": source.objects, "recording": source.recordings, "session": source.sessions}
+    names = source.names
     for column, kind in COLUMNS.items():
         if column not in block or kind is np.float64:
             continue

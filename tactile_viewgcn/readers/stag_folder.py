@@ -80,9 +80,10 @@ def _shape(path: Path) -> tuple[int, int, int]:
     header = mat_shapes(path)
     if "pressure" not in header:
         raise UserError(f"{path}: no field pressure; expected STAG's pressuredata.mat")
-    shape, kind = header["pressure"]
-    if kind in NOT_NUMBERS:
-        raise UserError(f"{path}: pressure is of type {kind}; expected integer counts or real numbers")
+    shape = header["pressure"][0]
+    for name in RAW_FIELDS:
+        if name in header and (kind := header[name][1]) in NOT_NUMBERS:
+            raise UserError(f"{path}: {name} is of type {kind}; expected integer counts or real numbers")
     for name in ("tStamp", "frame"):
         if name in header and (size := math.prod(header[name][0])) != shape[0]:
             raise UserError(

@@ -13,7 +13,16 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.matlab import NOT_NUMBERS, mat_fields, mat_frames, mat_shapes
-from tactile_viewgcn.readers.source import BLOCK_FRAMES, TEST, TRAIN, Block, Source, check_shape, storage_type
+from tactile_viewgcn.readers.source import (
+    BLOCK_FRAMES,
+    TEST,
+    TRAIN,
+    Block,
+    Source,
+    check_shape,
+    listed,
+    storage_type,
+)
 
 REQUIRED_FIELDS = ("pressure", "objectId", "objects", "recordingId", "recordings", "batchId", "batches")
 NAME_FIELDS = ("objects", "recordings", "batches", "splits")
@@ -42,11 +51,13 @@ def read_metadata(path: Path) -> Source:
     shapes = mat_shapes(path)
     if missing := [name for name in REQUIRED_FIELDS if name not in shapes]:
         raise UserError(
-            f"{path}: no field {', '.join(missing)}; found {', '.join(shapes) or 'nothing'}; "
+            f"{path}: no field {', '.join(missing)}; found {listed(list(shapes)) or 'nothing'}; "
             "expected STAG's metadata.mat, and not cut short: download it again"
         )
     for name in KNOWN_FIELDS:
-        if name in shapes and (name in NAME_FIELDS) != (shapes[name][1] in NOT_NUMBERS):
+        if name not in shapes:
+            continue
+        if shapes[name][1] != "cell" if name in NAME_FIELDS else shapes[name][1] in NOT_NUMBERS:
             what = "a cell array of names" if name in NAME_FIELDS else "an array of numbers"
             raise UserError(f"{path}: {name} is of type {shapes[name][1]}; expected {what}")
     shape = shapes["pressure"][0]

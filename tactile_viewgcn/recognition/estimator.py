@@ -16,6 +16,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.selection import one_class
+from tactile_viewgcn.names import shown
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
 from tactile_viewgcn.readers.source import EMPTY_HAND
@@ -98,7 +99,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         self.classes_, self.params_, self.notes_, self._form = classes, params, notes, form
         self._load()
         for note in warnings_of(notes):
-            warnings.warn(note.text, stacklevel=2)
+            warnings.warn(shown(note.text), stacklevel=2)
         return self
 
     def predict_proba(self, X: Any) -> np.ndarray:

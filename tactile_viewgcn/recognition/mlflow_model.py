@@ -1,5 +1,6 @@
 """The recogniser as an MLflow model: MLflow calls `_load_pyfunc` on its file and then `predict`."""
 
+import reprlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import several
+from tactile_viewgcn.readers.source import MAX_PRESSURE
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tracking import bad_request
 
@@ -34,6 +36,7 @@ class RecogniserModel:
 
         try:
             counts, baseline = _numbers(model_input["counts"]), self._baseline(params or {})
+            _check_range(counts, self.recogniser.preprocessing.dtype)
             return DataFrame(self.recogniser.probabilities(counts, baseline), columns=self.recogniser.classes)
         except UserError as error:
             raise bad_request(str(error)) from None
@@ -52,10 +55,30 @@ class RecogniserModel:
 
 def _numbers(counts: np.ndarray) -> np.ndarray:
     """Counts as MLflow hands them over, nested lists of JSON as an array of objects, as an array of numbers."""
+    if counts.dtype != object:
+        return counts
+    kinds = set(map(type, counts.flat))
+    if list in kinds:
+        raise UserError("counts is not rectangular; expected nested lists of equal lengths")
+    if foreign := kinds - {int, float}:  # NumPy would make numbers of true and "515"
+        value = next(value for value in counts.flat if type(value) in foreign)
+        raise UserError(f"counts holds {reprlib.repr(value)}; expected integer counts or real numbers")
     try:
-        return np.array(counts.tolist()) if counts.dtype == object else counts
-    except ValueError:  # lists of different lengths
-        raise UserError("counts is not rectangular; expected nested lists of equal lengths") from None
+        return counts.astype(np.float64 if float in kinds else np.int64)
+    except OverflowError:
+        raise UserError(f"counts holds an integer beyond 64 bits; expected numbers up to {MAX_PRESSURE:g}") from None
+
+
+def _check_range(counts: np.ndarray, dtype: np.dtype) -> None:
+    """Raise a UserError for counts that the training's type of integers does not hold."""
+    if dtype.kind != "i":
+        return
+    limits = np.iinfo(dtype)
+    outside = counts[(counts < limits.min) | (counts > limits.max)]
+    if outside.size:
+        raise UserError(
+            f"counts holds {outside[0]:g}; expected {limits.min} to {limits.max}, raw counts as in training ({dtype})"
+        )
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:

@@ -1,6 +1,5 @@
 """The command `predict`: open the model and the recordings, print the answers, write them as CSV and JSON."""
 
-import csv
 import io
 import json
 import math
@@ -12,6 +11,7 @@ from typing import Any
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.names import write_csv
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
@@ -181,7 +181,5 @@ def _as_csv(records: list[dict[str, Any]]) -> str:
     """A line an answer; there is one at least."""
     file = io.StringIO()
     names = [name for name in records[0] if name != "probabilities"]
-    writer = csv.DictWriter(file, names, extrasaction="ignore")
-    writer.writeheader()
-    writer.writerows(records)
+    write_csv(file, [names, *([record[name] for name in names] for record in records)])
     return file.getvalue()

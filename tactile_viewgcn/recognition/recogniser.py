@@ -18,6 +18,8 @@ from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, spread_sets
 from tactile_viewgcn.tables.transform import network_input
 
+MOST_FRAMES = 1024  # that are classified at once; a request may hold any number
+
 
 class Recogniser:
     """A trained classifier for raw counts.
@@ -81,7 +83,9 @@ class Recogniser:
                 f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
                 f"(any, {f'1 to {max_views}' if any_number else max_views}, {', '.join(map(str, self.shape))})"
             )
-        return self.probabilities_above(self._excess(counts, baseline))
+        step = max(1, MOST_FRAMES // counts.shape[1])
+        parts = [counts[start : start + step] for start in range(0, max(1, len(counts)), step)]
+        return np.concatenate([self.probabilities_above(self._excess(part, baseline)) for part in parts])
 
     @torch.inference_mode()
     def probabilities_above(self, excess: np.ndarray) -> np.ndarray:

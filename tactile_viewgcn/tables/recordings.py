@@ -5,6 +5,7 @@ one HDF5 file, which `Recordings` reads. Counts are the sensors' raw ADC counts,
 axes are (frame, row, column).
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,15 +18,9 @@ from tqdm import tqdm
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.source import (
-    BLOCK_FRAMES,
-    COLUMNS,
-    MIN_SPREAD,
-    SOURCE_MD5,
-    Source,
-    checked_blocks,
-    is_table,
-)
+from tactile_viewgcn.readers.hdf5_file import OBJECTS, dataset, is_table
+from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_disk
+from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, MIN_SPREAD, SOURCE_MD5, Source, checked_blocks
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
 
@@ -50,6 +45,8 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
             bar.update(len(pressure))
             yield pressure
 
+    frame_bytes = math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES
+    check_disk(Path(path).absolute().parent, source.frames * frame_bytes, source.path)
     bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
     with atomic_write(path) as part, h5py.File(part, "w") as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
@@ -96,13 +93,25 @@ class Recordings:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        with readable(path), h5py.File(path, "r") as file:
+        with readable(path), h5py.File(path, "r") as file:  # somebody else's, too: `inspect` and `predict` take tables
             self.objects, self.recordings, self.sessions = (
-                [text.decode() for text in file[name][()]] for name in ("objects", "recordings", "sessions")
+                [text.decode() for text in dataset(file, name, OBJECTS)[()]]
+                for name in ("objects", "recordings", "sessions")
             )
-            self.columns = {name: file[name][()] for name in COLUMNS if name in file}
-            self.live = file["live"][()]
-            self._pressure = mapped(path, file["pressure"])
+            self.columns = {name: dataset(file, name)[()] for name in COLUMNS if name in file}
+            self.live = dataset(file, "live")[()]
+            self._pressure = mapped(path, dataset(file, "pressure"))
+            self._check()
+
+    def _check(self) -> None:
+        """Raise a ValueError where the parts of a table do not go together."""
+        if self.live.shape != self._pressure.shape[1:] or self.live.ndim != 2 or self.live.dtype != bool:
+            raise ValueError("/live does not have the shape of a frame")
+        if any(values.shape != self._pressure.shape[:1] for values in self.columns.values()):
+            raise ValueError("the columns have other lengths than /pressure")
+        for column, names in (("object", self.objects), ("recording", self.recordings), ("session", self.sessions)):
+            if not np.isin(self.columns[column], np.arange(len(names))).all():
+                raise ValueError(f"a number in /{column} leads to no name")
 
     def __len__(self) -> int:
         return len(self._pressure)

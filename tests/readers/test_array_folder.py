@@ -104,7 +104,7 @@ def test_recordings_without_a_label_are_one_file_or_a_folder_without_objects(tmp
         assert "names no object; expected OBJECT/FILE or SESSION/OBJECT/FILE" in refusal(path)
 
 
-@pytest.mark.parametrize("name", ["lab/a/b/c/1.npy", "lab/mug\x1b[31m/1.npy", "lab/m\udcffg/1.npy", "lab/1.npy"])
+@pytest.mark.parametrize("name", ["lab/a/b/c/1.npy", "lab/1.npy"])
 def test_a_place_that_names_no_object_is_refused(tmp_path, name):
     save(tmp_path / name)
     text = refusal(tmp_path / "lab")
@@ -133,7 +133,10 @@ def test_the_mistakes_of_all_files_are_listed_at_once(tmp_path):
     whole = save(tmp_path / "whole.npy").read_bytes()
     packed = save(tmp_path / "packed.npz", {"a": COUNTS}).read_bytes()
     bad = {
-        "cut.npy": (whole[:-4], "not readable as .npy, or cut short (mmap length is greater than file size)"),
+        "cut.npy": (
+            whole[:-4],
+            "not readable as .npy, or cut short (ValueError: mmap length is greater than file size)",
+        ),
         "two.npy": (whole * 2, "it goes on after its first array"),
         "huge.npy": (declaring(tmp_path, (2**40, 64, 64)), "not readable as .npy, or cut short ("),
         "pickle.npy": (pickled(tmp_path), "Python objects in dtype"),

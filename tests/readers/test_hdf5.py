@@ -116,7 +116,10 @@ BAD = {
     "rank 2": ({"pressure": COUNTS[0]}, r"pressure has shape \(5, 7\); expected \(frames, rows, columns\)"),
     "no sensors": ({"pressure": np.zeros((4, 0, 3))}, r"frames of 0 x 3; expected 1 x 1 to 64 x 64"),
     "too large": ({"pressure": np.zeros((4, 5, 65))}, r"frames of 5 x 65; expected 1 x 1 to 64 x 64"),
-    "a text as pressure": ({"pressure": np.full((4, 5, 7), b"a")}, r"pressure is of type .*; expected integer counts"),
+    "a text as pressure": (
+        {"pressure": np.full((4, 5, 7), b"a")},
+        r"/pressure is of type .*; expected integers or real numbers",
+    ),
     "flags as pressure": ({"pressure": COUNTS > 9}, r"pressure is of type bool; expected integer counts or real"),
     "counts too large": (
         {"pressure": COUNTS + np.int64(2**40)},

@@ -67,7 +67,7 @@ BAD = {
         {"pressure": TREE["pressure"][None]},
         r"pressure has shape \(1, 240, 32, 32\); expected \(frames, rows, columns\)",
     ),
-    "complex pressure": ({"pressure": TREE["pressure"] * 1j}, r"pressure is of type complex128; expected integer"),
+    "complex pressure": ({"pressure": TREE["pressure"] * 1j}, r"/?pressure is of type complex.*; expected"),
     "pressure that is not finite": (
         {"pressure": np.where(np.arange(TOTAL)[:, None, None] == 17, np.nan, TREE["pressure"])},
         r"pressure of frame 17 of recording .* is nan; expected a number from every sensor, up to",

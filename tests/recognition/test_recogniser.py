@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition import recogniser as module
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.systems.classifier import build_classifier
@@ -33,6 +34,16 @@ def pipeline_logits(classifier, frames, sets):
     inputs = CPU.frames(torch.from_numpy(frames.inputs(sets.ravel())))
     with torch.inference_mode():
         return classifier.logits(classifier.frame_values(inputs), torch.arange(sets.size).view(sets.shape))
+
+
+def test_many_view_sets_are_classified_a_few_at_a_time(saved, monkeypatch):
+    frames, recogniser = table(), Recogniser(saved)
+    whole = recogniser.probabilities(frames.counts[some_sets()])
+    monkeypatch.setattr(module, "MOST_FRAMES", 20)  # five view sets
+    shapes, above = [], recogniser.probabilities_above
+    monkeypatch.setattr(recogniser, "probabilities_above", lambda x: (shapes.append(len(x)), above(x))[1])
+    np.testing.assert_allclose(recogniser.probabilities(frames.counts[some_sets()]), whole, rtol=1e-5)
+    assert shapes == [5, 5, 2]
 
 
 @pytest.mark.parametrize("transform", ["clip", "log"])

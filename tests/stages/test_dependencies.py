@@ -21,7 +21,7 @@ NEUTRAL = {
 } | {
     f"tactile_viewgcn/{name}.py"
     for name in (
-        *("params", "schema", "errors", "notes", "files", "training/checkpoint"),
+        *("params", "schema", "errors", "names", "notes", "files", "training/checkpoint"),
         *("process", "provenance", "tracking", "tracking_store", "plots"),
     )
 }

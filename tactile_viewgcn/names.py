@@ -1,0 +1,31 @@
+"""Names from outside, of objects, recordings, sessions and paths: shown, and written to CSV, so that they do nothing.
+
+They are stored as they are.
+"""
+
+import csv
+import unicodedata
+from collections.abc import Iterable
+from typing import Any, TextIO
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")  # OWASP: how a spreadsheet's formula begins
+
+
+def shown(text: object) -> str:
+    r"""A text for a terminal, a picture or a page: control and formatting characters as \x1b, \n or \u202e."""
+    text = str(text)
+    return text if text.isprintable() else "".join(map(_shown, text))
+
+
+def _shown(letter: str) -> str:
+    plain = letter.isprintable() or unicodedata.category(letter) == "Zs"  # spaces, such as the one in 47.3 %
+    return letter if plain else letter.encode("unicode_escape").decode()
+
+
+def write_csv(file: TextIO, rows: Iterable[Iterable[Any]]) -> None:
+    """Rows as CSV; a text that a spreadsheet would run is written with an apostrophe before it, numbers as they are."""
+    csv.writer(file).writerows([_cell(value) for value in row] for row in rows)
+
+
+def _cell(value: Any) -> Any:
+    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value

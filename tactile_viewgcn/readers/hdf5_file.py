@@ -1,0 +1,163 @@
+"""Opening HDF5 files of recordings, which may come from anybody.
+
+No link out of a file is followed, nor within it to what is no plain dataset; what a dataset declares is checked against
+what the file stores before any of it is read.
+"""
+
+import io
+import math
+import mmap
+import struct
+from pathlib import Path
+
+import h5py
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import check_is_file, readable
+from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_size, inflated
+from tactile_viewgcn.readers.source import MOST_LETTERS, SOURCE_MD5
+
+MOST_CHUNK = 64 * 2**20  # bytes of a chunk, which is read whole, and kept for the next block
+CAREFUL = 2**15  # bytes stored of a chunk, above which gzip is tried before HDF5 inflates it, by 1,032 at most
+MOST_LZF = 2**23  # likewise, of lzf, which inflates by 90 at most
+SLACK = 64  # bytes that filters may add
+HEAP, MOST_PARTS = b"GCOL\1\0\0\0", 2**20  # how a heap begins; texts in all of them
+GZIP, LZF = h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_LZF
+CHECKS = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32
+NUMBERS, OBJECTS = "biuf", "O"  # kinds of dtype; the latter of texts and references
+DAMAGED = "not a readable HDF5 file, or cut short"
+AGAIN = "record or download it again"
+
+
+def open_hdf5(path: Path) -> h5py.File:
+    """An HDF5 file, open for reading; a UserError where it is no such file, or cut short."""
+    check_is_file(path)
+    with readable(path, DAMAGED, AGAIN):
+        file = h5py.File(path, "r", rdcc_nbytes=MOST_CHUNK)
+        _check_heaps(file, path)
+        return file
+
+
+def _check_heaps(file: h5py.File, path: Path) -> None:
+    """Raise a ValueError where HDF5 would not end: a heap, which holds texts, has a part without a size."""
+    if file.id.get_create_plist().get_sizes() != (8, 8):
+        raise ValueError("its addresses are not of eight bytes")
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        place, parts = data.find(HEAP), 0
+        while place >= 0:
+            (size,) = struct.unpack_from("<Q", data, place + len(HEAP))
+            at, end = place + 16, min(place + size, len(data))
+            while at + 16 <= end:
+                index, length = struct.unpack_from("<H6xQ", data, at)
+                parts += 1
+                if length > size or not (index or length) or parts > MOST_PARTS:
+                    raise ValueError("a heap of texts is damaged")
+                at += 16 + length + -length % 8 if index else length
+            place = data.find(HEAP, place + 1)
+
+
+def attribute_names(path: Path) -> set[str]:
+    """Names of the attributes on the root of an HDF5 file; none of another file, or of one that is cut short."""
+    try:
+        with open_hdf5(path) as file, readable(path):
+            return set(file.attrs)
+    except UserError:
+        return set()
+
+
+def is_table(path: Path) -> bool:
+    """Whether a file was written by `write_recordings`."""
+    return SOURCE_MD5 in attribute_names(path)
+
+
+def attribute(file: h5py.File, name: str) -> str | None:
+    """An attribute of the root as text, None where there is none; a UserError where it is no single text or number."""
+    if name not in file.attrs:
+        return None
+    stored = file.attrs.get_id(name)
+    is_text = h5py.check_string_dtype(stored.dtype) is not None
+    single = math.prod(stored.shape or (0,) * (stored.shape is None)) == 1 and stored.dtype.itemsize <= 4 * MOST_LETTERS
+    if not single or not (is_text or stored.dtype.kind in NUMBERS):
+        raise UserError(f"{file.filename}: attribute {name} is no single text; expected one, as for a recording")
+    value = file.attrs[name]
+    value = value if isinstance(value, str | bytes) else value.ravel()[0] if value.shape else value
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def kind_of(file: h5py.File, name: str) -> str:
+    """What stands under a name in the root: `dataset`, `group`, or which link that is not followed."""
+    link = file.get(name, getlink=True)
+    if isinstance(link, h5py.ExternalLink):
+        return "link to another file"
+    if isinstance(link, h5py.SoftLink) and not _leads_to_object(file, link.path):
+        return "link that leads nowhere in the file"
+    return "dataset" if isinstance(file[name], h5py.Dataset) else "group"
+
+
+def _leads_to_object(file: h5py.File, target: str) -> bool:
+    """Whether a path from the root passes through groups of the file alone, and no further link."""
+    place = file
+    for part in filter(None, target.split("/")):
+        if not isinstance(place, h5py.Group) or not isinstance(place.get(part, getlink=True), h5py.HardLink):
+            return False
+        place = place[part]
+    return True
+
+
+def dataset(file: h5py.File, name: str, kinds: str = NUMBERS) -> h5py.Dataset:
+    """A dataset in the root whose values can be read without harm; their dtype is of one of the kinds.
+
+    Raises:
+        UserError: it is another object, or `check_dataset` refuses it.
+    """
+    if (kind := kind_of(file, name)) != "dataset":
+        raise UserError(f"{file.filename}: /{name} is a {kind}; expected a dataset in the file itself")
+    check_dataset(file[name], f"{file.filename}: /{name}", kinds)
+    return file[name]
+
+
+def check_dataset(values: h5py.Dataset, where: str, kinds: str = NUMBERS) -> None:
+    """Raise a UserError, whose message begins with `where`, for a dataset that is not to be read.
+
+    Its values lie outside the file, are no numbers, are compressed in a way of which is not known how far they inflate,
+    or are far more than what is stored.
+    """
+    if values.is_virtual or values.external:
+        raise UserError(f"{where} has its values outside the file; expected them in it")
+    is_object = h5py.check_string_dtype(values.dtype) or h5py.check_ref_dtype(values.dtype) is h5py.Reference
+    if values.shape is None or values.dtype.kind not in kinds or (values.dtype.kind == OBJECTS and not is_object):
+        kind = "null" if values.shape is None else values.dtype
+        raise UserError(f"{where} is of type {kind}; expected integers or real numbers")
+    stored = min(values.id.get_storage_size(), Path(values.file.filename).stat().st_size)
+    declared = math.prod(values.shape) * values.dtype.itemsize
+    check_size(max(declared, COLUMN_BYTES * max(values.shape, default=0)), stored, where)
+    if values.chunks:
+        _check_chunks(values, where)
+
+
+def _check_chunks(values: h5py.Dataset, where: str) -> None:
+    """The same for the size of chunks, and how they are compressed."""
+    size = math.prod(values.chunks) * values.dtype.itemsize
+    if size > MOST_CHUNK:
+        raise UserError(f"{where} has chunks of {size / 1e6:,.0f} MB; expected at most {MOST_CHUNK / 1e6:,.0f} MB")
+    properties = values.id.get_create_plist()
+    filters = [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
+    compressed = [code for code in filters if code not in CHECKS]
+    if len(compressed) > 1 or not set(compressed) <= {GZIP, LZF}:
+        raise UserError(f"{where} is compressed by HDF5's filters {compressed}; expected one of gzip and lzf, or none")
+    if not compressed:
+        return
+    chunks: list[h5py.h5d.StoreInfo] = []
+    values.id.chunk_iter(lambda chunk: chunks.append(chunk))
+    if any(_inflates(values, chunk, size, filters) for chunk in chunks):
+        raise UserError(f"{where} has a chunk that inflates to more than its {size / 1e6:,.3f} MB; record it again")
+
+
+def _inflates(values: h5py.Dataset, chunk: h5py.h5d.StoreInfo, size: int, filters: list[int]) -> bool:
+    """Whether a chunk may become far more than its size, which HDF5 would go on with; gzip is tried, where it could."""
+    if chunk.size > size + size // 16 + SLACK or LZF in filters:
+        return chunk.size > min(size + size // 16 + SLACK, MOST_LZF)
+    if chunk.size <= CAREFUL or chunk.filter_mask & 1 << filters.index(GZIP):  # it is left out there
+        return False
+    data = values.id.read_direct_chunk(chunk.chunk_offset)[1]
+    return inflated(io.BytesIO(data), len(data), size + SLACK) > size + SLACK

@@ -1,0 +1,189 @@
+"""Damaged inputs, one after another, in a process of their own: a library that crashes takes only this one with it.
+
+`python -m tests.readers.fuzz KIND FIRST LAST FOLDER` prints a line of JSON for each input: what became of it.
+"""
+
+import json
+import re
+import resource
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+from scipy import io
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.params import DEFAULTS, load
+from tactile_viewgcn.process import peak_mb
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
+from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.tables.recordings import recordings_of, write_recordings
+from tests.readers.test_hdf5 import COUNTS, record
+from tests.small_tables import recipe, table, trained
+from tests.stag_files import metadata, save_matlab73
+
+MEMORY = 2**30  # bytes that one input may take
+WORDS = [0, 1, 2, 8, 127, 2**15, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**40, 2**62, 2**64 - 1]  # sizes to believe in
+TEXTS = [
+    b"-1",
+    b"1e400",
+    b"true",
+    b"null",
+    b"[",
+    b"]",
+    b"{}",
+    b'"',
+    b"9" * 400,
+    b"&a *a",
+    b"NaN",
+    b"\x1b[2J",
+    b"\xff",
+    b"\n",
+]
+NAMES = {"matlab5": "metadata.mat", "matlab73": "metadata.mat", "npy": "1.npy", "npz": "1.npz", "csv": "1.csv"}
+MADE_OF_TEXT = ("csv", "params", "server")
+
+
+def good_bytes(kind: str, folder: Path) -> list[bytes]:
+    """Files of a kind that are read as they are."""
+    path = folder / "good.h5"
+    tree = metadata(objects=2, recordings=1, frames=4)
+    tree["pressure"] = tree["pressure"][:, :3, 12:16]
+    if kind == "hdf5":
+        record(path, time=np.arange(4.0), valid=np.ones(4, bool), grasp=np.arange(4))
+        linked = record(folder / "linked.h5", pressure=None)
+        with h5py.File(linked, "r+") as file:
+            file.create_dataset("raw/counts", data=COUNTS, chunks=(2, 5, 7), compression="gzip", shuffle=True)
+            file["pressure"] = h5py.SoftLink("/raw/counts")
+        return [path.read_bytes(), linked.read_bytes()]
+    if kind == "table":
+        write_recordings(folder / "table", open_source(record(path)), "0" * 32)
+        return [(folder / "table").read_bytes()]
+    if kind == "matlab5":
+        for packed in (False, True):
+            io.savemat(folder / f"{packed}.mat", tree, do_compression=packed)
+        return [(folder / "False.mat").read_bytes(), (folder / "True.mat").read_bytes()]
+    if kind == "matlab73":
+        return [save_matlab73(folder / "good.mat", tree).read_bytes()]
+    if kind == "npy":
+        np.save(folder / "good.npy", COUNTS)
+        return [(folder / "good.npy").read_bytes()]
+    if kind == "npz":
+        np.savez(folder / "plain.npz", COUNTS)
+        np.savez_compressed(folder / "packed.npz", pressure=COUNTS, time=np.arange(4.0))
+        return [(folder / "plain.npz").read_bytes(), (folder / "packed.npz").read_bytes()]
+    if kind == "csv":
+        return [b"a,b,c\n1,2,3\n4,5,6\n7,8,9\n", b"1;2.5;3\n4;5;-6e3\n"]
+    if kind == "params":
+        return [DEFAULTS.read_bytes()]
+    return [json.dumps({"counts": table().counts[:8].reshape(2, 4, 12, 12).tolist(), "session": "000"}).encode()]
+
+
+def damaged(data: bytes, rng: np.random.Generator, is_text: bool) -> bytes:
+    """The bytes with one to six faults: bits, numbers, words of a text, pieces cut out, doubled or put elsewhere."""
+    out = bytearray(data)
+    for _ in range(rng.integers(1, 7)):
+        at, length = int(rng.integers(max(1, len(out)))), int(2 ** rng.uniform(0, 8))
+        match rng.choice([0, 1, 2, 3] if is_text else [0, 0, 0, 1, 2, 3, 3, 4, 4, 4, 5, 5, 5]):
+            case 0 if is_text:
+                numbers = [*re.finditer(rb"[\w.+-]+", out)] or [re.match(b"", out)]
+                place = numbers[rng.integers(len(numbers))]
+                out[place.start() : place.end()] = TEXTS[rng.integers(len(TEXTS))]
+            case 0:
+                out[at : at + 1] = bytes([int(rng.integers(256))])
+            case 1:
+                del out[at : at + length]
+            case 2:
+                out[at:at] = out[at : at + length]
+            case 3:
+                other = int(rng.integers(max(1, len(out))))
+                out[at : at + length] = out[other : other + length]
+            case 4:
+                size = int(rng.choice([1, 2, 4, 8]))
+                word = int(WORDS[rng.integers(len(WORDS))]) % 2 ** (8 * size)
+                out[at - at % size : at - at % size + size] = word.to_bytes(size, "little")
+            case _:
+                out[at : at + 1] = bytes([(out[at] if at < len(out) else 0) ^ 1 << int(rng.integers(8))])
+    return bytes(out[: rng.integers(len(out) + 1)] if rng.random() < 0.05 else out)
+
+
+def reader(kind: str, folder: Path) -> Callable[[bytes], None]:
+    """What an input of a kind is given to."""
+    if kind == "server":
+        save_classifier(folder / "classifier.pt", trained(), recipe().model, table())
+        model = RecogniserModel(Recogniser(folder / "classifier.pt"))
+        return lambda data: ask(model, data)
+    path = folder / "in" / NAMES.get(kind, "a.h5")
+    path.parent.mkdir()
+
+    def read(data: bytes) -> None:
+        path.write_bytes(data)
+        if kind == "params":
+            load(path)
+        elif kind == "table":
+            with recordings_of(path) as recordings:
+                recordings.frames(np.arange(len(recordings)))
+        else:
+            write_recordings(
+                folder / "out" / "table", open_source(path, labelled=kind not in ("npy", "npz", "csv")), ""
+            )
+
+    return read
+
+
+def ask(model: RecogniserModel, data: bytes) -> None:
+    """Give a request to the model as MLflow does, which refuses by itself what is no JSON."""
+    from mlflow.exceptions import MlflowException
+
+    try:
+        request = json.loads(data)
+        counts = np.array(request["counts"], dtype=object)
+        params = {"session": str(request["session"])}
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise UserError(f"MLflow: {type(error).__name__}") from None
+    try:
+        model.predict({"counts": counts}, params)
+    except MlflowException as error:
+        raise UserError(json.loads(error.serialize_as_json())["message"]) from None
+
+
+def outcome(read: Callable[[bytes], None], data: bytes, left: Path) -> dict:
+    """Whether an input was read, refused, or what else happened; in how many seconds."""
+    begin, result = time.perf_counter(), {"outcome": "read"}
+    try:
+        read(data)
+    except UserError as error:
+        result = {"outcome": "refused", "line": str(error)}
+    except BaseException:
+        result = {"outcome": "fault", "line": traceback.format_exc()}
+    if result["outcome"] == "read":
+        (left / "table").unlink(missing_ok=True)
+    return result | {"seconds": time.perf_counter() - begin, "left": [path.name for path in left.iterdir()]}
+
+
+def main(kind: str, first: str, last: str, place: str) -> None:
+    folder = Path(place)
+    (folder / "out").mkdir(parents=True)
+    read, whole = reader(kind, folder), good_bytes(kind, folder)
+    for data in whole:
+        read(data)  # and what is imported late is, before memory is counted
+        (folder / "out" / "table").unlink(missing_ok=True)
+    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, size + MEMORY))
+    before = peak_mb()
+    for number in range(int(first), int(last)):
+        rng = np.random.default_rng([number, *kind.encode()])
+        print(json.dumps({"number": number}), flush=True)  # of an input that crashes nothing else is known
+        data = damaged(whole[number % len(whole)], rng, kind in MADE_OF_TEXT)
+        result = outcome(read, data, folder / "out") | {"number": number, "mb": peak_mb() - before}
+        print(json.dumps(result), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

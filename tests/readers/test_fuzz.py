@@ -1,0 +1,42 @@
+"""Inputs with random damage: each is read, or ends in one line, in little time and memory; none crashes a library."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.imports import ROOT
+from tests.readers.fuzz import NAMES
+
+#: Inputs of each kind, 2,400 in all.
+INPUTS = {
+    "hdf5": 500,
+    "table": 400,
+    "matlab5": 300,
+    "matlab73": 400,
+    "npy": 150,
+    "npz": 150,
+    "csv": 150,
+    "params": 200,
+    "server": 150,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", INPUTS)
+def test_a_damaged_input_is_read_or_refused_in_one_line(kind, tmp_path):
+    words = [sys.executable, "-m", "tests.readers.fuzz", kind, "0", str(INPUTS[kind]), str(tmp_path / "place")]
+    ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=500)
+    results = [json.loads(line) for line in ended.stdout.splitlines()]
+    assert ended.returncode == 0, (results[-1:], ended.stderr[-2000:])  # the number of the input, see `fuzz.main`
+    results = [result for result in results if "outcome" in result]
+    assert [result["number"] for result in results] == list(range(INPUTS[kind]))
+    assert {result["outcome"] for result in results} == {"read", "refused"}
+    refused = [result["line"] for result in results if result["outcome"] == "refused"]
+    assert [line for line in refused if not line.isprintable() or "\n" in line] == []
+    if kind != "server":
+        assert [line for line in refused if NAMES.get(kind, "a.h5") not in line and "/in" not in line] == []
+    assert max(result["seconds"] for result in results) < 10
+    assert max(result["mb"] for result in results) < 1000
+    assert [result["left"] for result in results if result["left"]] == []

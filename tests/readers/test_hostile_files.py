@@ -1,0 +1,388 @@
+"""Files that were made to do harm: each ends in one line, in little time and memory, and nothing is left behind."""
+
+import os
+import socket
+import struct
+import time
+import zipfile
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers import limits
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings
+from tests.readers.test_hdf5 import COUNTS, record
+from tests.stag_files import metadata, save_matlab5, save_matlab73
+
+TREE = metadata(objects=2, recordings=1, frames=4)
+
+
+def refusal(path) -> str:
+    """The line that ends the reading of a source; there is no table, nor a part of one."""
+    out = path.parent.parent / "out"
+    out.mkdir(exist_ok=True)
+    begin = time.perf_counter()
+    with pytest.raises(UserError) as caught:
+        write_recordings(out / "table", open_source(path), "0" * 32)
+    assert time.perf_counter() - begin < 10 and list(out.iterdir()) == []
+    assert str(caught.value).isprintable() and path.name in str(caught.value)
+    return str(caught.value)
+
+
+def external_storage(file, folder):
+    (folder / "secret.txt").write_bytes(bytes(1000))
+    file.create_dataset("pressure", (4, 5, 7), "i2", external=[(str(folder / "secret.txt"), 0, 280)])
+
+
+def external_link(file, folder):
+    record(folder / "other.h5")
+    file["pressure"] = h5py.ExternalLink(str(folder / "other.h5"), "/pressure")
+
+
+def link_to_an_external_link(file, folder):
+    record(folder / "other.h5")
+    file["far"] = h5py.ExternalLink(str(folder / "other.h5"), "/")
+    file["pressure"] = h5py.SoftLink("/far/pressure")
+
+
+def virtual(file, folder):
+    record(folder / "other.h5")
+    layout = h5py.VirtualLayout((4, 5, 7), "i2")
+    layout[:] = h5py.VirtualSource(str(folder / "other.h5"), "pressure", (4, 5, 7))
+    file.create_virtual_dataset("pressure", layout)
+
+
+def dangling(file, folder):
+    file["pressure"] = h5py.SoftLink("/nowhere/else")
+
+
+def cyclic(file, folder):
+    file["pressure"], file["other"] = h5py.SoftLink("/other"), h5py.SoftLink("/pressure")
+
+
+def group(file, folder):
+    file.create_group("pressure")
+
+
+def nothing(file, folder):
+    file["pressure"] = h5py.Empty("i2")
+
+
+def declared(file, folder):
+    file.create_dataset("pressure", (3 * 2**20, 64, 64), "i2", chunks=(1, 64, 64))
+
+
+def declared_in_petabytes(file, folder):
+    file.create_dataset("pressure", (2**40, 64, 64), "i2", chunks=(1, 64, 64))
+
+
+def frames_of_one_sensor(file, folder):
+    file.create_dataset("pressure", (60_000_000, 1, 1), "i1", chunks=(2**20, 1, 1))
+
+
+def large_chunks(file, folder):
+    file.create_dataset("pressure", (20_000, 64, 64), "i2", chunks=(20_000, 64, 64))
+
+
+def compressed_twice(file, folder):
+    properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    properties.set_chunk((4, 5, 7))
+    properties.set_deflate(9)
+    properties.set_deflate(9)
+    h5py.h5d.create(file.id, b"pressure", h5py.h5t.NATIVE_INT16, h5py.h5s.create_simple((4, 5, 7)), properties)
+
+
+def inflating_chunk(file, folder):
+    values = file.create_dataset("pressure", (100_000, 5, 7), "i2", chunks=(100_000, 5, 7), compression="gzip")
+    packer = zlib.compressobj(9)
+    values.id.write_direct_chunk((0, 0, 0), b"".join(packer.compress(bytes(2**24)) for _ in range(4)) + packer.flush())
+
+
+def oversized_chunk(file, folder):
+    values = file.create_dataset("pressure", (4, 5, 7), "i2", chunks=(4, 5, 7), compression="gzip")
+    values.id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(2**20)))
+
+
+def references(file, folder):
+    file["pressure"] = np.full((4, 5, 7), file.ref, dtype=h5py.ref_dtype)
+
+
+HOSTILE = {
+    external_storage: "/pressure has its values outside the file; expected them in it",
+    external_link: "/pressure is a link to another file; expected a dataset in the file itself",
+    link_to_an_external_link: "/pressure is a link that leads nowhere in the file; expected a dataset",
+    virtual: "/pressure has its values outside the file; expected them in it",
+    dangling: "/pressure is a link that leads nowhere in the file; expected a dataset",
+    cyclic: "/pressure is a link that leads nowhere in the file; expected a dataset",
+    group: "/pressure is a group; expected a dataset",
+    nothing: "/pressure is of type null; expected integers or real numbers",
+    declared: "/pressure declares 25,770 MB and stores 0.000 MB; expected at most 67 MB",
+    declared_in_petabytes: "/pressure declares 9,007,199,255 MB and stores 0.000 MB; expected at most 67 MB",
+    frames_of_one_sensor: "/pressure declares 1,920 MB and stores 0.000 MB; expected at most 67 MB",
+    large_chunks: "/pressure declares 164 MB and stores 0.000 MB; expected at most 67 MB",
+    compressed_twice: "/pressure is compressed by HDF5's filters [1, 1]; expected one of gzip and lzf, or none",
+    inflating_chunk: "/pressure has a chunk that inflates to more than its 7.000 MB; record it again",
+    oversized_chunk: "/pressure has a chunk that inflates to more than its 0.000 MB; record it again",
+    references: "/pressure is of type object; expected integers or real numbers",
+}
+
+
+@pytest.mark.parametrize("make", HOSTILE)
+def test_a_hostile_dataset_is_refused_before_it_is_read(tmp_path, make):
+    path = record(tmp_path / "in" / "bad.h5", pressure=None)
+    with h5py.File(path, "r+") as file:
+        make(file, tmp_path)
+    assert HOSTILE[make] in refusal(path)
+
+
+def test_chunks_that_would_be_read_whole_are_refused_though_they_are_stored(tmp_path):
+    path = record(tmp_path / "in" / "bad.h5", pressure=None)
+    with h5py.File(path, "r+") as file:
+        values = file.create_dataset("pressure", (9_000, 64, 64), "i2", chunks=(9_000, 64, 64))
+        values[:1] = 1
+    assert "/pressure has chunks of 74 MB; expected at most 67 MB" in refusal(path)
+
+
+def test_links_and_damage_in_other_places_are_named(tmp_path):
+    path = record(tmp_path / "in" / "bad.h5")
+    with h5py.File(path, "r+") as file:
+        external_link_at(file, "time", tmp_path)
+        file["valid"] = h5py.SoftLink("/valid")
+    text = refusal(path)
+    assert "/time is a link to another file" in text and "/valid is a link that leads nowhere" in text
+
+
+def external_link_at(file, name, folder):
+    record(folder / "other.h5")
+    file[name] = h5py.ExternalLink(str(folder / "other.h5"), "/pressure")
+
+
+def test_a_link_within_the_file_and_compressed_chunks_are_read(tmp_path):
+    path = record(tmp_path / "in" / "good.h5", pressure=None)
+    noise = np.random.default_rng(0).integers(-(2**15), 2**15, (300, 64, 64), dtype=np.int16)
+    with h5py.File(path, "r+") as file:
+        options = {"compression": "gzip", "shuffle": True, "fletcher32": True, "chunks": (300, 64, 64)}
+        file.create_dataset("raw/counts", data=noise, **options)
+        file["pressure"] = h5py.SoftLink("/raw/counts")
+    np.testing.assert_array_equal(next(open_source(path).blocks)["pressure"], noise)
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        (np.bytes_(b"m\xffg"), "not a readable HDF5 file, or cut short (UnicodeDecodeError"),
+        (np.array(b"m\xffg", dtype=h5py.string_dtype()), r"name of object 'm\udcffg' is no text; expected UTF-8"),
+        (np.bytes_(b"m\0g"), r"name of object 'm\x00g' is no text"),
+        ("m" * 1001, "is no text; expected UTF-8 without NUL, up to 1,000 letters"),
+        (np.arange(3), "attribute object is no single text"),
+        (np.zeros(5000), "attribute object is no single text"),
+        (h5py.Empty("S3"), "attribute object is no single text"),
+    ],
+)
+def test_an_attribute_that_is_no_name_is_refused(tmp_path, value, says):
+    assert says in refusal(record(tmp_path / "in" / "bad.h5", attributes={"object": value}))
+
+
+def test_a_name_of_control_characters_is_stored_as_it_is(tmp_path):
+    name = "m\x1b[31m\n\u202eg"
+    path = record(tmp_path / "in" / "odd.h5", attributes={"object": name})
+    with recordings_of(path) as table:
+        assert table.objects == [name]
+
+
+@pytest.mark.parametrize("size", [0, 2**64 - 16])
+def test_a_heap_of_texts_in_which_hdf5_would_go_round_in_circles_is_refused(tmp_path, size):
+    path = record(tmp_path / "in" / "bad.h5")
+    content = bytearray(path.read_bytes())
+    at = content.index(b"GCOL") + 16
+    while int.from_bytes(content[at : at + 2], "little"):  # to what is free
+        at += 16 + -(-int.from_bytes(content[at + 8 : at + 16], "little") // 8) * 8
+    content[at + 8 : at + 16] = size.to_bytes(8, "little")
+    path.write_bytes(content)
+    assert "a heap of texts is damaged" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["grip.h5", "grip.npy", "metadata.mat", "grip.csv"])
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_named_pipe_is_no_recording(tmp_path, name, inside):
+    (tmp_path / "in" / "mug").mkdir(parents=True)
+    os.mkfifo(tmp_path / "in" / "mug" / name)
+    path = tmp_path / "in" / ("" if inside else f"mug/{name}")
+    if inside and name == "metadata.mat":
+        pytest.skip("no form of a folder has it")
+    assert "a folder, named pipe, socket or device; expected a file" in refusal(path)
+
+
+def test_a_named_pipe_in_a_folder_of_stag_is_no_recording(tmp_path):
+    (tmp_path / "in" / "000" / "003-mug").mkdir(parents=True)
+    os.mkfifo(tmp_path / "in" / "000" / "003-mug" / "pressuredata.mat")
+    assert "named pipe, socket or device; expected a file" in refusal(tmp_path / "in")
+
+
+def test_a_socket_and_a_device_are_no_recordings(tmp_path, monkeypatch):
+    (tmp_path / "in").mkdir()
+    monkeypatch.chdir(tmp_path / "in")  # a socket's path is short
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind("grip.h5")
+        assert "named pipe, socket or device" in refusal(tmp_path / "in" / "grip.h5")
+    with pytest.raises(UserError, match=r"/dev/zero: a folder, named pipe, socket or device; expected a file"):
+        open_source("/dev/zero")
+
+
+def zipped(path, size):
+    """A .npz whose array of so many bytes is zeros."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as file:
+        header = {"descr": "|i1", "fortran_order": False, "shape": (size // 100, 10, 10)}
+        np.lib.format.write_array_header_1_0(file, header)
+        for _ in range(size // 2**20):
+            file.write(bytes(2**20))
+    return path
+
+
+def test_a_zip_bomb_is_refused(tmp_path):
+    path = zipped(tmp_path / "in" / "mug" / "1.npz", 80 * 2**20)
+    assert "a declares 84 MB and stores 0.082 MB; expected at most 67 MB" in refusal(path.parent.parent)
+
+
+def test_an_archive_that_declares_less_than_its_array_is_refused(tmp_path):
+    (tmp_path / "in" / "mug").mkdir(parents=True)
+    with zipfile.ZipFile(path := tmp_path / "in" / "mug" / "1.npz", "w") as archive, archive.open("a.npy", "w") as file:
+        header = {"descr": "<f8", "fortran_order": False, "shape": (2**40, 64, 64)}
+        np.lib.format.write_array_header_1_0(file, header)
+    assert "not readable as .npz, or cut short (" in refusal(path.parent.parent)
+
+
+def test_a_line_without_end_is_refused(tmp_path):
+    (tmp_path / "in" / "mug").mkdir(parents=True)
+    (tmp_path / "in" / "mug" / "1.csv").write_text("1," * 10_000_000)
+    assert "a line of more than 131,072 letters" in refusal(tmp_path / "in")
+
+
+def matlab5(path, *elements):
+    """A file of MATLAB 5 with these elements, compressed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    packed = b"".join(struct.pack("<II", 15, len(data)) + data for data in map(zlib.compress, elements))
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + packed)
+    return path
+
+
+def matrix(name, kind, dims, content=b"", declared=None):
+    """An element of MATLAB 5: a matrix of a class, with its dimensions and content."""
+    text = name.ljust(-(-len(name) // 8) * 8, b"\0")
+    sides = struct.pack(f"<{len(dims)}I", *dims).ljust(-(-len(dims) // 2) * 8, b"\0")
+    body = struct.pack("<IIII", 6, 8, kind, 0) + struct.pack("<II", 5, 4 * len(dims)) + sides
+    body += struct.pack("<II", 1, len(name)) + text + content
+    return struct.pack("<II", 14, declared or len(body)) + body
+
+
+def test_an_element_of_matlab_5_that_inflates_without_end_is_refused(tmp_path):
+    content = struct.pack("<II", 3, 80 * 2**20) + bytes(80 * 2**20)
+    path = matlab5(tmp_path / "in" / "metadata.mat", matrix(b"pressure", 10, (1, 1), content))
+    assert "metadata.mat: pressure declares 84 MB and stores 0.082 MB" in refusal(path)
+
+
+def metadata5(path, objects, pressure_type=2):
+    """The fields that a metadata.mat has to have, one frame of 2 x 3, in MATLAB 5."""
+    number, six = struct.pack("<HHI", 2, 1, 0), struct.pack("<II", pressure_type, 6) + bytes(8)
+    elements = [matrix(name, 1, (1, 1), objects) for name in (b"objects", b"recordings", b"batches")]
+    elements += [matrix(name, 9, (1, 1), number) for name in (b"objectId", b"recordingId", b"batchId")]
+    return matlab5(path, *elements, matrix(b"pressure", 9, (1, 2, 3), six))
+
+
+def test_a_file_of_matlab_5_made_by_hand_is_read(tmp_path):
+    mug = matrix(b"", 4, (1, 3), struct.pack("<HH4s", 16, 3, b"mug"))
+    source = open_source(metadata5(tmp_path / "in" / "metadata.mat", mug))
+    assert (source.objects, source.frames, source.shape) == (["mug"], 1, (2, 3))
+
+
+@pytest.mark.parametrize(
+    ("objects", "pressure_type", "says"),
+    [
+        (matrix(b"", 1, (1, 1)) * 20_000, 2, "a cell is of type cell, and no text"),  # SciPy goes down, and crashes
+        (matrix(b"", 4, (1, 3), struct.pack("<HH4s", 16, 3, b"mug")), 66, "KeyError: 66"),  # SciPy crashes
+    ],
+)
+def test_what_makes_other_readers_of_matlab_5_crash_is_refused(tmp_path, objects, pressure_type, says):
+    assert says in refusal(metadata5(tmp_path / "in" / "metadata.mat", objects, pressure_type))
+
+
+def test_a_variable_that_stands_twice_is_refused(tmp_path):
+    one = matrix(b"pressure", 9, (1, 1), struct.pack("<HHI", 2, 1, 0))
+    assert "pressure stands twice; expected each variable once" in refusal(
+        matlab5(tmp_path / "in" / "metadata.mat", one, one)
+    )
+
+
+def test_links_in_a_file_of_matlab_73_are_not_followed(tmp_path):
+    (tmp_path / "in").mkdir()
+    path = save_matlab73(tmp_path / "in" / "metadata.mat", TREE)
+    with h5py.File(path, "r+") as file:
+        del file["objectId"]
+        external_link_at(file, "objectId", tmp_path)
+    assert "/objectId is a link to another file; expected a dataset in the file itself" in refusal(path)
+
+
+def test_a_cell_that_is_no_name_is_refused(tmp_path):
+    (tmp_path / "in").mkdir()
+    path = save_matlab73(tmp_path / "in" / "metadata.mat", TREE)
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("#refs#/far", (2000, 1), "u2", external=[("/etc/passwd", 0, 4000)])
+        file["objects"][0, 0] = file["#refs#/far"].ref
+    assert "a cell of /objects has its values outside the file" in refusal(path)
+
+
+def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
+    usage = type("usage", (), {"free": 100})
+    monkeypatch.setattr(limits.shutil, "disk_usage", lambda folder: usage)
+    assert "needs 0 MB in" in refusal(record(tmp_path / "in" / "a.h5"))
+
+
+def test_what_is_honestly_large_is_not_refused():
+    assert limits.most_declared(20 * 2**30) > 20 * 2**30  # uncompressed
+    assert limits.most_declared(2 * 2**30) == 10 * 2**30
+    assert limits.most_declared(2**20) == 200 * 2**20
+
+
+SEQUENCES = np.empty(1, dtype=h5py.vlen_dtype(np.uint8))
+SEQUENCES[0] = np.arange(3, dtype=np.uint8)
+ALTERED = {
+    "a number that leads nowhere": ("object", np.full(4, 7, np.int16), "a number in /object leads to no name"),
+    "a short column": ("frame", np.arange(3), "the columns have other lengths than /pressure"),
+    "sequences as names": ("sessions", SEQUENCES, "/sessions is of type object; expected integers or real numbers"),
+    "another layout": ("live", np.ones((5, 8), bool), "/live does not have the shape of a frame"),
+}
+
+
+@pytest.mark.parametrize("what", ALTERED)
+def test_a_table_that_was_altered_is_refused(tmp_path, what):
+    name, values, says = ALTERED[what]
+    write_recordings(tmp_path / "table", open_source(record(tmp_path / "a.h5")), "0" * 32)
+    with h5py.File(tmp_path / "table", "r+") as file:
+        del file[name]
+        file[name] = values
+    with pytest.raises(UserError, match=says):
+        Recordings(tmp_path / "table")
+
+
+def test_a_table_with_a_link_out_of_it_is_refused(tmp_path):
+    write_recordings(tmp_path / "table", open_source(record(tmp_path / "a.h5")), "0" * 32)
+    with h5py.File(tmp_path / "table", "r+") as file:
+        del file["pressure"]
+        file["pressure"] = h5py.ExternalLink(str(tmp_path / "a.h5"), "/pressure")
+    with pytest.raises(UserError, match="/pressure is a link to another file"):
+        Recordings(tmp_path / "table")
+
+
+def test_good_files_are_read_as_before(tmp_path):
+    (tmp_path / "in").mkdir()
+    for save in (save_matlab5, save_matlab73):
+        path = save(tmp_path / "in" / "metadata.mat", TREE)
+        with recordings_of(path) as table:
+            np.testing.assert_array_equal(table.frames(np.arange(len(table))), TREE["pressure"])
+    with recordings_of(record(tmp_path / "in" / "a.h5")) as table:
+        np.testing.assert_array_equal(table.frames(np.arange(4)), COUNTS)

@@ -1,0 +1,65 @@
+"""Names from outside, shown in a terminal, a picture, a page, and written to CSV."""
+
+import csv
+import io
+import xml.etree.ElementTree as ElementTree
+from base64 import b64decode
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.names import shown, write_csv
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.pages.html import environment, picture
+from tactile_viewgcn.plots import cluster_means, confusions, mean_frames
+
+NAME = "m\x1b[31mu\ng\u202e\udcff\uffff"
+SHOWN = r"m\x1b[31mu\ng\u202e\udcff\uffff"
+
+
+def test_what_controls_a_terminal_is_escaped_and_letters_and_spaces_are_not():
+    assert shown(NAME) == SHOWN and shown(SHOWN) == SHOWN
+    assert shown("47.3\N{NO-BREAK SPACE}% Tässchen 茶 ☕ 'x' \\") == "47.3\N{NO-BREAK SPACE}% Tässchen 茶 ☕ 'x' \\"
+    assert shown("\u2066a\u2069\u200e\r\t\0\x9b") == r"\u2066a\u2069\u200e\r\t\x00\x9b"
+
+
+@given(st.text())
+def test_whatever_is_shown_can_be_printed_and_is_xml(text):
+    ElementTree.fromstring(f"<a>{shown(text).replace('&', '').replace('<', '')}</a>")
+    shown(text).encode()
+    assert "\n" not in shown(text)
+
+
+def test_messages_and_notes_show_names():
+    assert str(UserError(f"{NAME}: not found")) == f"{SHOWN}: not found"
+    assert str(Note(f"{NAME} dropped", level="warning", topic="filter")) == f"warning: filter: {SHOWN} dropped"
+    assert str(Note("measured", level="choice", key="preprocess.baseline", value=NAME)).isprintable()
+
+
+def test_pictures_and_pages_show_names():
+    live, pair = np.ones((2, 2), bool), ["a", NAME]
+    for figure in (
+        confusions({"both": np.eye(2)}, pair),
+        mean_frames(np.ones((2, 2, 2)), live, pair, "counts"),
+        cluster_means(np.ones((2, 1, 2, 2)), live, pair),
+    ):
+        svg = b64decode(picture(figure, NAME).address.partition(",")[2]).decode()
+        ElementTree.fromstring(svg)
+        assert r"m\x1b[31mu\ng" in svg
+    assert (
+        environment().from_string("<p>{{ name }}</p>\n<b>{{ 3 }}</b>").render(name=NAME) == f"<p>{SHOWN}</p>\n<b>3</b>"
+    )
+
+
+FORMULAS = ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", "\n=1", "＝1"]
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_a_name_that_a_spreadsheet_would_run_is_a_text_in_csv_and_a_number_stays_one(name):
+    file = io.StringIO(newline="")
+    write_csv(file, [["object", "error"], [name, -0.5], ["mug=1", 3], [None, True]])
+    rows = list(csv.reader(io.StringIO(file.getvalue(), newline="")))
+    assert rows == [["object", "error"], [f"'{name}", "-0.5"], ["mug=1", "3"], ["", "True"]]
