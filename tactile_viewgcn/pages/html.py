@@ -74,13 +74,18 @@ def environment() -> Environment:
         finalize=_finalize,
     )
     made.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent}
-    made.filters |= {"duration": duration}
+    made.filters |= {"duration": duration, "lines": _lines}
     return made
 
 
 def _finalize(value: Any) -> Any:
     """A value as a page shows it; what is markup already is not touched."""
     return shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+def _lines(commands: str) -> Markup:
+    """Commands, one a line."""
+    return Markup("\n").join(map(shown, commands.split("\n")))
 
 
 def write(path: Path, text: str) -> str:

@@ -28,7 +28,7 @@ def inspection_page(overview: Overview) -> str:
         simulated=str(overview.path) == VIRTUAL,
         verdict=inspection_facts.verdict(overview, chosen, warnings),
         facts=inspection_facts.facts(overview),
-        command=inspection_facts.command_lines(overview, chosen),
+        command="\n".join(inspection_facts.command_lines(overview, chosen)),
         settings=[(as_change(note.key, note.value), note.text) for note in chosen],
         warnings=warnings,
         tables=inspection_facts.tables(overview, chosen),

@@ -42,7 +42,7 @@ def failing(error):
 @pytest.mark.parametrize(
     ("error", "says"),
     [
-        (UserError("views is 0;\n expected more"), "Error: views is 0; expected more\n"),
+        (UserError("views is 0;\n expected more"), "Error: views is 0;\\n expected more\n"),
         (FileNotFoundError("a.h5: no such file"), "Error: a.h5: no such file\n"),
         (MemoryError("Unable to allocate 3 GiB"), "out of memory: Unable to allocate 3 GiB"),
         (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB"), "Tried to allocate 2 GiB"),
