@@ -8,6 +8,7 @@ import unicodedata
 from collections.abc import Iterable
 from typing import Any, TextIO
 
+EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")  # OWASP: how a spreadsheet's formula begins
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.params import load, preset_changes
-from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.training import train
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings

@@ -13,8 +13,9 @@ from tactile_viewgcn.frames.baseline import (
     trimmed_moments,
 )
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
+from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.notes import Note, several
-from tactile_viewgcn.readers.source import EMPTY_HAND, listed
+from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
 EMPTY, OPEN, KNOWN = "their session's empty hand", "their session's open hand", "the training's baseline"

@@ -17,8 +17,9 @@ from tactile_viewgcn.frames.baseline import (
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import quick_error
 from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
+from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.readers.source import EMPTY_HAND, TEST, TRAIN
+from tactile_viewgcn.readers.source import TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings
 
 SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548

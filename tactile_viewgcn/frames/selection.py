@@ -16,9 +16,9 @@ from tactile_viewgcn.frames.split import (
     surplus_groups,
     validation_sides,
 )
+from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.params import Preprocess, Split
-from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 from tactile_viewgcn.tables.recordings import Recordings

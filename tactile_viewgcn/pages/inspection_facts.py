@@ -10,12 +10,13 @@ from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.frames.selection import one_class
 from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.readers.array_folder import array_files
-from tactile_viewgcn.readers.source import EMPTY_HAND, listed
+from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import is_table
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.notes import several
 
-EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
 UNLABELLED = ""  # in the place of an object's name, of recordings whose object is asked for
 TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64  # rows and columns of a frame

@@ -16,10 +16,9 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.selection import one_class
-from tactile_viewgcn.names import shown
+from tactile_viewgcn.names import EMPTY_HAND, shown
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
-from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_of_rows
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings

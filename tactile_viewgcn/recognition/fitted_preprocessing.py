@@ -8,8 +8,8 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import Preprocess
 
-STRONG_SHARE = 0.01  # of the readings are above a glove's strong reading
-MOST_TIMES = 4.0  # of it; single recordings of STAG's glove and the virtual one lie within a factor of 2
+STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
+MOST_TIMES = 4.0  # beyond the training's weakest and strongest recording
 ALL_KEPT = 0.99  # share of the training's frames that the filter keeps: its recordings are all contact
 
 
@@ -21,7 +21,8 @@ class FittedPreprocessing:
         params: that the frames were made by.
         kept_share: share of the recordings' frames that the filter keeps.
         dtype: of the counts.
-        strong_reading: counts above baseline that a share of STRONG_SHARE of the readings of kept frames exceeds.
+        strong_readings: counts above baseline that a share of STRONG_SHARE of the readings of kept frames exceeds, in
+            the recording where this is weakest, and in that where it is strongest.
         live: bool (H, W) sensors.
         noise: (H, W) standard deviation of the baseline in counts, NaN where it was not measured.
         baselines: (H, W) of each session, by its name.
@@ -30,7 +31,7 @@ class FittedPreprocessing:
     params: Preprocess
     kept_share: float
     dtype: np.dtype
-    strong_reading: float
+    strong_readings: tuple[float, float]
     live: np.ndarray
     noise: np.ndarray
     baselines: dict[str, np.ndarray]
@@ -65,11 +66,12 @@ class FittedPreprocessing:
         """
         if not len(excess):
             return
-        reading, expected = float(np.quantile(excess[:, self.live], 1 - STRONG_SHARE)), self.strong_reading
-        if not expected / MOST_TIMES <= reading <= expected * MOST_TIMES:
+        reading, (weakest, strongest) = float(np.quantile(excess[:, self.live], 1 - STRONG_SHARE)), self.strong_readings
+        if not weakest / MOST_TIMES <= reading <= strongest * MOST_TIMES:
             raise UserError(
                 f"{where}: one in a hundred readings in contact is above {reading:.3g} counts over its baseline; "
-                f"expected about {expected:.3g}, as the model was trained on: is it another glove, or another unit?"
+                f"expected {weakest:.3g} to {strongest:.3g}, as in the training's recordings: is it another glove, or "
+                "another unit?"
             )
 
 
@@ -79,7 +81,7 @@ def read_fitted(content: dict[str, Any]) -> FittedPreprocessing:
         params=Preprocess(**content["preprocess"]),
         kept_share=content["kept_share"],
         dtype=np.dtype(content["dtype"]),
-        strong_reading=content["strong_reading"],
+        strong_readings=tuple(content["strong_readings"]),
         live=content["live"].numpy(),
         noise=content["noise"].numpy(),
         baselines=dict(zip(content["baseline_names"], content["baseline_mean"].numpy(), strict=True)),

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.params import Backbone, Model
 from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
@@ -80,7 +81,7 @@ def save_classifier(
         "dtype": str(frames.counts.dtype),
         "live": torch.from_numpy(frames.live),
         "noise": torch.from_numpy(frames.noise),
-        "strong_reading": strong_reading(frames),
+        "strong_readings": strong_readings(frames),
         "novelty": novelty and {name: torch.as_tensor(value) for name, value in vars(novelty).items()},
     }
     with atomic_write(path) as part:
@@ -95,11 +96,17 @@ def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
     return [frames.sessions[session] for session in used], np.stack(means)
 
 
-def strong_reading(frames: Frames) -> float:
-    """Counts above baseline that one in a hundred readings of the live sensors exceeds, of at most 2,000 anchors."""
-    anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
+def strong_readings(frames: Frames) -> list[float]:
+    """Counts above baseline that one in a hundred readings of the live sensors exceeds, of two recordings.
+
+    They are the weakest and the strongest of those of an object, by at most 2,000 of the training anchors.
+    """
+    empty = frames.classes.index(EMPTY_HAND) if EMPTY_HAND in frames.classes else -1
+    anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN) & (frames.label != empty))
     some = anchors[np.linspace(0, len(anchors) - 1, min(len(anchors), STRONG_FRAMES)).astype(int)]
-    return float(np.quantile(frames.inputs(some, "counts")[:, frames.live], 1 - STRONG_SHARE))
+    readings, recording = frames.inputs(some, "counts")[:, frames.live], frames.recording[some]
+    strong = [np.quantile(readings[recording == number], 1 - STRONG_SHARE) for number in np.unique(recording)]
+    return [float(min(strong)), float(max(strong))]
 
 
 def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, Any]]:

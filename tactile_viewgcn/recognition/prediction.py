@@ -11,9 +11,8 @@ from typing import Any
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.names import write_csv
+from tactile_viewgcn.names import EMPTY_HAND, write_csv
 from tactile_viewgcn.notes import several
-from tactile_viewgcn.readers.source import EMPTY_HAND
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of

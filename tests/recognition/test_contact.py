@@ -7,7 +7,7 @@ from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.contact import find_contact
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
-from tactile_viewgcn.recognition.model_file import session_baselines, strong_reading
+from tactile_viewgcn.recognition.model_file import session_baselines, strong_readings
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tests.grips import FILE
 
@@ -40,7 +40,7 @@ def test_noise_that_is_cut_off_is_corrected_once(baseline):
         params=made.params,
         kept_share=made.frames.kept_share,
         dtype=known.dtype,
-        strong_reading=strong_reading(made.frames),
+        strong_readings=tuple(strong_readings(made.frames)),
         live=known.live,
         noise=made.frames.noise,
         baselines=dict(zip(names, baselines, strict=True)),
