@@ -19,10 +19,9 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 @stage("needs", "frames")
 def cluster(job: Job, needs: Path, frames: Path, out: Path) -> None:
     params, table = job.params, read_frames(frames)
-    if not job.needed:
-        params.cluster = replace(params.cluster, method="none")
+    clustering = params.cluster if job.needed else replace(params.cluster, method="none")
     count, rng = params.views, stream(params.seed, "cluster")
-    views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), params.cluster, rng)
+    views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), clustering, rng)
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
     if not job.needed:

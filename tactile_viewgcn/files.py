@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from pickle import UnpicklingError
+from zipfile import BadZipFile
 
 from filelock import FileLock, Timeout
 
@@ -71,6 +73,8 @@ def _room_for(path: Path) -> Iterator[None]:
     """Tell of a full disk as Python does; torch, h5py and other libraries each have their own exception."""
     try:
         yield
+    except UserError:
+        raise
     except Exception as error:
         if shutil.disk_usage(path.parent).free < LEAST_FREE:
             raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}; make room", str(path)) from error
@@ -78,22 +82,35 @@ def _room_for(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def readable(
-    path: object,
-    what: str = "damaged, or not written by this version",
-    remedy: str = "delete it and run `dvc repro` again",
-) -> Iterator[None]:
-    """Context for reading a file, of an earlier stage where `what` is wrong and the `remedy` are not given.
+def readable(path: object) -> Iterator[None]:
+    """Context for reading what an earlier stage wrote.
 
     Raises:
-        UserError: whatever a library raises, in one line: a damaged file fails in HDF5, SciPy, NumPy and zlib in many
-            ways.
+        UserError: the file is damaged, or of another version of the project.
     """
+    damages = (OSError, KeyError, TypeError, ValueError, RuntimeError, EOFError, UnpicklingError, BadZipFile)
+    with _in_one_line(damages, path, "damaged, or not written by this version", "delete it and run `dvc repro` again"):
+        yield
+
+
+@contextmanager
+def readable_source(path: object, what: str, remedy: str) -> Iterator[None]:
+    """Context for reading a file from outside: what is wrong with it where a library fails, and the remedy.
+
+    Raises:
+        UserError: whatever a library raises, also for want of memory: a damaged file fails in many ways.
+    """
+    with _in_one_line((Exception,), path, what, remedy):
+        yield
+
+
+@contextmanager
+def _in_one_line(errors: tuple[type[Exception], ...], path: object, what: str, remedy: str) -> Iterator[None]:
     try:
         yield
     except UserError:
         raise
-    except Exception as error:
+    except errors as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
         raise UserError(f"{path}: {what} ({reason}); {remedy}") from error
 

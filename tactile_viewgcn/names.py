@@ -19,7 +19,8 @@ def shown(text: object) -> str:
 
 
 def _shown(letter: str) -> str:
-    plain = letter.isprintable() or unicodedata.category(letter) == "Zs"  # spaces, such as the one in 47.3 %
+    joins = letter in "\u200c\u200d"  # as names of Persian and Hindi do
+    plain = letter.isprintable() or joins or unicodedata.category(letter) == "Zs"  # spaces, as the one in 47.3 %
     return letter if plain else letter.encode("unicode_escape").decode()
 
 

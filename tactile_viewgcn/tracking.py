@@ -129,11 +129,13 @@ class Run:
     def _log(self, log: Callable[[Any], Any]) -> Any:
         if not self._mlflow:
             return None
+        from mlflow.exceptions import MlflowException
+
         try:
             return log(self._mlflow)
-        except Exception as error:  # of MLflow, of its database, of the disk
+        except (MlflowException, OSError) as error:  # OSError: of the disk
             _not_logged(error)
-            self._mlflow = None
+            self._mlflow = self.id = None
             return None
 
 
@@ -201,10 +203,10 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
         run = mlflow.start_run(experiment_id=experiment, run_name=name or stage, tags=run_tags(stage))
     except (MlflowException, OSError, ImportError) as error:
         raise refusal(uri, error) from None
-    status = "FAILED"
+    logged, status = Run(mlflow, run.info.run_id), "FAILED"
     try:
-        yield Run(mlflow, run.info.run_id)
-        status = "FINISHED"
+        yield logged
+        status = "FINISHED" if logged.id else "FAILED"  # without all that it should hold
     except (KeyboardInterrupt, SystemExit):
         status = "KILLED"
         raise

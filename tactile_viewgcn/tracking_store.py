@@ -99,12 +99,12 @@ def _check_lock(uri: str) -> None:
     path = Path(uri.removeprefix(SQLITE).partition("?")[0])
     if not path.is_file():
         return
-    with closing(sqlite3.connect(path, timeout=LOCK_SECONDS)) as database:
-        try:
+    try:
+        with closing(sqlite3.connect(path, timeout=LOCK_SECONDS)) as database:
             database.execute("BEGIN IMMEDIATE")
-        except sqlite3.Error as error:  # other errors are MLflow's to tell
-            if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
-                raise StoreLocked(f"locked by another program for {LOCK_SECONDS} s") from None
+    except sqlite3.Error as error:  # other errors are MLflow's to tell
+        if error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY:  # beyond it the code says how
+            raise StoreLocked(f"locked by another program for {LOCK_SECONDS} s") from None
 
 
 def refusal(uri: str, error: Exception) -> UserError:

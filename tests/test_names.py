@@ -23,6 +23,7 @@ SHOWN = r"m\x1b[31mu\ng\u202e\udcff\uffff"
 def test_what_controls_a_terminal_is_escaped_and_letters_and_spaces_are_not():
     assert shown(NAME) == SHOWN and shown(SHOWN) == SHOWN
     assert shown("47.3\N{NO-BREAK SPACE}% Tässchen 茶 ☕ 'x' \\") == "47.3\N{NO-BREAK SPACE}% Tässchen 茶 ☕ 'x' \\"
+    assert shown("می\u200cخواهم") == "می\u200cخواهم"  # a letter of Persian
     assert shown("\u2066a\u2069\u200e\r\t\0\x9b") == r"\u2066a\u2069\u200e\r\t\x00\x9b"
 
 

@@ -114,7 +114,7 @@ def test_a_store_that_fails_under_way_is_told_once_and_the_stage_goes_on(store, 
         run.metrics({"seconds": 1})
         run.text("not logged any more", "notes.txt")
     (entry,) = runs_of(client)
-    assert entry.info.status == "FINISHED" and client.list_artifacts(entry.info.run_id) == []
+    assert run.id is None and entry.info.status == "FAILED" and client.list_artifacts(entry.info.run_id) == []
     assert capsys.readouterr().err.count("No space left on device; the stage goes on without it") == 1
 
 

@@ -8,7 +8,7 @@ from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.tables.frames import Frames
 
-MOST_FRAMES = 1000  # of which clipped readings are counted
+CHECKED_FRAMES = 1000  # of which clipped readings are counted
 MOST_CLIPPED = 0.2  # of the readings of sensors in contact
 
 
@@ -45,7 +45,7 @@ def _baseline_warnings(inspection: Inspection, frames: Frames, asked: Preprocess
 def _scale_warnings(inspection: Inspection, frames: Frames, asked: PreprocessSection) -> list[Note]:
     if frames.transform != "clip":
         return []
-    index = evenly(np.arange(len(frames)), MOST_FRAMES)
+    index = evenly(np.arange(len(frames)), CHECKED_FRAMES)
     excess = frames.inputs(index, "counts")[:, frames.live]
     above = excess[excess > asked.contact_sigmas * inspection.hand.noise[frames.session[index]]]
     if not len(above) or (above > frames.scale).mean() <= MOST_CLIPPED:

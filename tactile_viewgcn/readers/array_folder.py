@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import check_is_file, readable
+from tactile_viewgcn.files import check_is_file, readable_source
 from tactile_viewgcn.readers.limits import check_size
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
@@ -126,7 +126,7 @@ def _frames(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tupl
 def _read(file: Path) -> np.ndarray:
     """The array in a file, of .npy mapped. Nothing is unpickled, and what a header declares has to be in the file."""
     check_is_file(file)
-    with readable(file, f"not readable as {file.suffix}, or cut short", "save it again"):
+    with readable_source(file, f"not readable as {file.suffix}, or cut short", "save it again"):
         if file.suffix.lower() == ".csv":
             return _csv(file)
         if file.suffix.lower() == ".npz":

@@ -13,18 +13,20 @@ from pathlib import Path
 import h5py
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import check_is_file, readable
-from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_size, inflated
+from tactile_viewgcn.files import check_is_file, readable_source
+from tactile_viewgcn.readers.limits import check_size, inflated
 from tactile_viewgcn.readers.source import MOST_LETTERS, SOURCE_MD5
 
 MOST_CHUNK = 64 * 2**20  # bytes of a chunk, which is read whole, and kept for the next block
 CAREFUL = 2**15  # bytes stored of a chunk, above which gzip is tried before HDF5 inflates it, by 1,032 at most
 MOST_LZF = 2**23  # likewise, of lzf, which inflates by 90 at most
 SLACK = 64  # bytes that filters may add
-HEAP, MOST_PARTS = b"GCOL\1\0\0\0", 2**20  # how a heap begins; texts in all of them
+HEAP = b"GCOL\1\0\0\0"  # how one begins
 GZIP, LZF = h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_LZF
 CHECKS = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32
 NUMBERS, OBJECTS = "biuf", "O"  # kinds of dtype; the latter of texts and references
+DATASET, GROUP, OUTWARD = "dataset", "group", "link to another file"
+NOWHERE = "link that leads nowhere in the file"
 DAMAGED = "not a readable HDF5 file, or cut short"
 AGAIN = "record or download it again"
 
@@ -32,9 +34,13 @@ AGAIN = "record or download it again"
 def open_hdf5(path: Path) -> h5py.File:
     """An HDF5 file, open for reading; a UserError where it is no such file, or cut short."""
     check_is_file(path)
-    with readable(path, DAMAGED, AGAIN):
+    with readable_source(path, DAMAGED, AGAIN):
         file = h5py.File(path, "r", rdcc_nbytes=MOST_CHUNK)
-        _check_heaps(file, path)
+        try:
+            _check_heaps(file, path)
+        except BaseException:
+            file.close()
+            raise
         return file
 
 
@@ -43,14 +49,14 @@ def _check_heaps(file: h5py.File, path: Path) -> None:
     if file.id.get_create_plist().get_sizes() != (8, 8):
         raise ValueError("its addresses are not of eight bytes")
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        place, parts = data.find(HEAP), 0
+        place, parts, most = data.find(HEAP), 0, len(data) // 16  # bytes of a part's header
         while place >= 0:
             (size,) = struct.unpack_from("<Q", data, place + len(HEAP))
             at, end = place + 16, min(place + size, len(data))
             while at + 16 <= end:
                 index, length = struct.unpack_from("<H6xQ", data, at)
                 parts += 1
-                if length > size or not (index or length) or parts > MOST_PARTS:
+                if length > size or not (index or length) or parts > most:
                     raise ValueError("a heap of texts is damaged")
                 at += 16 + length + -length % 8 if index else length
             place = data.find(HEAP, place + 1)
@@ -59,7 +65,7 @@ def _check_heaps(file: h5py.File, path: Path) -> None:
 def attribute_names(path: Path) -> set[str]:
     """Names of the attributes on the root of an HDF5 file; none of another file, or of one that is cut short."""
     try:
-        with open_hdf5(path) as file, readable(path):
+        with open_hdf5(path) as file, readable_source(path, DAMAGED, AGAIN):
             return set(file.attrs)
     except UserError:
         return set()
@@ -88,10 +94,10 @@ def kind_of(file: h5py.File, name: str) -> str:
     """What stands under a name in the root: `dataset`, `group`, or which link that is not followed."""
     link = file.get(name, getlink=True)
     if isinstance(link, h5py.ExternalLink):
-        return "link to another file"
+        return OUTWARD
     if isinstance(link, h5py.SoftLink) and not _leads_to_object(file, link.path):
-        return "link that leads nowhere in the file"
-    return "dataset" if isinstance(file[name], h5py.Dataset) else "group"
+        return NOWHERE
+    return DATASET if isinstance(file[name], h5py.Dataset) else GROUP
 
 
 def _leads_to_object(file: h5py.File, target: str) -> bool:
@@ -110,7 +116,7 @@ def dataset(file: h5py.File, name: str, kinds: str = NUMBERS) -> h5py.Dataset:
     Raises:
         UserError: it is another object, or `check_dataset` refuses it.
     """
-    if (kind := kind_of(file, name)) != "dataset":
+    if (kind := kind_of(file, name)) != DATASET:
         raise UserError(f"{file.filename}: /{name} is a {kind}; expected a dataset in the file itself")
     check_dataset(file[name], f"{file.filename}: /{name}", kinds)
     return file[name]
@@ -130,7 +136,7 @@ def check_dataset(values: h5py.Dataset, where: str, kinds: str = NUMBERS) -> Non
         raise UserError(f"{where} is of type {kind}; expected integers or real numbers")
     stored = min(values.id.get_storage_size(), Path(values.file.filename).stat().st_size)
     declared = math.prod(values.shape) * values.dtype.itemsize
-    check_size(max(declared, COLUMN_BYTES * max(values.shape, default=0)), stored, where)
+    check_size(declared, stored, where)
     if values.chunks:
         _check_chunks(values, where)
 
@@ -149,15 +155,20 @@ def _check_chunks(values: h5py.Dataset, where: str) -> None:
         return
     chunks: list[h5py.h5d.StoreInfo] = []
     values.id.chunk_iter(lambda chunk: chunks.append(chunk))
+    left_out = 1 << filters.index(compressed[0])  # of a chunk that does not become smaller
+    chunks = [chunk for chunk in chunks if not chunk.filter_mask & left_out]
+    if LZF in filters and any(chunk.size > MOST_LZF for chunk in chunks):
+        most = MOST_LZF / 1e6
+        raise UserError(f"{where} has chunks of more than {most:,.0f} MB in lzf; expected smaller ones, or gzip")
     if any(_inflates(values, chunk, size, filters) for chunk in chunks):
         raise UserError(f"{where} has a chunk that inflates to more than its {size / 1e6:,.3f} MB; record it again")
 
 
 def _inflates(values: h5py.Dataset, chunk: h5py.h5d.StoreInfo, size: int, filters: list[int]) -> bool:
     """Whether a chunk may become far more than its size, which HDF5 would go on with; gzip is tried, where it could."""
-    if chunk.size > size + size // 16 + SLACK or LZF in filters:
-        return chunk.size > min(size + size // 16 + SLACK, MOST_LZF)
-    if chunk.size <= CAREFUL or chunk.filter_mask & 1 << filters.index(GZIP):  # it is left out there
+    if chunk.size > size + size // 16 + SLACK:
+        return True
+    if chunk.size <= CAREFUL or LZF in filters:
         return False
     data = values.id.read_direct_chunk(chunk.chunk_offset)[1]
     return inflated(io.BytesIO(data), len(data), size + SLACK) > size + SLACK

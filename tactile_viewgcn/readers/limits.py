@@ -47,9 +47,9 @@ def inflated(stream: BinaryIO, count: int, most: int) -> int:
 
 def check_disk(folder: Path, needed: int, path: Path) -> None:
     """Raise a UserError where the disk of a folder has no room for a table of so many bytes of the source `path`."""
-    free = shutil.disk_usage(folder).free
-    if needed > free:
+    usage = shutil.disk_usage(folder)
+    if needed > usage.free and usage.total:  # some mounted folders do not know
         raise UserError(
-            f"{path}: its table needs {needed / 1e6:,.0f} MB in {folder}, where {free / 1e6:,.0f} MB are free; "
+            f"{path}: its table needs {needed / 1e6:,.0f} MB in {folder}, where {usage.free / 1e6:,.0f} MB are free; "
             "make room, or name another disk (TMPDIR for a temporary table)"
         )

@@ -8,13 +8,27 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import check_is_file, readable
+from tactile_viewgcn.files import check_is_file, readable_source
 from tactile_viewgcn.readers import matlab5
-from tactile_viewgcn.readers.hdf5_file import NUMBERS, OBJECTS, check_dataset, dataset, kind_of, open_hdf5
+from tactile_viewgcn.readers.hdf5_file import (
+    DATASET,
+    GROUP,
+    NOWHERE,
+    NUMBERS,
+    OBJECTS,
+    OUTWARD,
+    check_dataset,
+    dataset,
+    kind_of,
+    open_hdf5,
+)
 from tactile_viewgcn.readers.source import MOST_LETTERS, MOST_NAMES
 
 #: MATLAB's classes that are no arrays of numbers
-NOT_NUMBERS = ("char", "cell", "struct", "object", "function", "opaque", "sparse", "complex", "unknown", "group")
+NOT_NUMBERS = (
+    *("char", "cell", "struct", "object", "function", "opaque", "sparse", "complex", "unknown"),
+    *(GROUP, OUTWARD, NOWHERE),
+)
 DAMAGED = "not a readable MAT-file, or cut short"
 REMEDY = "expected MATLAB 5 or 7.3; download it again"
 
@@ -25,10 +39,10 @@ def mat_shapes(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
     A header of MATLAB 5 does not say in which type whole numbers of class double are stored.
 
     Raises:
-        UserError: it is damaged, or declares or inflates to far more than it stores; a link is no field.
+        UserError: it is damaged, or declares or inflates to far more than it stores.
     """
     check_is_file(path)
-    with readable(path, DAMAGED, REMEDY):
+    with readable_source(path, DAMAGED, REMEDY):
         if not h5py.is_hdf5(path):
             return matlab5.shapes(path)
         with open_hdf5(path) as file:
@@ -41,7 +55,7 @@ def mat_fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
     Raises:
         UserError: as `mat_shapes`, or a field does not hold what it declares.
     """
-    with readable(path, DAMAGED, REMEDY):
+    with readable_source(path, DAMAGED, REMEDY):
         if not h5py.is_hdf5(path):
             return matlab5.fields(path, names)
         with open_hdf5(path) as file:
@@ -50,13 +64,13 @@ def mat_fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
 
 def mat_frames(path: Path, name: str) -> tuple[np.dtype, Callable[[slice], np.ndarray]]:
     """Type of a field (T, ...), and a function that reads a slice of it: a file of MATLAB 5 has to be read whole."""
-    with readable(path, DAMAGED, REMEDY):
+    with readable_source(path, DAMAGED, REMEDY):
         if h5py.is_hdf5(path):
             values = dataset(open_hdf5(path), name)  # which keeps the file open
             axes = tuple(range(values.ndim))[::-1]
 
             def read(at: slice) -> np.ndarray:
-                with readable(path, DAMAGED, REMEDY):
+                with readable_source(path, DAMAGED, REMEDY):
                     return values[..., at].transpose(axes)
 
             return values.dtype, read
@@ -65,7 +79,7 @@ def mat_frames(path: Path, name: str) -> tuple[np.dtype, Callable[[slice], np.nd
 
 
 def _shape_and_type(file: h5py.File, name: str) -> tuple[tuple[int, ...], str]:
-    if (kind := kind_of(file, name)) != "dataset":
+    if (kind := kind_of(file, name)) != DATASET:
         return (), kind
     values = file[name]
     return (values.shape or ())[::-1], "cell" if h5py.check_ref_dtype(values.dtype) else str(values.dtype)
@@ -80,7 +94,9 @@ def _of_hdf5(file: h5py.File, name: str) -> Any:
     if values.size > MOST_NAMES:
         raise UserError(f"{file.filename}: /{name} has {values.size:,} cells; expected at most {MOST_NAMES:,} names")
     for reference in values[()].ravel():
-        check_dataset(codes := file[reference], where)
+        if not isinstance(codes := file[reference], h5py.Dataset):
+            raise UserError(f"{where} is a group; expected a text")
+        check_dataset(codes, where)
         if codes.size > MOST_LETTERS:
             raise UserError(f"{where} has {codes.size:,} letters; expected a name of at most {MOST_LETTERS:,}")
         texts.append("".join(map(chr, codes[()].ravel())))

@@ -80,16 +80,17 @@ def _shape(path: Path) -> tuple[int, int, int]:
     header = mat_shapes(path)
     if "pressure" not in header:
         raise UserError(f"{path}: no field pressure; expected STAG's pressuredata.mat")
-    shape = header["pressure"][0]
     for name in RAW_FIELDS:
         if name in header and (kind := header[name][1]) in NOT_NUMBERS:
             raise UserError(f"{path}: {name} is of type {kind}; expected integer counts or real numbers")
+    shape = header["pressure"][0]
+    sides = check_shape(shape, str(path))
     for name in ("tStamp", "frame"):
         if name in header and (size := math.prod(header[name][0])) != shape[0]:
             raise UserError(
                 f"{path}: {name} has {several(size, 'value')} for {several(shape[0], 'frame')}; expected one for each"
             )
-    return shape[0], *check_shape(shape, str(path))
+    return shape[0], *sides
 
 
 def _read_recording(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

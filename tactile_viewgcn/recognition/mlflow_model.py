@@ -60,11 +60,13 @@ def _numbers(counts: np.ndarray) -> np.ndarray:
     kinds = set(map(type, counts.flat))
     if list in kinds:
         raise UserError("counts is not rectangular; expected nested lists of equal lengths")
-    if foreign := kinds - {int, float}:  # NumPy would make numbers of true and "515"
+    real = {kind for kind in kinds if issubclass(kind, float | np.floating)}
+    whole = {kind for kind in kinds if kind is not bool and issubclass(kind, int | np.integer)}
+    if foreign := kinds - real - whole:  # NumPy would make numbers of true and "515"
         value = next(value for value in counts.flat if type(value) in foreign)
         raise UserError(f"counts holds {reprlib.repr(value)}; expected integer counts or real numbers")
     try:
-        return counts.astype(np.float64 if float in kinds else np.int64)
+        return counts.astype(np.float64 if real else np.int64)
     except OverflowError:
         raise UserError(f"counts holds an integer beyond 64 bits; expected numbers up to {MAX_PRESSURE:g}") from None
 

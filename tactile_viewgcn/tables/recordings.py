@@ -24,6 +24,12 @@ from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, MIN_SPREAD, SO
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
 
+def _table(path: Path, needed: int, source: Path) -> h5py.File:
+    """A new table, where its disk has room for it."""
+    check_disk(path.absolute().parent, needed, source)
+    return h5py.File(path, "w")
+
+
 def write_recordings(path: str | Path, source: Source, md5: str) -> None:
     """Write the frames of a source, whose md5 is given, to one HDF5 table, block by block.
 
@@ -46,9 +52,8 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
             yield pressure
 
     frame_bytes = math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES
-    check_disk(Path(path).absolute().parent, source.frames * frame_bytes, source.path)
     bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
-    with atomic_write(path) as part, h5py.File(part, "w") as file, bar:
+    with atomic_write(path) as part, _table(part, source.frames * frame_bytes, source.path) as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
         file["live"] = low < high
         if 0 < (spread := (high - low).max()) < MIN_SPREAD:

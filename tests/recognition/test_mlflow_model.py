@@ -117,7 +117,8 @@ def test_the_logged_model_gives_the_recogniser_s_probabilities_in_a_column_for_e
         ({"session": "000"}, recogniser.baseline("000")),
         ({"baseline": empty.tolist()}, empty.reshape(12, 12)),
     ):
-        for numbers in counts, counts.astype(float):  # whole numbers may be written as floats
+        scalars = np.array(list(counts.ravel()), dtype=object).reshape(counts.shape)  # of NumPy's own type
+        for numbers in counts, counts.astype(float), scalars:  # whole numbers may be written as floats
             expected = recogniser.probabilities(counts, baseline)
             np.testing.assert_array_equal(loaded.predict(numbers, params=params), expected)
     needs = Path(mlflow.pyfunc.get_model_dependencies(address)).read_text().split()
