@@ -28,9 +28,11 @@ UNCLUSTERED = """
 import sys
 from stages.cluster import cluster
 from stages.evaluate import evaluate
+from stages.needs import needs
 
 given = [*sys.argv[1:], "--frames", "frames.h5"]
-cluster([*given, "--out", "views.h5", "--record", "cluster.json"], standalone_mode=False)
+needs([*sys.argv[1:], "--out", "needs.json"], standalone_mode=False)
+cluster([*given, "--needs", "needs.json", "--out", "views.h5", "--record", "cluster.json"], standalone_mode=False)
 outputs = ["--classifier", "classifier.pt", "--out", "results", "--record", "evaluate.json"]
 evaluate([*given, *outputs], standalone_mode=False)
 print("imported", *sys.modules)
