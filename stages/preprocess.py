@@ -25,8 +25,8 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     rows = selection_counts(table, selection)
     notes = made.notes
     if inspection:
-        taken = job.params.preprocess.baseline == "auto" and made.measurement is not None
-        leak, leak_notes = leak_of_split(table, inspection, made.baseline, kind, split, measured=taken)
+        measured = job.params.preprocess.baseline == "auto" and made.measurement is not None
+        leak, leak_notes = leak_of_split(table, inspection, made.baseline, kind, split, measured=measured)
         notes = [*notes, *leak_notes]
     write_frames(out, frames)
     with atomic_write(kept) as part, part.open("w", newline="") as file:

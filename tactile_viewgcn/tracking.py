@@ -186,23 +186,15 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
     if uri == DISABLED:
         yield Run()
         return
+    started = None
     try:
-        check_store(uri)
+        started = _start(uri, stage, name or stage, row)
     except StoreLocked as error:
         _not_logged(error)
+    if not started:
         yield Run()
         return
-    import mlflow
-    from mlflow.exceptions import MlflowException
-
-    try:
-        mlflow.set_tracking_uri(uri)
-        rows, stages = _experiments(uri)
-        _close_killed([rows, stages])
-        experiment = rows if row else stages
-        run = mlflow.start_run(experiment_id=experiment, run_name=name or stage, tags=run_tags(stage))
-    except (MlflowException, OSError, ImportError) as error:
-        raise refusal(uri, error) from None
+    mlflow, run = started
     logged, status = Run(mlflow, run.info.run_id), "FAILED"
     try:
         yield logged
@@ -217,6 +209,22 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
     finally:
         with suppress(Exception):
             mlflow.end_run(status)
+
+
+def _start(uri: str, stage: str, name: str, row: bool) -> tuple[Any, Any]:
+    """MLflow, and a run that has begun in a store that answers."""
+    check_store(uri)
+    import mlflow
+    from mlflow.exceptions import MlflowException
+
+    try:
+        mlflow.set_tracking_uri(uri)
+        rows, stages = _experiments(uri)
+        _close_killed([rows, stages])
+        return mlflow, mlflow.start_run(experiment_id=rows if row else stages, run_name=name, tags=run_tags(stage))
+    except (MlflowException, OSError, ImportError) as error:
+        check_store(uri)  # it may have been locked since
+        raise refusal(uri, error) from None
 
 
 def _close_killed(experiments: list[str]) -> None:

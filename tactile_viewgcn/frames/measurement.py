@@ -49,7 +49,7 @@ class Measurement:
     def counts(self) -> dict[str, float]:
         """The errors by the names that they are logged under."""
         measured = {"baseline": self.baselines, "leak": self.leaks, "filter": self.filters}
-        return {f"measured.{what}.{kind}": error.error for what, of in measured.items() for kind, error in of.items()}
+        return {f"measured.{what}.{kind}": errors[kind].error for what, errors in measured.items() for kind in errors}
 
     def best_baseline(self) -> str | None:
         """The first baseline that errs within two standard errors of the lowest, of those that do not tell the object.

@@ -16,7 +16,7 @@ READING = ("bending", "saturation", "hysteresis", "crosstalk", "noise", "common_
 EFFECTS = MECHANICS + READING
 STAG_SIZE = {"sessions": 3, "frames": 1667, "grasps": 49}  # 81 recordings, 135,027 frames
 
-MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15 - 1  # in all; recordings are numbered in 16 bits
+MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15  # in all; recordings are numbered in 16 bits
 
 Cell = tuple[int, int]  # one recording: number of the session and of the object
 

@@ -16,9 +16,9 @@ from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.readers.array_folder import array_files
+from tactile_viewgcn.readers.hdf5_file import is_table
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.tables.recordings import is_table
 
 MANY_GAPS = 0.01  # of the frames
 _LARGEST = f"at the largest reading in more than {100 * SATURATED:g} % of the frames"

@@ -18,7 +18,7 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import readable_source
-from tactile_viewgcn.readers.hdf5_file import AGAIN, DAMAGED, attribute, dataset, open_hdf5
+from tactile_viewgcn.readers.hdf5_file import AGAIN, DAMAGED, attribute, check_heaps, dataset, open_hdf5
 from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_size
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
@@ -145,6 +145,7 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
                 continue
             if values.shape != (len(pressure),):
                 mistakes.append(f"{path}: /{name} has shape {values.shape}; expected ({len(pressure)},)")
+        check_heaps(file)
         attributes = {} if labelled else dict(NOT_LABELLED)
         attributes |= {name: text for name in ATTRIBUTES if (text := attribute(file, name)) is not None}
         mistakes += [

@@ -4,17 +4,17 @@ No link out of a file is followed, nor within it to what is no plain dataset; wh
 what the file stores before any of it is read.
 """
 
-import io
 import math
 import mmap
 import struct
+import zlib
 from pathlib import Path
 
 import h5py
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import check_is_file, readable_source
-from tactile_viewgcn.readers.limits import check_size, inflated
+from tactile_viewgcn.readers.limits import check_size
 from tactile_viewgcn.readers.source import MOST_LETTERS, SOURCE_MD5
 
 MOST_CHUNK = 64 * 2**20  # bytes of a chunk, which is read whole, and kept for the next block
@@ -35,31 +35,28 @@ def open_hdf5(path: Path) -> h5py.File:
     """An HDF5 file, open for reading; a UserError where it is no such file, or cut short."""
     check_is_file(path)
     with readable_source(path, DAMAGED, AGAIN):
-        file = h5py.File(path, "r", rdcc_nbytes=MOST_CHUNK)
-        try:
-            _check_heaps(file, path)
-        except BaseException:
-            file.close()
-            raise
-        return file
+        return h5py.File(path, "r", rdcc_nbytes=MOST_CHUNK)
 
 
-def _check_heaps(file: h5py.File, path: Path) -> None:
-    """Raise a ValueError where HDF5 would not end: a heap, which holds texts, has a part without a size."""
+def check_heaps(file: h5py.File) -> None:
+    """Raise a ValueError where HDF5 would not end reading a text: a heap, which holds texts, has a part without a size.
+
+    It reads all of the file.
+    """
     if file.id.get_create_plist().get_sizes() != (8, 8):
         raise ValueError("its addresses are not of eight bytes")
-    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        place, parts, most = data.find(HEAP), 0, len(data) // 16  # bytes of a part's header
+    with Path(file.filename).open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        place, parts, most = content.find(HEAP), 0, len(content) // 16  # bytes of a part's header
         while place >= 0:
-            (size,) = struct.unpack_from("<Q", data, place + len(HEAP))
-            at, end = place + 16, min(place + size, len(data))
+            (size,) = struct.unpack_from("<Q", content, place + len(HEAP))
+            at, end = place + 16, min(place + size, len(content))
             while at + 16 <= end:
-                index, length = struct.unpack_from("<H6xQ", data, at)
+                index, length = struct.unpack_from("<H6xQ", content, at)
                 parts += 1
                 if length > size or not (index or length) or parts > most:
                     raise ValueError("a heap of texts is damaged")
                 at += 16 + length + -length % 8 if index else length
-            place = data.find(HEAP, place + 1)
+            place = content.find(HEAP, place + 1)
 
 
 def attribute_names(path: Path) -> set[str]:
@@ -77,7 +74,10 @@ def is_table(path: Path) -> bool:
 
 
 def attribute(file: h5py.File, name: str) -> str | None:
-    """An attribute of the root as text, None where there is none; a UserError where it is no single text or number."""
+    """An attribute of the root as text, None where there is none; a UserError where it is no single text or number.
+
+    `check_heaps` comes first.
+    """
     if name not in file.attrs:
         return None
     stored = file.attrs.get_id(name)
@@ -170,5 +170,5 @@ def _inflates(values: h5py.Dataset, chunk: h5py.h5d.StoreInfo, size: int, filter
         return True
     if chunk.size <= CAREFUL or LZF in filters:
         return False
-    data = values.id.read_direct_chunk(chunk.chunk_offset)[1]
-    return inflated(io.BytesIO(data), len(data), size + SLACK) > size + SLACK
+    stored = values.id.read_direct_chunk(chunk.chunk_offset)[1]
+    return len(zlib.decompressobj().decompress(stored, size + SLACK + 1)) > size + SLACK

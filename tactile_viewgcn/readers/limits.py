@@ -1,9 +1,7 @@
 """How much a file of recordings may declare, so that a small one does not become hours of work and a full disk."""
 
 import shutil
-import zlib
 from pathlib import Path
-from typing import BinaryIO
 
 from tactile_viewgcn.errors import UserError
 
@@ -11,7 +9,6 @@ ANY = 64 * 2**20  # bytes that every file may declare
 MOST_TIMES = 200  # what it stores: noise of sensors is compressed 3 to 20 times, nothing but zeros 1,032 times by gzip
 MOST_MORE = 8 * 2**30  # bytes beyond what it stores
 COLUMN_BYTES = 32  # of the table's columns, for each frame
-PIECE = 2**20  # bytes inflated at once
 
 
 def most_declared(stored: int) -> int:
@@ -26,23 +23,6 @@ def check_size(declared: int, stored: int, where: str) -> None:
             f"{where} declares {declared / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; expected at most "
             f"{most / 1e6:,.0f} MB: save what was recorded again, uncompressed"
         )
-
-
-def inflated(stream: BinaryIO, count: int, most: int) -> int:
-    """Number of bytes that the next `count` bytes of a stream inflate to by zlib; above `most` it stops counting.
-
-    Raises:
-        zlib.error: damaged.
-    """
-    inflater, size = zlib.decompressobj(), 0
-    while count and not inflater.eof and (data := stream.read(min(count, PIECE))):
-        count -= len(data)
-        while data and size <= most and not inflater.eof:
-            size += len(inflater.decompress(data, PIECE))
-            data = inflater.unconsumed_tail
-        if size > most:
-            break
-    return size
 
 
 def check_disk(folder: Path, needed: int, path: Path) -> None:

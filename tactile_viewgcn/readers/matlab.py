@@ -1,4 +1,4 @@
-"""Reading fields of MAT-files, of MATLAB 5 by SciPy and of MATLAB 7.3, which are HDF5 with reversed axes."""
+"""Reading fields of MAT-files of MATLAB 5, and of MATLAB 7.3, which are HDF5 with reversed axes."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -47,28 +47,28 @@ def shapes(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
     Raises:
         UserError: a variable declares far more than is stored, or stands twice. Of a damaged file anything is raised.
     """
-    found: dict[str, tuple[tuple[int, ...], str]] = {}
+    variables: dict[str, tuple[tuple[int, ...], str]] = {}
     for variable in _variables(path, _order(path)):
-        if variable.name in found:
+        if variable.name in variables:
             raise UserError(f"{path}: {variable.name} stands twice; expected each variable once")
-        found[variable.name] = variable.shape, variable.kind
-    return found
+        variables[variable.name] = variable.shape, variable.kind
+    return variables
 
 
 def fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
     """Those of the named variables that there are: arrays; a cell array as a list of its texts."""
-    order, found = _order(path), {}
+    order, values = _order(path), {}
     for variable in _variables(path, order):
         if variable.name in names:
             with path.open("rb") as stream:
                 stream.seek(variable.start)
-                data = stream.read(variable.stored)
+                content = stream.read(variable.stored)
             if variable.compressed:
-                data = zlib.decompressobj().decompress(data, variable.size)
-            if len(data) != variable.size:
+                content = zlib.decompressobj().decompress(content, variable.size)
+            if len(content) != variable.size:
                 raise ValueError(f"{variable.name} is cut short")
-            found[variable.name] = _value(memoryview(data)[8:], order)
-    return found
+            values[variable.name] = _value(memoryview(content)[8:], order)
+    return values
 
 
 def _order(path: Path) -> str:

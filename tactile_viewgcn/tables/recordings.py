@@ -18,7 +18,7 @@ from tqdm import tqdm
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.hdf5_file import OBJECTS, dataset, is_table
+from tactile_viewgcn.readers.hdf5_file import OBJECTS, check_heaps, dataset, is_table, open_hdf5
 from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_disk
 from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, MIN_SPREAD, SOURCE_MD5, Source, checked_blocks
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
@@ -75,6 +75,8 @@ def recordings_of(
     """The table that `ingest` wrote at a path, or a temporary one of any form that it reads, see `open_source`."""
     path = Path(path)
     if is_table(path):
+        with readable(path), open_hdf5(path) as file:
+            check_heaps(file)
         yield Recordings(path)
         return
     source = open_source(path, labelled=labelled, layout=layout)

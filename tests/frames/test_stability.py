@@ -180,9 +180,9 @@ def automatic(path, readings):
     label, recording = np.arange(6) % 2, np.arange(6)
     columns = {"object": np.repeat(label, 24), "recording": np.repeat(recording, 24), "objects": ["mug", "ball"]}
     recordings = written(path, readings.reshape(-1, 6, 6), **columns)
-    seen = overview(recordings)
+    inspected = overview(recordings)
     asked = dict.fromkeys(AUTO, "auto")
-    chosen = {note.key: note.value for note in choose(seen.inspection, seen.measurement, asked)}
+    chosen = {note.key: note.value for note in choose(inspected.inspection, inspected.measurement, asked)}
     params = recipe("split.by=recording", "split.folds=3", *[f"{key}={value}" for key, value in chosen.items()])
     frames = preprocess_recordings(recordings, params.preprocess, params.split).frames
     return chosen, frames.inputs(np.arange(len(frames.label)))

@@ -33,7 +33,7 @@ def test_parameters_become_a_recipe():
         ),
         (
             ("glove.grasps=1000", "glove.grasp_frames=124"),
-            "are 81 recordings of 124,000 frames; expected at most 32,767",
+            "are 81 recordings of 124,000 frames; expected at most 32,768",
         ),
     ],
 )

@@ -30,7 +30,7 @@ def refusal(path) -> str:
     with pytest.raises(UserError) as caught:
         write_recordings(out / "table", open_source(path), "0" * 32)
     assert time.perf_counter() - begin < 10 and list(out.iterdir()) == []
-    assert str(caught.value).isprintable() and path.name in str(caught.value)
+    assert path.name in str(caught.value)
     return str(caught.value)
 
 
