@@ -87,7 +87,7 @@ def run(
     if answers and not shard:
         folder = out or (FOLDER / ".quick" / study.name if quick else FOLDER / study.name)
         print(write_report(study, answers, folder, rehearsal=quick, on_top=changes))
-        print(f"written: {folder}/results.csv, results.md, results.png")
+        print(f"written: {folder}/results.csv, results.md and pictures")
     if faults:
         raise UserError(
             f"{len(faults)} of {several(len(cells), 'cell')} failed, see above; the same command tries them again"

@@ -1,4 +1,6 @@
-"""The pictures of a study: errors by variant, against seconds, or along a crossing."""
+"""The pictures of a study: errors by variant, against a cost, or along a crossing."""
+
+from collections.abc import Collection
 
 import numpy as np
 import pandas as pd
@@ -9,9 +11,8 @@ from matplotlib.ticker import LogLocator, NullLocator
 from studies.comparison import pareto_front
 
 
-def errors_by_variant(rows: pd.DataFrame, sequential: pd.DataFrame, title: str) -> Figure:
+def errors_by_variant(rows: pd.DataFrame, title: str) -> Figure:
     """A line for each variant, a mark on it for each protocol."""
-    rows = pd.concat([rows, sequential])
     variants, protocols = list(rows["variant"].unique()), rows["protocol"].unique()
     figure = Figure(figsize=(8, 1.8 + 0.42 * len(variants)), layout="constrained")
     axes = figure.add_subplot()
@@ -29,24 +30,34 @@ def errors_by_variant(rows: pd.DataFrame, sequential: pd.DataFrame, title: str) 
     return figure
 
 
-def errors_by_cost(rows: pd.DataFrame, sequential: pd.DataFrame, title: str) -> Figure:
-    """Error under the last protocol against seconds of training, ms of an answer and, if any, number of frames."""
-    trained = _of_last_protocol(rows)
-    panels = [
-        ("seconds of both trainings", trained, trained["seconds"]),
-        ("ms per view set, in batches", trained, trained["ms in batches"]),
-    ]
-    if len(sequential):
-        panels.append(("mean number of frames, one after the other", sequential, sequential["frames"]))
-    figure = Figure(figsize=(6.5 * len(panels), 6), layout="constrained")
-    for axes, (label, chosen, costs) in zip(figure.subplots(1, len(panels)), panels, strict=True):
-        _front(axes, chosen, costs.to_numpy())
-        axes.set(xlabel=label, ylabel=f"error, % ({chosen['protocol'].iloc[0]} protocol)")
-    figure.suptitle(f"{title}; grey: Pareto front", fontsize=10)
+def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collection[str], title: str) -> Figure:
+    """Error under the last protocol against a cost. What is on the Pareto front, and the references, have their names.
+
+    Args:
+        cost: `seconds` of both trainings, or a column of the rows; label: of its axis.
+    """
+    rows = _of_last_protocol(rows)
+    costs, errors, bars = rows[cost].to_numpy(), rows["error"].to_numpy(), _bars(rows)
+    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    axes = figure.add_subplot()
+    axes.errorbar(costs, errors, yerr=bars, fmt="o", color="0.6", ms=4, elinewidth=0.6)
+    best = pareto_front(costs, errors)
+    axes.plot(costs[best], errors[best], "o-", drawstyle="steps-post", color="C0", ms=6)
+    named = rows["variant"].isin(references).to_numpy()
+    axes.plot(costs[named], errors[named], "*", color="C3", ms=14)
+    middle = np.sqrt(costs.min() * costs.max())
+    for place in {*best, *np.flatnonzero(named)}:
+        # towards the middle, so that no label runs over the frame
+        offset, side = ((-7, 5), "right") if costs[place] > middle else ((7, 5), "left")
+        at = costs[place], errors[place]
+        axes.annotate(rows["variant"].iloc[place], at, offset, textcoords="offset points", ha=side, fontsize=10)
+    _log_axis(axes, costs)
+    axes.set(xlabel=label, ylabel=f"error, % ({rows['protocol'].iloc[0]} protocol)")
+    figure.suptitle(f"{title}\nstar: {', '.join(references)}; blue: Pareto front", fontsize=10)
     return figure
 
 
-def error_curves(rows: pd.DataFrame, _sequential: pd.DataFrame, title: str) -> Figure:
+def error_curves(rows: pd.DataFrame, title: str) -> Figure:
     """A line for each variant under the last protocol: error along the crossing, against seconds and ms an answer.
 
     A crossing's names begin with a number, as `8 recordings` does; the other words are the first panel's label.
@@ -82,20 +93,6 @@ def _of_last_protocol(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows of one protocol, with the `seconds` of both trainings."""
     chosen = rows[rows["protocol"] == rows["protocol"].iloc[-1]]
     return chosen.assign(seconds=chosen["pretrain s"] + chosen["finetune s"])
-
-
-def _front(axes: Axes, rows: pd.DataFrame, costs: np.ndarray) -> None:
-    errors, bars = rows["error"].to_numpy(), _bars(rows)
-    best = pareto_front(costs, errors)
-    axes.step(costs[best], errors[best], "o-", where="post", color="0.8", lw=4, ms=14, zorder=0)
-    middle = np.sqrt(costs.min() * costs.max())
-    for number, (name, cost, error) in enumerate(zip(rows["variant"], costs, errors, strict=True)):
-        colour = f"C{number % 10}"
-        axes.errorbar(cost, error, yerr=bars[:, [number]], fmt="o", color=colour, elinewidth=0.8)
-        # towards the middle, so that no label runs over the frame
-        offset, side = ((-5, 4), "right") if cost > middle else ((5, 4), "left")
-        axes.annotate(name, (cost, error), offset, textcoords="offset points", ha=side, fontsize=7, color=colour)
-    _log_axis(axes, costs)
 
 
 def _log_axis(axes: Axes, costs: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""The report of a study: its tables and its picture."""
+"""The report of a study: its tables and its pictures."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -7,6 +7,7 @@ from textwrap import fill
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from studies.cells import Answers
 from studies.comparison import WEIGHTINGS, Variant, pooled, power, rows_of, sequential_rows
@@ -38,7 +39,7 @@ classifier is confident enough; `frames` is their mean number."""
 def write_report(
     study: Study, answers: list[Answers], folder: Path, *, rehearsal: bool = False, on_top: tuple[str, ...] = ()
 ) -> str:
-    """results.csv, results.md and results.png in `folder`; the text of results.md.
+    """results.csv, results.md and the pictures in `folder`; the text of results.md.
 
     Raises:
         UserError: variants that cannot be compared.
@@ -71,10 +72,25 @@ def write_report(
     with atomic_write(folder / "results.md") as part:
         part.write_text("\n\n".join(parts) + "\n")
     title = f"{'Rehearsal. ' if rehearsal else ''}{data}: {study.question}\nBars: 95 % interval over split groups"
-    draw = {"error": errors_by_variant, "seconds": errors_by_cost, "curves": error_curves}[study.picture]
-    with atomic_write(folder / "results.png") as part:
-        draw(rows[rows["weighting"] == "frame"], sequential, title).savefig(part, format="png", dpi=100)
+    for name, figure in pictures(study, rows[rows["weighting"] == "frame"], sequential, references, title).items():
+        with atomic_write(folder / name) as part:
+            figure.savefig(part, format="png", dpi=100)
     return (folder / "results.md").read_text()
+
+
+def pictures(
+    study: Study, rows: pd.DataFrame, sequential: pd.DataFrame, references: Sequence[str], title: str
+) -> dict[str, Figure]:
+    """The study's pictures by the names of their files."""
+    if study.picture == "curves":
+        return {"results.png": error_curves(rows, title)}
+    if study.picture == "seconds":
+        costs = {
+            "results.png": ("seconds", "seconds of both trainings"),
+            "answers.png": ("ms alone", "ms per view set, alone"),
+        }
+        return {name: errors_by_cost(rows, *cost, references, title) for name, cost in costs.items()}
+    return {"results.png": errors_by_variant(pd.concat([rows, sequential]), title)}
 
 
 def missing(study: Study, variants: list[Variant], on_top: tuple[str, ...]) -> list[str]:

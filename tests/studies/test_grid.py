@@ -125,7 +125,7 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
         (folder / "timing.json").write_text(f'{{"seconds": {{"total": {seconds}}}}}')
     list_studies()
     estimates = {line.split()[0]: line.split()[2] for line in capsys.readouterr().out.splitlines()}
-    assert (estimates["claims"], estimates["compare"]) == ("10:00", "22:00")  # 30 cells of 20 s, 22 of 60 s
+    assert (estimates["claims"], estimates["compare"]) == ("10:00", "1:00:00")  # 30 cells of 20 s, 60 of 60 s
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from studies.pictures import error_curves
+from studies.pictures import error_curves, errors_by_cost
 
 COSTS = ("pretrain s", "finetune s", "ms alone")
 
@@ -22,7 +22,7 @@ def test_curves_have_a_line_for_each_variant_along_the_crossing():
             ("b / 8 recordings", 20 + more, 5, 6, 0.2),
         )
     ]
-    panels = error_curves(pd.DataFrame(rows), pd.DataFrame(), "title").axes
+    panels = error_curves(pd.DataFrame(rows), "title").axes
     lines = [[(line.get_xdata().tolist(), line.get_ydata().tolist()) for line in axes.get_lines()] for axes in panels]
     assert lines[0] == [([1, 8], [40, 10]), ([1, 8], [35, 20])]
     assert lines[1] == [([7, 70], [40, 10]), ([2, 11], [35, 20])]
@@ -40,8 +40,26 @@ def test_what_a_crossing_s_names_say_before_their_last_number_is_a_line_of_its_o
             ("2 grasps", "8 frames a grasp", 10),
         )
     ]
-    panel = error_curves(pd.DataFrame(rows), pd.DataFrame(), "title").axes[0]
+    panel = error_curves(pd.DataFrame(rows), "title").axes[0]
     lines = [(line.get_xdata().tolist(), line.get_ydata().tolist()) for line in panel.get_lines()]
     assert lines == [([1, 8], [40, 30]), ([1, 8], [20, 10])]
     assert panel.get_legend_handles_labels()[1] == ["a / 1 grasp", "a / 2 grasps"]
     assert panel.get_xlabel() == "frames a grasp"
+
+
+def test_error_against_a_cost_names_the_front_and_the_reference():
+    rows = [
+        {"variant": name, "protocol": "recording", "error": error, "low": error - 2, "high": error + 2}
+        | dict(zip(COSTS, costs, strict=True))
+        for name, error, *costs in (
+            ("cheap", 60, 0, 1, 0.1),
+            ("worse", 70, 0, 2, 0.2),
+            ("good", 40, 3, 4, 5.0),
+            ("paper", 65, 50, 50, 9.0),
+        )
+    ]
+    axes = errors_by_cost(pd.DataFrame(rows), "seconds", "s", ["paper"], "title").axes[0]
+    assert {text.get_text() for text in axes.texts} == {"cheap", "good", "paper"}
+    front, star = axes.get_lines()[-2:]
+    assert (front.get_xdata().tolist(), front.get_ydata().tolist()) == ([1, 7], [60, 40])
+    assert (star.get_xdata().tolist(), star.get_ydata().tolist()) == ([100], [65])
