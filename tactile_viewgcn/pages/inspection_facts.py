@@ -68,7 +68,8 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
 
 def tables(overview: Overview, chosen: list[Note]) -> list[Table]:
     """Objects, sessions, readings, and what was measured of baselines and filters; `chosen` ones are marked."""
-    return [_objects(overview.inspection), _sessions(overview), _readings(overview), _measured(overview, chosen)]
+    all_tables = (_objects(overview.inspection), _sessions(overview), _readings(overview), _measured(overview, chosen))
+    return [table for table in all_tables if table.rows]
 
 
 def _objects(of: Inspection) -> Table:

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.pages.inspection_facts import verdict, warnings
+from tactile_viewgcn.pages.inspection_facts import tables, verdict, warnings
 from tactile_viewgcn.pages.inspection_page import inspection_page
 from tactile_viewgcn.pages.recommendation import recommend
 from tactile_viewgcn.pages.source_inspection import inspect_source
@@ -51,6 +51,13 @@ def test_the_page_says_what_the_inspection_found(overview):
     assert all(note.text in text and note.key in text for note in recommend(overview))
     assert "Usable, with 1 warning. Each object has 4 recordings or more." in text and "24 sensors hardly vary." in text
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
+
+
+def test_what_was_not_measured_has_no_table(overview):
+    chosen = recommend(overview)
+    assert "Baseline and filter" in [table.title for table in tables(overview, chosen)]
+    unmeasured = replace(overview, measurement=None, first_frame=None)
+    assert [table.title for table in tables(unmeasured, chosen)] == ["Objects", "Sessions", "Readings"]
 
 
 def with_changes(overview, groups, **changes):
