@@ -42,7 +42,8 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
             run.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
     click.echo("\n".join(report.summary_lines(metrics, timing)))
     if address:
-        click.echo(f"  use it: mlflow.pyfunc.load_model({address!r})")
+        click.echo(f"  in a program: mlflow.pyfunc.load_model({address!r})")
+    click.echo("  next: tactile-viewgcn report; tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.readers.array_folder import array_files
 from tactile_viewgcn.readers.hdf5_file import is_table
-from tactile_viewgcn.readers.source import listed
+from tactile_viewgcn.readers.source import MAX_SIDE, listed
 from tactile_viewgcn.schema import as_change
 
 MANY_GAPS = 0.01  # of the frames
@@ -47,7 +47,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         gaps = f"{several(overview.gaps, 'gap')} of more than {GAP} intervals"
         rate = f"{1 / overview.interval:.4g} Hz"
         times = f"is the frame rate; {gaps}, {np.median(overview.seconds):.3g} s a recording"
-    return [
+    rows = [
         (
             f"{of.frames.sum():,}",
             f"{'frame' if of.frames.sum() == 1 else 'frames'} of {height} x {width}, kept as {overview.dtype}",
@@ -62,8 +62,14 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
             f"sensors vary; hardly: {overview.stuck.sum()}, {_LARGEST}: {(overview.saturated > SATURATED).sum()}",
         ),
         (rate, times),
-        (str(len(columns)), f"optional {'column' if len(columns) == 1 else 'columns'}: {', '.join(columns) or 'none'}"),
     ]
+    if columns:
+        rows.append(
+            (f"{len(columns)}", f"optional {'column' if len(columns) == 1 else 'columns'}: {', '.join(columns)}")
+        )
+    if height == 1 < low == high <= MAX_SIDE and array_files(overview.path):  # single frames would look like this
+        rows.append((f"{high:g} x {width}", f"cells in each file: if that is one frame, --shape {high:g} {width}"))
+    return rows
 
 
 def tables(overview: Overview, chosen: list[Note]) -> list[Table]:
@@ -143,6 +149,7 @@ def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
     leak = leaks_of.get(baseline)
     leaks = leak is not None and leak.tells_object
     first_leaks = first_frame is not None and first_frame.tells_object
+    quick = overview.measurement.baselines.get(baseline) if overview.measurement else None
     untouched = _names(of, np.bincount(of.label, of.contact, len(of.objects)) == 0)
     once = _names(of, _groups(of, by) == 1)
     stuck, saturated = int(overview.stuck.sum()), int((overview.saturated > SATURATED).sum())
@@ -152,6 +159,8 @@ def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
         "touch than they seem to. Record each object in several sessions, in another order in each.": leaks,
         "The first frame of a recording, before anything is held, already tells the object: errors will say less about "
         "touch than they seem to. Record the objects in another order in each session.": first_leaks,
+        "A quick classifier tells the objects apart no better than guessing. Record more of each, held firmly, and "
+        "look at the readings.": quick is not None and not quick.tells_object,
         f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {once}. Nothing is left to test with. {TWICE}": once,
         f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable, and at the program that "
         "records.": overview.gaps > MANY_GAPS * of.frames.sum(),

@@ -21,7 +21,8 @@ def inspection_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     warned = warnings(overview, chosen)
     judged = verdict(overview, chosen, warned)
     lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons]), *warned])]
-    return [*lines, "To use", *_wrapped(map(str, chosen)), "", *command_lines(overview, chosen)]
+    lines.append("Until then, to try out the commands" if judged.kind == "bad" else "To use")
+    return [*lines, *_wrapped(map(str, chosen)), "", *command_lines(overview, chosen)]
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:

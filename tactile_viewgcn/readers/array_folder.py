@@ -117,9 +117,9 @@ def _frames(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tupl
         return 1 if shape == layout else shape[0], layout[0], layout[1]
     if layout:
         expected = f"(frames, {layout[0]}, {layout[1]}) or (frames, {math.prod(layout)})"
-        raise UserError(f"{file}: an array {shape}; expected {expected} by data.shape, or as the model was fitted on")
+        raise UserError(f"{file}: an array {shape}; expected {expected} by --shape, data.shape or the model")
     if len(shape) == 2 and shape[1] > MAX_SIDE:
-        raise UserError(f"{file}: an array {shape}; expected rows and columns by data.shape (inspect --shape)")
+        raise UserError(f"{file}: an array {shape}; expected a layout: inspect --shape ROWS COLUMNS")
     return shape[0], *check_shape((shape[0], 1, shape[1]) if len(shape) == 2 else shape, str(file))
 
 
@@ -161,7 +161,11 @@ def _csv(file: Path) -> np.ndarray:
     try:
         return np.loadtxt(islice(_lines(file), words, None), np.int64, delimiter=mark, comments=None, ndmin=2)
     except ValueError:
+        pass
+    try:
         return np.loadtxt(islice(_lines(file), words, None), delimiter=mark, comments=None, ndmin=2)
+    except ValueError as error:
+        raise ValueError(str(error).partition(";")[0]) from None  # what follows is of NumPy's options
 
 
 def _lines(file: Path) -> Iterator[str]:

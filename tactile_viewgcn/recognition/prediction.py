@@ -67,7 +67,7 @@ def predict(
     for line in _summary(records, recogniser.classes):
         echo(line)
     if joined:
-        echo("together:")
+        echo("the recordings of a folder together, as one object:")
         for line in [*map(_line, joined_records), *_summary(joined_records, recogniser.classes)]:
             echo(line)
     records += joined_records

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.pages.inspection_facts import tables, verdict, warnings
+from tactile_viewgcn.pages.inspection_facts import facts, tables, verdict, warnings
 from tactile_viewgcn.pages.inspection_page import inspection_page
 from tactile_viewgcn.pages.recommendation import recommend
 from tactile_viewgcn.pages.source_inspection import inspect_source
@@ -58,6 +58,28 @@ def test_what_was_not_measured_has_no_table(overview):
     assert "Baseline and filter" in [table.title for table in tables(overview, chosen)]
     unmeasured = replace(overview, measurement=None, first_frame=None)
     assert [table.title for table in tables(unmeasured, chosen)] == ["Objects", "Sessions", "Readings"]
+
+
+@pytest.mark.parametrize(("last", "said"), [(16, True), (17, False)])
+def test_files_that_may_be_one_frame_each_are_pointed_out(tmp_path, last, said):
+    rng = np.random.default_rng(0)
+    for name in ("mug", "pen"):
+        (tmp_path / name).mkdir()
+        np.save(tmp_path / name / "1.npy", rng.normal(size=(16, 24)))
+        np.save(tmp_path / name / "2.npy", rng.normal(size=(last, 24)))
+    hint = "16 x 24", "cells in each file: if that is one frame, --shape 16 24"
+    assert (hint in facts(inspect_source(tmp_path))) == said
+
+
+def test_recordings_that_a_quick_classifier_cannot_tell_apart_are_warned_of(overview):
+    chosen, measured = recommend(overview), overview.measurement
+    kind = next(note.value for note in chosen if note.key == "preprocess.baseline")
+    assert not any("guessing" in text for text in warnings(overview, chosen))
+    guessing = replace(measured.baselines[kind], high=measured.baselines[kind].chance)
+    measurement = replace(measured, baselines=measured.baselines | {kind: guessing})
+    assert any(
+        "no better than guessing" in text for text in warnings(replace(overview, measurement=measurement), chosen)
+    )
 
 
 def with_changes(overview, groups, **changes):

@@ -47,7 +47,7 @@ def test_recordings_of_one_object_get_one_more_answer_from_all_of_them(place):
     for seed in (85, 86):
         write(place / "one" / f"{seed}.h5", recording("pen", seed))
     *lines, last = call(place / "classifier.pt", place / "one", "--together", "--json", place / "answers.json")
-    assert lines[-3:-1] == ["answers: 2 object", "together:"]
+    assert lines[-3:-1] == ["answers: 2 object", "the recordings of a folder together, as one object:"]
     assert lines[-1].split()[:3] == ["together", "16/40", "pen"] and last == "answers: 1 object"
     first, second, both = json.loads((place / "answers.json").read_text())["answers"]
     assert both["recording"] == "together" and both["frames_used"] == first["frames_used"] + second["frames_used"]
