@@ -90,7 +90,7 @@ def evaluate_table(
     with compute.autocast():
         features = classifier.frame_values(frames)
     groups = table.group[index][anchors]
-    protocols = all_trials(classifier, features, table, cluster, evaluate, seed)
+    protocols = all_trials(classifier, features, table, cluster, evaluate, seed, temperatures)
     scores = {
         protocol: scores_of(trials, groups, stream(seed, "interval", PROTOCOLS.index(protocol)))
         for protocol, trials in protocols.items()

@@ -40,7 +40,13 @@ class Trials:
 
 
 def all_trials(
-    classifier: Classifier, features: Tensor, table: Frames, cluster: Cluster, evaluate: Evaluate, seed: int
+    classifier: Classifier,
+    features: Tensor,
+    table: Frames,
+    cluster: Cluster,
+    evaluate: Evaluate,
+    seed: int,
+    temperatures: list[float] | None = None,
 ) -> dict[str, Trials]:
     """The trials of each protocol in `evaluate.protocols`; the view sets are the same for all classifiers of V views.
 
@@ -49,6 +55,7 @@ def all_trials(
     Args:
         classifier: its `logits` and `views` are used.
         features: (n, ...) of the evaluated side's frames, see `Classifier`.
+        temperatures: see `run_trials`.
     """
     index = table.on(SIDES.index(evaluate.side))
     protocols: dict[str, Trials] = {}
@@ -62,7 +69,7 @@ def all_trials(
             pool = pool_ids(table, index, "grasp" if joined else protocol)
             rngs = (stream(seed, "trial", number, trial) for trial in range(evaluate.trials))
             protocols[protocol] = run_trials(
-                classifier, features, points, label, pool, anchors, cluster, rngs, bar, joined or 1
+                classifier, features, points, label, pool, anchors, cluster, rngs, bar, joined or 1, temperatures
             )
     return protocols
 
@@ -100,14 +107,19 @@ def run_trials(
     rngs: Iterable[np.random.Generator],
     bar: tqdm,
     joined: int = 1,
+    temperatures: list[float] | None = None,
 ) -> Trials:
     """Classify one view set per anchor in each trial, each with its own generator and clustering.
+
+    A classifier of any number of frames answers each pool of a view set alone, and the answers' logarithms are added,
+    as `predict --together` does; another takes the frames of all pools as one set.
 
     Args:
         features: (n, C) of the frames; points: (n, d) network input that is clustered; labels, pool: (n,).
         anchors: (A,) indices of the frames that view sets are drawn around.
         rngs: a generator for each trial.
         joined: pools of one class that a view set joins, each in so many times fewer clusters.
+        temperatures: of the classifier, for 1 to V frames; None if it takes V alone.
     """
     views, scores, empty = classifier.views, None, 0
     clusters = -(-views // joined)
@@ -117,8 +129,13 @@ def run_trials(
     for rng in rngs:
         sets = ViewSets(cluster_pools(points, pool, clusters, cluster, rng, scores), pool, clusters)
         pools = joined_pools(pool, labels, anchors, joined, rng)
-        drawn = torch.from_numpy(sets.draw(anchors, rng, cluster.assignment, pools, views))
-        logits = classifier.logits(features, drawn.to(features.device))
+        drawn = torch.from_numpy(sets.draw(anchors, rng, cluster.assignment, pools, views)).to(features.device)
+        if joined == 1 or temperatures is None or cluster.assignment != "index":
+            logits = classifier.logits(features, drawn)
+        else:
+            parts = [drawn[:, place::joined] for place in range(joined)]  # column i is of pool i modulo `joined`
+            alone = [classifier.logits(features, part) / temperatures[part.shape[1] - 1] for part in parts]
+            logits = torch.stack(alone).log_softmax(dim=-1).sum(dim=0)
         order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class
         top.append(order[:, :TOP].cpu())
         empty += int(sets.empty.sum())
