@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.tables.views import NO_CLUSTER
+from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import recipe, table, views_of
 
 VALIDATED = "split.validation=0.25"
@@ -16,6 +18,16 @@ def test_training_and_validation_frames_get_a_cluster_and_test_frames_none():
     assert (views.cluster[frames.side == TEST] == NO_CLUSTER).all()
     for number in np.unique(views.pool[frames.side != TEST]):
         assert set(views.cluster[views.pool == number].tolist()) == set(range(4))
+
+
+@pytest.mark.parametrize("scope", ["object", "recording"])
+def test_pools_are_of_the_scope_and_the_viewpoints_are_kept(scope):
+    frames, params = table(), recipe(f"cluster.scope={scope}")
+    views = views_of(frames, params)
+    of_pool = frames.label if scope == "object" else frames.recording
+    assert len(np.unique(views.pool)) == len(np.unique(np.stack([frames.side, of_pool]), axis=1).T)
+    np.testing.assert_array_equal(views.viewpoints, viewpoints(params.views, params.viewpoints, params.seed))
+    assert views.cluster.dtype == np.int16
 
 
 def test_clusters_of_the_training_side_depend_on_no_other_side():
