@@ -1,6 +1,5 @@
 """Run the cells of a study that have not been run, and say how far it is."""
 
-import math
 import time
 from collections.abc import Callable
 
@@ -11,7 +10,7 @@ from studies.grid import Cell
 from studies.queue import Queue
 from tactile_viewgcn.errors import UserError
 
-POLL, KILLED = 10.0, 30.0  # seconds between looks at the queue, and at its processes
+POLL = 30.0  # seconds between looks at the queue, each of which takes DVC a second or two
 
 
 def run_cells(
@@ -29,7 +28,6 @@ def run_cells(
     missing = {f"{name}-{key}": key for key in cells if not stored(key)}  # by experiments, the same in every clone
     faults: dict[str, str] = {}
     running: set[str] = set()
-    looked = -math.inf
     queue.remove(each for each, (state, _) in queue.tasks().items() if each in missing and state == "Failed")
     with tqdm(total=len(cells), initial=len(cells) - len(missing), desc=name, unit="cell", disable=None) as bar:
         while missing:
@@ -51,12 +49,10 @@ def run_cells(
                 bar.write(f"{texts[key]} {f'failed: {fault}' if fault else 'done'}")
                 if fault:
                     faults[key] = fault
-            if missing and time.monotonic() - looked > KILLED:
-                queue.remove_killed(missing)
-                put_absent(queue, {experiment: cells[key] for experiment, key in missing.items()}, jobs)
-                looked = time.monotonic()
             bar.set_postfix(running=len(running), failed=len(faults))
             if missing:
+                queue.remove_killed(missing)
+                put_absent(queue, {experiment: cells[key] for experiment, key in missing.items()}, jobs)
                 wait(POLL)
     return faults
 

@@ -80,7 +80,6 @@ def processes_in(folder):
 @pytest.mark.filterwarnings("default")  # the warnings are DVC's own
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc to find its processes in")
 def test_a_killed_queue_is_taken_up_and_what_had_finished_does_not_run_again(machine, tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "KILLED", 1.0)
     monkeypatch.setattr(runner, "POLL", 0.5)
     queue = Queue()
     for name, cell in zip(NAMES, CELLS.values(), strict=True):
