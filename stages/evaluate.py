@@ -43,7 +43,7 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     click.echo("\n".join(report.summary_lines(metrics, timing)))
     if address:
         click.echo(f"  in a program: mlflow.pyfunc.load_model({address!r})")
-    click.echo("  next: tactile-viewgcn report; tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS")
+    click.echo(f"  next: tactile-viewgcn report; tactile-viewgcn predict {classifier} NEW_RECORDINGS")
 
 
 if __name__ == "__main__":

@@ -53,7 +53,8 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
         axes.annotate(rows["variant"].iloc[place], at, offset, textcoords="offset points", ha=side, fontsize=10)
     _log_axis(axes, costs)
     axes.set(xlabel=label, ylabel=f"error, % ({rows['protocol'].iloc[0]} protocol)")
-    figure.suptitle(f"{title}\nstar: {', '.join(references)}; blue: Pareto front", fontsize=10)
+    stars = "; ".join(["blue: Pareto front", *(f"star: {name}" for name in rows["variant"][named])])
+    figure.suptitle(f"{title}\n{stars}", fontsize=10)
     return figure
 
 

@@ -29,6 +29,7 @@ from tactile_viewgcn.tracking_store import (
     address,
     check_store,
     existing_address,
+    is_locked,
     refusal,
     store_folder,
 )
@@ -223,7 +224,8 @@ def _start(uri: str, stage: str, name: str, row: bool) -> tuple[Any, Any]:
         _close_killed([rows, stages])
         return mlflow, mlflow.start_run(experiment_id=rows if row else stages, run_name=name, tags=run_tags(stage))
     except (MlflowException, OSError, ImportError) as error:
-        check_store(uri)  # it may have been locked since
+        if is_locked(error):
+            raise StoreLocked("locked by another program") from None
         raise refusal(uri, error) from None
 
 

@@ -107,6 +107,14 @@ def _check_lock(uri: str) -> None:
             raise StoreLocked(f"locked by another program for {LOCK_SECONDS} s") from None
 
 
+def is_locked(error: BaseException | None) -> bool:
+    """Whether an error comes from a database that another program has locked."""
+    while error and not isinstance(error, sqlite3.OperationalError):
+        error = error.__cause__ or error.__context__
+    codes = sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED
+    return isinstance(error, sqlite3.OperationalError) and error.sqlite_errorcode in codes
+
+
 def refusal(uri: str, error: Exception) -> UserError:
     """The error of a store that does not do what it is asked."""
     return UserError(

@@ -4,7 +4,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import closing, nullcontext
 from pathlib import Path
 
 import pytest
@@ -103,6 +103,29 @@ def test_a_stage_goes_on_without_a_store_that_another_program_has_locked(store, 
             run.metrics({"seconds": 1})
     assert run.id is None
     assert capsys.readouterr().err.endswith("locked by another program for 0.1 s; the stage goes on without it\n")
+
+
+@pytest.mark.parametrize("locked", [True, False])
+def test_a_lock_that_is_taken_while_a_stage_begins_costs_the_row_and_other_faults_the_stage(
+    store, monkeypatch, capsys, locked
+):
+    from mlflow.exceptions import MlflowException
+
+    database = fresh_store(store / "mlflow.db").removeprefix("sqlite:///")
+
+    def start_run(**_):
+        with closing(sqlite3.connect(database)) as other, closing(sqlite3.connect(database, timeout=0)) as own:
+            other.execute("BEGIN IMMEDIATE")
+            try:
+                own.execute("BEGIN IMMEDIATE" if locked else "SELECT * FROM nothing")
+            except sqlite3.OperationalError as error:
+                raise MlflowException("a database error") from error
+
+    monkeypatch.setattr("mlflow.start_run", start_run)
+    with nullcontext() if locked else pytest.raises(UserError, match="correct MLFLOW_TRACKING_URI"):
+        with tracking.stage_run("ingest") as run:
+            run.metrics({"seconds": 1})
+        assert run.id is None and "the stage goes on without it" in capsys.readouterr().err
 
 
 def test_a_store_that_fails_under_way_is_told_once_and_the_stage_goes_on(store, client, monkeypatch, capsys):

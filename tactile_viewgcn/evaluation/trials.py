@@ -111,15 +111,15 @@ def run_trials(
 ) -> Trials:
     """Classify one view set per anchor in each trial, each with its own generator and clustering.
 
-    A classifier of any number of frames answers each pool of a view set alone, and the answers' logarithms are added,
-    as `predict --together` does; another takes the frames of all pools as one set.
+    A calibrated classifier answers each pool of a view set alone, and the answers' logarithms are added, as `predict
+    --together` does; another takes the frames of all pools as one set.
 
     Args:
         features: (n, C) of the frames; points: (n, d) network input that is clustered; labels, pool: (n,).
         anchors: (A,) indices of the frames that view sets are drawn around.
         rngs: a generator for each trial.
         joined: pools of one class that a view set joins, each in so many times fewer clusters.
-        temperatures: of the classifier, for 1 to V frames; None if it takes V alone.
+        temperatures: of a calibrated classifier, for 1 to V frames.
     """
     views, scores, empty = classifier.views, None, 0
     clusters = -(-views // joined)
@@ -129,13 +129,11 @@ def run_trials(
     for rng in rngs:
         sets = ViewSets(cluster_pools(points, pool, clusters, cluster, rng, scores), pool, clusters)
         pools = joined_pools(pool, labels, anchors, joined, rng)
-        drawn = torch.from_numpy(sets.draw(anchors, rng, cluster.assignment, pools, views)).to(features.device)
-        if joined == 1 or temperatures is None or cluster.assignment != "index":
-            logits = classifier.logits(features, drawn)
+        drawn = sets.draw(anchors, rng, cluster.assignment, pools, views)
+        if joined > 1 and temperatures is not None:
+            logits = _joined_logits(classifier, features, drawn, pool, pools, temperatures)
         else:
-            parts = [drawn[:, place::joined] for place in range(joined)]  # column i is of pool i modulo `joined`
-            alone = [classifier.logits(features, part) / temperatures[part.shape[1] - 1] for part in parts]
-            logits = torch.stack(alone).log_softmax(dim=-1).sum(dim=0)
+            logits = classifier.logits(features, torch.from_numpy(drawn).to(features.device))
         order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class
         top.append(order[:, :TOP].cpu())
         empty += int(sets.empty.sum())
@@ -143,3 +141,18 @@ def run_trials(
     best = torch.stack(top)  # (T, A, 3)
     in_top3 = (best == truth[:, None]).any(dim=-1)
     return Trials(best[..., 0].numpy(), (best[..., 0] == truth).numpy(), in_top3.numpy(), empty)
+
+
+def _joined_logits(
+    classifier: Classifier,
+    features: Tensor,
+    drawn: np.ndarray,
+    pool: np.ndarray,
+    pools: np.ndarray,
+    temperatures: list[float],
+) -> Tensor:
+    """Logits (A, classes) of view sets (A, V): the sum of those of each of its pools (A, G), from its frames alone."""
+    parts = [drawn[pool[drawn] == one[:, None]].reshape(len(drawn), -1) for one in pools.T]
+    indices = [torch.from_numpy(part).to(features.device) for part in parts]
+    alone = [classifier.logits(features, part) / temperatures[part.shape[1] - 1] for part in indices]
+    return torch.stack(alone).sum(dim=0)

@@ -150,6 +150,7 @@ def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
     leaks = leak is not None and leak.tells_object
     first_leaks = first_frame is not None and first_frame.tells_object
     quick = overview.measurement.baselines.get(baseline) if overview.measurement else None
+    at_chance = quick is not None and not quick.tells_object
     untouched = _names(of, np.bincount(of.label, of.contact, len(of.objects)) == 0)
     once = _names(of, _groups(of, by) == 1)
     stuck, saturated = int(overview.stuck.sum()), int((overview.saturated > SATURATED).sum())
@@ -159,8 +160,7 @@ def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
         "touch than they seem to. Record each object in several sessions, in another order in each.": leaks,
         "The first frame of a recording, before anything is held, already tells the object: errors will say less about "
         "touch than they seem to. Record the objects in another order in each session.": first_leaks,
-        "A quick classifier tells the objects apart no better than guessing. Record more of each, held firmly, and "
-        "look at the readings.": quick is not None and not quick.tells_object,
+        "A quick classifier may tell the objects no better than guessing. Record more of each, held firmly.": at_chance,
         f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {once}. Nothing is left to test with. {TWICE}": once,
         f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable, and at the program that "
         "records.": overview.gaps > MANY_GAPS * of.frames.sum(),

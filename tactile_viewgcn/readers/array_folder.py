@@ -119,7 +119,7 @@ def _frames(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tupl
         expected = f"(frames, {layout[0]}, {layout[1]}) or (frames, {math.prod(layout)})"
         raise UserError(f"{file}: an array {shape}; expected {expected} by --shape, data.shape or the model")
     if len(shape) == 2 and shape[1] > MAX_SIDE:
-        raise UserError(f"{file}: an array {shape}; expected a layout: inspect --shape ROWS COLUMNS")
+        raise UserError(f"{file}: an array {shape}; expected a layout by data.shape (inspect --shape ROWS COLUMNS)")
     return shape[0], *check_shape((shape[0], 1, shape[1]) if len(shape) == 2 else shape, str(file))
 
 
@@ -165,7 +165,7 @@ def _csv(file: Path) -> np.ndarray:
     try:
         return np.loadtxt(islice(_lines(file), words, None), delimiter=mark, comments=None, ndmin=2)
     except ValueError as error:
-        raise ValueError(str(error).partition(";")[0]) from None  # what follows is of NumPy's options
+        raise ValueError(str(error).partition("; use")[0]) from None  # what follows is of NumPy's options
 
 
 def _lines(file: Path) -> Iterator[str]:

@@ -128,6 +128,7 @@ def _disagreements(headers: list[Header], path: Path) -> list[str]:
 def _read_header(path: Path, root: Path, labelled: bool) -> Header:
     """Header of one file below `root`; a UserError lists all its mistakes."""
     with readable_source(path, DAMAGED, AGAIN), open_hdf5(path) as file:
+        check_heaps(file)
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
         names = list(file)
@@ -145,7 +146,6 @@ def _read_header(path: Path, root: Path, labelled: bool) -> Header:
                 continue
             if values.shape != (len(pressure),):
                 mistakes.append(f"{path}: /{name} has shape {values.shape}; expected ({len(pressure)},)")
-        check_heaps(file)
         attributes = {} if labelled else dict(NOT_LABELLED)
         attributes |= {name: text for name in ATTRIBUTES if (text := attribute(file, name)) is not None}
         mistakes += [

@@ -39,9 +39,9 @@ def open_hdf5(path: Path) -> h5py.File:
 
 
 def check_heaps(file: h5py.File) -> None:
-    """Raise a ValueError where HDF5 would not end reading a text: a heap, which holds texts, has a part without a size.
+    """Raise a ValueError where HDF5 would not end: a heap has a part without a size.
 
-    It reads all of the file.
+    Heaps hold texts, and what virtual datasets are made of. All of the file is read.
     """
     if file.id.get_create_plist().get_sizes() != (8, 8):
         raise ValueError("its addresses are not of eight bytes")

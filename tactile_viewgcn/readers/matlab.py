@@ -18,6 +18,7 @@ from tactile_viewgcn.readers.hdf5_file import (
     OBJECTS,
     OUTWARD,
     check_dataset,
+    check_heaps,
     dataset,
     kind_of,
     open_hdf5,
@@ -46,6 +47,7 @@ def mat_shapes(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         if not h5py.is_hdf5(path):
             return matlab5.shapes(path)
         with open_hdf5(path) as file:
+            check_heaps(file)
             return {name: _shape_and_type(file, name) for name in file if not name.startswith("#")}
 
 

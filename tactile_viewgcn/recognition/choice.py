@@ -107,8 +107,8 @@ def choose_members(
     groups, of = len(best.wrong), len(np.unique(table.group[table.on(TRAIN)]))
     compared = f"{groups:,} of {of:,}" if groups < of else f"{groups:,}"
     text = (
-        f"of {len(rows)} candidates the first within a standard error of the lowest error, compared on {compared} "
-        "training groups, each left out of the fits that answer it"
+        f"the first of {len(rows)} candidates whose error is within a standard error of the lowest; compared on "
+        f"{compared} training groups, each left out of the fits that answer it"
     )
     columns = f"{'error':>5} {'whole':>5} {'fit s':>6} {'ms':>5}"
     head = f"{columns}   % of {several(views, 'frame')}, of recordings; * taken"

@@ -76,32 +76,39 @@ def test_the_head_sees_the_features_of_each_view_set():
     assert result.correct.all()
 
 
-@pytest.mark.parametrize(("temperatures", "answer"), [(None, 0), ([1.0] * 4, 1)])
-def test_a_classifier_of_any_number_of_frames_answers_each_grasp_alone(temperatures, answer):
-    """The maximum over both grasps is a tie of classes 0 and 2; added, their answers are for class 1."""
+@pytest.mark.parametrize("assignment", ["index", "anchor", "random"])
+@pytest.mark.parametrize(
+    ("views", "temperatures", "answer"),
+    [
+        (4, None, 0),  # the maximum over both grasps is a tie of classes 0 and 2
+        (4, [1.0] * 4, 1),  # added, their answers are for class 1
+        (3, [100.0, 1.0, 1.0], None),  # the grasp of one frame hardly counts
+    ],
+)
+def test_a_calibrated_classifier_answers_each_grasp_alone(assignment, views, temperatures, answer):
     grasp = np.repeat([0, 1], 2)
     features = torch.tensor([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0]])[grasp]
-    seen = []
+    seen = set()
 
     def logits(values, sets):
-        seen.append(sets.shape[1])
+        seen.add(sets.shape[1])
         return values[sets].amax(dim=1)
 
     result = run_trials(
-        SimpleNamespace(views=4, logits=logits),
+        SimpleNamespace(views=views, logits=logits),
         features,
         np.random.default_rng(0).random((4, 5)),
         np.zeros(4, int),
         grasp,
         np.arange(4),
-        recipe("cluster.method=none").cluster,
+        recipe("cluster.method=none", f"cluster.assignment={assignment}").cluster,
         [np.random.default_rng(0)],
         tqdm(disable=True),
         joined=2,
         temperatures=temperatures,
     )
-    assert set(seen) == ({2} if temperatures else {4})
-    assert result.predicted.tolist() == [[answer] * 4]
+    assert seen == ({views // 2, -(-views // 2)} if temperatures else {views})
+    assert result.predicted.tolist() == [[0, 0, 2, 2] if answer is None else [answer] * 4]
 
 
 def test_a_system_in_time_order_sees_the_earliest_frame_first():

@@ -18,7 +18,6 @@ from scipy import io
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import DEFAULTS, load
-from tactile_viewgcn.process import peak_mb
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
@@ -176,12 +175,11 @@ def main(kind: str, first: str, last: str, place: str) -> None:
         (folder / "out" / "table").unlink(missing_ok=True)
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, size + MEMORY))
-    before = peak_mb()
     for number in range(int(first), int(last)):
         rng = np.random.default_rng([number, *kind.encode()])
         print(json.dumps({"number": number}), flush=True)  # of an input that crashes nothing else is known
         data = damaged(whole[number % len(whole)], rng, kind in MADE_OF_TEXT)
-        result = outcome(read, data, folder / "out") | {"number": number, "mb": peak_mb() - before}
+        result = outcome(read, data, folder / "out") | {"number": number}
         print(json.dumps(result), flush=True)
 
 

@@ -149,7 +149,10 @@ def test_the_mistakes_of_all_files_are_listed_at_once(tmp_path):
         "index.csv": (",0,1\n0,5,6\n", "could not convert string ''"),
         "header.csv": ("a,b\n", "no line of numbers"),
         "words.npy": (np.full((4, 2, 3), "a"), "pressure is of type <U1; expected integer counts or real numbers"),
-        "wide.npy": (np.zeros((5, 384)), "an array (5, 384); expected a layout: inspect --shape ROWS COLUMNS"),
+        "wide.npy": (
+            np.zeros((5, 384)),
+            "an array (5, 384); expected a layout by data.shape (inspect --shape ROWS COLUMNS)",
+        ),
         "flat.npy": (np.zeros(5), "pressure has shape (5,); expected (frames, rows, columns)"),
         "high.npy": (np.zeros((5, 65, 2)), "frames of 65 x 2; expected 1 x 1 to 64 x 64"),
     }

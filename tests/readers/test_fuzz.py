@@ -34,6 +34,7 @@ def test_a_damaged_input_is_read_or_refused_in_one_line(kind, tmp_path):
     assert [result["number"] for result in results] == list(range(INPUTS[kind]))
     assert {result["outcome"] for result in results} == {"read", "refused"}
     refused = [result["line"] for result in results if result["outcome"] == "refused"]
+    assert [line for line in refused if "\n" in line] == []
     if kind != "server":
         assert [line for line in refused if NAMES.get(kind, "a.h5") not in line and "/in" not in line] == []
     assert max(result["seconds"] for result in results) < 10

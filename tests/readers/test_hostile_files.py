@@ -195,9 +195,12 @@ def test_a_name_of_control_characters_is_stored_as_it_is(tmp_path):
         assert table.objects == [name]
 
 
+@pytest.mark.parametrize("name", ["bad.h5", "metadata.mat"])
 @pytest.mark.parametrize("size", [0, 2**64 - 16])
-def test_a_heap_of_texts_in_which_hdf5_would_go_round_in_circles_is_refused(tmp_path, size):
-    path = record(tmp_path / "in" / "bad.h5")
+def test_a_heap_in_which_hdf5_would_go_round_in_circles_is_refused(tmp_path, size, name):
+    path = record(tmp_path / "in" / name)
+    with h5py.File(path, "a") as file:
+        del file.attrs["object"]  # a .mat that has it is read as a recording
     content = bytearray(path.read_bytes())
     at = content.index(b"GCOL") + 16
     while int.from_bytes(content[at : at + 2], "little"):  # to what is free

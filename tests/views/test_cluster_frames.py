@@ -25,7 +25,8 @@ def test_pools_are_of_the_scope_and_the_viewpoints_are_kept(scope):
     frames, params = table(), recipe(f"cluster.scope={scope}")
     views = views_of(frames, params)
     of_pool = frames.label if scope == "object" else frames.recording
-    assert len(np.unique(views.pool)) == len(np.unique(np.stack([frames.side, of_pool]), axis=1).T)
+    cells = np.unique(np.stack([views.pool, frames.side, of_pool]), axis=1).T
+    assert len(cells) == len(np.unique(cells[:, 0])) == len(np.unique(cells[:, 1:], axis=0))
     np.testing.assert_array_equal(views.viewpoints, viewpoints(params.views, params.viewpoints, params.seed))
     assert views.cluster.dtype == np.int16
 
