@@ -15,6 +15,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 
 LOCKED = 180.0  # seconds that a worker may hold the repository's lock
+ENDING = 10.0  # seconds in which a task that ends may disturb a look at the queue
 RUNS = Path(".dvc/tmp/exps/run")  # where DVC (3.67) keeps the process of each task
 
 
@@ -47,9 +48,11 @@ class Queue:
 
         `dvc.api.exp_show` fails where a task ends, and removes its folder, while it is read.
         """
-        done = _dvc("queue", "status")
-        if done.returncode:
-            raise UserError(f"dvc queue status: {''.join(done.stderr.strip().splitlines()[-1:])}")
+        begin = time.monotonic()
+        while (done := _dvc("queue", "status")).returncode:
+            if time.monotonic() - begin > ENDING:
+                raise UserError(f"dvc queue status: {_fault(done.stderr)}")
+            time.sleep(1)
         lines = map(str.split, done.stdout.splitlines())
         tasks = (words for words in lines if words and words[-1] in ("Queued", "Running", "Failed"))
         return {words[1]: (words[-1], words[0]) for words in tasks}
@@ -60,7 +63,7 @@ class Queue:
         begin = time.monotonic()
         while (done := _dvc("exp", "run", "--queue", "--name", name, *changes)).returncode:
             if "lock" not in done.stderr or time.monotonic() - begin > LOCKED:
-                raise UserError(f"dvc exp run --queue --name {name}: {''.join(done.stderr.strip().splitlines()[-1:])}")
+                raise UserError(f"dvc exp run --queue --name {name}: {_fault(done.stderr)}")
             time.sleep(1)
 
     def start(self, jobs: int) -> None:
@@ -90,12 +93,8 @@ class Queue:
         self.remove(killed)
 
     def fault_of(self, name: str) -> str:
-        """The stage's error in the log of a failed experiment, else DVC's own, else its last line."""
-        lines = [line.strip() for line in _dvc("queue", "logs", name).stdout.splitlines() if line.strip()]
-        for form in (r"\w*(Error|Exception): ", r"ERROR: "):
-            if errors := [line for line in lines if re.match(form, line)]:
-                return errors[-1]
-        return (lines or ["no log"])[-1]
+        """What went wrong in a failed experiment, by its log."""
+        return _fault(_dvc("queue", "logs", name).stdout)
 
     def results(self, commit: str) -> dict[str, bytes]:
         """The files that a finished cell is kept as, from DVC's cache or else its remote.
@@ -113,6 +112,15 @@ class Queue:
             if isinstance(error, FileNotFoundError):
                 raise
             raise UserError(f"DVC's remote: {type(error).__name__}: {error}") from error
+
+
+def _fault(text: str) -> str:
+    """The last error of a Python program in a text, else DVC's own, else the last line."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    for form in (r"\w*(Error|Exception): ", r"ERROR: "):
+        if errors := [line for line in lines if re.match(form, line)]:
+            return errors[-1]
+    return (lines or ["no log"])[-1]
 
 
 def lives(revision: str) -> bool:

@@ -176,6 +176,14 @@ def report(folder, *cells, rehearsal=False, **settings):
     return text, pd.read_csv(folder / "results.csv")
 
 
+@pytest.mark.parametrize(
+    ("picture", "files"), [("error", {"results.png"}), ("seconds", {"results.png", "answers.png"})]
+)
+def test_the_report_has_the_pictures_of_its_kind(tmp_path, picture, files):
+    report(tmp_path, answers("a", 1), answers("b", 3), picture=picture)
+    assert {file.name for file in tmp_path.glob("*.png")} == files
+
+
 def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_missing(tmp_path):
     text, rows = report(tmp_path, answers("a", 1), answers("b", 3), seeds=[0, 1])
     assert len(rows) == 2 * 2 * 2 and not {"peak MB", "frames"} & set(rows)
