@@ -43,7 +43,7 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
     axes.errorbar(costs, errors, yerr=bars, fmt="o", color="0.6", ms=4, elinewidth=0.6)
     best = pareto_front(costs, errors)
     axes.plot(costs[best], errors[best], "o-", drawstyle="steps-post", color="C0", ms=6)
-    named = rows["variant"].isin(references).to_numpy()
+    named = (rows["variant"].isin(references) | rows["variant"].str.partition(" / ")[0].isin(references)).to_numpy()
     axes.plot(costs[named], errors[named], "*", color="C3", ms=14)
     middle = np.sqrt(costs.min() * costs.max())
     for place in {*best, *np.flatnonzero(named)}:

@@ -187,16 +187,17 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
     if uri == DISABLED:
         yield Run()
         return
-    started = None
+    run_id = None
     try:
-        started = _start(uri, stage, name or stage, row)
+        run_id = _start(uri, stage, name or stage, row)
     except StoreLocked as error:
         _not_logged(error)
-    if not started:
+    if not run_id:
         yield Run()
         return
-    mlflow, run = started
-    logged, status = Run(mlflow, run.info.run_id), "FAILED"
+    import mlflow
+
+    logged, status = Run(mlflow, run_id), "FAILED"
     try:
         yield logged
         status = "FINISHED" if logged.id else "FAILED"  # without all that it should hold
@@ -212,8 +213,8 @@ def stage_run(stage: str, name: str | None = None, *, row: bool = False) -> Iter
             mlflow.end_run(status)
 
 
-def _start(uri: str, stage: str, name: str, row: bool) -> tuple[Any, Any]:
-    """MLflow, and a run that has begun in a store that answers."""
+def _start(uri: str, stage: str, name: str, row: bool) -> str:
+    """The id of a run that begins in a store that answers."""
     check_store(uri)
     import mlflow
     from mlflow.exceptions import MlflowException
@@ -222,7 +223,8 @@ def _start(uri: str, stage: str, name: str, row: bool) -> tuple[Any, Any]:
         mlflow.set_tracking_uri(uri)
         rows, stages = _experiments(uri)
         _close_killed([rows, stages])
-        return mlflow, mlflow.start_run(experiment_id=rows if row else stages, run_name=name, tags=run_tags(stage))
+        run = mlflow.start_run(experiment_id=rows if row else stages, run_name=name, tags=run_tags(stage))
+        return run.info.run_id
     except (MlflowException, OSError, ImportError) as error:
         if is_locked(error):
             raise StoreLocked("locked by another program") from None

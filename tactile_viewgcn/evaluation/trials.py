@@ -69,7 +69,17 @@ def all_trials(
             pool = pool_ids(table, index, "grasp" if joined else protocol)
             rngs = (stream(seed, "trial", number, trial) for trial in range(evaluate.trials))
             protocols[protocol] = run_trials(
-                classifier, features, points, label, pool, anchors, cluster, rngs, bar, joined or 1, temperatures
+                classifier,
+                features,
+                points,
+                label,
+                pool,
+                anchors,
+                cluster,
+                rngs,
+                bar,
+                joined=joined or 1,
+                temperatures=temperatures,
             )
     return protocols
 
@@ -106,6 +116,7 @@ def run_trials(
     cluster: Cluster,
     rngs: Iterable[np.random.Generator],
     bar: tqdm,
+    *,
     joined: int = 1,
     temperatures: list[float] | None = None,
 ) -> Trials:

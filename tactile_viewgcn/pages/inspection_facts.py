@@ -67,7 +67,8 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         rows.append(
             (f"{len(columns)}", f"optional {'column' if len(columns) == 1 else 'columns'}: {', '.join(columns)}")
         )
-    if height == 1 < low == high <= MAX_SIDE and array_files(overview.path):  # single frames would look like this
+    alike = low == high and 1 < high <= MAX_SIDE
+    if height == 1 and alike and array_files(overview.path):  # files of one frame each would look like this
         rows.append((f"{high:g} x {width}", f"cells in each file: if that is one frame, --shape {high:g} {width}"))
     return rows
 
@@ -193,8 +194,12 @@ def verdict(overview: Overview, chosen: list[Note], warned: list[str]) -> Verdic
 def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash.
 
+    None for recordings of one class, which no setting makes usable.
+
     What `auto` decides is left to it: `preprocess` does not look at the test side for that.
     """
+    if len(np.unique(overview.inspection.label)) == 1:
+        return []
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
     changes = [] if is_table(overview.path) else [as_change("data.source", _source(overview.path))]
     if array_files(overview.path):

@@ -21,8 +21,10 @@ def inspection_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     warned = warnings(overview, chosen)
     judged = verdict(overview, chosen, warned)
     lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons]), *warned])]
-    lines.append("Until then, to try out the commands" if judged.kind == "bad" else "To use")
-    return [*lines, *_wrapped(map(str, chosen)), "", *command_lines(overview, chosen)]
+    if command := command_lines(overview, chosen):
+        lines.append("Until then, to try out the commands" if judged.kind == "bad" else "To use")
+        lines += [*_wrapped(map(str, chosen)), "", *command]
+    return lines
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:

@@ -55,7 +55,10 @@ def next_steps(run: FinishedRun, outcome: Outcome) -> list[Step]:
         steps.append(Step(f"Test every {by} once.", why, commands))
     if (outcome.guesses or outcome.uncertain) and not on_sensors(params["model.system"]):
         changes = {key: value for key, value in run.changed.items() if not key.startswith(LEARNING)}
-        why = "It trains no network: it compares classifiers on these recordings and takes one of those that err least."
+        why = (
+            "It trains no network: it compares classifiers on these recordings, and takes the first within a standard "
+            "error of the lowest."
+        )
         steps.append(Step("Try the preset best.", why, again(changes, "dvc exp run $(tactile-viewgcn preset best)")))
     if run.simulated:
         why = "These are simulated. This says what yours hold, and what to set:"

@@ -19,7 +19,10 @@ def recommend(overview: Overview) -> list[Note]:
         chosen.append(Note("every recording is one frame", "choice", "views", "views", 1))
     chosen += split_choices(inspection)
     if not inspection.has_published_split or inspection.contact.sum() <= FEW_FRAMES:  # unlike STAG's `classification`
-        reason = "it compares classifiers on your training recordings and takes one of those that err least"
+        reason = (
+            "it compares classifiers on your training recordings and takes the first within a standard error of the "
+            "lowest"
+        )
         chosen.append(Note(reason, "choice", "preset", "preset", "best"))
         chosen = [note for note in chosen if note.key != "preprocess.scale"]  # which networks alone read
     return chosen

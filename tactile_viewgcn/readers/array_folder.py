@@ -158,14 +158,12 @@ def _csv(file: Path) -> np.ndarray:
     if not first:
         raise ValueError("no line of numbers")
     mark = next((mark for mark in ",;" if mark in first), None)
-    try:
-        return np.loadtxt(islice(_lines(file), words, None), np.int64, delimiter=mark, comments=None, ndmin=2)
-    except ValueError:
-        pass
-    try:
-        return np.loadtxt(islice(_lines(file), words, None), delimiter=mark, comments=None, ndmin=2)
-    except ValueError as error:
-        raise ValueError(str(error).partition("; use")[0]) from None  # what follows is of NumPy's options
+    for kind in (np.int64, np.float64):
+        try:
+            return np.loadtxt(islice(_lines(file), words, None), kind, delimiter=mark, comments=None, ndmin=2)
+        except ValueError as error:
+            reason = str(error).partition("; use")[0]  # what follows is of NumPy's options
+    raise ValueError(reason)
 
 
 def _lines(file: Path) -> Iterator[str]:

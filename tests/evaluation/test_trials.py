@@ -88,10 +88,10 @@ def test_the_head_sees_the_features_of_each_view_set():
 def test_a_calibrated_classifier_answers_each_grasp_alone(assignment, views, temperatures, answer):
     grasp = np.repeat([0, 1], 2)
     features = torch.tensor([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0]])[grasp]
-    seen = set()
+    sizes = set()
 
     def logits(values, sets):
-        seen.add(sets.shape[1])
+        sizes.add(sets.shape[1])
         return values[sets].amax(dim=1)
 
     result = run_trials(
@@ -107,7 +107,7 @@ def test_a_calibrated_classifier_answers_each_grasp_alone(assignment, views, tem
         joined=2,
         temperatures=temperatures,
     )
-    assert seen == ({views // 2, -(-views // 2)} if temperatures else {views})
+    assert sizes == ({views // 2, -(-views // 2)} if temperatures else {views})
     assert result.predicted.tolist() == [[0, 0, 2, 2] if answer is None else [answer] * 4]
 
 

@@ -126,7 +126,8 @@ def test_one_object_is_no_task(tmp_path):
     page = inspect_source(tmp_path / "glove")
     text = " ".join(" ".join(inspection_lines(page, recommend(page))).split())
     assert f"Not yet: the recordings have one class, {NAMES[0]}; expected two or more." in text
-    assert "split.by frame: only one object has two recordings: nothing can be held out" in text
+    assert "dvc exp run" not in text
+    assert chosen(page)["split.by"] == "frame"
 
 
 @pytest.mark.parametrize("write", [all_contact, floats, drifting_array])
