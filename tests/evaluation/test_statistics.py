@@ -19,6 +19,8 @@ def test_the_calibration_error_by_hand():
     assert calibration_error(confidence, correct) == pytest.approx((0.9 + 0.05 + 0.5) / 4)
     assert calibration_error(np.ones(3), np.ones(3, dtype=bool)) == 0
     assert calibration_error(np.zeros(3), np.ones(3, dtype=bool)) == 1
+    assert calibration_error(np.array([1.0, 0.99]), np.array([False, True])) == pytest.approx((1 - 0.01) / 2)  # one bin
+    assert calibration_error(np.array([1.0, 0.9]), np.array([False, True])) == pytest.approx((1 + 0.1) / 2)  # two
 
 
 @pytest.mark.stability("calibration")
@@ -86,9 +88,16 @@ def test_many_view_sets_of_a_group_are_one_observation_and_draws_never_give_0():
     assert 1e-4 < sign_flip(difference, np.arange(1000), np.random.default_rng(0)) < 3e-4  # (0 + 1) of 10,000 + 1
 
 
+def test_p_does_not_depend_on_the_unit_and_repeats_with_the_seed():
+    difference, groups = np.random.default_rng(3).normal(0.3, 1, 40), np.arange(40)
+    ps = [sign_flip(scale * difference, groups, np.random.default_rng(4)) for scale in (1, 1, 1e-12, 1e12)]
+    assert ps == [ps[0]] * 4 and 0.001 < ps[0] < 0.999
+    assert sign_flip(np.ones(40), groups, np.random.default_rng(4)) == pytest.approx(2 / 10_001)
+
+
 def test_holm_by_hand():
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    assert holm([0.5, 0.9, 0.02]) == pytest.approx([1.0, 1.0, 0.06])
+    assert holm([0.6, 0.9, 0.02]) == pytest.approx([1.0, 1.0, 0.06])
     assert holm([]) == []
 
 

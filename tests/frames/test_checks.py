@@ -7,6 +7,7 @@ import pytest
 
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.frames.setting_check import preprocessing_warnings
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import Preprocess, load
 from tactile_viewgcn.readers.formats import open_source
@@ -44,8 +45,28 @@ def test_what_auto_decides_is_not_warned_of(tmp_path, write):
 
 
 def test_a_baseline_of_frames_in_contact_is_warned_of(tmp_path):
-    (warning,) = warnings_of(treated(tmp_path, all_contact, "baseline=quiet").notes)
-    assert (warning.topic, warning.key, warning.value) == ("baseline", "preprocess.baseline", "auto")
+    made = treated(tmp_path, all_contact, "baseline=quiet")
+    asked, inspection = load(FILE, ("preprocess.baseline=auto",)).preprocess, made.inspection
+    for kind, warns in (("quiet", True), ("grasp", True), ("none", False), ("empty_hand", False)):
+        frames = replace(made.frames, preprocess=made.frames.preprocess | {"baseline": kind})
+        notes = preprocessing_warnings(inspection, frames, asked)
+        assert [(note.level, note.key, note.value) for note in notes] == [
+            ("warning", "preprocess.baseline", "auto")
+        ] * warns
+    assert [note.topic for note in warnings_of(made.notes)] == ["baseline"]
+
+
+def test_quiet_frames_that_are_contact_are_counted_where_no_open_hand_is_left(tmp_path):
+    made = treated(tmp_path, floats, "baseline=quiet")
+    assert warnings_of(made.notes) == []
+    held = replace(
+        made.inspection, contact=np.where(np.arange(len(made.inspection.frames)) < 3, made.inspection.frames, 0)
+    )
+    for baseline, value in (("quiet", "auto"), ("auto", None)):
+        (note,) = preprocessing_warnings(held, made.frames, load(FILE, (f"preprocess.baseline={baseline}",)).preprocess)
+        assert "in 3 of " in note.text and (note.level, note.value) == ("warning", value)
+    other = replace(made.frames, preprocess=made.frames.preprocess | {"baseline": "grasp"})
+    assert preprocessing_warnings(held, other, load(FILE).preprocess) == []
 
 
 def test_a_scale_that_clips_the_readings_is_warned_of_with_one_that_does_not(tmp_path):
@@ -63,6 +84,8 @@ def test_a_network_s_readings_that_drown_in_its_noise_are_warned_of(tmp_path, ch
     assert (high.level, high.key) == ("warning", "preprocess.scale") and 2 <= high.value < 3
     assert noise_warnings(made.frames, 0.0) == noise_warnings(replace(made.frames, transform="log"), NOISE) == []
     assert noise_warnings(replace(made.frames, scale=2.0), NOISE) == []
+    unknown = replace(made.frames, noise=np.full_like(made.frames.noise, np.nan))  # contact: a tenth of the strongest
+    assert [note.value for note in noise_warnings(unknown, NOISE)] == pytest.approx([high.value], rel=0.1)
 
 
 def test_a_value_that_is_set_is_kept(tmp_path):

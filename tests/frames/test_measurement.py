@@ -5,9 +5,11 @@ import pytest
 
 from tactile_viewgcn.frames import automatic
 from tactile_viewgcn.frames.automatic import decide
-from tactile_viewgcn.frames.measurement import Measurement
+from tactile_viewgcn.frames.baseline import constant_baseline
+from tactile_viewgcn.frames.measurement import Measurement, training_frames
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
-from tactile_viewgcn.params import load
+from tactile_viewgcn.params import Preprocess, load
+from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
 from tests.drifting import drifting
 from tests.grips import FILE
 from tests.sources import written
@@ -100,3 +102,22 @@ def test_the_test_side_changes_no_choice(tmp_path, monkeypatch):
     assert all(len(error.cells) == 12 for error in one.baselines.values())
     for kind in one.baselines:
         assert one.baselines[kind].wrong.tolist() == other.baselines[kind].wrong.tolist()
+
+
+def test_measured_frames_are_those_that_the_training_side_uses(tmp_path):
+    """Whatever the split: its own sides, and no groups beyond `split.train_groups`."""
+    glove = drifting(objects=3, recordings=4, grasps=2)
+    published = np.where(glove.columns["recording"] % 4 == 3, PUBLISHED_TEST, 0)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns, split=published)
+    number = glove.columns["recording"] % 4
+    for changes, expected in (
+        (("split.by=source",), number < 3),
+        (("split.by=recording", "split.folds=4", "split.fold=1"), number != 1),
+        (("split.by=recording", "split.folds=4", "split.fold=1", "split.train_groups=2"), np.isin(number, [0, 2])),
+    ):
+        params = load(
+            FILE, (*changes, "preprocess.baseline=none", "preprocess.filter=none", "preprocess.contact_sensors=5")
+        )
+        kept = Preprocess(**vars(params.preprocess) | {"scale": 150.0})
+        baselines = {"none": constant_baseline(recordings, 500.0)}
+        np.testing.assert_array_equal(training_frames(recordings, baselines, kept, params.split), expected)

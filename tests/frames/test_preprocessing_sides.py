@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.params import load
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
-from tests.grips import BLANK, COLUMNS, COUNTS, HELD, prepared
+from tests.grips import BLANK, COLUMNS, COUNTS, FILE, FIXED, HELD, OBJECTS, SESSIONS, prepared
+from tests.sources import written
 
 
 @pytest.mark.parametrize("by", ["source", "recording", "grasp", "session"])
@@ -83,6 +87,34 @@ def test_the_sources_balanced_frames_are_the_anchors(tmp_path):
     np.testing.assert_array_equal(selection.anchor, balanced & COLUMNS["valid"])
     np.testing.assert_array_equal(frames.anchor, balanced[COLUMNS["valid"]])
     assert any("balanced frames" in note.text for note in selection.notes)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_published_side_without_balanced_frames_is_refused(tmp_path, side):
+    with pytest.raises(UserError, match=f"the {['train', 'test'][side]} side .* has no balanced frames"):
+        prepared(tmp_path, columns=COLUMNS | {"balanced": COLUMNS["split"] != side})
+
+
+def test_an_object_that_misses_a_session_has_rows_of_the_others(tmp_path):
+    there = (COLUMNS["object"] != 1) | (COLUMNS["session"] == 1)
+    columns = {name: values[there] for name, values in COLUMNS.items()}
+    _, _, rows = prepared(tmp_path, counts=COUNTS[there], columns=columns)
+    assert [(row["object"], row["session"]) for row in rows if row["object"] == "object1"] == [("object1", "session1")]
+    assert len(rows) == OBJECTS * SESSIONS - 1
+
+
+def test_groups_that_are_given_leave_no_test_side(tmp_path):
+    recordings, params = (
+        written(tmp_path / "glove", COUNTS, **COLUMNS),
+        load(FILE, [f"preprocess.{key}" for key in FIXED]),
+    )
+    groups = COLUMNS["recording"] // 2
+    made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
+    assert (made.frames.side == TRAIN).all()
+    np.testing.assert_array_equal(made.frames.group, groups[COLUMNS["valid"]])
+    np.testing.assert_array_equal(
+        made.baseline.mean[made.baseline.of_frame], made.frames.baseline_mean[COLUMNS["session"]]
+    )
 
 
 @pytest.mark.parametrize("change", ["split.by=recording", "preprocess.filter=contact"])

@@ -17,7 +17,7 @@ from sklearn.svm import SVC
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.sensors import max_network, pipelines
+from tactile_viewgcn.sensors import max_network, pipelines, systems
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.kernels import BlockMeans, KernelClassifier
 from tactile_viewgcn.sensors.pipelines import MEMBERS
@@ -121,6 +121,32 @@ def test_neighbours_are_no_more_than_there_are_training_frames():
     assert 1 < count < 5 and fitted("knn", few).system.fitted["pipeline"].n_neighbors == count
 
 
+def test_components_are_fewer_than_the_training_frames():
+    few = replace(table(), anchor=table().anchor & (np.arange(len(table())) % 12 == 0))
+    count = int((few.anchor & (few.side == TRAIN)).sum())
+    assert count <= few.live.sum() and fitted("lda", few).system.fitted["pipeline"][0].n_components_ == count - 1
+
+
+def test_trees_are_fewer_where_their_leaves_would_hold_too_much_and_in_a_comparison(monkeypatch):
+    frames = data()  # 72 of 3 classes
+
+    def forest(frames):
+        return len(MEMBERS["trees"]().fit(frames).fitted["pipeline"].estimators_)
+
+    for most, trees in ((150 * 72 * 3, 150), (50 * 72 * 3, 100), (10**9, 500)):
+        monkeypatch.setattr(pipelines, "MOST_LEAF_VALUES", most)
+        assert forest(frames) == trees
+    assert forest(replace(frames, quick=True)) == 100
+
+
+@pytest.mark.parametrize(("quick", "sets"), [(False, 10), (True, 4)])
+def test_a_comparison_fits_to_fewer_view_sets(monkeypatch, quick, sets):
+    sizes = []
+    monkeypatch.setattr(systems, "fit_pipeline", lambda pipeline, points, labels: sizes.append(points.shape))
+    MEMBERS["max_kernel"]().fit(replace(data(), quick=quick))
+    assert sizes == [(6 * sets, 16)]
+
+
 def test_view_sets_stay_in_a_pool_and_have_its_label():
     frames = data(sizes=(1, 4))
     sets, labels = frames.view_sets(5)
@@ -174,6 +200,8 @@ def test_the_network_learns_view_sets_of_every_size_and_sees_their_maximum_alone
     monkeypatch.setattr(max_network, "SHIFT", 0)  # the objects here are a row apart
     frames, before = data(sizes=(1, 2, 4)), torch.get_rng_state()
     system = MEMBERS["max_network"]().fit(frames)
+    above = np.log1p(np.maximum(frames.frames - 2, 0))
+    assert system.fitted["scale"] == pytest.approx(np.sqrt(np.mean(above**2)), rel=1e-5)
     assert (torch.get_rng_state() == before).all()
     values, (of_one, _, of_four) = system.frame_values(frames.frames), frames.view_sets(10)[0]
     for sets in (of_one, of_four):
@@ -189,8 +217,11 @@ def test_maps_are_shifted_by_a_row_or_a_column_at_most():
     assert moved.tolist() == [[0, 4, 5], [0, 7, 8], [0, 0, 0]]
 
 
-def test_the_ensemble_adds_its_members_logarithms():
-    frames, names = data(), ("trees", "max_kernel")
+@pytest.mark.parametrize(
+    "names", [["trees"], ["trees", "max_kernel"], ["logistic", "max_kernel", "trees", "max_logistic"]]
+)
+def test_the_ensemble_adds_its_members_logarithms(names):
+    frames = data()
     system = Ensemble([MEMBERS[name]() for name in names]).fit(frames)
     sets, expected = frames.view_sets(1)[0][0], 0
     for name in names:

@@ -1,0 +1,69 @@
+"""`python -m benchmarks.mutation`: the table of what mutmut found, which changes the code and runs the tests.
+
+mutmut 3 is installed for this alone, and started in a clone:
+
+    pip install "mutmut>=3.8,<4"
+    mutmut run --max-children 1 "tactile_viewgcn.views*" "tactile_viewgcn.frames*[38]"
+
+Without names it takes all mutants, a second each; `*[38]` are those whose number ends with 3 or 8, a fifth.
+"""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import click
+
+from benchmarks.command import markdown, write_table
+
+MUTANTS = Path("mutants/tactile_viewgcn")  # where mutmut keeps its results, a .meta file for each module
+VERDICTS = {0: "survived", 1: "found", 3: "found", 33: "no test", 5: "no test", None: ""}  # by pytest's exit code
+OTHERS = "found by time or memory"  # ended by mutmut's limit, or by a signal
+COLUMNS = ("found", OTHERS, "survived", "no test")
+TEXT = """A mutant is the code with one operator, constant or argument changed (mutmut {version}). It is `found` if one
+of the tests of views, frames, sensors, nn and evaluation that run the changed function fails, or never ends. `no test`:
+none of them runs it in its own process; those of stages and recognition may."""
+
+
+@click.command()
+@click.option("--mutants", type=click.Path(exists=True, path_type=Path), default=MUTANTS, show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), default="benchmarks/mutation", show_default=True)
+def main(mutants: Path, out: Path) -> None:
+    """Write OUT/results.csv and .md, a row for each folder; survivors.csv names those that no test found."""
+    from importlib.metadata import version
+
+    verdicts = read_verdicts(mutants)
+    rows = rows_of(verdicts)
+    write_table(out, rows, TEXT.format(version=version("mutmut")))
+    print(markdown(rows))
+    print("\n".join(name for name, verdict in verdicts.items() if verdict == "survived"))
+
+
+def read_verdicts(folder: Path) -> dict[str, str]:
+    """What became of each mutant, by its name without the package; "" where it was not tried."""
+    verdicts = {}
+    for path in sorted(folder.rglob("*.meta")):
+        for name, code in json.loads(path.read_text())["exit_code_by_key"].items():
+            verdicts[name.removeprefix("tactile_viewgcn.")] = VERDICTS.get(code, OTHERS)
+    return verdicts
+
+
+def rows_of(verdicts: dict[str, str]) -> list[dict]:
+    """A row for each folder of the package, and one of all."""
+    counts: dict[str, Counter] = {}
+    for name, verdict in verdicts.items():
+        for folder in (name.split(".")[0], "all"):
+            counts.setdefault(folder, Counter())[verdict] += 1
+    rows = []
+    for folder in [*(each for each in counts if each != "all"), "all"]:
+        count = counts[folder]
+        tried = count.total() - count[""]
+        ran = tried - count["no test"]
+        share = 100 * (count["found"] + count[OTHERS]) / ran if ran else float("nan")
+        row = {"folder": folder, "mutants": count.total(), "tried": tried}
+        rows.append(row | {name: count[name] for name in COLUMNS} | {"found, %": round(share, 1)})
+    return rows
+
+
+if __name__ == "__main__":
+    main()
