@@ -7,7 +7,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
-from tests.grips import BLANK, COLUMNS, COUNTS, FILE, FIXED, HELD, OBJECTS, SESSIONS, prepared
+from tests.grips import BLANK, COLUMNS, COUNTS, FILE, FIXED, HELD, OBJECTS, RECORDINGS, SESSIONS, prepared
 from tests.sources import written
 
 
@@ -101,6 +101,39 @@ def test_an_object_that_misses_a_session_has_rows_of_the_others(tmp_path):
     _, _, rows = prepared(tmp_path, counts=COUNTS[there], columns=columns)
     assert [(row["object"], row["session"]) for row in rows if row["object"] == "object1"] == [("object1", "session1")]
     assert len(rows) == OBJECTS * SESSIONS - 1
+
+
+def test_single_frames_are_each_tested_in_one_fold(tmp_path):
+    tested = np.zeros(len(COUNTS), dtype=int)
+    for fold in range(4):
+        _, selection, _ = prepared(tmp_path, "split.by=frame", "split.folds=4", f"split.fold={fold}")
+        on_test = selection.keep & (selection.side == TEST)
+        assert np.bincount(COLUMNS["object"][on_test]).tolist() == [SESSIONS * RECORDINGS * HELD // 4] * OBJECTS
+        tested += on_test
+    np.testing.assert_array_equal(tested, COLUMNS["valid"])
+
+
+def test_each_object_is_trained_on_its_first_groups_alone(tmp_path):
+    all_of = {}
+    for most in ("all", 1, 2):
+        frames, _, _ = prepared(tmp_path, "split.by=recording", "split.folds=3", f"split.train_groups={most}")
+        all_of[most] = frames
+        on_train = frames.side == TRAIN
+        groups = [np.unique(frames.group[on_train & (frames.label == label)]) for label in range(OBJECTS)]
+        whole = [
+            np.unique(all_of["all"].group[(all_of["all"].side == TRAIN) & (all_of["all"].label == i)]) for i in range(3)
+        ]
+        assert [one.tolist() for one in groups] == [one[: None if most == "all" else most].tolist() for one in whole]
+        assert (frames.side == TEST).sum() == (all_of["all"].side == TEST).sum()
+
+
+def test_sessions_are_held_out_for_all_objects_though_one_missed_the_first(tmp_path):
+    there = (COLUMNS["object"] != 1) | (COLUMNS["session"] == 1)
+    columns = {name: values[there] for name, values in COLUMNS.items()}
+    for fold in range(SESSIONS):
+        how = {"counts": COUNTS[there], "columns": columns}
+        _, selection, _ = prepared(tmp_path, "split.by=session", "split.folds=2", f"split.fold={fold}", **how)
+        assert np.unique(columns["session"][selection.side == TEST]).tolist() == [fold]
 
 
 def test_groups_that_are_given_leave_no_test_side(tmp_path):
