@@ -39,6 +39,19 @@ def test_recordings_that_are_all_contact_are_taken_as_they_are(tmp_path):
     assert page.first_frame is None and page.measurement.leaks == {}  # that the first frame tells the object is touch
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_a_light_grip_that_tells_the_object_is_contact_and_what_drifts_as_far_is_none(tmp_path, told):
+    """Forty frames that hardly press, then forty that do; the light ones are of the object, or of the recording."""
+    rng, label, light = np.random.default_rng(0), np.repeat(np.arange(4), 6), np.arange(80) < 40
+    firm = rng.random((4, 6, 8)) < 0.4
+    gentle = firm[label] if told else rng.random((24, 6, 8)) < 0.4
+    force = np.where(light[:, None, None], 60.0 * gentle[:, None], 160.0 * firm[label][:, None])
+    counts = np.rint(100 + force + rng.normal(0, 2, (24, 80, 6, 8))).astype(np.int16).reshape(-1, 6, 8)
+    columns = {"object": np.repeat(label, 80), "recording": np.repeat(np.arange(24), 80)}
+    recordings = written(tmp_path / "t", counts, **columns, objects=["mug", "pen", "ball", "coin"])
+    assert shown(recordings, sensors=5).inspection.all_contact == told
+
+
 @pytest.mark.parametrize("open_hand", [0.05, 0.0])  # with 0, half of the noise of 0.015 is cut off
 def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path, open_hand):
     page = inspect_source(floats(tmp_path / "glove", open_hand=open_hand))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactile_viewgcn.frames import leak as module_of_leak
 from tactile_viewgcn.frames import quick_error as module
 from tactile_viewgcn.frames.leak import check_first_frames, check_leak, leak_notes
 from tactile_viewgcn.frames.measurement import measure_baseline
@@ -35,6 +36,12 @@ def test_objects_in_a_recording_each_are_told_by_its_baseline_and_not_with_one_o
     assert leak.high < 0.12 and leak.tells_object
     mended = checked(tmp_path / "u", glove, "preprocess.baseline=grasp")
     assert mended.error > 0.7 and not mended.tells_object
+
+
+def test_the_baseline_is_that_of_the_contact_before_a_frame_in_its_recording(tmp_path):
+    recordings = written(tmp_path / "t", np.zeros((12, 2, 2)), recording=np.repeat([0, 1], 6))
+    contact = np.isin(np.arange(12), [0, 3, 4, 8])
+    assert module_of_leak._last_contact(recordings, contact).tolist() == [0, 0, 0, 3, 4, 4, 6, 7, 8, 8, 8, 8]
 
 
 def test_a_drift_during_the_grasp_is_told_above_the_baseline_before_it(tmp_path):

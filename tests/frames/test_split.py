@@ -122,6 +122,18 @@ def test_the_share_of_validation_groups_is_kept_and_the_last_group_too(groups_of
     assert (side == TRAIN).all()
 
 
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_validation_sessions_are_drawn_once_for_all_objects(share):
+    session, label = (axis.ravel() for axis in np.indices((10, 3)))
+    there = session >= 3 * label  # objects that missed the first sessions
+    side = np.full(there.sum(), TRAIN, dtype=np.int8)
+    groups, labels = session[there], label[there]
+    validation = validation_sides(side, groups, labels, share=share, across=True, rng=np.random.default_rng(0))
+    drawn = np.unique(groups[validation == VALIDATION])
+    assert len(drawn) == round(10 * share)
+    np.testing.assert_array_equal(validation == VALIDATION, np.isin(groups, drawn))
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.integers(0, 12), min_size=6, max_size=6), st.integers(1, 15))
 def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes, minimum):
