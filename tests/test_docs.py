@@ -38,6 +38,7 @@ ELSEWHERE = {
     "dvc remote": "changes the checkout",
     "tactile-viewgcn report": "needs results; tests/stages/test_report_page.py runs it",
     "git": "changes the checkout",
+    "mutmut run": "hours",
     "mlflow": "a server that does not end; tests/recognition/test_mlflow_model.py starts one",
     "curl": "needs that server",
     "export": "sets a variable",

@@ -20,7 +20,7 @@ MUTANTS = Path("mutants/tactile_viewgcn")  # where mutmut keeps its results, a .
 VERDICTS = {0: "survived", 1: "found", 3: "found", 33: "no test", 5: "no test", None: ""}  # by pytest's exit code
 OTHERS = "found by time or memory"  # ended by mutmut's limit, or by a signal
 COLUMNS = ("found", OTHERS, "survived", "no test")
-TEXT = """A mutant is the code with one operator, constant or argument changed (mutmut {version}). It is `found` if one
+TEXT = """A mutant is the code with one operator, constant or argument changed (mutmut 3). It is `found` if one
 of the tests of views, frames, sensors, nn and evaluation that run the changed function fails, or never ends. `no test`:
 none of them runs it in its own process; those of stages and recognition may."""
 
@@ -29,14 +29,11 @@ none of them runs it in its own process; those of stages and recognition may."""
 @click.option("--mutants", type=click.Path(exists=True, path_type=Path), default=MUTANTS, show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), default="benchmarks/mutation", show_default=True)
 def main(mutants: Path, out: Path) -> None:
-    """Write OUT/results.csv and .md, a row for each folder; survivors.csv names those that no test found."""
-    from importlib.metadata import version
-
+    """Write OUT/results.csv and .md, a row for each folder, and print the mutants that no test found."""
     verdicts = read_verdicts(mutants)
     rows = rows_of(verdicts)
-    write_table(out, rows, TEXT.format(version=version("mutmut")))
-    print(markdown(rows))
-    print("\n".join(name for name, verdict in verdicts.items() if verdict == "survived"))
+    write_table(out, rows, TEXT)
+    print("\n".join([markdown(rows), *(name for name, verdict in verdicts.items() if verdict == "survived")]))
 
 
 def read_verdicts(folder: Path) -> dict[str, str]:
@@ -61,7 +58,7 @@ def rows_of(verdicts: dict[str, str]) -> list[dict]:
         ran = tried - count["no test"]
         share = 100 * (count["found"] + count[OTHERS]) / ran if ran else float("nan")
         row = {"folder": folder, "mutants": count.total(), "tried": tried}
-        rows.append(row | {name: count[name] for name in COLUMNS} | {"found, %": round(share, 1)})
+        rows.append(row | {name: count[name] for name in COLUMNS} | {"found, %": f"{share:.1f}"})
     return rows
 
 

@@ -102,6 +102,8 @@ def test_the_test_side_changes_no_choice(tmp_path, monkeypatch):
     assert all(len(error.cells) == 12 for error in one.baselines.values())
     for kind in one.baselines:
         assert one.baselines[kind].wrong.tolist() == other.baselines[kind].wrong.tolist()
+    assert one.filters["contact"].cells.tolist() == one.baselines["empty_hand"].cells.tolist()
+    assert one.filters["contact"].wrong.tolist() == other.filters["contact"].wrong.tolist()
 
 
 def test_measured_frames_are_those_that_the_training_side_uses(tmp_path):
