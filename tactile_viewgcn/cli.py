@@ -1,5 +1,6 @@
 """The command `tactile-viewgcn`: check parameters, inspect recordings, print presets, predict."""
 
+import io
 import signal
 import sys
 from pathlib import Path
@@ -8,8 +9,11 @@ from typing import Any
 import click
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import check_outputs
 from tactile_viewgcn.names import shown
 from tactile_viewgcn.params import PRESETS, preset_changes
+
+SIDE = click.IntRange(1, 64)  # rows and columns of a frame, as readers check
 
 
 @click.group()
@@ -38,7 +42,7 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option("--html", "page", type=click.Path(path_type=Path), help="Write a page with pictures to this file.")
-@click.option("--shape", type=(int, int), metavar="ROWS COLUMNS", help="Of the frames of arrays, as data.shape.")
+@click.option("--shape", type=(SIDE, SIDE), metavar="ROWS COLUMNS", help="Of the frames of arrays, as data.shape.")
 def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> None:
     """Say what SOURCE holds and what to set for it, with reasons.
 
@@ -49,6 +53,7 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> N
     from tactile_viewgcn.pages.recommendation import recommend
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
+    check_outputs([page] if page else [], [source])
     inspection = inspect_source(source, shape)
     _say(*inspection_lines(inspection, recommend(inspection)))
     if page:
@@ -97,6 +102,7 @@ def report(run: str, out: Path) -> None:
     from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.run_page import run_page
 
+    check_outputs([out], [])
     _say(write(out, run_page(read_run(run))))
 
 
@@ -107,6 +113,9 @@ def _say(*lines: str) -> None:
 def main() -> None:
     """Run the command; a mistake of the user ends in one line and exit code 1, without a traceback."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # temporary folders are removed
+    for stream in (sys.stdout, sys.stderr):  # a name that the terminal's encoding lacks is shown escaped
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         cli(standalone_mode=False)
     except click.ClickException as error:

@@ -17,6 +17,8 @@ from filelock import FileLock, Timeout
 from tactile_viewgcn.errors import UserError
 
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
+PART, OLD = ".unfinished", ".replaced"  # endings of what is written, and of a folder while it is replaced
+READ = (".h5", ".hdf5", ".mat", ".npy", ".npz", ".csv")  # endings that the readers take
 VIDEO_SUFFIX = ".jpg"  # STAG's folders also hold gigabytes of video frames, which no reader reads
 
 
@@ -30,11 +32,16 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path` to write to: renamed to `path` at the end of the block, removed on an error.
 
     Its name is the same on every call, because torch.save writes it into the file and runs with equal seeds give
-    equal bytes.
+    equal bytes. What a killed run has left there is removed, and so is a link, which would lead elsewhere.
+
+    Raises:
+        UserError: `path` is a folder, a named pipe, a socket or a device.
     """
     path = Path(path)
+    check_is_file(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
+    part = path.with_name(path.name + PART)
+    part.unlink(missing_ok=True)
     try:
         with _room_for(path):
             yield part
@@ -53,7 +60,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     if path.exists() and (path.is_symlink() or not path.is_dir()):
         raise FileExistsError(f"{path}: exists and is no folder; remove it or name another")
-    part, old = path.with_name(path.name + ".part"), path.with_name(path.name + ".old")
+    part, old = path.with_name(path.name + PART), path.with_name(path.name + OLD)
     for stale in (part, old):
         shutil.rmtree(stale, ignore_errors=True)
     part.mkdir(parents=True)
@@ -113,6 +120,26 @@ def _in_one_line(errors: tuple[type[Exception], ...], path: object, what: str, r
     except errors as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
         raise UserError(f"{path}: {what} ({reason}); {remedy}") from error
+
+
+def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
+    """Refuse files that cannot be written, would replace what is read, or be read with it, before any work."""
+    taken = {os.path.realpath(path) for path in inputs}
+    for path in outputs:
+        if (path.exists() and not path.is_file()) or not path.absolute().parent.is_dir():
+            raise UserError(f"{path}: not a file in a folder that exists; name another")
+        real = os.path.realpath(path)
+        within = path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken)
+        if real in taken or within:
+            raise UserError(f"{path}: it is read here, or named twice; name another file")
+        taken.add(real)
+        part = path.with_name(path.name + PART)
+        try:
+            part.unlink(missing_ok=True)
+            part.touch()
+            part.unlink()
+        except OSError as error:
+            raise UserError(f"{path}: cannot be written ({error.strerror}); name another") from None
 
 
 def check_is_file(path: Path) -> None:

@@ -15,6 +15,7 @@ from annotated_types import Interval
 from pydantic import AfterValidator, ConfigDict, Strict, TypeAdapter, ValidationError
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import check_is_file
 
 SECTION = ConfigDict(extra="forbid", allow_inf_nan=False)
 Integer = Annotated[int, Strict()]
@@ -22,6 +23,7 @@ Number = Annotated[float, Strict()]
 Text = Annotated[str, Strict()]
 Truth = Annotated[bool, Strict()]
 WORDS = {int: "an integer", float: "a number", bool: "true or false", str: "a text", dict: "a mapping"}
+MOST_BYTES = 2**20  # of a file
 MOST_VALUES = 10_000  # in a file, each counted as often as aliases repeat it
 DEEPEST = 30  # lists and mappings within each other
 MOST_SHOWN = 200  # characters of a wrong value
@@ -62,9 +64,16 @@ def parse(text: str | bytes) -> Any:
         node = loader.get_single_node()
         if node is not None and _count(node, {}) > MOST_VALUES:
             raise ValueError(f"more than {MOST_VALUES:,} values, aliases written out")
-        return None if node is None else loader.construct_document(node)
+        return None if node is None else _constructed(loader, node)
     except yaml.YAMLError as error:
         raise ValueError(f"not YAML: {' '.join(str(error).split())}") from None
+
+
+def _constructed(loader: _Loader, node: yaml.Node) -> Any:
+    try:
+        return loader.construct_document(node)
+    except (ValueError, TypeError, LookupError, AttributeError):  # of a tag that its value does not go with
+        raise ValueError("not YAML: a value does not go with its tag") from None
 
 
 def _count(node: yaml.Node, counts: dict[int, float]) -> float:
@@ -90,7 +99,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
         UserError: as `parse`; or it holds something else than keys and values, such as nothing.
         FileNotFoundError: no such file.
     """
+    check_is_file(path)
     try:
+        if path.stat().st_size > MOST_BYTES:
+            raise ValueError(f"more than {MOST_BYTES:,} bytes")
         tree = parse(path.read_bytes())
     except ValueError as error:
         raise UserError(f"{path}: {error}") from None
@@ -111,10 +123,20 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
         built = TypeAdapter(kind).validate_python(tree)
     except ValidationError as error:
         errors = error.errors(include_url=False, include_input=False)
-        mistakes += sorted({_in_words(kind, tree, one["type"], one["loc"], one["msg"]) for one in errors})
+        once = {(_place(kind, one["loc"]), one["type"] == "missing"): one for one in reversed(errors)}.values()
+        mistakes += sorted({_in_words(kind, tree, one["type"], one["loc"], one["msg"]) for one in once})
     if mistakes:
         raise UserError(f"{name}: " + "; ".join(mistakes))
     return built
+
+
+def _place(kind: Any, place: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """The keys of a place down to the value: what follows, in a list or a union, is named as a whole."""
+    for number, key in enumerate(place):
+        if not is_dataclass(kind):
+            return place[:number]
+        kind = get_type_hints(kind, include_extras=True).get(str(key))
+    return place
 
 
 def _in_words(kind: Any, value: Any, error: str, place: tuple[int | str, ...], message: str) -> str:
@@ -136,13 +158,17 @@ def _in_words(kind: Any, value: Any, error: str, place: tuple[int | str, ...], m
         return message.removeprefix("Value error, ")
     if error == "missing":
         return f"missing key {'.'.join(path)}; expected {describe(hint)}"
-    near = get_close_matches(str(value), get_args(hint) if get_origin(hint) is Literal else (), n=1, cutoff=0.6)
+    allowed = get_args(hint) if get_origin(hint) is Literal else ()
+    near = get_close_matches(_shown(value).strip("'"), allowed, n=1, cutoff=0.6)
     meant = f" (did you mean {near[0]}?)" if near else ""
     return f"{'.'.join(path)} is {_shown(value)}; expected {describe(hint)}{meant}"
 
 
 def _shown(value: Any) -> str:
-    shown = repr(value)
+    try:
+        shown = repr(value)
+    except ValueError:  # Python writes no integer of more than 4,300 digits
+        return "a number of thousands of digits"
     return shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}..."
 
 
@@ -184,6 +210,8 @@ def set_value(tree: dict[str, Any], change: str) -> str | None:
     if not equals:
         return f"--set {change!r}: expected key=value"
     *sections, name = key.split(".")
+    if len(sections) > DEEPEST:
+        return f"--set {key[:MOST_SHOWN]}: sections nested more than {DEEPEST} deep"
     for section in sections:
         tree = tree.setdefault(section, {})
         if not isinstance(tree, dict):

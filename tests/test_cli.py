@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import time
+from itertools import product
 from pathlib import Path
 
 import h5py
@@ -36,6 +37,18 @@ def test_check_counts_the_values_and_looks_for_the_source(tmp_path):
     for words, says in (("data.source=nowhere.mat", "data.source is nowhere.mat"), ("views=0", "views is 0; expected")):
         result = call("check", "--set", words)
         assert result.returncode == 1 and len(result.stderr.splitlines()) == 1 and says in result.stderr
+
+
+def test_inspect_takes_the_folder_that_it_is_called_in(tmp_path):
+    for label, number in product(("mug", "pen"), range(2)):
+        path = tmp_path / label / f"{number}.npy"
+        path.parent.mkdir(exist_ok=True)
+        np.save(path, np.random.default_rng(number).integers(0, 99, (20, 4, 4)))
+    result = call("inspect", ".", cwd=tmp_path)
+    assert result.returncode == 0 and f"data.source={tmp_path}" in result.stdout
+    refused = call("inspect", "mug/0.npy", "--html", "mug/0.npy", cwd=tmp_path)
+    assert refused.returncode == 1 and "it is read here" in refused.stderr
+    assert len(np.load(tmp_path / "mug" / "0.npy")) == 20
 
 
 def test_inspect_says_what_a_source_holds(tmp_path):

@@ -1,18 +1,20 @@
 """Files that appear whole or not at all, and their md5."""
 
 import hashlib
+import os
 from types import SimpleNamespace
 
 import pytest
 
-from tactile_viewgcn.files import atomic_folder, atomic_write, md5
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import atomic_folder, atomic_write, check_outputs, md5
 
 
 def test_a_file_appears_when_the_block_ends_and_not_before(tmp_path):
     path = tmp_path / "made" / "below" / "numbers.txt"
     with atomic_write(path) as part:
         part.write_text("12")
-        assert part == path.with_name("numbers.txt.part")
+        assert part == path.with_name("numbers.txt.unfinished")
         assert not path.exists()
     assert path.read_text() == "12"
     assert [file.name for file in path.parent.iterdir()] == ["numbers.txt"]
@@ -40,10 +42,42 @@ def test_a_full_disk_is_told_whatever_a_library_says_of_it(tmp_path, monkeypatch
 
 
 def test_a_part_left_by_a_killed_run_is_overwritten(tmp_path):
-    (tmp_path / "numbers.txt.part").write_text("left by another run, and longer")
+    (tmp_path / "numbers.txt.unfinished").write_text("left by another run, and longer")
     with atomic_write(tmp_path / "numbers.txt") as part:
         part.write_text("12")
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("numbers.txt", "12")]
+
+
+def test_a_link_in_the_place_of_the_part_is_not_followed(tmp_path):
+    (tmp_path / "victim").write_text("mine")
+    (tmp_path / "page.html.unfinished").symlink_to(tmp_path / "victim")
+    with atomic_write(tmp_path / "page.html") as part:
+        part.write_text("page")
+    assert ((tmp_path / "victim").read_text(), (tmp_path / "page.html").read_text()) == ("mine", "page")
+
+
+@pytest.mark.parametrize("context", [atomic_write, atomic_folder])
+def test_what_is_no_file_is_not_replaced(tmp_path, context):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises((UserError, FileExistsError), match="pipe: "), context(tmp_path / "pipe"):
+        raise AssertionError
+    assert [file.name for file in tmp_path.iterdir()] == ["pipe"]
+
+
+def test_files_of_the_user_are_never_in_the_way(tmp_path):
+    for name in ("runs.part", "runs.old"):
+        (tmp_path / name).mkdir()
+    with atomic_folder(tmp_path / "runs") as part:
+        (part / "a").write_text("1")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["runs", "runs.old", "runs.part"]
+    check_outputs([tmp_path / "page.html"], [tmp_path])
+    for path, says in (
+        ("a.csv", "it is read here"),
+        ("runs", "not a file in a folder"),
+        ("no/a.html", "not a file in"),
+    ):
+        with pytest.raises(UserError, match=says):
+            check_outputs([tmp_path / path], [tmp_path])
 
 
 @pytest.mark.parametrize(

@@ -213,8 +213,9 @@ def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
 
 def _source(path: Path) -> str:
     """A path that a queued experiment finds too, from a temporary folder of what git and DVC track; else as typed."""
-    tracked = path.with_name(f"{path.name}.dvc").exists()
-    return str(path if path == Path(VIRTUAL) or tracked else path.absolute())
+    place = path.absolute()
+    tracked = place.with_name(f"{place.name}.dvc").exists()
+    return str(path if path == Path(VIRTUAL) or tracked else place)
 
 
 def _chosen(chosen: list[Note], key: str) -> str:

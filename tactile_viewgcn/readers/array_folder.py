@@ -33,7 +33,7 @@ from tactile_viewgcn.readers.source import (
 
 SUFFIXES = (".npy", ".npz", ".csv")
 MOST_LINE = 2**17  # letters of a line: 32 for each of 64 x 64 sensors
-HEADER = r"\s*(?!nan|[-+]?inf)[^\s\d.,;+-]"  # how a line of .csv begins that is none of numbers
+HEADER = r"\s*(?!nan|inf)[\"'#]?\s*[^\W\d]"  # how a line of .csv begins that is none of numbers: with a word
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 
 
@@ -113,6 +113,8 @@ def _read_header(file: Path, root: Path, layout: tuple[int, ...], labelled: bool
 
 def _frames(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tuple[int, int, int]:
     """(T, H, W) of an array of that shape."""
+    if not shape:
+        raise UserError(f"{file}: an array {shape}; expected (frames, rows, columns) or (frames, cells)")
     if layout and shape in (layout, (*shape[:1], math.prod(layout)), (*shape[:1], *layout)):
         return 1 if shape == layout else shape[0], layout[0], layout[1]
     if layout:

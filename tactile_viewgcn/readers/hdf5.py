@@ -105,7 +105,8 @@ def _blocks(headers: list[Header], objects: list[str], sessions: list[str]) -> I
                 block = {name: np.full(at.stop - start, value) for name, value in constant.items()}
                 block |= {name: file[name][at] for name in header.columns if name != "split"}
                 if "time" in header.columns:
-                    block["time"] = block["time"] - file["time"][0]
+                    begin = float(file["time"][0])  # of integers a difference would wrap
+                    block["time"] = block["time"].astype(np.float64) - (0 if np.isinf(begin) else begin)
                 yield block | {"pressure": file["pressure"][at], "frame": np.arange(start, at.stop)}
 
 

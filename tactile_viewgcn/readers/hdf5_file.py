@@ -18,6 +18,7 @@ from tactile_viewgcn.readers.limits import check_size
 from tactile_viewgcn.readers.source import MOST_LETTERS, SOURCE_MD5
 
 MOST_CHUNK = 64 * 2**20  # bytes of a chunk, which is read whole, and kept for the next block
+MOST_SMALL, SMALL = 2**16, 1024  # chunks of fewer bytes, each of which takes HDF5 a kilobyte and a while
 CAREFUL = 2**15  # bytes stored of a chunk, above which gzip is tried before HDF5 inflates it, by 1,032 at most
 MOST_LZF = 2**23  # likewise, of lzf, which inflates by 90 at most
 SLACK = 64  # bytes that filters may add
@@ -146,6 +147,11 @@ def _check_chunks(values: h5py.Dataset, where: str) -> None:
     size = math.prod(values.chunks) * values.dtype.itemsize
     if size > MOST_CHUNK:
         raise UserError(f"{where} has chunks of {size / 1e6:,.0f} MB; expected at most {MOST_CHUNK / 1e6:,.0f} MB")
+    count = math.prod(-(-side // part) for side, part in zip(values.shape, values.chunks, strict=True))
+    if size < SMALL and count > MOST_SMALL:
+        raise UserError(
+            f"{where} is cut into {count:,} chunks of {size} bytes; expected {SMALL:,} bytes or more in each"
+        )
     properties = values.id.get_create_plist()
     filters = [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
     compressed = [code for code in filters if code not in CHECKS]

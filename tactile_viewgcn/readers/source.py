@@ -15,6 +15,7 @@ TRAIN, TEST = 0, 1  # codes of the published split
 MAX_SIDE = 64  # rows and columns of a frame
 BLOCK_FRAMES = 4096  # read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
+MOST_SECONDS = 1e9  # of a time, thirty years
 MIN_SPREAD = 1e-30  # of the readings of some sensor, likewise
 MAX_LISTED = 10  # mistakes or names in one message
 MOST_NAMES = 2**15  # of one kind: ids are int16
@@ -156,21 +157,30 @@ def _mistakes_of_block(block: Block, source: Source, start: int) -> list[str]:
             )
     names = source.names
     for column, kind in COLUMNS.items():
-        if column not in block or kind is np.float64:
+        if column not in block:
             continue
-        low, high, remark = 0, 1, "in whole numbers"
+        low: float = 0
+        high: float = 1
+        remark = "in whole numbers"
+        if kind is np.float64:
+            low, high, remark = -MOST_SECONDS, MOST_SECONDS, "seconds"
         if column in names:
             high, remark = len(names[column]) - 1, f"({len(names[column])} {column}s)"
-        elif kind is not np.bool_:
+        elif kind is not np.bool_ and kind is not np.float64:
             low, high = np.iinfo(kind).min, np.iinfo(kind).max
         values = block[column]
-        inside = (values >= low) & (values <= high) & (values == np.floor(values))
+        if kind is np.float64:
+            inside = np.isnan(values) | (np.abs(values) <= high)  # NaN: not known
+        else:
+            inside = (values >= low) & (values <= high) & (values == np.floor(values))
         if not inside.all():
             at, what = int(inside.argmin()), f"{column} id" if column in names else column
             mistakes.append(
-                f"{path}: {what} {values[at]} of frame {start + at} is out of range; expected {low} to {high} {remark}"
+                f"{path}: {what} {values[at]} of frame {start + at} is out of range; expected {low:.10g} to "
+                f"{high:.10g} {remark}"
             )
-    if not mistakes and counts.dtype.kind == "f" and not (inside := np.abs(counts) <= MAX_PRESSURE).all():
+    wide = counts.astype(np.float32) if counts.dtype == np.float16 else counts  # in which the limit is infinite
+    if not mistakes and counts.dtype.kind == "f" and not (inside := np.abs(wide) <= MAX_PRESSURE).all():
         bad = int(inside.all(axis=(1, 2)).argmin())
         value, recording = counts[bad][~inside[bad]][0], source.recordings[int(block["recording"][bad])]
         remedy = ": rescale the readings" if np.isfinite(value) else ""

@@ -92,7 +92,7 @@ def read_metadata(path: Path) -> Source:
 
 
 def frame_column(values: np.ndarray, name: str, frames: int, path: Path) -> np.ndarray:
-    """A per-frame field as a column (T,): seconds as they are, indices and flags as int64, else a UserError."""
+    """A per-frame field as a column (T,): seconds as float64, indices and flags as int64, else a UserError."""
     if values.size != frames:
         raise UserError(
             f"{path}: {name} has {several(values.size, 'value')} for {several(frames, 'frame')}; expected one for each"
@@ -101,8 +101,8 @@ def frame_column(values: np.ndarray, name: str, frames: int, path: Path) -> np.n
         raise UserError(f"{path}: {name} is of type {values.dtype}; expected numbers")
     values = values.ravel()
     if name in ("ts", "tStamp"):
-        return values
-    integers = values.astype(np.int64) if np.isfinite(values).all() else None
+        return values.astype(np.float64)
+    integers = values.astype(np.int64) if (np.abs(values.astype(np.float64)) < 2**63).all() else None
     if integers is None or (integers != values).any():
         raise UserError(f"{path}: {name} holds values that are no whole numbers; expected indices or flags")
     return integers

@@ -21,6 +21,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.params import Backbone, Model
 from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
+from tactile_viewgcn.recognition.model_content import check_content
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
@@ -66,23 +67,23 @@ def save_classifier(
     content = {
         "format": FORMAT,
         "learnt": _packed(classifier.state_dict()),
-        "viewpoints": classifier.viewpoints.cpu(),
+        "viewpoints": classifier.viewpoints.cpu().contiguous(),
         "model": asdict(model),
         "classes": frames.classes,
         "transform": classifier.transform or frames.transform,
         "scale": frames.scale,
         "shape": list(frames.counts.shape[1:]),
-        "baseline_mean": torch.from_numpy(baselines),
+        "baseline_mean": torch.from_numpy(baselines).contiguous(),
         "baseline_names": sessions,
         "precision": precision,
         "calibration": calibration and asdict(calibration),
         "preprocess": frames.preprocess,
         "kept_share": frames.kept_share,
         "dtype": str(frames.counts.dtype),
-        "live": torch.from_numpy(frames.live),
-        "noise": torch.from_numpy(frames.noise),
+        "live": torch.from_numpy(frames.live).contiguous(),
+        "noise": torch.from_numpy(frames.noise).contiguous(),
         "strong_readings": strong_readings(frames),
-        "novelty": novelty and {name: torch.as_tensor(value) for name, value in vars(novelty).items()},
+        "novelty": novelty and {name: torch.as_tensor(value).contiguous() for name, value in vars(novelty).items()},
     }
     with atomic_write(path) as part:
         torch.save(content, part)
@@ -118,14 +119,19 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
     if not _begins_as_archive(path):
         raise UserError(f"{path}: no classifier; {EXPECTED}")
     try:
+        _check_stored(path)
         content = torch.load(path, map_location="cpu", weights_only=True)
         if not isinstance(content, dict) or not {"model", "classes"} <= content.keys():
             raise UserError(f"{path}: no classifier, but other weights or values; {EXPECTED}")
         if content.get("format") != FORMAT:
             raise UserError(f"{path}: no classifier of this version; train it again (`dvc repro`, or fit and save)")
+        check_content(content)
         model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
         classifier = build_classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
-        classifier.load_state_dict(_unpacked(content.pop("learnt")))
+        learnt = _unpacked(content.pop("learnt"))
+        if set(_values(learnt, "classes")) - {len(content["classes"])}:
+            raise ValueError("it has learnt another number of classes than it names")
+        classifier.load_state_dict(learnt)
         content["preprocessing"] = read_fitted(content)
         content["calibration"] = content["calibration"] and Calibration(**content["calibration"])
         novelty = content["novelty"]
@@ -151,6 +157,19 @@ def _begins_as_archive(path: str | Path | BinaryIO) -> bool:
     begin = path.read(2)
     path.seek(start)
     return begin == b"PK"
+
+
+def _check_stored(path: str | Path | BinaryIO) -> None:
+    """A ValueError where an archive is compressed, which torch never does: a small file would fill the memory."""
+    if isinstance(path, str | Path):
+        with Path(path).open("rb") as file:
+            _check_stored(file)
+            return
+    start = path.tell()
+    with zipfile.ZipFile(path) as archive:
+        if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
+            raise ValueError("it is compressed")
+    path.seek(start)
 
 
 def _packed(value: Any) -> Any:
@@ -190,25 +209,36 @@ def read_archive(data: bytes) -> Any:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         if sum(member.file_size for member in archive.infolist()) > len(data):
             raise ValueError("a pipeline's archive is compressed")
-        foreign = sorted(set(_types(json.loads(archive.read("schema.json")))) - {*OURS, *PLAIN, *NUMBERS})
+        schema = json.loads(archive.read("schema.json"))
+        sizes = {member.filename: member.file_size for member in archive.infolist()}
+        foreign = sorted(set(_types(schema)) - {*OURS, *PLAIN, *NUMBERS})
     foreign = [name for name in foreign if not (name.startswith("sklearn.") and name.split(".")[-1] in SCIKIT_LEARN)]
     if foreign:
         raise ValueError(f"a pipeline of type {', '.join(foreign)} is not trusted")
+    if sum(sizes.get(name, 0) for name in _values(schema, "file")) > len(data):
+        raise ValueError("a pipeline's archive names an array many times")
     pipeline = loads(data, trusted=OURS)
-    if isinstance(pipeline, KNeighborsClassifier):  # its compiled code follows these without a look
-        labels = pipeline._y
-        if pipeline.metric != "cosine" or labels.min() < 0 or labels.max() >= len(pipeline.classes_):
+    if isinstance(pipeline, KNeighborsClassifier):  # its compiled code follows what it has learnt without a look
+        if min(pipeline._y) < 0 or max(pipeline._y) >= len(pipeline.classes_):
             raise ValueError("a neighbour's label is none of the classes")
+        neighbours = KNeighborsClassifier(min(pipeline.n_neighbors, len(pipeline._fit_X)), metric="cosine")
+        return neighbours.fit(np.asarray(pipeline._fit_X), pipeline.classes_[pipeline._y])
     return pipeline
 
 
-def _types(node: Any) -> Iterator[str]:
+def _types(schema: Any) -> Iterator[str]:
     """The names of all types in a schema of skops."""
+    modules, names = _values(schema, "__module__"), _values(schema, "__class__")
+    yield from (f"{module}.{name}" for module, name in zip(modules, names, strict=True))
+
+
+def _values(node: Any, key: str) -> Iterator[Any]:
+    """The values of a key in dictionaries and lists, wherever it stands."""
     if isinstance(node, dict):
-        if "__class__" in node:
-            yield f"{node['__module__']}.{node['__class__']}"
+        if key in node:
+            yield node[key]
         for part in node.values():
-            yield from _types(part)
+            yield from _values(part, key)
     elif isinstance(node, list):
         for part in node:
-            yield from _types(part)
+            yield from _values(part, key)

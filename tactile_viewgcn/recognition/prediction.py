@@ -9,8 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.files import atomic_write, check_outputs
 from tactile_viewgcn.names import EMPTY_HAND, write_csv
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
@@ -44,7 +43,7 @@ def predict(
     Raises:
         UserError, OSError: a mistake of the user.
     """
-    _check_outputs([path for path in (csv_path, json_path) if path is not None], [Path(model), Path(source)])
+    check_outputs([path for path in (csv_path, json_path) if path is not None], [Path(model), Path(source)])
     recogniser = load_model(model)
     views, calibrated = recogniser.classifier.views, recogniser.temperatures is not None
     echo(
@@ -95,23 +94,6 @@ def load_model(name: str) -> Recogniser:
 
     with tempfile.TemporaryDirectory() as folder:
         return Recogniser(download_model(f"runs:/{name}" if is_run else name, Path(folder)))
-
-
-def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
-    """Refuse files that cannot be written, or would replace what is read, before any work."""
-    taken = {path.resolve() for path in inputs}
-    for path in outputs:
-        if (path.exists() and not path.is_file()) or not path.absolute().parent.is_dir():
-            raise UserError(f"{path}: not a file in a folder that exists; name another")
-        if path.resolve() in taken:
-            raise UserError(f"{path}: it is read here, or named twice; name another file for the answers")
-        taken.add(path.resolve())
-        part = path.with_name(f"{path.name}.part")  # as `atomic_write` names it
-        try:
-            part.touch()
-            part.unlink()
-        except OSError as error:
-            raise UserError(f"{path}: cannot be written ({error.strerror}); name another") from None
 
 
 def _joined(recogniser: Recogniser, answers: list[Answer], stop_at: float | None) -> list[Answer]:

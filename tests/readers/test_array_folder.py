@@ -146,6 +146,9 @@ def test_the_mistakes_of_all_files_are_listed_at_once(tmp_path):
     }
     also = {
         "gap.csv": ("1,,3\n", "could not convert string ''"),
+        "nul.csv": ("\x001,2\n3,4\n", "could not convert string"),
+        "minus.csv": ("\u22121,2\n3,4\n", "could not convert string"),
+        "quoted.csv": ('"1",2\n3,4\n', "could not convert string"),
         "index.csv": (",0,1\n0,5,6\n", "could not convert string ''"),
         "header.csv": ("a,b\n", "no line of numbers"),
         "words.npy": (np.full((4, 2, 3), "a"), "pressure is of type <U1; expected integer counts or real numbers"),

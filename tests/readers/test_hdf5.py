@@ -48,6 +48,13 @@ def test_a_single_file_is_one_recording(tmp_path):
     assert table.columns.keys() == {"object", "recording", "session", "frame", "time"}
 
 
+@pytest.mark.parametrize("kind", ["uint8", "int8", "uint64", "bool", "float16"])
+def test_times_of_any_number_type_count_from_the_first(tmp_path, kind):
+    times = np.array([1, 0, 1, 1]).astype(kind)
+    _, table = ingested(tmp_path / "grip.h5", read_hdf5(record(tmp_path / "grip.h5", time=times)))
+    assert table.columns["time"].tolist() == [0, -1, 0, 0]
+
+
 @settings(max_examples=15, deadline=None)
 @given(
     shape=st.sampled_from([(1, 1), (5, 7), (7, 5), (1, 64), (64, 64)]),

@@ -22,7 +22,7 @@ from tactile_viewgcn.recognition.model_file import ARCHIVE, read_archive
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors.forest import Forest
 from tests.recognition.test_mlflow_model import serve
-from tests.small_glove import OBJECTS, ROOT, model_file, recording, write
+from tests.small_glove import OBJECTS, ROOT, SHAPE, model_file, recording, write
 
 RAN = "the code in the file has run"
 POINTS, LABELS = np.random.default_rng(0).normal(size=(30, 80)), np.arange(30) % 3
@@ -87,6 +87,27 @@ def without(name: str) -> dict:
     return {key: value for key, value in content().items() if key != name}
 
 
+def neighbours_of(**changes) -> dict:
+    neighbours = pipeline("knn")
+    vars(neighbours).update(changes)
+    return with_archive(dumps(neighbours), "knn")
+
+
+def changed(**changes) -> dict:
+    return content() | changes
+
+
+def calibrated(**changes) -> dict:
+    tree = content()
+    return tree | {"calibration": {"by_frames": [1.0] * 4, "by_recordings": [], "most_frames": 4} | changes}
+
+
+def with_learnt(**changes) -> dict:
+    tree = content()
+    tree["learnt"]["fitted"] |= changes
+    return tree
+
+
 #: what was altered, and the reason that the line has
 ALTERED = {
     "a pickle": (lambda: {"weights": Code()}, "UnpicklingError: Weights only load failed"),
@@ -103,7 +124,22 @@ ALTERED = {
     "a compressed archive": (compressed, "a pipeline's archive is compressed"),
     "a neighbour of no class": (neighbour_of_no_class, "a neighbour's label is none of the classes"),
     "a file of an earlier version": (lambda: without("format"), "no classifier of this version; train it again"),
-    "a key missing": (lambda: without("live"), "KeyError: 'live'"),
+    "a key missing": (lambda: without("live"), "ValueError: live: Field required"),
+    "a neighbour's metric": (lambda: neighbours_of(effective_metric_="euclidean", _fit_X=np.zeros((240, 3))), "X has"),
+    "too many classes": (lambda: with_learnt(classes=10**8), "another number of classes than it names"),
+    "numbers shown many times": (lambda: changed(viewpoints=torch.zeros(1, 3).expand(900, 3)), "number by number"),
+    "no viewpoints": (lambda: changed(viewpoints=torch.zeros(0, 3)), "viewpoints, calibration: out"),
+    "another layout": (lambda: changed(live=torch.ones(20, 20, dtype=torch.bool)), "live, novelty: out of range"),
+    "no sensor": (lambda: changed(live=torch.zeros(SHAPE, dtype=torch.bool)), "live, novelty: out of range"),
+    "noise below 0": (lambda: changed(noise=-torch.ones(SHAPE)), "noise: out of range"),
+    "a baseline that is no number": (lambda: changed(baseline_mean=torch.full((2, *SHAPE), np.nan)), "baseline_mean"),
+    "a class twice": (lambda: changed(classes=["ball"] * 3), "classes: Value error, an item stands twice"),
+    "a class without a name": (lambda: changed(classes=["ball", None, "pen"]), "classes.1: Input should be a valid"),
+    "another type of counts": (lambda: changed(dtype="O"), "dtype: Input should be"),
+    "a scale of 0": (lambda: changed(scale=0.0), "scale: Input should be greater than 0"),
+    "a temperature below 0": (lambda: calibrated(by_frames=[-1.0] * 4), "calibration.by_frames.0: Input should be"),
+    "endless frames": (lambda: calibrated(most_frames=10**8), "calibration.most_frames: Input should be less than"),
+    "an unknown baseline": (lambda: changed(preprocess={"baseline": "x"}), "baseline: Input should be"),
     "other weights": (lambda: with_archive(dumps(Forest(2).fit(POINTS[:, :5], LABELS))), "ValueError: X has"),
 }
 FOUR = ("a pickle", "os.system", "a tree that loops", "a tree that points outside")  # what the issue names
@@ -112,6 +148,16 @@ FOUR = ("a pickle", "os.system", "a tree that loops", "a tree that points outsid
 def altered(folder: Path, name: str) -> Path:
     torch.save(ALTERED[name][0](), folder / "classifier.pt")
     return folder / "classifier.pt"
+
+
+def test_a_compressed_file_is_refused_before_it_is_unpacked(tmp_path):
+    model_file(tmp_path / "good.pt", "model.system=trees")
+    packed = zipfile.ZipFile(tmp_path / "bad.pt", "w", zipfile.ZIP_DEFLATED)
+    with zipfile.ZipFile(tmp_path / "good.pt") as good, packed as bad:
+        for member in good.infolist():
+            bad.writestr(member.filename, good.read(member))
+    with pytest.raises(UserError, match="it is compressed"):
+        Recogniser(tmp_path / "bad.pt")
 
 
 @pytest.mark.parametrize("name", ALTERED)
