@@ -1,5 +1,6 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one through DVC's queue of experiments."""
 
+import subprocess
 from pathlib import Path
 
 import click
@@ -77,6 +78,9 @@ def run(
             )
     if shard:
         cells = shard_of(cells, shard)
+    if subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "params.yaml"], check=False).returncode:
+        print("note: params.yaml is not that of the last commit, and every cell has its values; if these are left of a "
+              "killed run: git checkout HEAD params.yaml")  # fmt: skip
     queue = Queue()
     finished = queue.finished()
     before = sum(stored(key) or f"{study.name}-{key}" in finished for key in cells)

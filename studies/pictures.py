@@ -46,9 +46,12 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
     named = (rows["variant"].isin(references) | rows["variant"].str.partition(" / ")[0].isin(references)).to_numpy()
     axes.plot(costs[named], errors[named], "*", color="C3", ms=14)
     middle = np.sqrt(costs.min() * costs.max())
-    for place in {*best, *np.flatnonzero(named)}:
-        # towards the middle, so that no label runs over the frame
-        offset, side = ((-7, 5), "right") if costs[place] > middle else ((7, 5), "left")
+    order = sorted({*best, *np.flatnonzero(named)}, key=costs.__getitem__)
+    for number, place in enumerate(order):
+        # towards the middle, so that no label runs over the frame; those on the right by turns below and above, as
+        # their ends would touch
+        later = len(order) - number
+        offset, side = ((-7, (5, -13)[later % 2 == 0]), "right") if costs[place] > middle else ((7, 5), "left")
         at = costs[place], errors[place]
         axes.annotate(rows["variant"].iloc[place], at, offset, textcoords="offset points", ha=side, fontsize=10)
     _log_axis(axes, costs)

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import check_outputs
+from tactile_viewgcn.files import check_outputs, readable
 from tactile_viewgcn.names import shown
 from tactile_viewgcn.params import PRESETS, preset_changes
 
@@ -103,7 +103,9 @@ def report(run: str, out: Path) -> None:
     from tactile_viewgcn.pages.run_page import run_page
 
     check_outputs([out], [])
-    _say(write(out, run_page(read_run(run))))
+    with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
+        page = run_page(read_run(run))
+    _say(write(out, page))
 
 
 def _say(*lines: str) -> None:

@@ -95,7 +95,8 @@ def readable(path: object) -> Iterator[None]:
     Raises:
         UserError: the file is damaged, or of another version of the project.
     """
-    damages = (OSError, KeyError, TypeError, ValueError, RuntimeError, EOFError, UnpicklingError, BadZipFile)
+    of_values = AttributeError, LookupError, TypeError, ValueError
+    damages = (*of_values, OSError, RuntimeError, EOFError, UnpicklingError, BadZipFile)
     with _in_one_line(damages, path, "damaged, or not written by this version", "delete it and run `dvc repro` again"):
         yield
 

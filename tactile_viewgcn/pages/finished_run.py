@@ -12,7 +12,7 @@ from typing import Any
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.evaluation.report import divergences
-from tactile_viewgcn.files import readable
+from tactile_viewgcn.files import check_is_file, readable
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import VIRTUAL
 
@@ -95,10 +95,15 @@ def read_run(name: str = "") -> FinishedRun:
     return FinishedRun(name, metrics, timing, predictions, records)
 
 
+def _read_file(path: str) -> bytes:
+    check_is_file(Path(path))
+    return Path(path).read_bytes()
+
+
 def _reader(name: str) -> Callable[[str], bytes]:
     """What reads a file of that run by its path in the workspace, or raises FileNotFoundError."""
     if not name:
-        return lambda path: Path(path).read_bytes()
+        return _read_file
     if MLFLOW_ID.fullmatch(name):
         from tactile_viewgcn.tracking import read_artifact
 

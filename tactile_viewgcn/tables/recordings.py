@@ -20,7 +20,15 @@ from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.hdf5_file import OBJECTS, check_heaps, dataset, is_table, open_hdf5
 from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_disk
-from tactile_viewgcn.readers.source import BLOCK_FRAMES, COLUMNS, MIN_SPREAD, SOURCE_MD5, Source, checked_blocks
+from tactile_viewgcn.readers.source import (
+    BLOCK_FRAMES,
+    COLUMNS,
+    MAX_PRESSURE,
+    MIN_SPREAD,
+    SOURCE_MD5,
+    Source,
+    checked_blocks,
+)
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
 
@@ -75,9 +83,12 @@ def recordings_of(
     """The table that `ingest` wrote at a path, or a temporary one of any form that it reads, see `open_source`."""
     path = Path(path)
     if is_table(path):
-        with readable(path), open_hdf5(path) as file:
-            check_heaps(file)
-        yield Recordings(path)
+        with readable(path):
+            with open_hdf5(path) as file:
+                check_heaps(file)
+            recordings = Recordings(path)
+            recordings.check_counts()
+        yield recordings
         return
     source = open_source(path, labelled=labelled, layout=layout)
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
@@ -112,6 +123,13 @@ class Recordings:
 
     def _check(self) -> None:
         """Raise a ValueError where the parts of a table do not go together."""
+        if missing := [name for name in list(COLUMNS)[:5] if name not in self.columns]:
+            raise ValueError(f"no column /{missing[0]}")
+        for name, values in self.columns.items():
+            if values.dtype != COLUMNS[name]:
+                raise ValueError(f"/{name} is of type {values.dtype}; expected {np.dtype(COLUMNS[name])}")
+        if not len(self._pressure):
+            raise ValueError("no frames")
         if self.live.shape != self._pressure.shape[1:] or self.live.ndim != 2 or self.live.dtype != bool:
             raise ValueError("/live does not have the shape of a frame")
         if any(values.shape != self._pressure.shape[:1] for values in self.columns.values()):
@@ -119,6 +137,16 @@ class Recordings:
         for column, names in (("object", self.objects), ("recording", self.recordings), ("session", self.sessions)):
             if not np.isin(self.columns[column], np.arange(len(names))).all():
                 raise ValueError(f"a number in /{column} leads to no name")
+
+    def check_counts(self) -> None:
+        """Raise a ValueError where counts are not those that the table's `live` is of; all are read."""
+        low, high = np.full(self.shape, np.inf), np.full(self.shape, -np.inf)
+        for _, counts in self.blocks():
+            low, high = np.minimum(low, counts.min(axis=0)), np.maximum(high, counts.max(axis=0))
+        if not (np.abs(low) <= MAX_PRESSURE).all() or not (np.abs(high) <= MAX_PRESSURE).all():
+            raise ValueError(f"/pressure holds what is no number up to {MAX_PRESSURE:g}")
+        if not (self.live == (low < high)).all():
+            raise ValueError("/live is not of the sensors that vary")
 
     def __len__(self) -> int:
         return len(self._pressure)
