@@ -53,7 +53,8 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> N
     from tactile_viewgcn.pages.recommendation import recommend
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
-    check_outputs([page] if page else [], [source])
+    if page and page.parent.is_dir():  # else it is made
+        check_outputs([page], [source])
     inspection = inspect_source(source, shape)
     _say(*inspection_lines(inspection, recommend(inspection)))
     if page:
@@ -102,7 +103,6 @@ def report(run: str, out: Path) -> None:
     from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.run_page import run_page
 
-    check_outputs([out], [])
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         page = run_page(read_run(run))
     _say(write(out, page))
