@@ -59,14 +59,16 @@ def test_a_baseline_of_frames_in_contact_is_warned_of(tmp_path):
 def test_quiet_frames_that_are_contact_are_counted_where_no_open_hand_is_left(tmp_path):
     made = treated(tmp_path, floats, "baseline=quiet")
     assert warnings_of(made.notes) == []
-    held = replace(
+    all_contact_in_three = replace(
         made.inspection, contact=np.where(np.arange(len(made.inspection.frames)) < 3, made.inspection.frames, 0)
     )
     for baseline, value in (("quiet", "auto"), ("auto", None)):
-        (note,) = preprocessing_warnings(held, made.frames, load(FILE, (f"preprocess.baseline={baseline}",)).preprocess)
+        (note,) = preprocessing_warnings(
+            all_contact_in_three, made.frames, load(FILE, (f"preprocess.baseline={baseline}",)).preprocess
+        )
         assert "in 3 of " in note.text and (note.level, note.value) == ("warning", value)
     other = replace(made.frames, preprocess=made.frames.preprocess | {"baseline": "grasp"})
-    assert preprocessing_warnings(held, other, load(FILE).preprocess) == []
+    assert preprocessing_warnings(all_contact_in_three, other, load(FILE).preprocess) == []
 
 
 def test_a_scale_that_clips_the_readings_is_warned_of_with_one_that_does_not(tmp_path):

@@ -131,8 +131,8 @@ def test_sessions_are_held_out_for_all_objects_though_one_missed_the_first(tmp_p
     there = (COLUMNS["object"] != 1) | (COLUMNS["session"] == 1)
     columns = {name: values[there] for name, values in COLUMNS.items()}
     for fold in range(SESSIONS):
-        how = {"counts": COUNTS[there], "columns": columns}
-        _, selection, _ = prepared(tmp_path, "split.by=session", "split.folds=2", f"split.fold={fold}", **how)
+        recorded = {"counts": COUNTS[there], "columns": columns}
+        _, selection, _ = prepared(tmp_path, "split.by=session", "split.folds=2", f"split.fold={fold}", **recorded)
         assert np.unique(columns["session"][selection.side == TEST]).tolist() == [fold]
 
 
