@@ -6,7 +6,7 @@ import os
 import shutil
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from pickle import UnpicklingError
@@ -18,7 +18,8 @@ from tactile_viewgcn.errors import UserError
 
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 PART, OLD = ".unfinished", ".replaced"  # endings of what is written, and of a folder while it is replaced
-READ = (".h5", ".hdf5", ".mat", ".npy", ".npz", ".csv")  # endings that the readers take
+HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv")  # endings of recordings
+READ = (*HDF5, *ARRAYS, ".mat")
 VIDEO_SUFFIX = ".jpg"  # STAG's folders also hold gigabytes of video frames, which no reader reads
 
 
@@ -141,6 +142,19 @@ def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
             part.unlink()
         except OSError as error:
             raise UserError(f"{path}: cannot be written ({error.strerror}); name another") from None
+
+
+def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
+    """The file itself, or all files below a folder in the order of their paths, of those with these endings.
+
+    Raises:
+        UserError: folders lie in each other deeper than Python follows them, about 300.
+    """
+    try:
+        files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    except RecursionError:
+        raise UserError(f"{path}: folders lie too deep within each other; expected a few levels") from None
+    return [file for file in files if file.suffix.lower() in suffixes]
 
 
 def check_is_file(path: Path) -> None:

@@ -2,12 +2,13 @@
 
 import hashlib
 import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import atomic_folder, atomic_write, check_outputs, md5
+from tactile_viewgcn.files import ARRAYS, atomic_folder, atomic_write, check_outputs, files_below, md5
 
 
 def test_a_file_appears_when_the_block_ends_and_not_before(tmp_path):
@@ -78,6 +79,24 @@ def test_files_of_the_user_are_never_in_the_way(tmp_path):
     ):
         with pytest.raises(UserError, match=says):
             check_outputs([tmp_path / path], [tmp_path])
+
+
+@pytest.fixture
+def deep_folder(tmp_path, monkeypatch):
+    """A folder in which 1,000 lie in each other; what removes folders fails at them, too."""
+    monkeypatch.chdir(tmp_path)
+    for _ in range(1000):
+        Path("d").mkdir()
+        os.chdir("d")
+    yield tmp_path
+    for _ in range(1000):
+        os.chdir("..")
+        Path("d").rmdir()
+
+
+def test_folders_without_end_are_refused(deep_folder):
+    with pytest.raises(UserError, match="folders lie too deep within each other"):
+        files_below(deep_folder, ARRAYS)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tactile_viewgcn.files import ARRAYS, files_below
 from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.frames.selection import one_class
@@ -15,7 +16,6 @@ from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
-from tactile_viewgcn.readers.array_folder import array_files
 from tactile_viewgcn.readers.hdf5_file import is_table
 from tactile_viewgcn.readers.source import MAX_SIDE, listed
 from tactile_viewgcn.schema import as_change
@@ -68,7 +68,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
             (f"{len(columns)}", f"optional {'column' if len(columns) == 1 else 'columns'}: {', '.join(columns)}")
         )
     alike = low == high and 1 < high <= MAX_SIDE
-    if height == 1 and alike and array_files(overview.path):  # files of one frame each would look like this
+    if height == 1 and alike and files_below(overview.path, ARRAYS):  # files of one frame each would look like this
         rows.append((f"{high:g} x {width}", f"cells in each file: if that is one frame, --shape {high:g} {width}"))
     return rows
 
@@ -202,7 +202,7 @@ def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
         return []
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
     changes = [] if is_table(overview.path) else [as_change("data.source", _source(overview.path))]
-    if array_files(overview.path):
+    if files_below(overview.path, ARRAYS):
         changes.append(as_change("data.shape", list(overview.shape)))
     changes += [
         as_change(note.key, note.value) for note in chosen if not note.key.startswith(("preset", "preprocess."))

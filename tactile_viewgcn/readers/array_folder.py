@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import check_is_file, readable_source
+from tactile_viewgcn.files import ARRAYS, check_is_file, files_below, readable_source
 from tactile_viewgcn.readers.limits import check_size
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
@@ -31,7 +31,6 @@ from tactile_viewgcn.readers.source import (
     storage_type,
 )  # fmt: skip
 
-SUFFIXES = (".npy", ".npz", ".csv")
 MOST_LINE = 2**17  # letters of a line: 32 for each of 64 x 64 sensors
 HEADER = r"\s*(?!nan|inf)[\"'#]?\s*[^\W\d]"  # how a line of .csv begins that is none of numbers: with a word
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
@@ -49,11 +48,6 @@ class Header:
     dtype: np.dtype
 
 
-def array_files(path: Path) -> list[Path]:
-    """The file itself, or all files of arrays below a folder in the order of their paths."""
-    return [file for file in (sorted(path.rglob("*")) if path.is_dir() else [path]) if file.suffix.lower() in SUFFIXES]
-
-
 def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bool = True) -> Source:
     """All files of arrays below a folder. Without folders of sessions they are of one.
 
@@ -66,7 +60,7 @@ def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bo
     """
     headers: list[Header] = []
     mistakes: list[str] = []
-    for file in array_files(path):
+    for file in files_below(path, ARRAYS):
         try:
             headers.append(_read_header(file, path if path.is_dir() else path.parent, tuple(layout or ()), labelled))
         except UserError as error:

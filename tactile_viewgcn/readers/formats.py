@@ -6,9 +6,9 @@ from pathlib import Path
 import h5py
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import check_is_file
-from tactile_viewgcn.readers.array_folder import PLACES, array_files, read_arrays
-from tactile_viewgcn.readers.hdf5 import SUFFIXES, read_hdf5
+from tactile_viewgcn.files import ARRAYS, HDF5, check_is_file, files_below
+from tactile_viewgcn.readers.array_folder import PLACES, read_arrays
+from tactile_viewgcn.readers.hdf5 import read_hdf5
 from tactile_viewgcn.readers.hdf5_file import attribute_names
 from tactile_viewgcn.readers.source import SOURCE_MD5, Source
 from tactile_viewgcn.readers.stag_folder import read_folder
@@ -37,9 +37,9 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
     if path.is_dir():
         if next(path.glob("*/*/pressuredata.mat"), None):
             return read_folder(path)
-        if any(file.suffix in SUFFIXES for file in path.rglob("*")):
+        if files_below(path, HDF5):
             return read_hdf5(path, labelled=labelled)
-        if array_files(path):
+        if files_below(path, ARRAYS):
             return read_arrays(path, layout, labelled=labelled)
         raise UserError(
             f"{path}: neither [batch]/[recording]/pressuredata.mat, nor .h5 recordings, nor arrays in it; {EXPECTED}"
@@ -47,13 +47,13 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
     check_is_file(path)
     if not path.stat().st_size:
         raise UserError(f"{path}: an empty file; {EXPECTED}")
-    if array_files(path):
+    if files_below(path, ARRAYS):
         return read_arrays(path, layout, labelled=labelled)
     attributes = attribute_names(path)
     if SOURCE_MD5 in attributes:
         raise UserError(f"{path}: the table that ingest writes, not what it reads; {EXPECTED}")
-    if path.suffix in SUFFIXES or "object" in attributes:  # which no MATLAB 7.3 file has
+    if path.suffix.lower() in HDF5 or "object" in attributes:  # which no MATLAB 7.3 file has
         return read_hdf5(path, labelled=labelled)
-    if path.suffix == ".mat" or h5py.is_hdf5(path):
+    if path.suffix.lower() == ".mat" or h5py.is_hdf5(path):
         return read_metadata(path)
     raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {EXPECTED}")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import readable_source
+from tactile_viewgcn.files import HDF5, files_below, readable_source
 from tactile_viewgcn.readers.hdf5_file import AGAIN, DAMAGED, attribute, check_heaps, dataset, open_hdf5
 from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_size
 from tactile_viewgcn.readers.source import (
@@ -35,7 +35,6 @@ from tactile_viewgcn.readers.source import (
     storage_type,
 )
 
-SUFFIXES = (".h5", ".hdf5")
 SPLITS = {"train": TRAIN, "test": TEST}
 NOT_LABELLED = {"object": UNLABELLED, "session": "session"}  # attributes that an unlabelled recording may lack
 OPTIONAL_COLUMNS = ("time", "valid", "grasp", "grasp_valid")
@@ -64,7 +63,7 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
     Raises:
         UserError: lists the mistakes of all files, and where they do not agree in shape, columns or name.
     """
-    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.suffix in SUFFIXES)
+    files = [path] if path.is_file() else files_below(path, HDF5)
     headers: list[Header] = []
     mistakes: list[str] = []
     for file in files:
