@@ -8,6 +8,7 @@ import io
 import json
 import zipfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -30,6 +31,7 @@ from tactile_viewgcn.tables.frames import TRAIN, Frames
 EXPECTED = "expected what `finetune` or `TactileClassifier.save` has written, such as models/classifier.pt"
 FORMAT = 4  # of the file; one written before formats had numbers has none
 STRONG_FRAMES = 2000
+ARCHIVE_START = b"PK"  # of all that torch saves, of a classifier that was cut short too
 ARCHIVE = "skops"  # key of a pipeline's bytes, uint8 (n,)
 OURS = [
     "tactile_viewgcn.sensors.forest.Forest",
@@ -66,27 +68,27 @@ def save_classifier(
     novelty = fit_novelty(frames, classifier.views)
     content = {
         "format": FORMAT,
-        "learnt": _packed(classifier.state_dict()),
-        "viewpoints": classifier.viewpoints.cpu().contiguous(),
+        "learnt": classifier.state_dict(),
+        "viewpoints": classifier.viewpoints,
         "model": asdict(model),
         "classes": frames.classes,
         "transform": classifier.transform or frames.transform,
         "scale": frames.scale,
         "shape": list(frames.counts.shape[1:]),
-        "baseline_mean": torch.from_numpy(baselines).contiguous(),
+        "baseline_mean": torch.from_numpy(baselines),
         "baseline_names": sessions,
         "precision": precision,
         "calibration": calibration and asdict(calibration),
         "preprocess": frames.preprocess,
         "kept_share": frames.kept_share,
         "dtype": str(frames.counts.dtype),
-        "live": torch.from_numpy(frames.live).contiguous(),
-        "noise": torch.from_numpy(frames.noise).contiguous(),
+        "live": torch.from_numpy(frames.live),
+        "noise": torch.from_numpy(frames.noise),
         "strong_readings": strong_readings(frames),
-        "novelty": novelty and {name: torch.as_tensor(value).contiguous() for name, value in vars(novelty).items()},
+        "novelty": novelty and {name: torch.as_tensor(value) for name, value in vars(novelty).items()},
     }
     with atomic_write(path) as part:
-        torch.save(content, part)
+        torch.save(_packed(content), part)
 
 
 def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
@@ -116,19 +118,24 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
     Raises:
         UserError: the file is something else, damaged, altered, or of an earlier version.
     """
-    if not _begins_as_archive(path):
-        raise UserError(f"{path}: no classifier; {EXPECTED}")
     try:
-        _check_stored(path)
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        with _stream(path) as stream:
+            if stream.read(2) != ARCHIVE_START:
+                raise UserError(f"{path}: no classifier; {EXPECTED}")
+            _check_stored(stream)
+            stream.seek(0)
+            content = torch.load(stream, map_location="cpu", weights_only=True)
         if not isinstance(content, dict) or not {"model", "classes"} <= content.keys():
             raise UserError(f"{path}: no classifier, but other weights or values; {EXPECTED}")
         if content.get("format") != FORMAT:
             raise UserError(f"{path}: no classifier of this version; train it again (`dvc repro`, or fit and save)")
         check_content(content)
         model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
-        classifier = build_classifier(content["viewpoints"], len(content["classes"]), model, tuple(content["shape"]))
         learnt = _unpacked(content.pop("learnt"))
+        parts = content["viewpoints"], len(content["classes"]), model, tuple(content["shape"])
+        with torch.device("meta"):  # where weights take no memory
+            _check_weights(build_classifier(*parts), learnt)
+        classifier = build_classifier(*parts)
         if set(_values(learnt, "classes")) - {len(content["classes"])}:
             raise ValueError("it has learnt another number of classes than it names")
         classifier.load_state_dict(learnt)
@@ -148,28 +155,31 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
     return classifier, content
 
 
-def _begins_as_archive(path: str | Path | BinaryIO) -> bool:
-    """Whether a file begins as all that torch saves: a classifier that was cut short does, a text does not."""
+@contextmanager
+def _stream(path: str | Path | BinaryIO) -> Iterator[BinaryIO]:
+    """The file at a path, opened, or the open one itself."""
     if isinstance(path, str | Path):
         with Path(path).open("rb") as file:
-            return _begins_as_archive(file)
-    start = path.tell()
-    begin = path.read(2)
-    path.seek(start)
-    return begin == b"PK"
+            yield file
+    else:
+        yield path
 
 
-def _check_stored(path: str | Path | BinaryIO) -> None:
+def _check_stored(stream: BinaryIO) -> None:
     """A ValueError where an archive is compressed, which torch never does: a small file would fill the memory."""
-    if isinstance(path, str | Path):
-        with Path(path).open("rb") as file:
-            _check_stored(file)
-            return
-    start = path.tell()
-    with zipfile.ZipFile(path) as archive:
+    with zipfile.ZipFile(stream) as archive:
         if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
             raise ValueError("it is compressed")
-    path.seek(start)
+
+
+def _check_weights(classifier: Classifier, learnt: dict[str, Any]) -> None:
+    """A ValueError where the weights of a network are of other names or shapes than the classifier's, or not finite."""
+    if isinstance(classifier, torch.nn.Module):
+        expected, stored = ({name: each.shape for name, each in of.items()} for of in (classifier.state_dict(), learnt))
+        if stored != expected:
+            raise ValueError("its weights are those of another network")
+        if not all(weights.isfinite().all() for weights in learnt.values()):
+            raise ValueError("a weight is no finite number")
 
 
 def _packed(value: Any) -> Any:
@@ -180,7 +190,7 @@ def _packed(value: Any) -> Any:
         return [_packed(part) for part in value]
     if isinstance(value, Tensor):
         return value.cpu().contiguous()
-    if isinstance(value, int | float | str):
+    if isinstance(value, int | float | str | None):
         return value
     from skops.io import dumps
 

@@ -102,6 +102,18 @@ def calibrated(**changes) -> dict:
     return tree | {"calibration": {"by_frames": [1.0] * 4, "by_recordings": [], "most_frames": 4} | changes}
 
 
+def wide() -> dict:
+    """A network that names a width of which its weights are not."""
+    tree = content("mvcnn")
+    return tree | {"model": tree["model"] | {"backbone": tree["model"]["backbone"] | {"width": 1_000_000}}}
+
+
+def with_nan() -> dict:
+    tree = content("mvcnn")
+    tree["learnt"]["head.classifier.3.bias"].fill_(np.nan)
+    return tree
+
+
 def with_learnt(**changes) -> dict:
     tree = content()
     tree["learnt"]["fitted"] |= changes
@@ -140,6 +152,8 @@ ALTERED = {
     "a temperature below 0": (lambda: calibrated(by_frames=[-1.0] * 4), "calibration.by_frames.0: Input should be"),
     "endless frames": (lambda: calibrated(most_frames=10**8), "calibration.most_frames: Input should be less than"),
     "an unknown baseline": (lambda: changed(preprocess={"baseline": "x"}), "baseline: Input should be"),
+    "a width that would fill the memory": (wide, "its weights are those of another network"),
+    "a weight that is no number": (with_nan, "a weight is no finite number"),
     "other weights": (lambda: with_archive(dumps(Forest(2).fit(POINTS[:, :5], LABELS))), "ValueError: X has"),
 }
 FOUR = ("a pickle", "os.system", "a tree that loops", "a tree that points outside")  # what the issue names
