@@ -42,7 +42,7 @@ Effect = Literal[  # of the virtual glove
 
 @dataclass(frozen=True, config=SECTION)
 class Data:
-    source: Text
+    source: Annotated[Text, MinLen(1), "a path"]
     shape: Literal["auto"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2), "[rows, columns], each 1 to 64"]
 
 
@@ -122,7 +122,7 @@ class Backbone:
 class Model:
     system: System
     backbone: Backbone
-    neighbours: Count | Annotated[list[Count], Strict(), MinLen(1)]
+    neighbours: Count | Annotated[list[Count], Strict(), MinLen(1), MaxLen(3), "a list of one to three"]
     selector: Literal["per_view", "joint"]
     selector_hidden: Natural
     edge_distance: Literal["squared", "plain"]

@@ -101,5 +101,6 @@ def _of_hdf5(file: h5py.File, name: str) -> Any:
         check_dataset(codes, where)
         if codes.size > MOST_LETTERS:
             raise UserError(f"{where} has {codes.size:,} letters; expected a name of at most {MOST_LETTERS:,}")
-        texts.append("".join(map(chr, codes[()].ravel())))
+        letters = "".join(map(chr, codes[()].ravel()))  # those outside the first 65,536 are stored as two
+        texts.append(letters.encode("utf-16", "surrogatepass").decode("utf-16"))
     return texts

@@ -16,6 +16,7 @@ from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tactile_viewgcn.tables.recordings import Recordings
 
+LEAST_WINDOW = 1e-3  # seconds; no glove reads faster
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 
 
@@ -119,8 +120,8 @@ def _answers(
 def _parts(recordings: Recordings, window: float | None) -> Iterator[np.ndarray]:
     """Indices of the frames that are answered together, in order."""
     recording, time = recordings.columns["recording"], recordings.columns["time"]
-    if window is not None and not (np.isfinite(window) and window > 0):
-        raise UserError(f"window is {window:g}; expected seconds above 0")
+    if window is not None and not LEAST_WINDOW <= window < np.inf:
+        raise UserError(f"window is {window:g}; expected seconds, {LEAST_WINDOW:g} at least")
     if window is not None and np.isnan(time).any():
         raise UserError("the recordings have no times of their frames, which a window in seconds needs: leave it out")
     place = np.zeros(len(time)) if window is None else np.floor(time / window)

@@ -28,6 +28,7 @@ from tactile_viewgcn.readers.source import (
     SOURCE_MD5,
     Source,
     checked_blocks,
+    storage_type,
 )
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
@@ -128,6 +129,8 @@ class Recordings:
         for name, values in self.columns.items():
             if values.dtype != COLUMNS[name]:
                 raise ValueError(f"/{name} is of type {values.dtype}; expected {np.dtype(COLUMNS[name])}")
+        if storage_type(self.dtype, "/pressure") != self.dtype:
+            raise ValueError(f"/pressure is of type {self.dtype}")
         if not len(self._pressure):
             raise ValueError("no frames")
         if self.live.shape != self._pressure.shape[1:] or self.live.ndim != 2 or self.live.dtype != bool:

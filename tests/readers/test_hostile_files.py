@@ -346,6 +346,15 @@ def test_links_in_a_file_of_matlab_73_are_not_followed(tmp_path):
     assert "objectId is of type link to another file; expected an array of numbers" in refusal(path)
 
 
+def test_letters_that_matlab_stores_as_two_are_one(tmp_path):
+    (tmp_path / "in").mkdir()
+    path = save_matlab73(tmp_path / "in" / "metadata.mat", TREE)
+    with h5py.File(path, "r+") as file:
+        file["#refs#/sphere"] = np.array([[0xD83D], [0xDD2E]], np.uint16)
+        file["objects"][0, 0] = file["#refs#/sphere"].ref
+    assert open_source(path).objects[0] == "\U0001f52e"
+
+
 def test_a_cell_that_is_no_name_is_refused(tmp_path):
     (tmp_path / "in").mkdir()
     path = save_matlab73(tmp_path / "in" / "metadata.mat", TREE)
@@ -405,6 +414,7 @@ def test_a_table_that_was_altered_is_refused(tmp_path, what):
     [
         ("pressure", np.full((4, 5, 7), np.nan), "/pressure holds what is no number"),
         ("pressure", np.ones((4, 5, 7)), "/live is not of the sensors that vary"),
+        ("pressure", np.full((4, 5, 7), 2**63 + 1, np.uint64), "/pressure is of type uint64"),
         ("live", np.zeros((5, 7), bool), "/live is not of the sensors that vary"),
         ("time", None, "no column /time"),
     ],

@@ -129,7 +129,7 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         (["new/0.h5", "new"], UserError, r"0.h5: no classifier; expected what"),
         (["classifier.pt", "classifier.pt"], UserError, r"neither a MAT-file by its name"),
         (["classifier.pt", "other"], UserError, r"frames of 8 x 9; expected 8 x 10"),
-        (["classifier.pt", "new", "--window", "0"], UserError, r"window is 0; expected seconds above 0"),
+        (["classifier.pt", "new", "--window", "5e-324"], UserError, r"window is 4.94066e-324; expected seconds, 0.001"),
         (
             ["classifier.pt", "new", "--stop-at", "1.5"],
             UserError,

@@ -7,6 +7,7 @@ import sys
 from dataclasses import asdict
 from html import unescape
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import pytest
 
@@ -159,4 +160,11 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
 def test_a_damaged_file_ends_in_one_line(workspace, path, content):
     Path(path).write_bytes(content)
     with pytest.raises(UserError, match="damaged, or not written by this version"):
+        read_run()
+
+
+def test_predictions_that_would_fill_the_memory_are_not_unpacked(workspace):
+    with ZipFile("results/predictions.npz", "w", ZIP_DEFLATED) as archive:
+        archive.writestr("labels.npy", bytes(80 * 2**20))
+    with pytest.raises(UserError, match=r"results/predictions.npz declares 84 MB and stores 0.082 MB"):
         read_run()
