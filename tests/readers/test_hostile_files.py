@@ -2,7 +2,6 @@
 
 import os
 import socket
-import struct
 import time
 import zipfile
 import zlib
@@ -15,7 +14,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.readers import limits
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.hdf5 import read_hdf5
-from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings
+from tactile_viewgcn.tables.recordings import recordings_of, write_recordings
 from tests.readers.test_hdf5 import COUNTS, record
 from tests.stag_files import metadata, save_matlab5, save_matlab73
 
@@ -282,88 +281,6 @@ def test_a_line_without_end_is_refused(tmp_path):
     assert "a line of more than 131,072 letters" in refusal(tmp_path / "in")
 
 
-def matlab5(path, *elements):
-    """A file of MATLAB 5 with these elements, compressed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    packed = b"".join(struct.pack("<II", 15, len(data)) + data for data in map(zlib.compress, elements))
-    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + packed)
-    return path
-
-
-def matrix(name, kind, dims, content=b"", declared=None):
-    """An element of MATLAB 5: a matrix of a class, with its dimensions and content."""
-    text = name.ljust(-(-len(name) // 8) * 8, b"\0")
-    sides = struct.pack(f"<{len(dims)}I", *dims).ljust(-(-len(dims) // 2) * 8, b"\0")
-    body = struct.pack("<IIII", 6, 8, kind, 0) + struct.pack("<II", 5, 4 * len(dims)) + sides
-    body += struct.pack("<II", 1, len(name)) + text + content
-    return struct.pack("<II", 14, declared or len(body)) + body
-
-
-def test_an_element_of_matlab_5_that_inflates_without_end_is_refused(tmp_path):
-    content = struct.pack("<II", 3, 80 * 2**20) + bytes(80 * 2**20)
-    path = matlab5(tmp_path / "in" / "metadata.mat", matrix(b"pressure", 10, (1, 1), content))
-    assert "metadata.mat: pressure declares 84 MB and stores 0.082 MB" in refusal(path)
-
-
-def metadata5(path, objects, pressure_type=2):
-    """The fields that a metadata.mat has to have, one frame of 2 x 3, in MATLAB 5."""
-    number, six = struct.pack("<HHI", 2, 1, 0), struct.pack("<II", pressure_type, 6) + bytes(8)
-    elements = [matrix(name, 1, (1, 1), objects) for name in (b"objects", b"recordings", b"batches")]
-    elements += [matrix(name, 9, (1, 1), number) for name in (b"objectId", b"recordingId", b"batchId")]
-    return matlab5(path, *elements, matrix(b"pressure", 9, (1, 2, 3), six))
-
-
-def test_a_file_of_matlab_5_made_by_hand_is_read(tmp_path):
-    mug = matrix(b"", 4, (1, 3), struct.pack("<HH4s", 16, 3, b"mug"))
-    source = open_source(metadata5(tmp_path / "in" / "metadata.mat", mug))
-    assert (source.objects, source.frames, source.shape) == (["mug"], 1, (2, 3))
-
-
-@pytest.mark.parametrize(
-    ("objects", "pressure_type", "says"),
-    [
-        (matrix(b"", 1, (1, 1)) * 20_000, 2, "a cell is of type cell, and no text"),  # SciPy goes down, and crashes
-        (matrix(b"", 4, (1, 3), struct.pack("<HH4s", 16, 3, b"mug")), 66, "KeyError: 66"),  # SciPy crashes
-    ],
-)
-def test_what_makes_other_readers_of_matlab_5_crash_is_refused(tmp_path, objects, pressure_type, says):
-    assert says in refusal(metadata5(tmp_path / "in" / "metadata.mat", objects, pressure_type))
-
-
-def test_a_variable_that_stands_twice_is_refused(tmp_path):
-    one = matrix(b"pressure", 9, (1, 1), struct.pack("<HHI", 2, 1, 0))
-    assert "pressure stands twice; expected each variable once" in refusal(
-        matlab5(tmp_path / "in" / "metadata.mat", one, one)
-    )
-
-
-def test_links_in_a_file_of_matlab_73_are_not_followed(tmp_path):
-    (tmp_path / "in").mkdir()
-    path = save_matlab73(tmp_path / "in" / "metadata.mat", TREE)
-    with h5py.File(path, "r+") as file:
-        del file["objectId"]
-        external_link_at(file, "objectId", tmp_path)
-    assert "objectId is of type link to another file; expected an array of numbers" in refusal(path)
-
-
-def test_letters_that_matlab_stores_as_two_are_one(tmp_path):
-    (tmp_path / "in").mkdir()
-    path = save_matlab73(tmp_path / "in" / "metadata.mat", TREE)
-    with h5py.File(path, "r+") as file:
-        file["#refs#/sphere"] = np.array([[0xD83D], [0xDD2E]], np.uint16)
-        file["objects"][0, 0] = file["#refs#/sphere"].ref
-    assert open_source(path).objects[0] == "\U0001f52e"
-
-
-def test_a_cell_that_is_no_name_is_refused(tmp_path):
-    (tmp_path / "in").mkdir()
-    path = save_matlab73(tmp_path / "in" / "metadata.mat", TREE)
-    with h5py.File(path, "r+") as file:
-        file.create_dataset("#refs#/far", (2000, 1), "u2", external=[("/etc/passwd", 0, 4000)])
-        file["objects"][0, 0] = file["#refs#/far"].ref
-    assert "a cell of /objects has its values outside the file" in refusal(path)
-
-
 def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
     usage = type("usage", (), {"free": 100, "total": 1000})
     monkeypatch.setattr(limits.shutil, "disk_usage", lambda folder: usage)
@@ -383,59 +300,6 @@ def test_what_is_honestly_large_is_not_refused():
     assert limits.most_declared(20 * 2**30) > 20 * 2**30  # uncompressed
     assert limits.most_declared(2 * 2**30) == 10 * 2**30
     assert limits.most_declared(2**20) == 200 * 2**20
-
-
-SEQUENCES = np.empty(1, dtype=h5py.vlen_dtype(np.uint8))
-SEQUENCES[0] = np.arange(3, dtype=np.uint8)
-NAMES = np.full((2, 2), "mug", dtype=h5py.string_dtype())
-ALTERED = {
-    "a number that leads nowhere": ("object", np.full(4, 7, np.int16), "a number in /object leads to no name"),
-    "a column of another type": ("time", np.zeros(4, bool), "/time is of type bool; expected float64"),
-    "names in two rows": ("objects", NAMES, "no attribute 'decode'"),
-    "a short column": ("frame", np.arange(3, dtype=np.int32), "the columns have other lengths than /pressure"),
-    "sequences as names": ("sessions", SEQUENCES, "/sessions is of type object; expected integers or real numbers"),
-    "another layout": ("live", np.ones((5, 8), bool), "/live does not have the shape of a frame"),
-}
-
-
-@pytest.mark.parametrize("what", ALTERED)
-def test_a_table_that_was_altered_is_refused(tmp_path, what):
-    name, values, says = ALTERED[what]
-    write_recordings(tmp_path / "table", open_source(record(tmp_path / "a.h5")), "0" * 32)
-    with h5py.File(tmp_path / "table", "r+") as file:
-        del file[name]
-        file[name] = values
-    with pytest.raises(UserError, match=says):
-        Recordings(tmp_path / "table")
-
-
-@pytest.mark.parametrize(
-    ("name", "values", "says"),
-    [
-        ("pressure", np.full((4, 5, 7), np.nan), "/pressure holds what is no number"),
-        ("pressure", np.ones((4, 5, 7)), "/live is not of the sensors that vary"),
-        ("pressure", np.full((4, 5, 7), 2**63 + 1, np.uint64), "/pressure is of type uint64"),
-        ("live", np.zeros((5, 7), bool), "/live is not of the sensors that vary"),
-        ("time", None, "no column /time"),
-    ],
-)
-def test_a_table_whose_counts_were_altered_is_not_inspected(tmp_path, name, values, says):
-    write_recordings(tmp_path / "table", open_source(record(tmp_path / "a.h5")), "0" * 32)
-    with h5py.File(tmp_path / "table", "r+") as file:
-        del file[name]
-        if values is not None:
-            file[name] = values
-    with pytest.raises(UserError, match=says), recordings_of(tmp_path / "table"):
-        raise AssertionError
-
-
-def test_a_table_with_a_link_out_of_it_is_refused(tmp_path):
-    write_recordings(tmp_path / "table", open_source(record(tmp_path / "a.h5")), "0" * 32)
-    with h5py.File(tmp_path / "table", "r+") as file:
-        del file["pressure"]
-        file["pressure"] = h5py.ExternalLink(str(tmp_path / "a.h5"), "/pressure")
-    with pytest.raises(UserError, match="/pressure is a link to another file"):
-        Recordings(tmp_path / "table")
 
 
 def test_good_files_are_read_as_before(tmp_path):

@@ -1,0 +1,62 @@
+"""Tables that somebody altered: each ends in one line."""
+
+import h5py
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings
+from tests.readers.test_hdf5 import record
+
+SEQUENCES = np.empty(1, dtype=h5py.vlen_dtype(np.uint8))
+SEQUENCES[0] = np.arange(3, dtype=np.uint8)
+NAMES = np.full((2, 2), "mug", dtype=h5py.string_dtype())
+ALTERED = {
+    "a number that leads nowhere": ("object", np.full(4, 7, np.int16), "a number in /object leads to no name"),
+    "a column of another type": ("time", np.zeros(4, bool), "/time is of type bool; expected float64"),
+    "names in two rows": ("objects", NAMES, "no attribute 'decode'"),
+    "a short column": ("frame", np.arange(3, dtype=np.int32), "the columns have other lengths than /pressure"),
+    "sequences as names": ("sessions", SEQUENCES, "/sessions is of type object; expected integers or real numbers"),
+    "another layout": ("live", np.ones((5, 8), bool), "/live does not have the shape of a frame"),
+}
+
+
+@pytest.mark.parametrize("what", ALTERED)
+def test_a_table_that_was_altered_is_refused(tmp_path, what):
+    name, values, says = ALTERED[what]
+    write_recordings(tmp_path / "table", open_source(record(tmp_path / "a.h5")), "0" * 32)
+    with h5py.File(tmp_path / "table", "r+") as file:
+        del file[name]
+        file[name] = values
+    with pytest.raises(UserError, match=says):
+        Recordings(tmp_path / "table")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "says"),
+    [
+        ("pressure", np.full((4, 5, 7), np.nan), "/pressure holds what is no number"),
+        ("pressure", np.ones((4, 5, 7)), "/live is not of the sensors that vary"),
+        ("pressure", np.full((4, 5, 7), 2**63 + 1, np.uint64), "/pressure is of type uint64"),
+        ("live", np.zeros((5, 7), bool), "/live is not of the sensors that vary"),
+        ("time", None, "no column /time"),
+    ],
+)
+def test_a_table_whose_counts_were_altered_is_not_inspected(tmp_path, name, values, says):
+    write_recordings(tmp_path / "table", open_source(record(tmp_path / "a.h5")), "0" * 32)
+    with h5py.File(tmp_path / "table", "r+") as file:
+        del file[name]
+        if values is not None:
+            file[name] = values
+    with pytest.raises(UserError, match=says), recordings_of(tmp_path / "table"):
+        raise AssertionError
+
+
+def test_a_table_with_a_link_out_of_it_is_refused(tmp_path):
+    write_recordings(tmp_path / "table", open_source(record(tmp_path / "a.h5")), "0" * 32)
+    with h5py.File(tmp_path / "table", "r+") as file:
+        del file["pressure"]
+        file["pressure"] = h5py.ExternalLink(str(tmp_path / "a.h5"), "/pressure")
+    with pytest.raises(UserError, match="/pressure is a link to another file"):
+        Recordings(tmp_path / "table")
