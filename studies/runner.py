@@ -75,6 +75,13 @@ def put_absent(queue: Queue, cells: dict[str, Cell], jobs: int) -> None:
     for number, name in enumerate(absent):
         queue.put(name, cells[name])
         if number == 0:  # the first cell runs while the others are queued
-            queue.start(jobs)
-    if len(absent) != 1 and any(state == "Queued" for state, _ in queue.tasks().values()):
+            start_workers(queue, jobs)
+    if len(absent) != 1:
+        start_workers(queue, jobs)
+
+
+def start_workers(queue: Queue, jobs: int) -> None:
+    """Start workers where a task waits and fewer than `jobs` run: DVC overlooks busy workers, and would start more."""
+    states = [state for state, _ in queue.tasks().values()]
+    if "Queued" in states and states.count("Running") < jobs:
         queue.start(jobs)

@@ -7,7 +7,7 @@ import pytest
 from studies import cells as cells_module
 from studies.cells import stored
 from studies.grid import Cell
-from studies.runner import run_cells
+from studies.runner import put_absent, run_cells
 
 KEYS = [f"{number:016x}" for number in range(3)]
 NAMES = [f"made-{key}" for key in KEYS]
@@ -19,6 +19,7 @@ class FakeQueue:
 
     def __init__(self, *failing):
         self.failing, self.states, self.done, self.ran, self.killed = failing, {}, {}, [], set()
+        self.starts = 0
 
     def finished(self):
         return dict(self.done)
@@ -31,7 +32,7 @@ class FakeQueue:
         self.states[name] = "Queued"
 
     def start(self, jobs):
-        pass
+        self.starts += 1
 
     def work(self, seconds):
         name = next(name for name, state in self.states.items() if state == "Queued")
@@ -85,6 +86,14 @@ def test_a_stopped_study_is_taken_up_where_it_was():
     queue.killed = {NAMES[2]}
     assert run(queue) == {}
     assert queue.ran == NAMES[1:]
+
+
+@pytest.mark.parametrize(("state", "starts"), [("Running", 0), ("Failed", 2)])
+def test_workers_are_started_only_where_one_is_missing(state, starts):
+    queue = FakeQueue()
+    queue.states["grasps-0"] = state
+    put_absent(queue, {"toy-a": None, "toy-b": None}, jobs=1)
+    assert queue.starts == starts and list(queue.states) == ["grasps-0", "toy-a", "toy-b"]
 
 
 @pytest.mark.parametrize(("commit", "fault"), [
