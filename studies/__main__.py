@@ -78,9 +78,9 @@ def run(
             )
     if shard:
         cells = shard_of(cells, shard)
-    if subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "params.yaml"], check=False).returncode:
-        print("note: params.yaml is not that of the last commit, and every cell has its values; if these are left of a "
-              "killed run: git checkout HEAD params.yaml")  # fmt: skip
+    if subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "params.yaml"], check=False).returncode == 1:
+        print("note: params.yaml differs from the last commit, and every cell takes its values; "
+              "`git checkout HEAD params.yaml` undoes that")  # fmt: skip
     queue = Queue()
     finished = queue.finished()
     before = sum(stored(key) or f"{study.name}-{key}" in finished for key in cells)

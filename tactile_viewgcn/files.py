@@ -125,19 +125,21 @@ def _in_one_line(errors: tuple[type[Exception], ...], path: object, what: str, r
 
 
 def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
-    """Refuse files that cannot be written, would replace what is read, or be read with it, before any work."""
+    """Raise a UserError for outputs that cannot be written, or that are inputs, before any work."""
     taken = {os.path.realpath(path) for path in inputs}
     for path in outputs:
         if (path.exists() and not path.is_file()) or not path.absolute().parent.is_dir():
             raise UserError(f"{path}: not a file in a folder that exists; name another")
-        real = os.path.realpath(path)
+        real, part = os.path.realpath(path), path.with_name(path.name + PART)
         within = path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken)
-        if real in taken or within:
+        if within:
+            raise UserError(f"{path}: it would be read as a recording; name a file in another folder")
+        if {real, os.path.realpath(part)} & taken:
             raise UserError(f"{path}: it is read here, or named twice; name another file")
         taken.add(real)
-        part = path.with_name(path.name + PART)
+        if os.path.lexists(part):
+            raise UserError(f"{part}: it is in the way of {path}; remove it, or name another file")
         try:
-            part.unlink(missing_ok=True)
             part.touch()
             part.unlink()
         except OSError as error:
@@ -148,7 +150,7 @@ def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
     """The file itself, or all files below a folder in the order of their paths, of those with these endings.
 
     Raises:
-        UserError: folders lie in each other deeper than Python follows them, about 300.
+        UserError: folders lie in each other deeper than Python follows them: before 3.12 some hundreds.
     """
     try:
         files = sorted(path.rglob("*")) if path.is_dir() else [path]

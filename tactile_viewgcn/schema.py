@@ -72,7 +72,7 @@ def parse(text: str | bytes) -> Any:
 def _constructed(loader: _Loader, node: yaml.Node) -> Any:
     try:
         return loader.construct_document(node)
-    except (ValueError, TypeError, LookupError, AttributeError):  # of a tag that its value does not go with
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError):  # a tag that the value is not of
         raise ValueError("not YAML: a value does not go with its tag") from None
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -72,8 +73,14 @@ def test_files_of_the_user_are_never_in_the_way(tmp_path):
         (part / "a").write_text("1")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["runs", "runs.old", "runs.part"]
     check_outputs([tmp_path / "page.html"], [tmp_path])
+    (tmp_path / "page.html.unfinished").write_text("the user's")
+    with pytest.raises(UserError, match=r"page.html.unfinished: it is in the way"):
+        check_outputs([tmp_path / "page.html"], [tmp_path])
+    with pytest.raises(UserError, match=r"page.html: it is read here"):
+        check_outputs([tmp_path / "page.html"], [tmp_path / "page.html.unfinished"])
+    (tmp_path / "page.html.unfinished").unlink()
     for path, says in (
-        ("a.csv", "it is read here"),
+        ("a.csv", "it would be read as a recording"),
         ("runs", "not a file in a folder"),
         ("no/a.html", "not a file in"),
     ):
@@ -95,8 +102,11 @@ def deep_folder(tmp_path, monkeypatch):
 
 
 def test_folders_without_end_are_refused(deep_folder):
-    with pytest.raises(UserError, match="folders lie too deep within each other"):
-        files_below(deep_folder, ARRAYS)
+    if sys.version_info < (3, 12):  # which goes down without a limit
+        with pytest.raises(UserError, match="folders lie too deep within each other"):
+            files_below(deep_folder, ARRAYS)
+    else:
+        assert files_below(deep_folder, ARRAYS) == []
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,7 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("model.system=view_gnc", "(did you mean view_gcn?)"),
         ("model.neighbours=[3, 0]", "model.neighbours is [3, 0]; expected an integer in [1, 1000000] or a list of"),
         ("model.neighbours=[4,4,4,4]", "or a list of one to three"),
+        (f"seed=1{':1' * 300}.5", "not YAML"),
         ("data.source=''", "data.source is ''; expected a path"),
         ("evaluate.trials=1000001", "evaluate.trials is 1000001; expected an integer in [1, 1000000]"),
         ("split.folds=1e30", "split.folds is 1e+30; expected an integer in [2, 1000000]"),

@@ -102,7 +102,7 @@ def _check_size(archive: bytes) -> None:
     """A UserError where results/predictions.npz declares far more than it stores."""
     with ZipFile(BytesIO(archive)) as members:
         declared = sum(member.file_size for member in members.infolist())
-    check_size(declared, len(archive), "results/predictions.npz")
+    check_size(declared, len(archive), "results/predictions.npz", "run `dvc repro -f evaluate`")
 
 
 def _read_file(path: str) -> bytes:

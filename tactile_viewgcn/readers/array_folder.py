@@ -32,7 +32,7 @@ from tactile_viewgcn.readers.source import (
 )  # fmt: skip
 
 MOST_LINE = 2**17  # letters of a line: 32 for each of 64 x 64 sensors
-HEADER = r"\s*(?!nan|inf)[\"'#]?\s*[^\W\d]"  # how a line of .csv begins that is none of numbers: with a word
+HEADER = r"\s*(?:[#%]|(?!(?:nan|inf(?:inity)?)\b)[\"']?\s*[^\W\d])"  # how a line of .csv begins that is none of numbers
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 
 

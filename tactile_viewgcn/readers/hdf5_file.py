@@ -18,7 +18,7 @@ from tactile_viewgcn.readers.limits import check_size
 from tactile_viewgcn.readers.source import MOST_LETTERS, SOURCE_MD5
 
 MOST_CHUNK = 64 * 2**20  # bytes of a chunk, which is read whole, and kept for the next block
-MOST_SMALL, SMALL = 2**16, 1024  # chunks of fewer bytes, each of which takes HDF5 a kilobyte and a while
+MOST_SMALL, SMALL = 2**18, 1024  # chunks of fewer bytes, each of which takes HDF5 a kilobyte and a while
 CAREFUL = 2**15  # bytes stored of a chunk, above which gzip is tried before HDF5 inflates it, by 1,032 at most
 MOST_LZF = 2**23  # likewise, of lzf, which inflates by 90 at most
 SLACK = 64  # bytes that filters may add
@@ -150,7 +150,8 @@ def _check_chunks(values: h5py.Dataset, where: str) -> None:
     count = math.prod(-(-side // part) for side, part in zip(values.shape, values.chunks, strict=True))
     if size < SMALL and count > MOST_SMALL:
         raise UserError(
-            f"{where} is cut into {count:,} chunks of {size} bytes; expected {SMALL:,} bytes or more in each"
+            f"{where} is cut into {count:,} chunks of {size} bytes; expected {SMALL:,} bytes or more in each: "
+            "write it again in larger ones (h5repack -l)"
         )
     properties = values.id.get_create_plist()
     filters = [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]

@@ -8,6 +8,7 @@ from tactile_viewgcn.errors import UserError
 ANY = 64 * 2**20  # bytes that every file may declare
 MOST_TIMES = 200  # what it stores: noise of sensors is compressed 3 to 20 times, nothing but zeros 1,032 times by gzip
 MOST_MORE = 8 * 2**30  # bytes beyond what it stores
+AGAIN = "save what was recorded again, uncompressed"
 COLUMN_BYTES = 32  # of the table's columns, for each frame
 
 
@@ -16,12 +17,12 @@ def most_declared(stored: int) -> int:
     return max(ANY, min(MOST_TIMES * stored, stored + MOST_MORE))
 
 
-def check_size(declared: int, stored: int, where: str) -> None:
+def check_size(declared: int, stored: int, where: str, remedy: str = AGAIN) -> None:
     """Raise a UserError, whose message begins with `where`, for more bytes than `most_declared` of those stored."""
     if declared > (most := most_declared(stored)):
         raise UserError(
             f"{where} declares {declared / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; expected at most "
-            f"{most / 1e6:,.0f} MB: save what was recorded again, uncompressed"
+            f"{most / 1e6:,.0f} MB: {remedy}"
         )
 
 

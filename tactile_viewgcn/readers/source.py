@@ -66,6 +66,9 @@ class Source:
         for kind, names in self.names.items():
             if len(names) > MOST_NAMES:
                 raise UserError(f"{self.path}: {len(names):,} {kind}s; expected at most {MOST_NAMES:,}")
+            if kind == "object" and len(set(names)) < len(names):
+                twice = next(name for name in names if names.count(name) > 1)
+                raise UserError(f"{self.path}: two objects are named {twice!r}; expected each name once")
             for name in names:
                 if len(name) > MOST_LETTERS or "\0" in name or name != name.encode(errors="ignore").decode():
                     raise UserError(

@@ -16,7 +16,7 @@ from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tactile_viewgcn.tables.recordings import Recordings
 
-LEAST_WINDOW = 1e-3  # seconds; no glove reads faster
+LEAST_WINDOW = 1e-3  # seconds; shorter ones hold a frame each
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 
 

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 import torch
 from annotated_types import Interval, MaxLen, MinLen
-from pydantic import BaseModel, ConfigDict, InstanceOf, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, InstanceOf, ValidationError
 from torch import Tensor
 
 from tactile_viewgcn.params import PreprocessSection, Side
@@ -14,7 +14,6 @@ MOST_VIEWS = 1000  # as params.yaml allows
 Temperature = Annotated[float, Interval(ge=1e-6, le=1e6)]
 Readings = Annotated[float, Interval(ge=-1e31, le=1e31)]  # counts
 Unit = Annotated[float, Interval(gt=0, le=1e31)]
-Name = Annotated[str, StringConstraints(max_length=1000)]
 Stored = InstanceOf[Tensor]
 STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
@@ -46,12 +45,12 @@ class Content(BaseModel):
     learnt: dict[str, Any]
     viewpoints: Stored
     model: dict[str, Any]
-    classes: Annotated[list[Name], MinLen(2), MaxLen(2**15), Unique]
+    classes: Annotated[list[str], MinLen(2), MaxLen(2**15), Unique]
     transform: Literal["clip", "log", "counts"]
     scale: Unit
     shape: Annotated[list[Side], MinLen(2), MaxLen(2)]
     baseline_mean: Stored
-    baseline_names: Annotated[list[Name], MinLen(1), Unique]
+    baseline_names: Annotated[list[str], MinLen(1)]
     precision: Literal["float32", "bfloat16"]
     calibration: CalibrationContent | None
     preprocess: dict[str, Any]
@@ -71,7 +70,7 @@ def check_content(content: dict[str, Any]) -> None:
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         raise ValueError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-    _check_contiguous(content)
+    _check_once(content, set())
     views, shape = len(of.viewpoints), tuple(of.shape)
     rules = {
         "preprocess": "auto" not in of.preprocess.values(),
@@ -103,9 +102,16 @@ def _finite(tensor: Tensor) -> bool:
     return bool(tensor.isfinite().all())
 
 
-def _check_contiguous(value: Any) -> None:
-    """A ValueError where a tensor shows the same memory several times: its file is small, and its numbers are many."""
+def _check_once(value: Any, seen: set[int]) -> None:
+    """A ValueError where a tensor shows the same memory several times, or a list stands in several places.
+
+    The file is small then, and its numbers are many.
+    """
+    if isinstance(value, dict | list):
+        if id(value) in seen:
+            raise ValueError("a list or mapping stands in several places")
+        seen.add(id(value))
     if isinstance(value, Tensor) and not value.is_contiguous():
         raise ValueError("a tensor is not stored number by number")
     for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-        _check_contiguous(part)
+        _check_once(part, seen)

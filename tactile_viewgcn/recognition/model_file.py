@@ -31,6 +31,7 @@ from tactile_viewgcn.tables.frames import TRAIN, Frames
 EXPECTED = "expected what `finetune` or `TactileClassifier.save` has written, such as models/classifier.pt"
 FORMAT = 4  # of the file; one written before formats had numbers has none
 STRONG_FRAMES = 2000
+NEIGHBOURS = "KNeighborsClassifier"
 ARCHIVE_START = b"PK"  # of all that torch saves, of a classifier that was cut short too
 ARCHIVE = "skops"  # key of a pipeline's bytes, uint8 (n,)
 OURS = [
@@ -42,7 +43,7 @@ OURS = [
 SCIKIT_LEARN = {
     "Pipeline",
     "LogisticRegression",
-    "KNeighborsClassifier",
+    NEIGHBOURS,
     "PCA",
     "LinearDiscriminantAnalysis",
 }
@@ -118,17 +119,18 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
     Raises:
         UserError: the file is something else, damaged, altered, or of an earlier version.
     """
+    name = path if isinstance(path, str | Path) else "the classifier"
     try:
         with _stream(path) as stream:
             if stream.read(2) != ARCHIVE_START:
-                raise UserError(f"{path}: no classifier; {EXPECTED}")
-            _check_stored(stream)
+                raise UserError(f"{name}: no classifier; {EXPECTED}")
+            _check_packed(stream, stream.seek(0, io.SEEK_END))
             stream.seek(0)
             content = torch.load(stream, map_location="cpu", weights_only=True)
         if not isinstance(content, dict) or not {"model", "classes"} <= content.keys():
-            raise UserError(f"{path}: no classifier, but other weights or values; {EXPECTED}")
+            raise UserError(f"{name}: no classifier, but other weights or values; {EXPECTED}")
         if content.get("format") != FORMAT:
-            raise UserError(f"{path}: no classifier of this version; train it again (`dvc repro`, or fit and save)")
+            raise UserError(f"{name}: no classifier of this version; train it again (`dvc repro`, or fit and save)")
         check_content(content)
         model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
         learnt = _unpacked(content.pop("learnt"))
@@ -136,19 +138,21 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
         with torch.device("meta"):  # where weights take no memory
             _check_weights(build_classifier(*parts), learnt)
         classifier = build_classifier(*parts)
-        if set(_values(learnt, "classes")) - {len(content["classes"])}:
+        counts = set(_values(learnt, "classes"))
+        if not counts - {len(content["classes"])} and isinstance(answered := classifier.load_state_dict(learnt), int):
+            counts.add(answered)
+        if counts - {len(content["classes"])}:
             raise ValueError("it has learnt another number of classes than it names")
-        classifier.load_state_dict(learnt)
         content["preprocessing"] = read_fitted(content)
         content["calibration"] = content["calibration"] and Calibration(**content["calibration"])
         novelty = content["novelty"]
         content["novelty"] = novelty and Novelty(**{name: value.numpy() for name, value in novelty.items()})
-    except UserError:
+    except (UserError, FileNotFoundError, PermissionError):
         raise
     except Exception as error:  # of a file from outside anything may be wrong
         reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
         raise UserError(
-            f"{path}: damaged, altered, or no classifier of this version ({reason}); train it again"
+            f"{name}: damaged, altered, or no classifier of this version ({reason}); train it again"
         ) from error
     if isinstance(classifier, torch.nn.Module):
         classifier.eval()
@@ -165,21 +169,29 @@ def _stream(path: str | Path | BinaryIO) -> Iterator[BinaryIO]:
         yield path
 
 
-def _check_stored(stream: BinaryIO) -> None:
-    """A ValueError where an archive is compressed, which torch never does: a small file would fill the memory."""
+def _check_packed(stream: BinaryIO, size: int) -> None:
+    """A ValueError where an archive of so many bytes holds more of them: a small file would fill the memory."""
     with zipfile.ZipFile(stream) as archive:
-        if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
-            raise ValueError("it is compressed")
+        if sum(member.file_size for member in archive.infolist()) > size:
+            raise ValueError("its archive is compressed, or names a part many times")
 
 
 def _check_weights(classifier: Classifier, learnt: dict[str, Any]) -> None:
-    """A ValueError where the weights of a network are of other names or shapes than the classifier's, or not finite."""
+    """A ValueError where weights are not finite, or of other names or shapes than the classifier's."""
+    if not all(weights.isfinite().all() for weights in _tensors(learnt)):
+        raise ValueError("a weight is no finite number")
     if isinstance(classifier, torch.nn.Module):
-        expected, stored = ({name: each.shape for name, each in of.items()} for of in (classifier.state_dict(), learnt))
-        if stored != expected:
+        expected = {name: weights.shape for name, weights in classifier.state_dict().items()}
+        if {name: weights.shape for name, weights in learnt.items()} != expected:
             raise ValueError("its weights are those of another network")
-        if not all(weights.isfinite().all() for weights in learnt.values()):
-            raise ValueError("a weight is no finite number")
+
+
+def _tensors(node: Any) -> Iterator[Tensor]:
+    """The tensors in dictionaries and lists."""
+    if isinstance(node, Tensor):
+        yield node
+    for part in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+        yield from _tensors(part)
 
 
 def _packed(value: Any) -> Any:
@@ -216,15 +228,17 @@ def read_archive(data: bytes) -> Any:
     from sklearn.neighbors import KNeighborsClassifier
     from skops.io import loads
 
+    _check_packed(io.BytesIO(data), len(data))
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        if sum(member.file_size for member in archive.infolist()) > len(data):
-            raise ValueError("a pipeline's archive is compressed")
         schema = json.loads(archive.read("schema.json"))
         sizes = {member.filename: member.file_size for member in archive.infolist()}
-        foreign = sorted(set(_types(schema)) - {*OURS, *PLAIN, *NUMBERS})
+    types = set(_types(schema))
+    foreign = sorted(types - {*OURS, *PLAIN, *NUMBERS})
     foreign = [name for name in foreign if not (name.startswith("sklearn.") and name.split(".")[-1] in SCIKIT_LEARN)]
     if foreign:
         raise ValueError(f"a pipeline of type {', '.join(foreign)} is not trusted")
+    if schema["__class__"] != NEIGHBOURS and any(name.endswith(f".{NEIGHBOURS}") for name in types):
+        raise ValueError("nearest neighbours within another estimator are not trusted")
     if sum(sizes.get(name, 0) for name in _values(schema, "file")) > len(data):
         raise ValueError("a pipeline's archive names an array many times")
     pipeline = loads(data, trusted=OURS)
@@ -238,8 +252,10 @@ def read_archive(data: bytes) -> Any:
 
 def _types(schema: Any) -> Iterator[str]:
     """The names of all types in a schema of skops."""
-    modules, names = _values(schema, "__module__"), _values(schema, "__class__")
-    yield from (f"{module}.{name}" for module, name in zip(modules, names, strict=True))
+    if isinstance(schema, dict) and "__class__" in schema:
+        yield f"{schema['__module__']}.{schema['__class__']}"
+    for part in schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ():
+        yield from _types(part)
 
 
 def _values(node: Any, key: str) -> Iterator[Any]:

@@ -48,7 +48,8 @@ def sensor_map(readings: np.ndarray, unit: float) -> np.ndarray:
 def fit_novelty(frames: Frames, views: int) -> Novelty | None:
     """The novelty of frames that are unlike the training side's, in sets of `views` frames.
 
-    None where no class has two training recordings with that many frames: there is nothing to compare with.
+    None where no class has two training recordings with that many frames, or all are copies: there is nothing to
+    compare with.
     """
     from sklearn.metrics import euclidean_distances
 
@@ -71,7 +72,8 @@ def fit_novelty(frames: Frames, views: int) -> Novelty | None:
     pool, label = np.repeat(np.arange(len(members)), count), np.repeat(classes, count)
     distance[pool[:, None] == pool] = np.inf
     of_several = np.bincount(classes)[label] > 1  # recordings
-    return Novelty(maps, unit, float(np.quantile(distance.min(axis=1)[of_several], QUANTILE)), frames.live)
+    threshold = float(np.quantile(distance.min(axis=1)[of_several], QUANTILE))
+    return Novelty(maps, unit, threshold, frames.live) if threshold > 0 else None
 
 
 def spread_sets(count: int, views: int, sets: int = 1) -> np.ndarray:

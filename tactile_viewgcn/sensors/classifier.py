@@ -66,8 +66,8 @@ class SensorClassifier:
         """What it has learnt: plain values, tensors and estimators of scikit-learn."""
         return {"live": torch.from_numpy(self.live), "unit": self.unit, "fitted": self.system.fitted}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take the state over, and answer one frame with it.
+    def load_state_dict(self, state: dict[str, Any]) -> int:
+        """Take the state over, and answer one frame with it: the number of classes.
 
         Raises:
             ValueError: the answer is none.
@@ -77,3 +77,4 @@ class SensorClassifier:
         logits = self.logits(self.frame_values(frame), torch.zeros(1, 1, dtype=torch.int64))
         if not logits.isfinite().all():
             raise ValueError("its answer to an empty frame is not finite")
+        return logits.shape[1]

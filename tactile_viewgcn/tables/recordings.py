@@ -23,7 +23,6 @@ from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_disk
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
     COLUMNS,
-    MAX_PRESSURE,
     MIN_SPREAD,
     SOURCE_MD5,
     Source,
@@ -142,12 +141,21 @@ class Recordings:
                 raise ValueError(f"a number in /{column} leads to no name")
 
     def check_counts(self) -> None:
-        """Raise a ValueError where counts are not those that the table's `live` is of; all are read."""
+        """Read all frames of a table from outside.
+
+        Raises:
+            UserError: a reader would refuse them, see `checked_blocks`.
+            ValueError: they are not those that the table's `live` is of.
+        """
+        blocks = (
+            {"pressure": counts, **{name: values[start : start + len(counts)] for name, values in self.columns.items()}}
+            for start, counts in self.blocks()
+        )
+        names = self.objects, self.recordings, self.sessions
         low, high = np.full(self.shape, np.inf), np.full(self.shape, -np.inf)
-        for _, counts in self.blocks():
+        for block in checked_blocks(Source(self.path, *names, self.shape, self.dtype, len(self), blocks)):
+            counts = block["pressure"]
             low, high = np.minimum(low, counts.min(axis=0)), np.maximum(high, counts.max(axis=0))
-        if not (np.abs(low) <= MAX_PRESSURE).all() or not (np.abs(high) <= MAX_PRESSURE).all():
-            raise ValueError(f"/pressure holds what is no number up to {MAX_PRESSURE:g}")
         if not (self.live == (low < high)).all():
             raise ValueError("/live is not of the sensors that vary")
 

@@ -56,6 +56,8 @@ def refusal(path, layout=None, **options):
         ("1.CSV", "\ufeffs1,s2,s3,s4,s5,s6\r\n" + LINES.replace("\n", "\r\n") + "\r\n", [2, 3]),
         ("1.csv", "# sensor 1; and so on\n\n" + LINES.replace(",", " ; "), [2, 3]),
         ("1.csv", LINES.replace(",", "\t"), [2, 3]),
+        ("1.csv", "# 0,1,2\n" + LINES, [2, 3]),
+        ("1.csv", "infrared_1,b,c\n" + LINES, [2, 3]),
     ],
 )
 def test_every_form_gives_the_same_frames(tmp_path, name, content, layout):

@@ -13,12 +13,13 @@ import pytest
 import torch
 from click.testing import CliRunner
 from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.pipeline import Pipeline
 from sklearn.svm import SVC
 from skops.io import dumps
 
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.recognition.model_file import ARCHIVE, read_archive
+from tactile_viewgcn.recognition.model_file import ARCHIVE, load_classifier, read_archive
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors.forest import Forest
 from tests.recognition.test_mlflow_model import serve
@@ -93,6 +94,21 @@ def neighbours_of(**changes) -> dict:
     return with_archive(dumps(neighbours), "knn")
 
 
+def hidden_neighbours() -> dict:
+    """Altered neighbours as the one step of a pipeline: their compiled code would follow the labels."""
+    neighbours = pipeline("knn")
+    neighbours._y = neighbours._y + 10**6
+    return with_archive(dumps(Pipeline([("knn", neighbours)])), "knn")
+
+
+def shared_lists() -> dict:
+    """A list that stands twice in a list that stands twice, and so on, which pickle stores once."""
+    lists: list = [0]
+    for _ in range(40):
+        lists = [lists, lists]
+    return with_learnt(lists=lists)
+
+
 def changed(**changes) -> dict:
     return content() | changes
 
@@ -133,7 +149,7 @@ ALTERED = {
         "sklearn.tree._tree.Tree is not trusted",
     ),
     "another estimator": (lambda: with_archive(dumps(SVC().fit(POINTS, LABELS))), "type sklearn.svm._classes.SVC is"),
-    "a compressed archive": (compressed, "a pipeline's archive is compressed"),
+    "a compressed archive": (compressed, "its archive is compressed"),
     "a neighbour of no class": (neighbour_of_no_class, "a neighbour's label is none of the classes"),
     "a file of an earlier version": (lambda: without("format"), "no classifier of this version; train it again"),
     "a key missing": (lambda: without("live"), "ValueError: live: Field required"),
@@ -152,6 +168,8 @@ ALTERED = {
     "a temperature below 0": (lambda: calibrated(by_frames=[-1.0] * 4), "calibration.by_frames.0: Input should be"),
     "endless frames": (lambda: calibrated(most_frames=10**8), "calibration.most_frames: Input should be less than"),
     "an unknown baseline": (lambda: changed(preprocess={"baseline": "x"}), "baseline: Input should be"),
+    "neighbours within another estimator": (hidden_neighbours, "within another estimator are not trusted"),
+    "lists without end": (shared_lists, "a list or mapping stands in several places"),
     "a width that would fill the memory": (wide, "its weights are those of another network"),
     "a weight that is no number": (with_nan, "a weight is no finite number"),
     "other weights": (lambda: with_archive(dumps(Forest(2).fit(POINTS[:, :5], LABELS))), "ValueError: X has"),
@@ -170,8 +188,23 @@ def test_a_compressed_file_is_refused_before_it_is_unpacked(tmp_path):
     with zipfile.ZipFile(tmp_path / "good.pt") as good, packed as bad:
         for member in good.infolist():
             bad.writestr(member.filename, good.read(member))
-    with pytest.raises(UserError, match="it is compressed"):
+    with pytest.raises(UserError, match="its archive is compressed"):
         Recogniser(tmp_path / "bad.pt")
+
+
+def test_a_part_that_stands_in_the_file_many_times_is_refused(tmp_path):
+    path = model_file(tmp_path / "classifier.pt", "model.system=trees")
+    with zipfile.ZipFile(path, "a") as archive:
+        largest = max(archive.infolist(), key=lambda member: member.file_size)
+        archive.filelist += [largest] * 30
+        archive._didModify = True  # the directory is written anew
+    with pytest.raises(UserError, match="names a part many times"):
+        Recogniser(path)
+
+
+def test_a_file_that_is_missing_is_not_called_damaged(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        load_classifier(tmp_path / "classifier.pt")
 
 
 @pytest.mark.parametrize("name", ALTERED)

@@ -79,3 +79,7 @@ def test_the_classifier_s_file_keeps_it(tmp_path):
     loaded, fitted = Recogniser(tmp_path / "classifier.pt").novelty, fit_novelty(table(), 4)
     for name, value in vars(fitted).items():
         np.testing.assert_array_equal(getattr(loaded, name), value)
+
+
+def test_copies_of_one_recording_have_no_threshold():
+    assert fit_novelty(frames_with({"a": [(1.0, 0.0)] * 3, "b": [(0.0, 1.0)] * 3}), 2) is None

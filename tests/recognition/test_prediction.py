@@ -137,7 +137,7 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         ),
         (["classifier.pt", "new", "--csv", "a.json"], UserError, r"a.json: it is read here, or named twice"),
         (["classifier.pt", "new/0.h5", "--csv", "new/0.h5"], UserError, r"0.h5: it is read here, or named twice"),
-        (["classifier.pt", "new", "--csv", "new/0.csv"], UserError, r"0.csv: it is read here, or named twice"),
+        (["classifier.pt", "new", "--csv", "new/0.csv"], UserError, r"0.csv: it would be read as a recording"),
         (["loop", "new"], FileNotFoundError, r"loop: no such file"),
         (["new", "new"], FileNotFoundError, r"new: a folder; expected models/classifier.pt"),
         (["classifier.pt", "new", "--csv", "a" * 254], UserError, r"aa: cannot be written \(File name too long\)"),

@@ -36,10 +36,12 @@ def test_a_table_that_was_altered_is_refused(tmp_path, what):
 @pytest.mark.parametrize(
     ("name", "values", "says"),
     [
-        ("pressure", np.full((4, 5, 7), np.nan), "/pressure holds what is no number"),
+        ("pressure", np.full((4, 5, 7), np.nan), "pressure of frame 0 of recording a is nan"),
         ("pressure", np.ones((4, 5, 7)), "/live is not of the sensors that vary"),
         ("pressure", np.full((4, 5, 7), 2**63 + 1, np.uint64), "/pressure is of type uint64"),
         ("live", np.zeros((5, 7), bool), "/live is not of the sensors that vary"),
+        ("time", np.full(4, np.inf), "time inf of frame 0 is out of range"),
+        ("objects", np.array(["m" * 2000], h5py.string_dtype()), "is no text; expected UTF-8 without NUL, up to 1,000"),
         ("time", None, "no column /time"),
     ],
 )
