@@ -103,7 +103,7 @@ def inflating_chunk(file, folder):
 
 
 def tiny_chunks(file, folder):
-    file.create_dataset("pressure", (4096, 5, 7), "i1", chunks=(1, 1, 1))
+    file.create_dataset("pressure", (8192, 5, 7), "i1", chunks=(1, 1, 1))
 
 
 def half_infinite(file, folder):
@@ -139,7 +139,7 @@ HOSTILE = {
     compressed_twice: "/pressure is compressed by HDF5's filters [1, 1]; expected one of gzip and lzf, or none",
     inflating_chunk: "/pressure has a chunk that inflates to more than its 7.000 MB; record it again",
     oversized_chunk: "/pressure has a chunk that inflates to more than its 0.000 MB; record it again",
-    tiny_chunks: "/pressure is cut into 143,360 chunks of 1 bytes; expected 1,024 bytes or more in each",
+    tiny_chunks: "/pressure is cut into 286,720 chunks of 1 bytes; expected 1,024 bytes or more in each",
     half_infinite: "pressure of frame 0 of recording bad is inf; expected a number from every sensor, up to 1e+30",
     endless_time: "time -inf of frame 0 is out of range; expected -1000000000 to 1000000000 seconds",
     references: "/pressure is of type object; expected integers or real numbers",
