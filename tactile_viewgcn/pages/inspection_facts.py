@@ -70,6 +70,9 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     alike = low == high and 1 < high <= MAX_SIDE
     if height == 1 and alike and files_below(overview.path, ARRAYS):  # files of one frame each would look like this
         rows.append((f"{high:g} x {width}", f"cells in each file: if that is one frame, --shape {high:g} {width}"))
+    if low == high == height != width and height > 1 and files_below(overview.path, ARRAYS):
+        text = "in each file, taken as frames, rows, columns; where frames come last: np.moveaxis(array, -1, 0)"
+        rows.append((f"{high:g} x {height} x {width}", text))
     return rows
 
 

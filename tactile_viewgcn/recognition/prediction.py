@@ -140,7 +140,8 @@ def _line(record: dict[str, Any]) -> str:
 def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
     """How many answers there are of each kind; of labelled recordings how many were right."""
     kinds = [record["answer"] if record["answer"] in (NO_CONTACT, UNKNOWN) else OBJECT for record in records]
-    counts = [f"{kinds.count(kind)} {kind}" for kind in (OBJECT, NO_CONTACT, UNKNOWN) if kind in kinds]
+    texts = {OBJECT: "with an object", NO_CONTACT: NO_CONTACT, UNKNOWN: UNKNOWN}
+    counts = [f"{kinds.count(kind)} {text}" for kind, text in texts.items() if kind in kinds]
     lines = [f"answers: {', '.join(counts)}"]
     known = [record for record in records if record["object"] in (*classes, EMPTY_HAND)]
     other = [record["answer"] for record in records if record["object"] not in (*classes, EMPTY_HAND, None)]

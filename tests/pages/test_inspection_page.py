@@ -71,6 +71,15 @@ def test_files_that_may_be_one_frame_each_are_pointed_out(tmp_path, last, said):
     assert (hint in facts(inspect_source(tmp_path))) == said
 
 
+@pytest.mark.parametrize(("shape", "said"), [((16, 16, 60), True), ((60, 16, 16), False), ((20, 16, 60), False)])
+def test_frames_that_may_come_last_are_pointed_out(tmp_path, shape, said):
+    rng = np.random.default_rng(0)
+    for name in ("mug/1", "mug/2", "pen/1", "pen/2"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        np.save(tmp_path / f"{name}.npy", rng.normal(size=shape))
+    assert any("np.moveaxis(array, -1, 0)" in text for _, text in facts(inspect_source(tmp_path))) == said
+
+
 def test_recordings_that_a_quick_classifier_cannot_tell_apart_are_warned_of(overview):
     chosen, measured = recommend(overview), overview.measurement
     kind = next(note.value for note in chosen if note.key == "preprocess.baseline")

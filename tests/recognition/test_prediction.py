@@ -40,15 +40,15 @@ def test_unlabelled_recordings_have_a_line_each(place):
     assert head == "model: kernel + max_kernel, 3 classes, up to 8 frames; probabilities are calibrated"
     assert [line.split()[:3] for line in lines] == [[str(i), "8/20", name] for i, name in enumerate(OBJECTS)]
     assert columns.split() == ["recording", "frames", "answer"]
-    assert last == "answers: 3 object"
+    assert last == "answers: 3 with an object"
 
 
 def test_recordings_of_one_object_get_one_more_answer_from_all_of_them(place):
     for seed in (85, 86):
         write(place / "one" / f"{seed}.h5", recording("pen", seed))
     *lines, last = call(place / "classifier.pt", place / "one", "--together", "--json", place / "answers.json")
-    assert lines[-3:-1] == ["answers: 2 object", "the recordings of a folder together, as one object:"]
-    assert lines[-1].split()[:3] == ["together", "16/40", "pen"] and last == "answers: 1 object"
+    assert lines[-3:-1] == ["answers: 2 with an object", "the recordings of a folder together, as one object:"]
+    assert lines[-1].split()[:3] == ["together", "16/40", "pen"] and last == "answers: 1 with an object"
     first, second, both = json.loads((place / "answers.json").read_text())["answers"]
     assert both["recording"] == "together" and both["frames_used"] == first["frames_used"] + second["frames_used"]
 
