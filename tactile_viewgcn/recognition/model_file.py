@@ -5,8 +5,6 @@ scikit-learn lie in it as archives of skops, whose types are compared with a lis
 """
 
 import io
-import json
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -21,6 +19,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.params import Backbone, Model
+from tactile_viewgcn.recognition.archive import check_packed, packed, unpacked, values
 from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
 from tactile_viewgcn.recognition.model_content import check_content
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
@@ -31,24 +30,7 @@ from tactile_viewgcn.tables.frames import TRAIN, Frames
 EXPECTED = "expected what `finetune` or `TactileClassifier.save` has written, such as models/classifier.pt"
 FORMAT = 4  # of the file; one written before formats had numbers has none
 STRONG_FRAMES = 2000
-NEIGHBOURS = "KNeighborsClassifier"
 ARCHIVE_START = b"PK"  # of all that torch saves, of a classifier that was cut short too
-ARCHIVE = "skops"  # key of a pipeline's bytes, uint8 (n,)
-OURS = [
-    "tactile_viewgcn.sensors.forest.Forest",
-    "tactile_viewgcn.sensors.kernels.BlockMeans",
-    "tactile_viewgcn.sensors.kernels.KernelClassifier",
-    "tactile_viewgcn.sensors.support_vectors.SupportVectors",
-]
-SCIKIT_LEARN = {
-    "Pipeline",
-    "LogisticRegression",
-    NEIGHBOURS,
-    "PCA",
-    "LinearDiscriminantAnalysis",
-}
-PLAIN = {f"builtins.{name}" for name in ("dict", "list", "tuple", "str", "int", "float", "bool")}
-NUMBERS = {f"numpy.{name}" for name in ("ndarray", "float32", "float64", "int32", "int64")}
 
 
 def save_classifier(
@@ -89,7 +71,7 @@ def save_classifier(
         "novelty": novelty and {name: torch.as_tensor(value) for name, value in vars(novelty).items()},
     }
     with atomic_write(path) as part:
-        torch.save(_packed(content), part)
+        torch.save(packed(content), part)
 
 
 def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
@@ -124,7 +106,7 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
         with _stream(path) as stream:
             if stream.read(2) != ARCHIVE_START:
                 raise UserError(f"{name}: no classifier; {EXPECTED}")
-            _check_packed(stream, stream.seek(0, io.SEEK_END))
+            check_packed(stream, stream.seek(0, io.SEEK_END))
             stream.seek(0)
             content = torch.load(stream, map_location="cpu", weights_only=True)
         if not isinstance(content, dict) or not {"model", "classes"} <= content.keys():
@@ -133,12 +115,12 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
             raise UserError(f"{name}: no classifier of this version; train it again (`dvc repro`, or fit and save)")
         check_content(content)
         model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
-        learnt = _unpacked(content.pop("learnt"))
+        learnt = unpacked(content.pop("learnt"))
         parts = content["viewpoints"], len(content["classes"]), model, tuple(content["shape"])
         with torch.device("meta"):  # where weights take no memory
             _check_weights(build_classifier(*parts), learnt)
         classifier = build_classifier(*parts)
-        counts = set(_values(learnt, "classes"))
+        counts = set(values(learnt, "classes"))
         if not counts - {len(content["classes"])} and isinstance(answered := classifier.load_state_dict(learnt), int):
             counts.add(answered)
         if counts - {len(content["classes"])}:
@@ -169,13 +151,6 @@ def _stream(path: str | Path | BinaryIO) -> Iterator[BinaryIO]:
         yield path
 
 
-def _check_packed(stream: BinaryIO, size: int) -> None:
-    """A ValueError where an archive of so many bytes holds more of them: a small file would fill the memory."""
-    with zipfile.ZipFile(stream) as archive:
-        if sum(member.file_size for member in archive.infolist()) > size:
-            raise ValueError("its archive is compressed, or names a part many times")
-
-
 def _check_weights(classifier: Classifier, learnt: dict[str, Any]) -> None:
     """A ValueError where weights are not finite, or of other names or shapes than the classifier's."""
     if not all(weights.isfinite().all() for weights in _tensors(learnt)):
@@ -192,79 +167,3 @@ def _tensors(node: Any) -> Iterator[Tensor]:
         yield node
     for part in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
         yield from _tensors(part)
-
-
-def _packed(value: Any) -> Any:
-    """Dictionaries and lists with tensors contiguous on the processor, and estimators as archives."""
-    if isinstance(value, dict):
-        return {name: _packed(part) for name, part in value.items()}
-    if isinstance(value, list):
-        return [_packed(part) for part in value]
-    if isinstance(value, Tensor):
-        return value.cpu().contiguous()
-    if isinstance(value, int | float | str | None):
-        return value
-    from skops.io import dumps
-
-    return {ARCHIVE: torch.frombuffer(bytearray(dumps(value)), dtype=torch.uint8)}
-
-
-def _unpacked(value: Any) -> Any:
-    """The reverse of `_packed`."""
-    if isinstance(value, dict) and value.keys() == {ARCHIVE}:
-        return read_archive(value[ARCHIVE].numpy().tobytes())
-    if isinstance(value, dict):
-        return {name: _unpacked(part) for name, part in value.items()}
-    return [_unpacked(part) for part in value] if isinstance(value, list) else value
-
-
-def read_archive(data: bytes) -> Any:
-    """The pipeline in an archive of skops.
-
-    Raises:
-        ValueError: it names a type that no pipeline of ours has, is larger unpacked than packed, or an index in it
-            leads outside its arrays.
-    """
-    from sklearn.neighbors import KNeighborsClassifier
-    from skops.io import loads
-
-    _check_packed(io.BytesIO(data), len(data))
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        schema = json.loads(archive.read("schema.json"))
-        sizes = {member.filename: member.file_size for member in archive.infolist()}
-    types = set(_types(schema))
-    foreign = sorted(types - {*OURS, *PLAIN, *NUMBERS})
-    foreign = [name for name in foreign if not (name.startswith("sklearn.") and name.split(".")[-1] in SCIKIT_LEARN)]
-    if foreign:
-        raise ValueError(f"a pipeline of type {', '.join(foreign)} is not trusted")
-    if schema["__class__"] != NEIGHBOURS and any(name.endswith(f".{NEIGHBOURS}") for name in types):
-        raise ValueError("nearest neighbours within another estimator are not trusted")
-    if sum(sizes.get(name, 0) for name in _values(schema, "file")) > len(data):
-        raise ValueError("a pipeline's archive names an array many times")
-    pipeline = loads(data, trusted=OURS)
-    if isinstance(pipeline, KNeighborsClassifier):  # its compiled code follows what it has learnt without a look
-        if min(pipeline._y) < 0 or max(pipeline._y) >= len(pipeline.classes_):
-            raise ValueError("a neighbour's label is none of the classes")
-        neighbours = KNeighborsClassifier(min(pipeline.n_neighbors, len(pipeline._fit_X)), metric="cosine")
-        return neighbours.fit(np.asarray(pipeline._fit_X), pipeline.classes_[pipeline._y])
-    return pipeline
-
-
-def _types(schema: Any) -> Iterator[str]:
-    """The names of all types in a schema of skops."""
-    if isinstance(schema, dict) and "__class__" in schema:
-        yield f"{schema['__module__']}.{schema['__class__']}"
-    for part in schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ():
-        yield from _types(part)
-
-
-def _values(node: Any, key: str) -> Iterator[Any]:
-    """The values of a key in dictionaries and lists, wherever it stands."""
-    if isinstance(node, dict):
-        if key in node:
-            yield node[key]
-        for part in node.values():
-            yield from _values(part, key)
-    elif isinstance(node, list):
-        for part in node:
-            yield from _values(part, key)

@@ -19,7 +19,8 @@ from skops.io import dumps
 
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.recognition.model_file import ARCHIVE, load_classifier, read_archive
+from tactile_viewgcn.recognition.archive import ARCHIVE, read_archive
+from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors.forest import Forest
 from tests.recognition.test_mlflow_model import serve
