@@ -57,8 +57,8 @@ def read_archive(data: bytes) -> Any:
     """The pipeline in an archive of skops.
 
     Raises:
-        ValueError: it names a type that no pipeline of ours has, is larger unpacked than packed, or an index in it
-            leads outside its arrays.
+        ValueError: it names a type that no pipeline of ours has, is larger unpacked than packed, a number in it is not
+            finite, or an index leads outside its arrays.
     """
     from sklearn.neighbors import KNeighborsClassifier
     from skops.io import loads
@@ -67,6 +67,10 @@ def read_archive(data: bytes) -> Any:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         schema = json.loads(archive.read("schema.json"))
         sizes = {member.filename: member.file_size for member in archive.infolist()}
+        arrays = [np.load(archive.open(name), allow_pickle=False) for name in sizes if name.endswith(".npy")]
+    words = {"NaN", "Infinity", "-Infinity"} & {str(content) for content in values(schema, "content")}
+    if words or not all(np.isfinite(array).all() for array in arrays if array.dtype.kind == "f"):
+        raise ValueError("a pipeline's number is not finite")
     types = set(_types(schema))
     foreign = sorted(types - {*OURS, *PLAIN, *NUMBERS})
     foreign = [name for name in foreign if not (name.startswith("sklearn.") and name.split(".")[-1] in SCIKIT_LEARN)]

@@ -56,7 +56,7 @@ def with_archive(data: bytes, system: str = "trees") -> dict:
     return tree
 
 
-def with_trees(name: str, node: int, value: int) -> dict:
+def with_trees(name: str, node: int, value: float) -> dict:
     """The same with another number in one place of the trees' arrays."""
     state = pipeline("trees").__getstate__()
     state[name][node] = value
@@ -151,10 +151,16 @@ ALTERED = {
     ),
     "another estimator": (lambda: with_archive(dumps(SVC().fit(POINTS, LABELS))), "type sklearn.svm._classes.SVC is"),
     "a compressed archive": (compressed, "its archive is compressed"),
+    "a leaf that is no number": (lambda: with_trees("leaf_values", 0, np.nan), "a pipeline's number is not finite"),
+    "a point that is no number": (lambda: neighbours_of(_fit_X=np.full((240, 80), np.nan)), "number is not finite"),
+    "a parameter without end": (lambda: neighbours_of(leaf_size=np.inf), "number is not finite"),
     "a neighbour of no class": (neighbour_of_no_class, "a neighbour's label is none of the classes"),
     "a file of an earlier version": (lambda: without("format"), "no classifier of this version; train it again"),
     "a key missing": (lambda: without("live"), "ValueError: live: Field required"),
-    "a neighbour's metric": (lambda: neighbours_of(effective_metric_="euclidean", _fit_X=np.zeros((240, 3))), "X has"),
+    "a neighbour's metric": (
+        lambda: neighbours_of(effective_metric_="euclidean", _fit_X=np.zeros((240, 3))),
+        "ValueError: X",
+    ),
     "too many classes": (lambda: with_learnt(classes=10**8), "another number of classes than it names"),
     "numbers shown many times": (lambda: changed(viewpoints=torch.zeros(1, 3).expand(900, 3)), "number by number"),
     "no viewpoints": (lambda: changed(viewpoints=torch.zeros(0, 3)), "viewpoints, calibration: out"),
