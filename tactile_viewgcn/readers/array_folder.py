@@ -90,7 +90,7 @@ def _disagreements(headers: list[Header]) -> list[str]:
         if sides != expected:
             mistakes.append(f"{header.file}: frames of {sides}; expected {expected} as in {headers[0].file}")
         if header.recording.count("/") != headers[0].recording.count("/"):
-            mistakes.append(f"{header.file}: not as deep as {headers[0].file}; expected all files as {PLACES}")
+            mistakes.append(f"{header.file}: other folders than {headers[0].file}; expected all files as {PLACES}")
         if count[header.recording] > 1:
             mistakes.append(f"{header.file}: another file differs in its ending alone; expected one for each recording")
     return mistakes

@@ -176,7 +176,7 @@ def test_files_that_do_not_go_together_are_refused(tmp_path):
     text = refusal(tmp_path / "lab")
     assert "a/1.npz: another file differs in its ending alone; expected one for each recording" in text
     assert "b/1.npy: frames of 2 x 2; expected 2 x 3 as in" in text
-    assert "mon/b/1.npy: not as deep as" in text
+    assert "mon/b/1.npy: other folders than" in text
     assert "an array (4, 2, 2); expected (frames, 2, 3) or (frames, 6)" in refusal(tmp_path / "lab", [2, 3])
 
 
