@@ -39,9 +39,32 @@ def packed(value: Any) -> Any:
         return value.cpu().contiguous()
     if isinstance(value, int | float | str | None):
         return value
+    return {ARCHIVE: torch.frombuffer(bytearray(archive_of(value)), dtype=torch.uint8)}
+
+
+def archive_of(estimator: Any) -> bytes:
+    """The estimator as an archive of skops, with the same bytes for equal ones.
+
+    skops names parts by their places in memory and dates them; here they are numbered in their order, without a date.
+    """
     from skops.io import dumps
 
-    return {ARCHIVE: torch.frombuffer(bytearray(dumps(value)), dtype=torch.uint8)}
+    numbers: dict[int, int] = {}
+    files: dict[str, str] = {}
+
+    def renamed(node: dict[str, Any]) -> dict[str, Any]:
+        if "__id__" in node:
+            node["__id__"] = numbers.setdefault(node["__id__"], len(numbers))
+        if "file" in node:
+            node["file"] = files.setdefault(node["file"], f"{len(files)}.npy")
+        return node
+
+    with zipfile.ZipFile(io.BytesIO(dumps(estimator))) as old, zipfile.ZipFile(data := io.BytesIO(), "w") as new:
+        schema = json.loads(old.read("schema.json"), object_hook=renamed)
+        for place, name in files.items():
+            new.writestr(zipfile.ZipInfo(name), old.read(place))
+        new.writestr(zipfile.ZipInfo("schema.json"), json.dumps(schema))
+    return data.getvalue()
 
 
 def unpacked(value: Any) -> Any:

@@ -90,14 +90,17 @@ def test_answers_are_the_plain_estimators_averaged_by_hand(name):
 
 
 @pytest.mark.parametrize("name", get_args(OnSensors))
-def test_equal_trainings_give_equal_answers_better_than_chance_and_the_file_keeps_them(tmp_path, name):
+def test_equal_trainings_give_equal_files_and_answers_better_than_chance(tmp_path, name):
     params, frames, classifier = recipe(f"model.system={name}"), table(), fitted(name)
-    save_classifier(tmp_path / "classifier.pt", classifier, params.model, frames)
-    loaded, content = load_classifier(tmp_path / "classifier.pt")
+    again = fitted(name)
+    for folder, one in (("first", classifier), ("again", again)):
+        save_classifier(tmp_path / folder / "classifier.pt", one, params.model, frames)
+    assert (tmp_path / "first/classifier.pt").read_bytes() == (tmp_path / "again/classifier.pt").read_bytes()
+    loaded, content = load_classifier(tmp_path / "first/classifier.pt")
     assert content["transform"] == "counts"
     first, second = (
         evaluate_table(one, frames, params.cluster, params.evaluate, CPU, params.seed, timed=False)
-        for one in (fitted(name), loaded)
+        for one in (again, loaded)
     )
     for protocol, trials in first.protocols.items():
         assert (trials.predicted == second.protocols[protocol].predicted).all()
