@@ -31,31 +31,29 @@ def errors_by_variant(rows: pd.DataFrame, title: str) -> Figure:
 
 
 def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collection[str], title: str) -> Figure:
-    """Error under the last protocol against a cost. What is on the Pareto front, and the references, have their names.
+    """Error under the last protocol against a cost. The Pareto front, presets and references have numbers.
 
     Args:
         cost: `seconds` of both trainings, or a column of the rows; label: of its axis.
     """
     rows = _of_last_protocol(rows)
     costs, errors, bars = rows[cost].to_numpy(), rows["error"].to_numpy(), _bars(rows)
-    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    figure = Figure(figsize=(6.4, 5.4), layout="constrained")
     axes = figure.add_subplot()
     axes.errorbar(costs, errors, yerr=bars, fmt="o", color="0.6", ms=4, elinewidth=0.6)
     best = pareto_front(costs, errors)
     axes.plot(costs[best], errors[best], "o-", drawstyle="steps-post", color="C0", ms=6)
     named = (rows["variant"].isin(references) | rows["variant"].str.partition(" / ")[0].isin(references)).to_numpy()
     axes.plot(costs[named], errors[named], "*", color="C3", ms=14)
-    middle = np.sqrt(costs.min() * costs.max())
-    order = sorted({*best, *np.flatnonzero(named)}, key=costs.__getitem__)
-    for number, place in enumerate(order):
-        # towards the middle, so that no label runs over the frame; those on the right by turns below and above, as
-        # their ends would touch
-        later = len(order) - number
-        offset, side = ((-7, (5, -13)[later % 2 == 0]), "right") if costs[place] > middle else ((7, 5), "left")
+    presets = np.flatnonzero(rows["variant"].str.startswith("preset "))
+    numbered = sorted({*best, *np.flatnonzero(named), *presets}, key=costs.__getitem__)
+    for number, place in enumerate(numbered, start=1):
         at = costs[place], errors[place]
-        axes.annotate(rows["variant"].iloc[place], at, offset, textcoords="offset points", ha=side, fontsize=10)
+        axes.annotate(str(number), at, (-7, 0), textcoords="offset points", ha="right", va="center", fontsize=9)
+        axes.plot([], [], " ", label=f"{number}  {rows['variant'].iloc[place]}")
     _log_axis(axes, costs)
     axes.set(xlabel=label, ylabel=f"error, % ({rows['protocol'].iloc[0]} protocol)")
+    figure.legend(fontsize=9, loc="outside lower center", ncols=3, handlelength=0, handletextpad=0)
     stars = "; ".join(["blue: Pareto front", *(f"star: {name}" for name in rows["variant"][named])])
     figure.suptitle(f"{title}\n{stars}", fontsize=10)
     return figure

@@ -47,7 +47,7 @@ def test_what_a_crossing_s_names_say_before_their_last_number_is_a_line_of_its_o
     assert panel.get_xlabel() == "frames a grasp"
 
 
-def test_error_against_a_cost_names_the_front_and_the_reference():
+def test_error_against_a_cost_numbers_the_front_the_presets_and_the_reference():
     rows = [
         {"variant": name, "protocol": "recording", "error": error, "low": error - 2, "high": error + 2}
         | dict(zip(COSTS, costs, strict=True))
@@ -56,10 +56,13 @@ def test_error_against_a_cost_names_the_front_and_the_reference():
             ("worse", 70, 0, 2, 0.2),
             ("good", 40, 3, 4, 5.0),
             ("paper", 65, 50, 50, 9.0),
+            ("preset fast", 68, 20, 30, 8.0),
         )
     ]
     axes = errors_by_cost(pd.DataFrame(rows), "seconds", "s", ["paper"], "title").axes[0]
-    assert {text.get_text() for text in axes.texts} == {"cheap", "good", "paper"}
-    front, star = axes.get_lines()[-2:]
+    numbers = {text.get_text(): text.xy for text in axes.texts}
+    assert numbers == {"1": (1, 60), "2": (7, 40), "3": (50, 68), "4": (100, 65)}
+    assert axes.get_legend_handles_labels()[1] == ["1  cheap", "2  good", "3  preset fast", "4  paper"]
+    front, star = (line for line in axes.get_lines() if len(line.get_xdata()) and line.get_color() in ("C0", "C3"))
     assert (front.get_xdata().tolist(), front.get_ydata().tolist()) == ([1, 7], [60, 40])
     assert (star.get_xdata().tolist(), star.get_ydata().tolist()) == ([100], [65])
