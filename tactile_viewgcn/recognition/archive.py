@@ -90,9 +90,9 @@ def read_archive(data: bytes) -> Any:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         schema = json.loads(archive.read("schema.json"))
         sizes = {member.filename: member.file_size for member in archive.infolist()}
-        arrays = [np.load(archive.open(name), allow_pickle=False) for name in sizes if name.endswith(".npy")]
-    words = {"NaN", "Infinity", "-Infinity"} & {str(content) for content in values(schema, "content")}
-    if words or not all(np.isfinite(array).all() for array in arrays if array.dtype.kind == "f"):
+        arrays = (np.load(archive.open(name), allow_pickle=False) for name in sizes if name.endswith(".npy"))
+        finite = all(np.isfinite(array).all() for array in arrays if array.dtype.kind == "f")
+    if not finite or {"NaN", "Infinity", "-Infinity"} & {str(content) for content in values(schema, "content")}:
         raise ValueError("a pipeline's number is not finite")
     types = set(_types(schema))
     foreign = sorted(types - {*OURS, *PLAIN, *NUMBERS})
