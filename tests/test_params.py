@@ -229,7 +229,8 @@ BOMB = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]
         (BOMB, "more than 10,000 values, aliases written out"),
         (BOMB.replace("[x]", "{x: 1}").replace(" [*", " {<<: [*").replace("]\n", "]}\n"), "more than 10,000 values"),
         ("a: &a [*a]\n", "more than 10,000 values"),
-        ("a: " + "[" * 100_000, "values nested more than 30 deep"),
+        ("a: " + "[" * 40 + "]" * 40, "values nested more than 30 deep"),
+        ("a: " + "[" * 100_000, "nest"),  # libyaml's own limit, where it has one
     ],
 )
 def test_a_file_that_is_no_params_file_is_refused_in_a_line(tmp_path, content, words):
