@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames import automatic as module
 from tactile_viewgcn.frames.automatic import AUTO, choose, compare, decide, first_look
 from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.frames.inspection import inspect_recordings
@@ -163,6 +164,16 @@ def test_without_contact_the_scale_is_the_released_one_and_one_beyond_params_is_
         choose(far, None, MANUAL | {"scale": "auto"})
 
 
+@pytest.mark.parametrize(("reading", "scale"), [(1e30, 1e30), (1.1e30, None), (1e-30, 1e-30), (9e-31, None)])
+def test_a_scale_is_refused_where_params_would_refuse_it(inspection, reading, scale, monkeypatch):
+    monkeypatch.setattr(module, "contact_readings", lambda _: (None, np.full(9, reading)))
+    if scale:
+        assert chosen(inspection, scale="auto")[0] == {"scale": scale}
+    else:
+        with pytest.raises(UserError, match="expected 1e-30 to 1e\\+30"):
+            chosen(inspection, scale="auto")
+
+
 def test_contact_is_told_of_how_many_sensors(inspection):
     values, reasons = chosen(inspection, contact_sensors="auto")
     assert values == {"contact_sensors": 5} and "40 sensors" in reasons["contact_sensors"]
@@ -187,6 +198,36 @@ def test_nothing_is_measured_of_single_frames_but_of_the_groups_that_are_given(g
     assert decision.measurement is None and decision.choices == [] and decision.inspection is not None
     nothing, _ = settings("preprocess.baseline=none", "preprocess.filter=none", "preprocess.scale=100")
     assert decide(glove, nothing, split).inspection is None
+
+
+def test_baselines_are_inspected_and_measured_on_training_groups(glove, monkeypatch):
+    """The frames of the groups that the split holds out are in neither."""
+    asked, split = settings("split.by=recording", "split.folds=2")
+    given = {}
+    real = module.inspect_recordings, module.possible_baselines, module.compare
+
+    def inspect(recordings, hand, training):
+        given["inspected"] = training
+        return real[0](recordings, hand, training)
+
+    def possible(recordings, hand, params):
+        given["hand"] = hand
+        return real[1](recordings, hand, params)
+
+    def measure(recordings, inspection, baselines, params, group, training):
+        given["measured"], given["params"] = training, params
+        return real[2](recordings, inspection, baselines, params, group, training)
+
+    for name, function in (("inspect_recordings", inspect), ("possible_baselines", possible), ("compare", measure)):
+        monkeypatch.setattr(module, name, function)
+    decide(glove, asked, split)
+    assert 0 < given["inspected"].sum() < len(glove)
+    np.testing.assert_array_equal(given["inspected"], given["measured"])
+    hand, params = first_look(glove, asked)
+    np.testing.assert_array_equal(given["hand"].open, hand.open)
+    assert given["params"] == params
+    decide(glove, asked, split, groups=glove.columns["recording"])
+    assert given["inspected"].all() and given["measured"].all()
 
 
 def test_the_decision_carries_the_baseline_that_it_names(glove):

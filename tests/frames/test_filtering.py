@@ -6,8 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.filtering import flagged, in_contact
+from tactile_viewgcn.frames.filtering import flagged, in_contact, passing
+from tactile_viewgcn.params import load
 from tactile_viewgcn.tables import recordings as module
+from tests.grips import FILE
 from tests.sources import written
 
 FRAMES, SHAPE = 60, (3, 4)
@@ -72,3 +74,17 @@ def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):
     assert flagged(recordings).tolist() == steady.tolist()
     recordings = written(tmp_path / "b", COUNTS[:4], valid=valid)
     assert flagged(recordings).tolist() == valid.tolist()
+
+
+def test_notes_say_what_each_filter_dropped(tmp_path):
+    recordings = written(tmp_path / "t", COUNTS, object=OBJECTS, session=SESSIONS, valid=OBJECTS == 1)
+    said = {}
+    for kind in ("none", "flags", "contact"):
+        preprocess = load(FILE, (f"preprocess.filter={kind}", "preprocess.contact_sensors=12")).preprocess
+        passed, notes = passing(recordings, BASELINE, preprocess)
+        said[kind] = [note.text for note in notes]
+        assert {note.topic for note in notes} <= {"filter"}
+        if notes:
+            assert notes[0].text.startswith(f"{kind}: {(~passed).sum()} of 60 frames")
+    assert said["none"] == [] and "without a flag" in said["flags"][0]
+    assert "12 sensors above 5 sd" in said["contact"][0]

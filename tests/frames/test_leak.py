@@ -87,6 +87,22 @@ def test_a_session_s_shift_is_no_leak_of_first_frames(tmp_path):
     assert (leak.groups, leak.frames) == (48, 48) and leak.error > 0.75 and not leak.tells_object
 
 
+def test_first_frames_are_first(tmp_path):
+    """Only they differ between objects, which are told by them."""
+    label, number, at = (axis.ravel() for axis in np.indices((4, 5, 8)))
+    counts = 500 + np.random.default_rng(0).normal(0, 1, (len(label), 4, 5))
+    counts[(at == 0), 0, :4] += 200 * np.eye(4)[label[at == 0]]
+    recordings = written(
+        tmp_path / "t",
+        np.rint(counts).astype(np.int16),
+        object=label,
+        recording=5 * label + number,
+        objects=[f"object{i}" for i in range(4)],
+    )
+    hand = find_open_hand(recordings, sensors=5, sigmas=5.0)
+    assert check_first_frames(recordings, hand, np.random.default_rng(0)).tells_object
+
+
 def test_the_same_generator_gives_the_same_result(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_FRAMES", 60)
     glove = drifting(between=0.2)
@@ -108,7 +124,7 @@ def test_what_cannot_be_held_out_is_not_checked(tmp_path, case):
     columns = {name: values[kept] for name, values in glove.columns.items()}
     assert checked(tmp_path / "t", replace(glove, counts=glove.counts[kept]), columns=columns) is None
     (note,) = leak_notes(None, advised=True)
-    assert note.level == "info" and note.text.endswith("not checked")
+    assert (note.level, note.topic) == ("info", "leak check") and note.text.endswith("not checked")
 
 
 def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp():
@@ -119,5 +135,16 @@ def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp():
         ("info", "", None),
         ("warning", "preprocess.baseline", "grasp"),
     ]
-    assert [(note.level, note.key) for note in leak_notes(leak, advised=False)] == [("info", ""), ("warning", "")]
+    plain = leak_notes(leak, advised=False)
+    assert [(note.level, note.key) for note in plain] == [("info", ""), ("warning", "")]
+    assert {note.topic for note in notes + plain} == {"leak check"}
+    told, remedy = notes[1].text.split(": ")
+    assert plain[1].text.startswith(told) and "preprocess.baseline to grasp" in remedy
     assert [note.level for note in leak_notes(replace(leak, high=0.97), advised=True)] == ["info"]
+
+
+def test_the_note_of_a_leak_check_has_its_numbers_in_per_cent():
+    leak = module.QuickError(np.zeros((20, 2), dtype=int), np.full(20, 0.05), 0.02, 0.98, 0.96, 2000, 1.5)
+    (note,) = leak_notes(leak, advised=True)
+    for part in ("error of 5.0 % (2.0 to 98.0), chance 96.0 %", "2,000 frames", "1 group", "1.5 s"):
+        assert part in note.text
