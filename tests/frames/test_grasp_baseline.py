@@ -1,5 +1,7 @@
 """The baseline of each grasp, from the open hand before it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,3 +102,18 @@ def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has
     short = held & ((glove.columns["recording"] != 3) | (np.arange(len(held)) % (OPEN + HELD) >= OPEN - 3))
     with pytest.raises(UserError, match=r"^recording 'recording3' has fewer than 5 .* 'monday' fewer of 'empty_hand'"):
         measured(tmp_path / "u", glove, short, **names)
+
+
+def test_a_recording_that_has_neither_has_what_is_known_of_its_own_session(tmp_path):
+    glove = drifting(objects=3)
+    held = ~glove.open & (glove.columns["object"] > 0)
+    columns = {name: values[held] for name, values in glove.columns.items()}
+    columns["session"] = columns.pop("recording") - 1  # one recording each
+    recordings = written(tmp_path / "t", glove.counts[held], **columns)
+    known = [(np.full((5, 8), 500.0 + number), np.ones((5, 8))) for number in range(3)]
+    hand = find_open_hand(recordings, **CONTACT)
+    hand = replace(hand, open=np.zeros_like(hand.open))
+    baseline = grasp_baseline(recordings, hand, known)
+    for number in range(3):
+        (row,) = np.unique(baseline.of_frame[columns["session"] == number])
+        assert (baseline.mean[row] == 500 + number).all()

@@ -52,6 +52,41 @@ def test_a_light_grip_that_tells_the_object_is_contact_and_what_drifts_as_far_is
     assert shown(recordings, sensors=5).inspection.all_contact == told
 
 
+@pytest.mark.parametrize("empty", [4, 5])
+def test_five_frames_of_the_empty_hand_in_a_session_are_a_baseline(tmp_path, empty):
+    rng, label = np.random.default_rng(0), np.repeat([0, *np.repeat(np.arange(1, 5), 6)], 40)
+    recording = np.repeat(np.arange(25), 40)
+    firm = rng.random((5, 6, 8)) < 0.4
+    counts = np.rint(100 + 160 * (firm[label] & (label > 0)[:, None, None]) + rng.normal(0, 2, (1000, 6, 8)))
+    kept = np.arange(1000) >= 40 - empty
+    columns = {"object": label[kept], "recording": recording[kept]}
+    recordings = written(tmp_path / "t", counts[kept].astype(np.int16), **columns)
+    inspection = shown(recordings, sensors=5).inspection
+    assert (inspection.all_contact, inspection.has_empty_hand) == (empty < 5, empty >= 5)
+
+
+def test_without_an_empty_hand_each_sensor_has_its_own_baseline_in_a_session(tmp_path):
+    glove = drifting()
+    held = glove.columns["object"] > 0
+    rest = 5 * np.arange(40).reshape(5, 8)
+    columns = {name: values[held] for name, values in glove.columns.items()}
+    columns["object"] -= 1
+    names = [f"object{number}" for number in range(4)]
+    recordings = written(tmp_path / "t", (glove.counts + rest)[held].astype(np.int16), **columns, objects=names)
+    inspection = shown(recordings, sensors=5).inspection
+    assert not inspection.all_contact
+    np.testing.assert_allclose(inspection.of_session, [514.3 + rest.ravel()], atol=1.5)  # of 5 from one to the next
+
+
+def test_flags_of_the_steady_part_of_a_grasp_are_counted_rather_than_those_of_the_whole(tmp_path):
+    glove = drifting(objects=2)
+    held = ~glove.open
+    steady = held & (np.arange(len(held)) % 2 == 0)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns, valid=held, grasp_valid=steady)
+    flagged = shown(recordings, sensors=5).inspection.flagged
+    assert flagged.tolist() == [steady[glove.columns["recording"] == number].sum() for number in range(3)]
+
+
 @pytest.mark.parametrize("open_hand", [0.05, 0.0])  # with 0, half of the noise of 0.015 is cut off
 def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path, open_hand):
     page = inspect_source(floats(tmp_path / "glove", open_hand=open_hand))

@@ -9,7 +9,9 @@ from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.stag_metadata import read_metadata
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tests.drifting import drifting
 from tests.grips import COLUMNS, COUNTS, FILE, HELD, prepared
+from tests.sources import written
 
 
 def test_the_rest_of_the_frames_own_session_is_subtracted(tmp_path):
@@ -25,6 +27,13 @@ def test_the_rest_of_the_frames_own_session_is_subtracted(tmp_path):
         np.testing.assert_allclose(
             mean, expected, atol=0.6
         )  # of noise that is cut at the baseline, 0.4 counts are left
+
+
+def test_frames_keep_the_noise_of_their_baselines_and_the_share_that_the_filter_keeps(tmp_path):
+    frames, selection, _ = prepared(tmp_path)
+    assert frames.noise.shape == (3, 4)
+    np.testing.assert_allclose(frames.noise, np.hypot(0.95, 12**-0.5), rtol=0.3)
+    assert frames.kept_share == COLUMNS["valid"].mean() == selection.filtered.mean()
 
 
 def test_without_rest_a_constant_is_subtracted(tmp_path):
@@ -101,6 +110,16 @@ def test_grasps_keep_their_numbers_and_are_0_where_there_are_none(tmp_path):
     np.testing.assert_array_equal(frames.grasp, COLUMNS["grasp"][selection.keep])
     assert len(np.unique(frames.grasp)) > 1
     assert not prepared(tmp_path, columns=NO_GRASP)[0].grasp.any()
+
+
+def test_the_baseline_of_groups_that_are_given_is_measured_though_the_split_is_of_frames(tmp_path):
+    glove = drifting(objects=3, recordings=2, grasps=3)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns)
+    params = load(FILE, ("split.by=frame", "preprocess.contact_sensors=5"))
+    groups = glove.columns["recording"]
+    made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
+    assert "grasp" in made.measurement.baselines
+    np.testing.assert_array_equal(made.selection.group, groups)
 
 
 @pytest.mark.parametrize("case", REFUSED)
