@@ -65,6 +65,14 @@ def test_five_frames_of_the_empty_hand_in_a_session_are_a_baseline(tmp_path, emp
     assert (inspection.all_contact, inspection.has_empty_hand) == (empty < 5, empty >= 5)
 
 
+def test_the_empty_hand_is_a_session_s_baseline_though_other_recordings_rest_elsewhere(tmp_path):
+    glove = drifting()
+    counts = glove.counts + 9 * (glove.columns["object"] > 0)[:, None, None].astype(np.int16)
+    inspection = shown(written(tmp_path / "t", counts, **glove.columns), sensors=5).inspection
+    np.testing.assert_allclose(inspection.of_session, np.full((1, 40), 514.3), atol=0.5)
+    np.testing.assert_allclose(inspection.baseline[1:].mean(axis=1), 523.3, atol=0.5)
+
+
 def test_without_an_empty_hand_each_sensor_has_its_own_baseline_in_a_session(tmp_path):
     glove = drifting()
     held = glove.columns["object"] > 0
