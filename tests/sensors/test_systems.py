@@ -281,3 +281,11 @@ def test_support_vectors_of_equal_points_and_of_a_constant_sensor_are_finite(row
     for name, points in (("equal", np.ones((20, 3))), ("constant", constant)):
         answer = SupportVectors().fit(points.astype(np.float32), labels).predict_proba(points.astype(np.float32))
         row(f"probabilities that are not finite, {name} sensors", int((~np.isfinite(answer)).sum()), 0)
+
+
+def test_the_network_on_the_maximum_has_one_block_of_32_channels_and_one_of_64():
+    first = 9 * 32 + 2 * 32 + 2 * (9 * 32 * 32 + 2 * 32)
+    second = 9 * 32 * 64 + 9 * 64 * 64 + 32 * 64 + 3 * 2 * 64
+    weights = sum(each.numel() for each in max_network.build_network(27).parameters())
+    grid = 16 * 64 * 64 + 2 * 64  # of 4 x 4 parts
+    assert weights == first + second + grid + 27 * (64 + 1)
