@@ -78,8 +78,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """Train on rows of X and their labels y (n,).
 
         Args:
-            groups: (n,) rows of one group are held out together where probabilities are calibrated, and where
-                `split.validation` is above 0; None: each row is a group.
+            groups: (n,) rows of one group are held out together, for the choice of `best`, for calibration and for
+                `split.validation`; None: each row is a group.
 
         Raises:
             UserError, ValueError: an argument that is wrong, in one line.

@@ -25,8 +25,8 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
     """Train a classifier on all recordings and write its file; torch's own generator is left as it was.
 
     Args:
-        groups: (T,) split group of each frame: groups are held out as a whole for the calibration, and as the
-            validation side if `split.validation` says so.
+        groups: (T,) split group of each frame: groups are held out as a whole, for the choice of `best`, for
+            calibration and for `split.validation`.
 
     Returns:
         Notes on what was chosen for the recordings and left out of them, and why.

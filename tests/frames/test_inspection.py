@@ -65,7 +65,7 @@ def test_five_frames_of_the_empty_hand_in_a_session_are_a_baseline(tmp_path, emp
     assert (inspection.all_contact, inspection.has_empty_hand) == (empty < 5, empty >= 5)
 
 
-def test_the_empty_hand_is_a_session_s_baseline_though_other_recordings_rest_elsewhere(tmp_path):
+def test_the_empty_hand_is_a_session_s_baseline_though_other_recordings_have_another(tmp_path):
     glove = drifting()
     counts = glove.counts + 9 * (glove.columns["object"] > 0)[:, None, None].astype(np.int16)
     inspection = shown(written(tmp_path / "t", counts, **glove.columns), sensors=5).inspection
@@ -76,17 +76,17 @@ def test_the_empty_hand_is_a_session_s_baseline_though_other_recordings_rest_els
 def test_without_an_empty_hand_each_sensor_has_its_own_baseline_in_a_session(tmp_path):
     glove = drifting()
     held = glove.columns["object"] > 0
-    rest = 5 * np.arange(40).reshape(5, 8)
+    offset = 5 * np.arange(40).reshape(5, 8)
     columns = {name: values[held] for name, values in glove.columns.items()}
     columns["object"] -= 1
     names = [f"object{number}" for number in range(4)]
-    recordings = written(tmp_path / "t", (glove.counts + rest)[held].astype(np.int16), **columns, objects=names)
+    recordings = written(tmp_path / "t", (glove.counts + offset)[held].astype(np.int16), **columns, objects=names)
     inspection = shown(recordings, sensors=5).inspection
     assert not inspection.all_contact
-    np.testing.assert_allclose(inspection.of_session, [514.3 + rest.ravel()], atol=1.5)  # of 5 from one to the next
+    np.testing.assert_allclose(inspection.of_session, [514.3 + offset.ravel()], atol=1.5)  # neighbours differ by 5
 
 
-def test_flags_of_the_steady_part_of_a_grasp_are_counted_rather_than_those_of_the_whole(tmp_path):
+def test_flags_of_the_steady_part_of_a_grasp_are_counted_and_not_those_of_all_of_it(tmp_path):
     glove = drifting(objects=2)
     held = ~glove.open
     steady = held & (np.arange(len(held)) % 2 == 0)

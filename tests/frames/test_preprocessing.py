@@ -112,7 +112,7 @@ def test_grasps_keep_their_numbers_and_are_0_where_there_are_none(tmp_path):
     assert not prepared(tmp_path, columns=NO_GRASP)[0].grasp.any()
 
 
-def test_the_baseline_of_groups_that_are_given_is_measured_though_the_split_is_of_frames(tmp_path):
+def test_with_groups_baselines_are_measured_though_single_frames_are_held_out(tmp_path):
     glove = drifting(objects=3, recordings=2, grasps=3)
     recordings = written(tmp_path / "t", glove.counts, **glove.columns)
     params = load(FILE, ("split.by=frame", "preprocess.contact_sensors=5"))

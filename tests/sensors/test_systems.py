@@ -287,5 +287,5 @@ def test_the_network_on_the_maximum_has_one_block_of_32_channels_and_one_of_64()
     first = 9 * 32 + 2 * 32 + 2 * (9 * 32 * 32 + 2 * 32)
     second = 9 * 32 * 64 + 9 * 64 * 64 + 32 * 64 + 3 * 2 * 64
     weights = sum(each.numel() for each in max_network.build_network(27).parameters())
-    grid = 16 * 64 * 64 + 2 * 64  # of 4 x 4 parts
+    grid = 16 * 64 * 64 + 2 * 64  # the readout of 4 x 4 parts
     assert weights == first + second + grid + 27 * (64 + 1)
