@@ -131,7 +131,7 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["nosuch"], "protocol, sequential"),
+        (["nosuch"], "parts, sequential"),
         (["compare", "--jobs", "0"], "--jobs is 0"),
         (["compare", "--set", "views=4"], "--set without --out"),
         (["compare", "--set", "vews=4", "--out", "/tmp/x"], "did you mean views?"),
