@@ -30,8 +30,8 @@ COMPARED = """Differences are paired, over the seeds and deals that both were tr
 their signs turned differ as much, corrected for all differences of a protocol and a weighting (Holm 1979); before that
 it is never below {least:.2g} with {groups}. `over trainings` is Student's 95 % interval of the difference per
 frame: what other seeds would give, not other recordings."""
-PAID = """Costs are medians over the trainings: seconds are summed over folds, milliseconds are per view set, the memory
-is that of the hungriest stage."""
+PAID = """Costs are the least over the trainings, since other work only adds to them: seconds are summed over folds,
+milliseconds are per view set, the memory is that of the hungriest stage."""
 SEQUENTIAL = """Frames of one recording are taken in random order, one after the other, up to all views or until the
 classifier is confident enough; `frames` is their mean number."""
 

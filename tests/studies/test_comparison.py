@@ -97,6 +97,11 @@ def test_folds_stand_side_by_side_and_their_seconds_add_up():
     assert {name: variant.cost(name) for name in COSTS} == costs
 
 
+def test_a_cost_is_the_least_over_the_trainings():
+    (variant,) = pooled([answers("a", 1, seed=seed, **{"finetune s": 9.0 - 2 * seed}) for seed in (0, 2, 1)])
+    assert variant.cost("finetune s") == 5.0
+
+
 def dealt(variant, *wrong):
     """A deal for each number of wrong view sets in each of the eight groups, which stand in an order of its own."""
     for deal, number in enumerate(wrong):
