@@ -106,10 +106,10 @@ def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has
 
 def test_without_empty_and_open_hand_a_recording_has_what_is_known_of_its_own_session(tmp_path):
     glove = drifting(objects=3)
-    held = ~glove.open
-    columns = {name: values[held] for name, values in glove.columns.items()}
+    closed = ~glove.open
+    columns = {name: values[closed] for name, values in glove.columns.items()}
     columns["session"] = columns["recording"] - 1  # one recording each
-    recordings = written(tmp_path / "t", glove.counts[held], **columns)
+    recordings = written(tmp_path / "t", glove.counts[closed], **columns)
     known = [(np.full((5, 8), 500.0 + number), np.ones((5, 8))) for number in range(3)]
     hand = find_open_hand(recordings, **CONTACT)
     hand = replace(hand, open=np.zeros_like(hand.open))

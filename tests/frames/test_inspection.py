@@ -75,12 +75,12 @@ def test_the_empty_hand_is_a_session_s_baseline_though_other_recordings_have_ano
 
 def test_without_an_empty_hand_each_sensor_has_its_own_baseline_in_a_session(tmp_path):
     glove = drifting()
-    held = glove.columns["object"] > 0
+    of_object = glove.columns["object"] > 0
     offset = 5 * np.arange(40).reshape(5, 8)
-    columns = {name: values[held] for name, values in glove.columns.items()}
+    columns = {name: values[of_object] for name, values in glove.columns.items()}
     columns["object"] -= 1
     names = [f"object{number}" for number in range(4)]
-    recordings = written(tmp_path / "t", (glove.counts + offset)[held].astype(np.int16), **columns, objects=names)
+    recordings = written(tmp_path / "t", (glove.counts + offset)[of_object].astype(np.int16), **columns, objects=names)
     inspection = shown(recordings, sensors=5).inspection
     assert not inspection.all_contact
     np.testing.assert_allclose(inspection.of_session, [514.3 + offset.ravel()], atol=1.5)  # neighbours differ by 5
@@ -88,9 +88,9 @@ def test_without_an_empty_hand_each_sensor_has_its_own_baseline_in_a_session(tmp
 
 def test_flags_of_the_steady_part_of_a_grasp_are_counted_and_not_those_of_all_of_it(tmp_path):
     glove = drifting(objects=2)
-    held = ~glove.open
-    steady = held & (np.arange(len(held)) % 2 == 0)
-    recordings = written(tmp_path / "t", glove.counts, **glove.columns, valid=held, grasp_valid=steady)
+    closed = ~glove.open
+    steady = closed & (np.arange(len(closed)) % 2 == 0)
+    recordings = written(tmp_path / "t", glove.counts, **glove.columns, valid=closed, grasp_valid=steady)
     flagged = shown(recordings, sensors=5).inspection.flagged
     assert flagged.tolist() == [steady[glove.columns["recording"] == number].sum() for number in range(3)]
 
