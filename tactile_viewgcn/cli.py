@@ -86,8 +86,8 @@ def preset(name: str) -> None:
 def predict(**options: Any) -> None:
     """Tell what is held in the recordings SOURCE, labelled or not, by MODEL.
 
-    MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID or models:/NAME/VERSION. SOURCE is anything that
-    `inspect` reads; HDF5 recordings and arrays need no object here.
+    MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS.
+    SOURCE is anything that `inspect` reads; HDF5 recordings and arrays need no object here.
     """
     from tactile_viewgcn.recognition import prediction
 

@@ -89,7 +89,8 @@ def _objects(of: Inspection) -> Table:
         [of.objects[label], *(f"{count[of.label == label].sum():,}" for count in columns.values())]
         for label in np.unique(of.label)
     ]
-    return Table("Objects", "Frames of each kind; flagged is what the recordings say.", ["object", *columns], rows)
+    flagged = "" if of.flagged is None else "; flagged is what the recordings say"
+    return Table("Objects", f"Frames of each kind{flagged}.", ["object", *columns], rows)
 
 
 def _sessions(overview: Overview) -> Table:
@@ -131,7 +132,8 @@ def _measured(overview: Overview, chosen: list[Note]) -> Table:
         "Errors of a quick classifier on held-out groups, with a standard error: of contact above each baseline, and "
         "with each filter above the one marked *, which is taken; and of open-hand frames, or of the first frame of a "
         "recording alone, where nothing is held yet: if these tell the object it is a leak. All recordings were used "
-        f"here, by split.by {_chosen(chosen, 'split.by')}; preprocess measures again, on its training side alone."
+        f"here, by split.by {_chosen(chosen, 'split.by')}; preprocess measures again, on its training side "
+        "alone, and may choose another."
     )
     return Table("Baseline and filter", remark, ["", "error, %", "without contact, %", "chance", "leaks"], rows)
 

@@ -16,9 +16,9 @@ from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answ
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of
 
-MODELS = "models/classifier.pt, the id of an MLflow run, runs:/ID or models:/NAME/VERSION"
+MODELS = "models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS"
 TOP = 3
-NAME_WIDTH = 20
+NAME_WIDTH, FRAMES_WIDTH = 20, 12
 
 
 def predict(
@@ -60,7 +60,7 @@ def predict(
     joined_records = [_record(answer, recogniser.classes) for answer in joined]
     for note in notes:
         echo(str(note))
-    echo(f"{'recording':<{NAME_WIDTH}} {'frames':>8}  answer")
+    echo(f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
     for record in records:
         echo(_line(record))
     for line in _summary(records, recogniser.classes):
@@ -69,6 +69,8 @@ def predict(
         echo("the recordings of a folder together, as one object:")
         for line in [*map(_line, joined_records), *_summary(joined_records, recogniser.classes)]:
             echo(line)
+    if not any(record["object"] for record in records):
+        echo("how often it errs: see `tactile-viewgcn report` of its run")
     records += joined_records
     content = {"model": model, "source": source, "calibrated": calibrated, "answers": records}
     texts = _as_csv(records), json.dumps(content, indent=1, ensure_ascii=False) + "\n"
@@ -134,7 +136,7 @@ def _line(record: dict[str, Any]) -> str:
     texts = {NO_CONTACT: NO_CONTACT, UNKNOWN: f"{UNKNOWN}; nearest {''.join(shares[:1])}"}
     frames = f"{record['frames_used']}/{record['frames_in_contact']}"
     again = "; grasp it again" if record["grasp_again"] else ""
-    return f"{name:<{NAME_WIDTH}} {frames:>8}  {texts.get(record['answer'], ', '.join(shares))}{again}"
+    return f"{name:<{NAME_WIDTH}} {frames:>{FRAMES_WIDTH}}  {texts.get(record['answer'], ', '.join(shares))}{again}"
 
 
 def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:

@@ -60,6 +60,14 @@ def test_what_was_not_measured_has_no_table(overview):
     assert [table.title for table in tables(unmeasured, chosen)] == ["Objects", "Sessions", "Readings"]
 
 
+def test_flags_are_spoken_of_where_the_recordings_have_some(overview):
+    flagged = np.zeros_like(overview.inspection.frames)
+    with_flags = replace(overview, inspection=replace(overview.inspection, flagged=flagged))
+    for each, said in ((overview, False), (with_flags, True)):
+        objects = tables(each, recommend(each))[0]
+        assert ("flagged" in objects.remark) == ("flagged" in objects.header) == said
+
+
 @pytest.mark.parametrize(("last", "said"), [(16, True), (17, False)])
 def test_files_that_may_be_one_frame_each_are_pointed_out(tmp_path, last, said):
     rng = np.random.default_rng(0)

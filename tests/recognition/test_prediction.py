@@ -36,17 +36,17 @@ def call(*words):
 
 
 def test_unlabelled_recordings_have_a_line_each(place):
-    head, columns, *lines, last = call(place / "classifier.pt", place / "new")
+    head, columns, *lines, last, errs = call(place / "classifier.pt", place / "new")
     assert head == "model: kernel + max_kernel, 3 classes, up to 8 frames; probabilities are calibrated"
     assert [line.split()[:3] for line in lines] == [[str(i), "8/20", name] for i, name in enumerate(OBJECTS)]
-    assert columns.split() == ["recording", "frames", "answer"]
-    assert last == "answers: 3 with an object"
+    assert columns.split() == ["recording", "used/contact", "answer"]
+    assert last == "answers: 3 with an object" and errs.startswith("how often it errs: ")
 
 
 def test_recordings_of_one_object_get_one_more_answer_from_all_of_them(place):
     for seed in (85, 86):
         write(place / "one" / f"{seed}.h5", recording("pen", seed))
-    *lines, last = call(place / "classifier.pt", place / "one", "--together", "--json", place / "answers.json")
+    *lines, last, _ = call(place / "classifier.pt", place / "one", "--together", "--json", place / "answers.json")
     assert lines[-3:-1] == ["answers: 2 with an object", "the recordings of a folder together, as one object:"]
     assert lines[-1].split()[:3] == ["together", "16/40", "pen"] and last == "answers: 1 with an object"
     first, second, both = json.loads((place / "answers.json").read_text())["answers"]
@@ -58,7 +58,7 @@ def test_each_folder_and_each_labelled_object_is_answered_together(place):
         write(place / "two" / name / f"{seed}.h5", recording(name, 85 + seed))
         write(place / "labelled" / "1" / f"{seed}.h5", recording(name, 85 + seed), object=name, session="today")
     lines = call(place / "classifier.pt", place / "two", "--together")
-    assert [line.split()[:3] for line in lines[-3:-1]] == [["cup", "8/20", "cup"], ["pen", "16/40", "pen"]]
+    assert [line.split()[:3] for line in lines[-4:-2]] == [["cup", "8/20", "cup"], ["pen", "16/40", "pen"]]
     lines = call(place / "classifier.pt", place / "labelled", "--together")
     assert [line.split()[:3] for line in lines[-4:-2]] == [["1/pen", "16/40", "pen"], ["1/cup", "8/20", "cup"]]
     assert lines[-1] == "right: 2 of 2 (100.0 %); among the first three: 2"
@@ -70,7 +70,7 @@ def test_where_the_confidence_is_not_reached_another_grasp_is_asked_for(place):
     answers = json.loads((place / "answers.json").read_text())["answers"]
     assert [line.endswith("; grasp it again") for line in lines[2:6]] == [False, False, False, True]
     assert [answer["grasp_again"] for answer in answers] == [False, False, False, True]
-    assert call(place / "classifier.pt", place / "new", "--together", "--stop-at", "1")[-2].endswith("; grasp it again")
+    assert call(place / "classifier.pt", place / "new", "--together", "--stop-at", "1")[-3].endswith("; grasp it again")
 
 
 def test_arrays_of_cells_have_the_models_layout(place):

@@ -114,6 +114,14 @@ def test_the_page_says_what_the_frames_of_an_answer_are_of(workspace, undrawn):
     assert "pressure frames of 2 grasps of the test side" in text and "are of 2 grasps of one object" in text
 
 
+@pytest.mark.parametrize(("classes", "times"), [(4, 2), (3, 0)])
+def test_the_first_three_answers_are_left_out_where_there_are_no_more_objects(workspace, undrawn, classes, times):
+    run = read_run()
+    run.metrics["classes"] = classes
+    text = text_of(run_page(run))
+    assert text.count("among the first three answers") + text.count("not among first three") == times
+
+
 def test_candidates_have_a_table_of_their_own(workspace, undrawn):
     run = read_run()
     assert "Candidates" not in text_of(run_page(run))
