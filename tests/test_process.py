@@ -21,7 +21,7 @@ def test_another_process_with_the_same_number_is_not_the_one_that_was():
     assert not ticks or not is_running(os.getpid(), str(int(ticks) - 1))
 
 
-def test_the_peak_of_memory_holds_what_was_held():
+def test_the_peak_of_memory_counts_what_was_freed():
     held = bytearray(200_000_000)
     assert peak_mb() > 200 and len(held) == 200_000_000
     del held

@@ -25,7 +25,7 @@ def resting(baseline, frames, seed=0):
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 0.5, 0.8])
-def test_a_known_rest_is_found_to_a_twentieth_of_a_count_below_outliers(fraction):
+def test_a_known_baseline_is_estimated_to_a_twentieth_of_a_count_below_outliers(fraction):
     baseline = np.full((2, 3), 513 + fraction)
     counts = resting(baseline, FRAMES)
     outlier = np.random.default_rng(1).random(counts.shape) < 0.01
@@ -60,7 +60,7 @@ def test_trimming_all_sensors_at_once_is_trimming_each(frames, seed, excess):
         np.testing.assert_allclose((mean[at], noise[at]), naive, rtol=1e-6)
 
 
-def test_the_rest_of_the_empty_hand_is_found_in_each_session(tmp_path):
+def test_the_baseline_of_the_empty_hand_is_estimated_in_each_session(tmp_path):
     baseline = {0: np.array([[514.2, 515.0]]), 1: np.array([[516.6, 513.4]])}
     parts = [(0, 0), (0, 1), (1, 0), (1, 1)]  # session and object of each recording of 2000 frames
     counts = np.concatenate(

@@ -14,7 +14,7 @@ from tests.grips import COLUMNS, COUNTS, FILE, HELD, prepared
 from tests.sources import written
 
 
-def test_the_rest_of_the_frames_own_session_is_subtracted(tmp_path):
+def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
     frames, _, _ = prepared(tmp_path)
     assert frames.baseline_names == ["session0", "session1"]
     np.testing.assert_allclose(frames.baseline_mean.mean(axis=(1, 2)), [514, 516], atol=0.1)
@@ -36,7 +36,7 @@ def test_frames_keep_the_noise_of_their_baselines_and_the_share_that_the_filter_
     assert frames.kept_share == COLUMNS["valid"].mean() == selection.filtered.mean()
 
 
-def test_without_rest_a_constant_is_subtracted(tmp_path):
+def test_without_a_baseline_a_constant_is_subtracted(tmp_path):
     frames, _, _ = prepared(tmp_path, "preprocess.baseline=none", "preprocess.zero=510", "preprocess.scale=20")
     excess = COUNTS[COLUMNS["valid"]].astype(float) - 510
     np.testing.assert_allclose(frames.inputs(np.arange(len(frames))), np.clip(excess / 20, 0, 1), rtol=1e-6)

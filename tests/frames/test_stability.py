@@ -69,8 +69,12 @@ def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, k
     counts = (offset + np.random.default_rng(0).integers(-3, 4, (400, 2, 2))).astype(kind)
     mean, noise = trimmed_moments(counts)
     exact, spread = exact_moments(counts)
-    row(f"mean rest, in last digits of the offset, {name}", np.abs(mean - exact).max() / np.spacing(float(offset)), 1)
-    row(f"rest noise, {name}", max_rel_error(noise, spread), ROUNDING)
+    row(
+        f"mean baseline, in last digits of the offset, {name}",
+        np.abs(mean - exact).max() / np.spacing(float(offset)),
+        1,
+    )
+    row(f"noise of the baseline, {name}", max_rel_error(noise, spread), ROUNDING)
     pressed = np.concatenate([counts, counts, counts + kind(120)])
     recordings = written(tmp_path / "t", pressed, object=np.arange(1200) // 400)
     baseline = empty_hand_baseline(recordings)
@@ -83,11 +87,11 @@ def test_a_baseline_that_drifts_over_a_million_frames(row):
     drift = BASELINE + np.arange(10**6) // 10**4
     counts = np.stack([drift, 2 * drift - 300, 30 * drift, -drift], axis=1).reshape(-1, 2, 2).astype(np.int16)
     (mean, noise), (exact, spread) = trimmed_moments(counts), exact_moments(counts)
-    row("mean rest", max_rel_error(mean, exact), ROUNDING)
-    row("rest noise", max_rel_error(noise, spread), ROUNDING)
+    row("mean baseline", max_rel_error(mean, exact), ROUNDING)
+    row("noise of the baseline", max_rel_error(noise, spread), ROUNDING)
 
 
-@pytest.mark.stability("a sensor without rest noise")
+@pytest.mark.stability("a sensor without noise")
 @pytest.mark.parametrize(
     ("name", "kind", "unit"),
     [("counts", np.int16, 1), ("real numbers", np.float32, 0.1), ("volts", np.float64, 5 / 1023)],
@@ -100,7 +104,11 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(r
     recordings = written(tmp_path / "t", counts, object=np.arange(40) // 20)
     baseline = empty_hand_baseline(recordings)
     contact = in_contact(recordings, baseline, sensors=8, sigmas=5.0)
-    row(f"rest noise, {name}", max_rel_error(baseline.noise.ravel()[:8], np.full(8, ROUNDING_SD * unit)), 1e-4)
+    row(
+        f"noise of the baseline, {name}",
+        max_rel_error(baseline.noise.ravel()[:8], np.full(8, ROUNDING_SD * unit)),
+        1e-4,
+    )
     row(f"frames in contact, {name}", share_different(contact[20:], pressed > 5 * ROUNDING_SD))
 
 

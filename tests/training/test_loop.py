@@ -89,7 +89,7 @@ def test_a_training_that_does_not_diverge_says_nothing_of_it():
     assert taken == [0, 0, 1, 1, 2, 2, 3] and weights.values == (1 - 6 * 0.125, 1 - 6 * 0.25)
 
 
-def test_divergence_is_seen_within_the_epoch():
+def test_divergence_is_noticed_within_the_epoch():
     progress, _, taken = diverging(math.nan, epoch=1, step=3, steps=1000)
     assert progress.epoch == 1 and 1000 + 3 < len(taken) <= 1000 + CHECK_EVERY
 
@@ -120,7 +120,7 @@ def test_a_first_loss_that_is_bad_blames_the_epoch_before_whose_last_step_made_i
 
 
 @pytest.mark.parametrize("rate", [1e10, 1e38])
-def test_a_last_step_that_ruins_the_weights_is_seen_although_every_loss_was_fine(rate):
+def test_a_last_step_that_ruins_the_weights_is_noticed_although_every_loss_was_fine(rate):
     weights = Weights()
     optimiser = torch.optim.SGD(weights.parameters(), 1.0)
     losses = lambda epoch: iter([weights.first**2 * (0.0 if epoch == 0 else 10.0)])  # noqa: E731
