@@ -16,7 +16,7 @@ from tactile_viewgcn.notes import several
 from tactile_viewgcn.schema import SECTION, Integer, Number, Text, Truth, Unique, as_change, build, read_yaml
 from tactile_viewgcn.systems import Member, OnSensors, System
 
-PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "kernels", "best")
+PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "joined", "kernels", "best")
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that data/virtual/dvc.yaml makes
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
