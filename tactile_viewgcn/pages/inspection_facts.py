@@ -133,7 +133,7 @@ def _measured(overview: Overview, chosen: list[Note]) -> Table:
         "with each filter above the one marked *, which is taken; and of open-hand frames, or of the first frame of a "
         "recording alone, where nothing is held yet: if these tell the object it is a leak. All recordings were used "
         f"here, by split.by {_chosen(chosen, 'split.by')}; preprocess measures again, on its training side "
-        "alone, and may choose another."
+        "alone, and may choose another baseline or filter."
     )
     return Table("Baseline and filter", remark, ["", "error, %", "without contact, %", "chance", "leaks"], rows)
 

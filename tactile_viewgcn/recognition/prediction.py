@@ -69,8 +69,8 @@ def predict(
         echo("the recordings of a folder together, as one object:")
         for line in [*map(_line, joined_records), *_summary(joined_records, recogniser.classes)]:
             echo(line)
-    if not any(record["object"] for record in records):
-        echo("how often it errs: see `tactile-viewgcn report` of its run")
+    if not any(record["object"] in (*recogniser.classes, EMPTY_HAND) for record in records):
+        echo("how often it errs: `tactile-viewgcn report` says, where the pipeline trained it")
     records += joined_records
     content = {"model": model, "source": source, "calibrated": calibrated, "answers": records}
     texts = _as_csv(records), json.dumps(content, indent=1, ensure_ascii=False) + "\n"
@@ -154,7 +154,8 @@ def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
             for top in (1, TOP)
         )
         share = 100 * first / len(known)
-        lines.append(f"right: {first} of {len(known)} ({share:.1f} %); among the first three: {among}")
+        of_three = f"; among the first three: {among}" if len(classes) > TOP else ""
+        lines.append(f"right: {first} of {len(known)} ({share:.1f} %){of_three}")
     if other:
         count = f"{len(other)}, {other.count(UNKNOWN)} of them called {UNKNOWN}"
         lines.append(f"of objects that the model does not know: {count}")

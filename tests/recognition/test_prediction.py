@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from tactile_viewgcn import tracking
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.recognition.prediction import load_model
+from tactile_viewgcn.recognition.prediction import _summary, load_model
 from tests.mlflow_stores import fresh_store
 from tests.small_glove import OBJECTS, SHAPE, empty_hand, model_file, recording, write
 
@@ -61,7 +61,7 @@ def test_each_folder_and_each_labelled_object_is_answered_together(place):
     assert [line.split()[:3] for line in lines[-4:-2]] == [["cup", "8/20", "cup"], ["pen", "16/40", "pen"]]
     lines = call(place / "classifier.pt", place / "labelled", "--together")
     assert [line.split()[:3] for line in lines[-4:-2]] == [["1/pen", "16/40", "pen"], ["1/cup", "8/20", "cup"]]
-    assert lines[-1] == "right: 2 of 2 (100.0 %); among the first three: 2"
+    assert lines[-1] == "right: 2 of 2 (100.0 %)"
 
 
 def test_where_the_confidence_is_not_reached_another_grasp_is_asked_for(place):
@@ -84,8 +84,15 @@ def test_arrays_of_cells_have_the_models_layout(place):
 
 def test_labelled_recordings_are_counted_and_the_empty_hand_is_right_without_contact(place):
     *_, right, other = call(place / "classifier.pt", place / "known")
-    assert right == "right: 4 of 4 (100.0 %); among the first three: 4"
+    assert right == "right: 4 of 4 (100.0 %)"
     assert other.startswith("of objects that the model does not know: 1, ")
+
+
+@pytest.mark.parametrize(("classes", "counted"), [("abc", False), ("abcd", True)])
+def test_the_first_three_are_counted_where_there_are_more_classes(classes, counted):
+    best = {f"class_{place}": name for place, name in enumerate("bca", start=1)}
+    *_, right = _summary([{"answer": "b", "object": "a", **best}], list(classes))
+    assert right == "right: 0 of 1 (0.0 %)" + "; among the first three: 1" * counted
 
 
 def test_the_files_hold_what_is_printed_and_all_probabilities(place):
