@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.params import PRESETS, load, preset_changes
+from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.schema import as_change, read_yaml
 
 FOLDER = Path("studies")
@@ -135,7 +135,5 @@ def _changes(part: dict[str, Any]) -> Iterator[str]:
     for key, value in part.items():
         if key != "preset":
             yield as_change(key, value)
-        elif value in PRESETS:
-            yield from preset_changes(value)
         else:
-            raise UserError(f"preset is {value!r}; expected one of {', '.join(PRESETS)}")
+            yield from preset_changes(value)

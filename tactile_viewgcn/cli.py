@@ -11,12 +11,13 @@ import click
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import check_outputs, readable
 from tactile_viewgcn.names import shown
-from tactile_viewgcn.params import PRESETS, preset_changes
+from tactile_viewgcn.params import preset_changes, presets
 
 SIDE = click.IntRange(1, 64)  # rows and columns of a frame, as readers check
 
 
 @click.group()
+@click.version_option(package_name="tactile-viewgcn")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def cli() -> None:
     """Recognise held objects from tactile frames. The pipeline itself is run by `dvc repro`."""
@@ -64,11 +65,21 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> N
         _say(write(page, inspection_page(inspection)))
 
 
-@cli.command()
-@click.argument("name", type=click.Choice(PRESETS))
+class _Presets(click.Command):
+    def format_epilog(self, _: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Presets"):
+            formatter.write_dl(list(presets().items()))
+
+
+@cli.command(cls=_Presets)
+@click.argument("name", default="")
 def preset(name: str) -> None:
     """Print a preset as options of DVC: dvc exp run $(tactile-viewgcn preset released)."""
-    _say(" ".join(f"-S {change}" for change in preset_changes(name)))
+    try:
+        _say(" ".join(f"-S {change}" for change in preset_changes(name)))
+    except UserError:
+        _say(f"-S no-such-preset={name}")  # DVC refuses it; given nothing, it would run the default
+        raise
 
 
 @cli.command()

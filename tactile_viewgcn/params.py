@@ -4,6 +4,7 @@ There are no defaults here: they stand in params.yaml, once.
 """
 
 import dataclasses
+from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal, Self, get_args
@@ -12,12 +13,13 @@ from annotated_types import Interval, MaxLen, MinLen
 from pydantic import Strict, StringConstraints, model_validator
 from pydantic.dataclasses import dataclass
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.schema import SECTION, Integer, Number, Text, Truth, Unique, as_change, build, read_yaml
 from tactile_viewgcn.systems import Member, OnSensors, System
 
-PRESETS = ("released", "stag", "wang", "stable", "fast", "network", "joined", "kernels", "best")
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
+PRESETS = DEFAULTS.parent / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that data/virtual/dvc.yaml makes
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
 MOST = 1_000_000  # of what is counted
@@ -263,7 +265,19 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
     return build(Params, read_yaml(Path(path)), str(name or path), changes)
 
 
+def presets() -> dict[str, str]:
+    """What each preset is for, by name: the first line of its file, a comment."""
+    paths = sorted(PRESETS.glob("*.yaml"))
+    return {path.stem: path.read_text().partition("\n")[0].removeprefix("# ") for path in paths}
+
+
 def preset_changes(name: str) -> list[str]:
-    """A preset as `key=value` changes to params.yaml, none with a space in it, so that each is one word of a shell."""
-    preset = read_yaml(DEFAULTS.parent / "presets" / f"{name}.yaml")
-    return [as_change(key, value) for key, value in preset.items()]
+    """A preset as `key=value` changes to params.yaml, none with a space in it, so that each is one word of a shell.
+
+    Raises:
+        UserError: there is none of that name; names the nearest, or all.
+    """
+    if name not in (names := list(presets())):
+        near = get_close_matches(str(name), names, n=1) or names
+        raise UserError(f"preset is {name!r}; did you mean {' or '.join(near)}?")
+    return [as_change(key, value) for key, value in read_yaml(PRESETS / f"{name}.yaml").items()]

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.params import load, preset_changes
+from tactile_viewgcn.params import load, preset_changes, presets
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.recordings import write_recordings
@@ -95,7 +95,22 @@ def test_inspect_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
 def test_preset_prints_its_changes_as_options_of_dvc():
     words = call("preset", "released").stdout.split()
     assert words[::2] == ["-S"] * (len(words) // 2) and words[1::2] == preset_changes("released")
-    assert call("preset", "relesed").returncode == 2
+
+
+@pytest.mark.parametrize("name", ["bset", ""])
+def test_a_preset_that_is_not_there_is_an_option_that_dvc_refuses(name):
+    result = call("preset", name)
+    assert result.returncode == 1 and result.stdout == f"-S no-such-preset={name}\n"
+    assert len(result.stderr.splitlines()) == 1 and "best" in result.stderr
+    refused = subprocess.run(
+        [sys.executable, "-m", "dvc", "exp", "run", "--dry", *result.stdout.split()], cwd=ROOT, capture_output=True
+    )
+    assert refused.returncode and b"no-such-preset" in refused.stderr
+
+
+def test_help_says_in_a_line_what_each_preset_is_for():
+    text = " ".join(call("preset", "--help").stdout.split())
+    assert len(presets()) == 9 and all(f" {name} {purpose}" in text for name, purpose in presets().items())
 
 
 @pytest.mark.stability("libraries")

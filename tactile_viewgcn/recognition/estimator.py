@@ -18,7 +18,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.selection import one_class
 from tactile_viewgcn.names import EMPTY_HAND, shown
 from tactile_viewgcn.notes import warnings_of
-from tactile_viewgcn.params import DEFAULTS, PRESETS, Params, load, preset_changes
+from tactile_viewgcn.params import DEFAULTS, Params, load, preset_changes
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_of_rows
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
@@ -175,8 +175,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         if not isinstance(self.params, Mapping | None):
             raise UserError(f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, or None")
         preset = "best" if self.preset is None and self.system is None else self.preset
-        if preset is not None and preset not in PRESETS:
-            raise UserError(f"preset is {preset!r}; expected {' | '.join(PRESETS)}, or None")
         seed = self.random_state
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
