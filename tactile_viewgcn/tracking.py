@@ -4,7 +4,6 @@ An evaluated pipeline is one row of the experiment `tactile-viewgcn`: the run of
 stages lie in `tactile-viewgcn/stages`. Where the store is: see `tracking_store`.
 """
 
-import json
 import os
 import socket
 import sys
@@ -40,23 +39,6 @@ if TYPE_CHECKING:
 EXPERIMENT = "tactile-viewgcn"
 MODEL_NEEDS = "torch", "numpy", "h5py", "pyyaml", "filelock"  # packages that every logged model needs
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
-COLUMNS = "error.recording", "error.object", "seconds.total"  # of the list that `viewStateShareKey=errors` opens
-VIEW = {  # MLflow has no other way to say which columns a list shows at first
-    "mlflow.sharedViewState.errors": json.dumps(
-        {
-            "selectedColumns": [f"metrics.`{name}`" for name in COLUMNS],
-            "columnOrder": [],
-            "columnWidths": {},
-            "searchFilter": "",
-            "orderByKey": "attributes.start_time",
-            "orderByAsc": False,
-            "startTime": "ALL",
-            "lifecycleFilter": "Active",
-            "datasetsFilter": [],
-            "modelVersionFilter": "All Runs",
-        }
-    )
-}
 MOST_LETTERS = 200  # of a reason that is printed
 STORE = "store"  # tag of an experiment: the folder of the database that it was created in
 
@@ -264,12 +246,10 @@ def _experiment(name: str, folder: Path | None) -> str:
         remedy = f"restore it (mlflow experiments restore -x {experiment.experiment_id}) or name another"
         raise UserError(f"MLflow experiment {name!r} is deleted; {remedy} with MLFLOW_EXPERIMENT_NAME")
     if experiment:
-        for key in VIEW.keys() - experiment.tags.keys():
-            client.set_experiment_tag(experiment.experiment_id, key, VIEW[key])
         return experiment.experiment_id
     place, tags = ((folder / "mlruns").as_uri(), {STORE: str(folder)}) if folder else (None, {})
     try:
-        return client.create_experiment(name, place, tags | KIND | VIEW)
+        return client.create_experiment(name, place, tags | KIND)
     except MlflowException:
         faster = client.get_experiment_by_name(name)  # another process's: no file locks a server's store
         if faster is None:
