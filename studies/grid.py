@@ -133,7 +133,4 @@ def read_study(name: str) -> Study:
 
 def _changes(part: dict[str, Any]) -> Iterator[str]:
     for key, value in part.items():
-        if key != "preset":
-            yield as_change(key, value)
-        else:
-            yield from preset_changes(value)
+        yield from preset_changes(value) if key == "preset" else [as_change(key, value)]

@@ -131,12 +131,12 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["nosuch"], "parts, sequential"),
+        (["nosuch"], "folds, sequential"),
         (["compare", "--jobs", "0"], "--jobs is 0"),
         (["compare", "--set", "views=4"], "--set without --out"),
         (["compare", "--set", "vews=4", "--out", "/tmp/x"], "did you mean views?"),
         (["compare", "--set", "seed=4", "--out", "/tmp/x"], "--set seed: every cell has its own"),
-        (["viewpoints", "--set", "views=8", "--set", "viewpoints=auto", "--out", "/tmp/x"], "the same training twice"),
+        (["error_time", "--set", "views=8", "--out", "/tmp/x"], "the same training twice"),
         *((["folds", "--shard", text], f"--shard is {text!r}; expected i/n") for text in ("0/2", "3/2", "x")),
     ],
 )

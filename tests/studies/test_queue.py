@@ -196,7 +196,6 @@ def test_a_rehearsal_runs_every_cell_once_and_leaves_table_and_picture(tmp_path)
     identify(place)
     sh("git", "add", "-A", cwd=place)
     sh("git", "commit", "-qm", "Test", cwd=place)
-    before = (place / "studies/claims/results.csv").read_bytes()
     first = sh("python", "-m", "studies", "claims", "--quick", cwd=place)
     assert "2 cells, finished before: 0" in first
     with (place / "studies/.quick/claims/results.csv").open(newline="") as file:
@@ -204,6 +203,6 @@ def test_a_rehearsal_runs_every_cell_once_and_leaves_table_and_picture(tmp_path)
     assert {(row["variant"], row["protocol"]) for row in rows} == {("paper", "recording"), ("maximum", "recording")}
     assert all(0 <= float(row["error"]) <= 100 for row in rows)
     assert (place / "studies/.quick/claims/results.png").stat().st_size > 1000
-    assert (place / "studies/claims/results.csv").read_bytes() == before
+    assert sh("git", "status", "--porcelain", "studies", cwd=place) == ""  # its own results stay as they were
     again = sh("python", "-m", "studies", "claims", "--quick", cwd=place)
     assert "2 cells, finished before: 2" in again and "smallest difference" in again
