@@ -40,6 +40,8 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     for protocol, trials in evaluation.protocols.items():
         for trial, correct in enumerate(trials.correct, start=1):
             run.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
+        for views, error in report.errors_by_views(metrics, protocol).items():
+            run.metrics({f"views.error.{protocol}": error["mean"]}, int(views))
     click.echo("\n".join(report.summary_lines(metrics, timing)))
     if address:
         click.echo(f"  in a program: mlflow.pyfunc.load_model({address!r})")

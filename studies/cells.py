@@ -32,7 +32,7 @@ class Answers:
     cell: Cell
     predictions: Predictions
     costs: dict[str, float]  # by the names in `grid.COLUMNS`
-    sequential: dict[str, Any] | None = None  # see `evaluate.sequential_scores`
+    sequential: dict[str, Any] | None = None  # see `evaluate.sequential_scores`; with `by_views` of `recording`
 
 
 def key_of(cell: Cell, code: str) -> str:
@@ -96,7 +96,10 @@ def read_answers(cell: Cell, key: str) -> Answers:
         "ms in batches": timing["latency_ms"]["batch"]["median"],
         "peak MB": timing["peak_mb"],
     }
-    return Answers(cell, read_predictions(STORE / key / "predictions.npz"), costs, metrics.get("sequential"))
+    sequential = metrics.get("sequential")
+    if sequential:
+        sequential["by_views"] = metrics.get("recording", {}).get("by_views", {})
+    return Answers(cell, read_predictions(STORE / key / "predictions.npz"), costs, sequential)
 
 
 def shard_of(cells: dict[str, Cell], shard: str) -> dict[str, Cell]:

@@ -162,22 +162,22 @@ def compared(
 
 
 def sequential_rows(variants: list[Variant]) -> pd.DataFrame:
-    """Rows of recognition frame by frame: the error after 1 to V frames, and where it stops at a confidence.
+    """Rows of recognition frame by frame: the error by the number of views, and where it stops at a confidence.
 
     Means over the cells of a variant, with an interval where there is one cell; `frames` is the mean number of frames.
     """
     rows = []
     for variant in variants:
         scores = [each.sequential for folds in variant.trainings.values() for each in folds if each.sequential]
-        for frames in [*scores[0]["fixed"], "stop"] if scores else []:
-            of_cells = [score["fixed"].get(frames, score) for score in scores]
-            errors = [one["error"] for one in of_cells]
+        for frames in [*scores[0]["by_views"], "stop"] if scores else []:
+            errors = [score["by_views"].get(frames, score["error"]) for score in scores]
             alone = len(errors) == 1 and errors[0]["low"] is not None
             ends = (errors[0]["low"], errors[0]["high"]) if alone else None
-            place = f"stops at {scores[0]['confidence_threshold']:g}" if frames == "stop" else f"at frame {frames}"
+            place = f"stops at {scores[0]['confidence_threshold']:g}" if frames == "stop" else f"{frames} frames"
             row = {"variant": f"{variant.name}, {place}", "protocol": "recording", "trainings": len(variant.trainings)}
             row |= percent(("error", "low", "high"), np.array([error["mean"] for error in errors]), ends)
-            rows.append(row | {"frames": float(np.mean([float(one.get("frames", frames)) for one in of_cells]))})
+            taken = [score["frames"] if frames == "stop" else float(frames) for score in scores]
+            rows.append(row | {"frames": float(np.mean(taken))})
     return pd.DataFrame(rows)
 
 

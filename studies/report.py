@@ -32,8 +32,8 @@ it is never below {least:.2g} with {groups}. `over trainings` is Student's 95 % 
 frame: what other seeds would give, not other recordings."""
 PAID = """Costs are the least over the trainings, since other work only adds to them: seconds are summed over folds,
 milliseconds are per view set, the memory is that of the hungriest stage."""
-SEQUENTIAL = """Frames of one recording are taken in random order, one after the other, up to all views or until the
-classifier is confident enough; `frames` is their mean number."""
+SEQUENTIAL = """So many frames of each view set; and frames of one recording in random order, one after the other, until
+the classifier is confident enough. `frames` is their mean number."""
 
 
 def write_report(

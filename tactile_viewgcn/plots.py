@@ -113,6 +113,27 @@ def error_intervals(errors: dict[str, dict[str, Any]], chance: float) -> Figure:
     return figure
 
 
+def errors_by_views(errors: dict[str, dict[str, dict[str, Any]]], chance: float) -> Figure:
+    """Errors with their intervals over the number of views, a line for each name; fractions as in `error_intervals`."""
+    figure = Figure(figsize=(5.4, 3.2), layout="constrained")
+    axes = figure.add_subplot()
+    for (name, by_views), colour in zip(errors.items(), ("#12485c", "#c77d2b"), strict=False):
+        views = list(map(int, by_views))
+        low, mean, high = (
+            100 * np.array([error[end] for error in by_views.values()], float) for end in ("low", "mean", "high")
+        )
+        axes.fill_between(views, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(views, mean, "o-", color=colour, label=name)
+    axes.axhline(100 * chance, color="#a33", linestyle="--", linewidth=1.2, label="guessing")
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(views, list(map(str, views)))
+    axes.minorticks_off()
+    axes.set(ylim=(0, 100), xlabel="frames", ylabel="wrong answers, %")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=9)
+    return figure
+
+
 def shortened(name: str) -> str:
     """A name that fits above a small picture."""
     name = shown(name)

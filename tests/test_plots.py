@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.plots import cluster_means, confusions, error_intervals
+from tactile_viewgcn.plots import cluster_means, confusions, error_intervals, errors_by_views
 
 
 def names(ticks):
@@ -28,3 +28,10 @@ def test_errors_stand_with_their_intervals_and_guessing():
     assert names(axes.get_yticklabels()) == ["recording", "object"]
     drawn = [line.get_xdata() for line in axes.lines]
     assert [list(line) for line in drawn] == [[30, 60], [40], [20], [90, 90]]
+
+
+def test_errors_stand_over_the_number_of_views():
+    ends = {"1": {"mean": 0.4, "low": 0.3, "high": 0.6}, "2": {"mean": 0.2, "low": None, "high": None}}
+    (axes,) = errors_by_views({"recording": ends}, chance=0.9).axes
+    assert [list(values) for values in axes.lines[0].get_data()] == [[1, 2], [40, 20]]
+    assert names(axes.get_xticklabels()) == ["1", "2"] and names(axes.get_legend().texts) == ["recording", "guessing"]

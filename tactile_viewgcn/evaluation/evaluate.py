@@ -92,7 +92,7 @@ def evaluate_table(
     groups = table.group[index][anchors]
     protocols = all_trials(classifier, features, table, cluster, evaluate, seed, temperatures)
     scores = {
-        protocol: scores_of(trials, groups, stream(seed, "interval", PROTOCOLS.index(protocol)))
+        protocol: scores_of(trials, groups, stream(seed, "interval", PROTOCOLS.index(protocol)), classifier.views)
         for protocol, trials in protocols.items()
     }
     if evaluate.grasps != "all" and "recording" in scores:
@@ -119,38 +119,37 @@ def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) 
     return {"mean": float(1 - correct.mean(axis=1).mean()), "low": low, "high": high}
 
 
-def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator) -> dict[str, Any]:
+def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, views: int) -> dict[str, Any]:
     """Error, see `error_of`, and top-3 error as fractions; `empty_clusters` without frames, over all trials.
 
-    `std` is the standard deviation of the error over trials, which differ in their clustering alone.
+    `std` is the standard deviation of the error over trials, which differ in their clustering alone. `by_views` has the
+    error by the number of views up to V, where the classifier takes fewer.
     """
     std = trials.correct.mean(axis=1).std(ddof=1) if len(trials.correct) > 1 else 0.0
+    error = error_of(trials.correct, groups, rng)
+    by_views = {str(count): error_of(correct, groups, rng) for count, correct in trials.fewer.items()}
     return {
-        "error": error_of(trials.correct, groups, rng) | {"std": float(std)},
+        "error": error | {"std": float(std)},
         "top3_error": float(1 - trials.in_top3.mean()),
         "empty_clusters": trials.empty,
+        **({"by_views": by_views | {str(views): error}} if by_views else {}),
     }
 
 
 def sequential_scores(
     trials: SequentialTrials, confidence_threshold: float, groups: np.ndarray, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Error and mean number of `frames` when stopping at that confidence; error and calibration error of each number.
+    """Error, calibration error and mean number of `frames` when stopping at that confidence.
 
     Args:
         groups: (A,) split group of the anchors.
     """
-    fixed = {}
-    for number in range(trials.correct.shape[1]):
-        correct, confidence = trials.correct[:, number], trials.confidence[:, number]
-        calibration = calibration_error(confidence.ravel(), correct.ravel())
-        fixed[str(number + 1)] = {"error": error_of(correct, groups, rng), "calibration_error": calibration}
-    correct, frames = trials.stopped(confidence_threshold)
+    correct, confidence, frames = trials.stopped(confidence_threshold)
     return {
         "confidence_threshold": confidence_threshold,
         "frames": float(frames.mean()),
         "error": error_of(correct, groups, rng),
-        "fixed": fixed,
+        "calibration_error": calibration_error(confidence.ravel(), correct.ravel()),
     }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation
-from tactile_viewgcn.evaluation.trials import PROTOCOLS
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.names import write_csv
@@ -98,7 +98,7 @@ def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluation, classes: list[str]) -> None:
-    """Write metrics.json, trials.csv, confusion.csv, per_class.csv, the same on every run with one seed; and the costs.
+    """Write metrics.json and the tables of trials, views, confusion and classes, equal with one seed; and the costs.
 
     The costs are timing.json and those in summary.json, which DVC shows.
     """
@@ -106,19 +106,29 @@ def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluat
         with atomic_write(folder / f"{name}.json") as part:
             part.write_text(json.dumps(tree, indent=2) + "\n")
     trials: list[list] = [["protocol", "trial", "error", "top3_error"]]
+    views: list[list] = [["protocol", "views", "error", "low", "high"]]
     confusion: list[list] = [["protocol", "object", "predicted", "count"]]
     per_class: list[list] = [["protocol", "object", "view_sets", "error"]]
     for protocol, each in evaluation.protocols.items():
         for number, (correct, in_top3) in enumerate(zip(each.correct, each.in_top3, strict=True)):
             trials.append([protocol, number, float(1 - correct.mean()), float(1 - in_top3.mean())])
+        for count, error in errors_by_views(metrics, protocol).items():
+            views.append([protocol, count, error["mean"], error["low"], error["high"]])
         counts = evaluation.confusion(protocol, len(classes))
         for label, (name, row) in enumerate(zip(classes, counts, strict=True)):
             confusion += [[protocol, name, other, int(count)] for other, count in zip(classes, row, strict=True)]
             if view_sets := int(row.sum()):
                 per_class.append([protocol, name, view_sets, float(1 - row[label] / view_sets)])
-    for name, rows in (("trials", trials), ("confusion", confusion), ("per_class", per_class)):
+    tables = {"trials": trials, "views": views, "confusion": confusion, "per_class": per_class}
+    for name, rows in tables.items():
         with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
             write_csv(file, rows)
+
+
+def errors_by_views(metrics: dict[str, Any], protocol: str) -> dict[str, dict[str, Any]]:
+    """Errors by the number of views: of V alone, where the classifier was asked for no fewer."""
+    score = metrics[protocol]
+    return score.get("by_views", {str(metrics["views"]): score["error"]})
 
 
 def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
@@ -159,13 +169,16 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
         f"{several(metrics['classes'], 'class', 'classes')}, {several(metrics['trials'], 'trial')}, "
         f"{several(groups, 'group')}" + (" of the validation side" if side == "validation" else "")
     ]
-    for protocol in PROTOCOLS:
-        if protocol in metrics:
-            score = metrics[protocol]
-            lines.append(
-                f"  {protocol} protocol{joined_text(score)}: error {error_text(score['error'])} %, std over trials "
-                f"{100 * score['error']['std']:.1f}, top-3 error {100 * score['top3_error']:.1f} %"
-            )
+    scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
+    for protocol, score in scores.items():
+        top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if metrics["classes"] > TOP else ""
+        lines.append(
+            f"  {protocol} protocol{joined_text(score)}: error {error_text(score['error'])} %, std over trials "
+            f"{100 * score['error']['std']:.1f}{top3}"
+        )
+    if "by_views" in score:  # of the last protocol, which is the user's
+        errors = ", ".join(f"{count}: {100 * error['mean']:.1f}" for count, error in score["by_views"].items())
+        lines.append(f"  by views ({protocol}): {errors} %")
     if "sequential" in metrics:
         score = metrics["sequential"]
         lines.append(

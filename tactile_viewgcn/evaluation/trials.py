@@ -1,7 +1,7 @@
 """Trials on the evaluated side: each clusters it anew and classifies one view set per anchor frame."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
-from tactile_viewgcn.views.sampling import ViewSets, joined_pools
+from tactile_viewgcn.views.sampling import ViewSets, anchor_first, joined_pools, powers_of_two
 
 PROTOCOLS = ("object", "recording")
 TOP = 3
@@ -30,6 +30,8 @@ class Trials:
         predicted: int64 (T, A) most probable class.
         correct: bool (T, A).
         in_top3: bool (T, A) whether the true class is among the three most probable.
+        fewer: `correct` by the number of views, where of each view set only so many are classified: 1, 2, 4 and so on
+            below V, the anchor and others at random, more of them each time. Empty where the classifier takes V alone.
         empty: clusters without frames, whose views repeat other frames, summed over the trials.
     """
 
@@ -37,6 +39,7 @@ class Trials:
     correct: np.ndarray
     in_top3: np.ndarray
     empty: int
+    fewer: dict[int, np.ndarray] = field(default_factory=dict)
 
 
 def all_trials(
@@ -53,7 +56,7 @@ def all_trials(
     Under `recording` a view set is of one recording and split group, or joins `evaluate.grasps` grasps of one object.
 
     Args:
-        classifier: its `logits` and `views` are used.
+        classifier: its `logits`, `views` and `takes_fewer` are used.
         features: (n, ...) of the evaluated side's frames, see `Classifier`.
         temperatures: see `run_trials`.
     """
@@ -123,7 +126,7 @@ def run_trials(
     """Classify one view set per anchor in each trial, each with its own generator and clustering.
 
     A calibrated classifier answers each pool of a view set alone, and the answers' logarithms are added, as `predict
-    --together` does; another takes the frames of all pools as one set.
+    --together` does; another takes the frames of all pools as one set. View sets that join pools are classified whole.
 
     Args:
         features: (n, C) of the frames; points: (n, d) network input that is clustered; labels, pool: (n,).
@@ -137,6 +140,8 @@ def run_trials(
     if cluster.method == "kmeans" and clusters > 1:
         scores = pool_scores(points, pool)
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
+    fewer: dict[int, list[Tensor]] = {}
+    sizes = powers_of_two(views)[:-1] if classifier.takes_fewer and joined == 1 else ()
     for rng in rngs:
         sets = ViewSets(cluster_pools(points, pool, clusters, cluster, rng, scores), pool, clusters)
         pools = joined_pools(pool, labels, anchors, joined, rng)
@@ -147,11 +152,16 @@ def run_trials(
             logits = classifier.logits(features, torch.from_numpy(drawn).to(features.device))
         order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class
         top.append(order[:, :TOP].cpu())
+        columns = anchor_first(drawn, anchors, rng.spawn(1)[0])  # a generator of its own moves no other draw
+        for size in sizes:
+            part = torch.from_numpy(np.take_along_axis(drawn, columns[:, :size], axis=1)).to(features.device)
+            fewer.setdefault(size, []).append(classifier.logits(features, part).argmax(dim=-1).cpu() == truth)
         empty += int(sets.empty.sum())
         bar.update()
     best = torch.stack(top)  # (T, A, 3)
     in_top3 = (best == truth[:, None]).any(dim=-1)
-    return Trials(best[..., 0].numpy(), (best[..., 0] == truth).numpy(), in_top3.numpy(), empty)
+    correct = {size: torch.stack(trials).numpy() for size, trials in fewer.items()}
+    return Trials(best[..., 0].numpy(), (best[..., 0] == truth).numpy(), in_top3.numpy(), empty, correct)
 
 
 def _joined_logits(

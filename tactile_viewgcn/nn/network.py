@@ -61,6 +61,11 @@ class ViewNetwork(nn.Module):
         """V."""
         return len(self.viewpoints)
 
+    @property
+    def takes_fewer(self) -> bool:
+        """Whether it also answers fewer views than V, cheaply: on maps the head costs more than the backbone."""
+        return self.head.takes_fewer and self.head.takes == "features"
+
     def prepare(self, compute: Compute) -> None:
         """Ready for answers: in evaluation mode, on the device and in the type of `compute`."""
         self.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it

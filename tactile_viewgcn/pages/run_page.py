@@ -33,6 +33,7 @@ def run_page(run: FinishedRun) -> str:
         protocols["recording"] = f"the frames of an answer are{outcome.joined} of one object"
     protocols = {name: what for name, what in protocols.items() if name in metrics}
     errors = {f"{name} protocol": metrics[name]["error"] for name in protocols}
+    by_views = {f"{name} protocol": metrics[name]["by_views"] for name in protocols if "by_views" in metrics[name]}
     counts = {f"{outcome.protocol} protocol, all trials": outcome.counts}
     return html.render(
         "report.html",
@@ -46,6 +47,11 @@ def run_page(run: FinishedRun) -> str:
         error_bars=picture(
             plots.error_intervals(errors, outcome.chance),
             "Dot: error. Bar: its 95 % interval, which resamples the split groups that were tested. Dashed: guessing.",
+        ),
+        by_views=by_views
+        and picture(
+            plots.errors_by_views(by_views, outcome.chance),
+            "Line: error. Band: its 95 % interval. Of each view set above, only so many frames, drawn at random.",
         ),
         confusion=picture(
             plots.confusions(counts, predictions.classes.tolist()),

@@ -42,12 +42,13 @@ class SequentialTrials:
     correct: np.ndarray
     confidence: np.ndarray
 
-    def stopped(self, confidence_threshold: float) -> tuple[np.ndarray, np.ndarray]:
-        """Whether each prediction is correct, and the frames it used, (T, A) each, stopping at that confidence."""
+    def stopped(self, confidence_threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Whether each prediction is correct, its confidence and its frames, (T, A) each, stopping at that one."""
         confident = self.confidence >= confidence_threshold
         confident[:, -1] = True  # after the last frame the prediction stands
-        last = confident.argmax(axis=1)
-        return np.take_along_axis(self.correct, last[:, None], axis=1)[:, 0], last + 1
+        last = confident.argmax(axis=1)[:, None]
+        correct, confidence = (np.take_along_axis(of, last, axis=1)[:, 0] for of in (self.correct, self.confidence))
+        return correct, confidence, last[:, 0] + 1
 
 
 def sequences(anchors: np.ndarray, recording: np.ndarray, length: int, rng: np.random.Generator) -> np.ndarray:

@@ -22,8 +22,6 @@ class SensorClassifier:
     """
 
     transform = "counts"
-    in_time_order = False
-    takes_fewer = True
 
     def __init__(self, system: SensorSystem, viewpoints: Tensor):
         self.system, self.viewpoints = system, viewpoints.float()
@@ -33,6 +31,11 @@ class SensorClassifier:
     def views(self) -> int:
         """V."""
         return len(self.viewpoints)
+
+    @property
+    def takes_fewer(self) -> bool:
+        """Whether it also answers fewer views than V."""
+        return self.system.takes_fewer
 
     @property
     def packages(self) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ class MaxNetwork:
     """
 
     packages: tuple[str, ...] = ()
+    takes_fewer = False  # each view set would pass the network once more
 
     def fit(self, data: TrainingFrames) -> SensorSystem:
         values, rng = torch.from_numpy(self.frame_values(data.frames)), np.random.default_rng(data.seed)

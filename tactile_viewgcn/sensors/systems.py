@@ -66,10 +66,16 @@ class TrainingFrames:
 
 
 class SensorSystem(Protocol):
-    """See the module; `packages` are those that a fitted system needs besides torch and NumPy."""
+    """See the module; `packages` are those that a fitted system needs besides torch and NumPy.
+
+    It `takes_fewer` views than V where it is fitted to these too, and they cost little.
+    """
 
     fitted: Any
     packages: tuple[str, ...]
+
+    @property
+    def takes_fewer(self) -> bool: ...
 
     def fit(self, data: TrainingFrames) -> "SensorSystem": ...
 
@@ -91,6 +97,7 @@ class SingleFrames:
     points: Callable[[np.ndarray], np.ndarray]
     fitted: Any = None
     packages: tuple[str, ...] = PACKAGES
+    takes_fewer = True
 
     def fit(self, data: TrainingFrames) -> SensorSystem:
         pipeline = fit_pipeline(self.pipeline(data), self.points(data.frames), data.labels)
@@ -130,6 +137,10 @@ class PooledSets:
         self.fitted = {"classes": data.classes, "pipelines": pipelines}
         return self
 
+    @property
+    def takes_fewer(self) -> bool:
+        return 1 in self.fitted["pipelines"]
+
     def _pooled_sets(self, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
         """What the pipeline reads of view sets (M, k) of indices into values (n, F), in parts that fit memory."""
         parts = -(-sets.size * values.shape[1] // MOST_VALUES)
@@ -158,6 +169,10 @@ class Ensemble:
         widths = [member.frame_values(data.frames[:1]).shape[1] for member in self.members]
         self._starts = np.cumsum(widths)[:-1].tolist()  # of the values of each member but the first
         return self
+
+    @property
+    def takes_fewer(self) -> bool:
+        return all(member.takes_fewer for member in self.members)
 
     @property
     def fitted(self) -> Any:

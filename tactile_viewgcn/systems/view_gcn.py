@@ -76,6 +76,7 @@ class ViewGCN(ViewSystem):
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
         self.view_loss, features = model.view_loss, sizes.features
+        self.takes_fewer = model.selector != "joint"  # which has weights for V
         levels = level_sizes(sizes.views)
         near = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
         self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)

@@ -27,7 +27,7 @@ from tactile_viewgcn.training.losses import SetLoss, error_rate, set_losses
 from tactile_viewgcn.training.moments import measure_moments
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
 from tactile_viewgcn.training.replay import Replay
-from tactile_viewgcn.views.sampling import sets_of
+from tactile_viewgcn.views.sampling import anchor_first, sets_of
 
 
 class SideViewSets:
@@ -55,18 +55,12 @@ class SideViewSets:
         """
         order = self.rng.permutation(len(drawn))
         for index in np.array_split(order, num_batches(len(order), config.batch)):
-            sets, columns = drawn[index], self._anchor_first(drawn[index], self.anchors[index])
+            sets, columns = drawn[index], anchor_first(drawn[index], self.anchors[index], self.rng)
             views = sets.shape[1]
             if config.num_views == "random" and (fewer := int(self.rng.integers(1, views + 1))) < views:
                 sets = np.take_along_axis(sets, columns[:, :fewer], axis=1)
                 columns, views = np.broadcast_to(np.arange(fewer), sets.shape), fewer
             yield sets, np.sort(columns[:, : math.ceil(views / config.feature_reuse)], axis=1)
-
-    def _anchor_first(self, sets: np.ndarray, anchors: np.ndarray) -> np.ndarray:
-        """The columns of each set (B, V), the anchor's first and the others in random order."""
-        key = self.rng.random(sets.shape)
-        key[np.arange(len(sets)), (sets == anchors[:, None]).argmax(axis=1)] = -1
-        return np.argsort(key, axis=1)
 
 
 def finetune_classifier(

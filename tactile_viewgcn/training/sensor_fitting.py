@@ -13,6 +13,7 @@ from tactile_viewgcn.systems.classifier import build_sensor_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.thinning import thinned
+from tactile_viewgcn.views.sampling import powers_of_two
 
 MOST_FRAMES, QUICK_FRAMES = 20_000, 2500  # that a system is fitted to
 
@@ -64,8 +65,3 @@ def training_frames(
     if len(np.unique(pools)) == len(pools):
         sizes = (1,)  # frames that stand alone: more of one pool are the same frame again
     return TrainingFrames(frames, label, len(table.classes), pools, views, sizes, table.live, seed, quick), unit
-
-
-def powers_of_two(views: int) -> tuple[int, ...]:
-    """1, 2, 4 and so on below `views`, and `views`."""
-    return (*(2**power for power in range((views - 1).bit_length())), views)

@@ -101,6 +101,18 @@ class ViewSets:
         return sets
 
 
+def anchor_first(sets: np.ndarray, anchors: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The columns (A, V) of each view set (A, V), the anchor's first and the others in random order."""
+    key = rng.random(sets.shape)
+    key[np.arange(len(sets)), (sets == anchors[:, None]).argmax(axis=1)] = -1
+    return np.argsort(key, axis=1)
+
+
+def powers_of_two(views: int) -> tuple[int, ...]:
+    """1, 2, 4 and so on below `views`, and `views`."""
+    return (*(2**power for power in range((views - 1).bit_length())), views)
+
+
 def sets_of(views: Views, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
     """Clusters of the frames in `index` (k,), at random if nothing is clustered; view sets count them from 0."""
     pool, count = np.unique(views.pool[index], return_inverse=True)[1].ravel(), len(views.viewpoints)

@@ -19,11 +19,11 @@ from tests.small_tables import CPU, fewer_anchors, recipe, table, trained, views
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """The view sets of each trial, in order; logits are made up, 0.0 for every class but the first."""
+    """The whole view sets of each trial, in order; logits are made up, 0.0 for every class but the first."""
     result = []
 
     def logits(classifier, features, sets):
-        result.append(sets.numpy())
+        result.extend([sets.numpy()] * (sets.shape[1] == classifier.views))
         return torch.eye(4)[:1].expand(len(sets), 4)
 
     monkeypatch.setattr(ViewNetwork, "logits", logits)
@@ -150,18 +150,22 @@ def test_a_protocol_s_result_does_not_depend_on_the_other():
 def test_scores_by_hand():
     correct = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 1, 1, 0]], dtype=bool)
     in_top3 = np.array([[1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 0, 0], [1, 1, 1, 1]], dtype=bool)
-    score = scores_of(Trials(correct * 1, correct, in_top3, 0), np.array([0, 0, 1, 1]), np.random.default_rng(0))
+    trials = Trials(correct * 1, correct, in_top3, 0, {1: correct & in_top3[::-1], 2: in_top3})
+    score = scores_of(trials, np.array([0, 0, 1, 1]), np.random.default_rng(0), 4)
     assert score["error"]["mean"] == pytest.approx(1 - 9 / 16)
     assert score["error"]["std"] == pytest.approx(np.sqrt((0.0625**2 + 2 * 0.1875**2 + 0.3125**2) / 3))
     assert score["top3_error"] == pytest.approx(3 / 16)
     # the groups err in 1/8 and 3/4, and either is drawn twice in a quarter of the resamples; two right say no more
     assert (score["error"]["low"], score["error"]["high"]) == pytest.approx((1 / 8, 1 - 0.025**0.5))
+    by_views = score["by_views"]
+    assert [(count, one["mean"]) for count, one in by_views.items()] == [("1", 8 / 16), ("2", 3 / 16), ("4", 7 / 16)]
+    assert by_views["4"] | {"std": score["error"]["std"]} == score["error"]
 
 
 @pytest.mark.stability("one trial")
 def test_one_trial_has_no_spread_and_one_group_no_interval(row):
     correct = np.array([[True, False, True, True]])
-    score = scores_of(Trials(correct * 1, correct, correct, 0), np.zeros(4), np.random.default_rng(0))
+    score = scores_of(Trials(correct * 1, correct, correct, 0), np.zeros(4), np.random.default_rng(0), 4)
     row("error", abs(score["error"]["mean"] - 0.25))
     row("spread over trials", score["error"]["std"])
     row("intervals given", float(score["error"]["low"] is not None or score["error"]["high"] is not None))

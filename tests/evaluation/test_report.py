@@ -33,19 +33,21 @@ RECORDS = {
 }
 
 
-def trials(predicted, in_top3):
+def trials(predicted, in_top3, fewer=None):
     predicted = np.array(predicted)
-    return Trials(predicted, predicted == LABELS, np.array(in_top3, dtype=bool), 0)
+    return Trials(predicted, predicted == LABELS, np.array(in_top3, dtype=bool), 0, fewer or {})
 
 
 def made_up():
     """Two trials of four anchors: three and two of them right by object, two and one by recording."""
     protocols = {
         "object": trials([[0, 0, 1, 2], [0, 2, 1, 2]], [[1, 1, 1, 1], [1, 1, 1, 0]]),
-        "recording": trials([[0, 2, 1, 2], [2, 2, 1, 0]], [[1, 1, 1, 1], [1, 1, 1, 0]]),
+        "recording": trials(
+            [[0, 2, 1, 2], [2, 2, 1, 0]], [[1, 1, 1, 1], [1, 1, 1, 0]], {1: np.array([[1, 0, 0, 0], [0, 0, 0, 0]])}
+        ),
     }
     groups = np.array([0, 0, 1, 1])
-    scores = {protocol: scores_of(runs, groups, np.random.default_rng(0)) for protocol, runs in protocols.items()}
+    scores = {protocol: scores_of(runs, groups, np.random.default_rng(0), 4) for protocol, runs in protocols.items()}
     return Evaluation(protocols, LABELS, groups, scores, 7.65432, LATENCY)
 
 
@@ -94,6 +96,11 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
         ("recording", "0", 0.5, 0),
         ("recording", "1", 0.75, 0.25),
     ]
+    assert [row[:3] for row in rows(tmp_path / "views.csv")] == [
+        ["object", "4", "0.375"],
+        ["recording", "1", "0.875"],
+        ["recording", "4", "0.625"],
+    ]
     assert rows(tmp_path / "per_class.csv") == [
         ["object", "cup", "4", "0.25"],
         ["object", "pen, red", "4", "0.5"],
@@ -113,6 +120,8 @@ def test_the_lines_have_errors_with_their_intervals_costs_and_what_diverged():
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in "\n".join(lines)
     assert "pretrain diverged in epoch 3" in lines[-1]
+    assert "  by views (recording): 1: 87.5, 4: 62.5 %" in lines
+    assert not any("top-3" in line for line in summary_lines(metrics | {"classes": 3}, timing))
     assert (tags["stage.pretrain"], tags["stage.finetune"]) == ("a", "b") and tags["error.object.percent"] == text
     assert tags["resolved.model.members"] == "svm + trees"
     assert "in epoch 3" in tags["diverged.pretrain"] and "diverged.finetune" not in tags

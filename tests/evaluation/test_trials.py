@@ -1,5 +1,7 @@
 """Trials of made-up systems, whose answers are known: what the system sees, and what it adds up to."""
 
+from functools import partial
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,11 +36,11 @@ def run_made_up(
     changes=(),
     trials=2,
     in_time_order=False,
+    takes_fewer=False,
 ):
     head = MadeUp(answer, in_time_order)
-    classifier = SimpleNamespace(views=views, logits=lambda values, sets: view_set_logits(head, values, sets))
     return run_trials(
-        classifier,
+        SimpleNamespace(views=views, logits=partial(view_set_logits, head), takes_fewer=takes_fewer),
         features,
         np.random.default_rng(0).random((len(labels), 5)),
         labels,
@@ -95,7 +97,7 @@ def test_a_calibrated_classifier_answers_each_grasp_alone(assignment, views, tem
         return values[sets].amax(dim=1)
 
     result = run_trials(
-        SimpleNamespace(views=views, logits=logits),
+        SimpleNamespace(views=views, logits=logits, takes_fewer=True),
         features,
         np.random.default_rng(0).random((4, 5)),
         np.zeros(4, int),
@@ -126,6 +128,36 @@ def test_a_system_in_time_order_sees_the_earliest_frame_first():
 
     assert columns(True).shape == (48, 4) and (columns(True).diff(dim=1) > 0).all()
     assert (columns(False).diff(dim=1) < 0).any()
+
+
+@pytest.mark.parametrize("assignment", ["index", "anchor", "random"])
+def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_other_draw(assignment):
+    labels, sets = np.repeat([0, 1], 12), {False: [], True: []}
+
+    def run(takes_fewer):
+        def answer(nodes):
+            """Right of all six frames; of the first 5 k anchors where there are k."""
+            frames = nodes[..., 0].long()
+            sets[takes_fewer].append(frames.numpy())
+            count = frames.shape[1]
+            right = (frames[:, 0] < 5 * count) | (count == 6)
+            return torch.eye(2)[torch.where(right, frames[:, 0] // 12, 1 - frames[:, 0] // 12)], []
+
+        features, changes = torch.arange(24.0)[:, None], [f"cluster.assignment={assignment}"]
+        return run_made_up(answer, labels=labels, views=6, features=features, changes=changes, takes_fewer=takes_fewer)
+
+    asked, alone = run(True), run(False)
+    assert [correct.mean(axis=1).tolist() for correct in asked.fewer.values()] == [[k * 5 / 24] * 2 for k in (1, 2, 4)]
+    assert list(asked.fewer) == [1, 2, 4] and asked.correct.all() and alone.fewer == {}
+    for start, whole in zip((0, 4), sets[False], strict=True):
+        again, *parts = sets[True][start : start + 4]
+        np.testing.assert_array_equal(again, whole)
+        assert [part.shape for part in parts] == [(24, 1), (24, 2), (24, 4)]
+        np.testing.assert_array_equal(parts[0][:, 0], np.arange(24))
+        rows = list(zip(*parts, whole, strict=True))
+        assert all(set(few) < set(more) for row in rows for few, more in pairwise(row))
+        places = [list(row[-1]).index(row[1][1]) - list(row[-1]).index(row[0][0]) for row in rows]
+        assert len(set(places)) > 2  # the second frame comes from any place
 
 
 @pytest.mark.parametrize("method", ["kmeans", "none"])

@@ -26,7 +26,8 @@ from tactile_viewgcn.sensors.systems import FLOOR, MOST_SETS, Ensemble, Training
 from tactile_viewgcn.sensors.unit import contact_unit
 from tactile_viewgcn.systems import Member, OnSensors
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tactile_viewgcn.training.sensor_fitting import fit_sensors, powers_of_two
+from tactile_viewgcn.training.sensor_fitting import fit_sensors
+from tactile_viewgcn.views.sampling import powers_of_two
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import CPU, recipe, table
 
@@ -181,6 +182,14 @@ def test_view_sets_mix_neither_objects_nor_split_groups_nor_recordings(monkeypat
 
 def test_sizes_are_powers_of_two_and_all_views():
     assert [powers_of_two(views) for views in (8, 12, 1)] == [(1, 2, 4, 8), (1, 2, 4, 8, 12), (1,)]
+
+
+def test_fewer_views_are_asked_of_what_was_fitted_to_them():
+    def takes_fewer(*names, sizes=(1, 2, 4)):
+        return Ensemble([MEMBERS[name]() for name in names]).fit(data(sizes=sizes)).takes_fewer
+
+    assert takes_fewer("kernel", "max_kernel") and takes_fewer("kernel", sizes=(4,))
+    assert not takes_fewer("kernel", "max_kernel", sizes=(4,)) and not takes_fewer("kernel", "max_network")
 
 
 def test_each_size_has_a_pipeline_of_the_maximum_and_sizes_in_between_take_the_smaller():

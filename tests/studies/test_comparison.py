@@ -16,7 +16,7 @@ SEQUENTIAL = {
     "confidence_threshold": 0.9,
     "frames": 1.5,
     "error": {"mean": 0.25, "low": 0.2, "high": 0.3},
-    "fixed": {str(n): {"error": {"mean": error, "low": None, "high": None}} for n, error in ((1, 0.5), (2, 0.1))},
+    "by_views": {str(n): {"mean": error, "low": None, "high": None} for n, error in ((1, 0.5), (2, 0.1))},
 }
 COSTS = {"pretrain s": 2.0, "finetune s": 3.0, "ms alone": 1.0, "ms in batches": 0.5, "peak MB": 100.0}
 

@@ -67,6 +67,8 @@ def test_view_sets_in_the_order_of_time_by_hand():
 def test_fewer_views_are_taken_where_a_system_says_so(name):
     classifier = built(name)
     assert classifier.head.takes_fewer == (name not in {"stag", "rotationnet"})
+    assert classifier.takes_fewer == (name not in {"stag", "rotationnet", "conv_lstm", "gvcnn"})
+    assert not built("view_gcn", "model.selector=joint").takes_fewer
     for count in range(1, 4) if classifier.head.takes_fewer else []:
         logits = classifier.head(some_views(classifier, count=count))[0]
         assert logits.shape == (3, 5)
