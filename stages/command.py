@@ -41,6 +41,7 @@ class Job:
         md5s: of each input, by name.
         needed: whether `model.system` needs the stage.
         counts: single values for the record and MLflow; curves: a value per epoch; both by name.
+        threads: the numbers of threads that it has computed with.
     """
 
     stage: str
@@ -52,6 +53,7 @@ class Job:
     notes: list[Note] = field(default_factory=list)
     curves: dict[str, list[float]] = field(default_factory=dict)
     computed: dict[str, str] = field(default_factory=dict)
+    threads: set[int] = field(default_factory=set)
 
     def note(self, note: Note) -> None:
         """Print a note, and keep it."""
@@ -60,11 +62,13 @@ class Job:
         self.notes.append(replace(note, stage=self.stage))
 
     def compute(self) -> "Compute":
-        """Device and precision, which the record keeps."""
+        """Device and precision, which the record keeps, and from here on a number of threads that suits the load."""
         from tactile_viewgcn.device import keep_freed_memory, select_device  # late: torch
+        from tactile_viewgcn.threads import follow_load, used
 
         keep_freed_memory()
-        compute = select_device(self.params.device, self.params.precision)
+        follow_load()
+        compute, self.threads = select_device(self.params.device, self.params.precision), used
         self.computed = {"device": str(compute.device), "precision": compute.precision}
         self.run.tags(self.computed)
         return compute
@@ -206,6 +210,8 @@ def _write_record(path: Path, job: Job, inputs: dict[str, Path], params: dict[st
     """Write what was done, from what, where and at what cost; to MLflow too, where the row does not carry it."""
     before = job.counts.pop("seconds_before_interruption", 0.0)
     costs = {"seconds": before + seconds_since_start(), "peak_mb": peak_mb()}
+    if job.threads:
+        costs |= {"threads.fewest": min(job.threads), "threads.most": max(job.threads)}
     if not row:
         job.run.tags({f"md5.{name}": digest for name, digest in job.md5s.items()})
         job.run.parameters(job.counts)

@@ -1,6 +1,5 @@
 """Simulate recordings of a tactile glove, for a machine that has none."""
 
-import os
 from pathlib import Path
 
 import click
@@ -8,12 +7,13 @@ import click
 from stages.command import Job, stage
 from tactile_viewgcn.glove.recipe import VERSION, recipe_from_params
 from tactile_viewgcn.glove.writer import simulate as write_recordings
+from tactile_viewgcn.process import usable_cores
 
 
 @stage()
 def simulate(job: Job, out: Path) -> None:
     recipe = recipe_from_params(job.params.glove)
-    cost = write_recordings(recipe, out, workers=os.cpu_count() or 1)
+    cost = write_recordings(recipe, out, workers=usable_cores())
     recordings = len(recipe.cells)
     frames = recordings * recipe.frames
     job.counts = {

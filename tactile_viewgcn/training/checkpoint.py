@@ -1,6 +1,7 @@
 """The file of a training under way, from which an interrupted one is continued after its last whole epoch."""
 
 import hashlib
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, locked, readable, root
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.process import rank
+from tactile_viewgcn.threads import FIXED, used
 from tactile_viewgcn.training import distributed
 
 FOLDER = "checkpoints"
@@ -43,7 +45,7 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
 def checkpoint_path(stage: str, key: str, compute: Compute) -> Path:
     """The path of a stage's training, by a hash of its key (parameters, inputs and code), versions and machine."""
     machine = (compute.device.type, compute.precision, torch.__version__, np.__version__)
-    everything = (key, machine, torch.get_num_threads(), distributed.size())
+    everything = (key, machine, os.environ.get(FIXED), distributed.size())
     return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(everything).encode()).hexdigest()[:16]}.pt"
 
 
@@ -116,6 +118,7 @@ class Checkpoint:
             "rngs": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
             "torch": torch.get_rng_state(),
             "before": self._weights[:-1],
+            "threads": sorted(used),
         }
         if self._device.type == "cuda":
             content["cuda"] = torch.cuda.get_rng_state(self._device)
@@ -143,6 +146,7 @@ class Checkpoint:
             if self._device.type == "cuda":
                 torch.cuda.set_rng_state(content["cuda"], self._device)
             self._weights = content["before"]
+            used.update(content["threads"])
         self._remember_weights()
         progress = Progress(**content["progress"])
         progress.resumed = progress.epoch, progress.seconds

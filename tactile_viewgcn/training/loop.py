@@ -62,6 +62,7 @@ def fit(
             for epoch in range(progress.epoch, epochs):
                 for group, rate in zip(optimiser.param_groups, rates, strict=True):
                     group["lr"] = rate * factor(epoch)
+                bar.set_description(f"{name} epoch {epoch + 1}/{epochs}")
                 values = {"loss": _run_epoch(losses(epoch), optimiser, progress, bar)} | validate()
                 for key, value in values.items():
                     progress.curves.setdefault(key, []).append(value)

@@ -13,7 +13,7 @@ STAGES = stages()
 PARAMS = load(ROOT / "params.yaml")
 SYSTEM = "tactile_viewgcn/systems/${model.system}.py"
 SYSTEMS = sorted(path.stem for path in (ROOT / "tactile_viewgcn" / "systems").glob("[!_]*.py"))
-#: what changes no result: it starts a stage, keeps and shows what comes out, or says what is wrong
+#: what changes no result but by rounding: it starts a stage, keeps and shows what comes out, or says what is wrong
 NEUTRAL = {
     "stages/command.py",
     "stages/pipeline.py",
@@ -22,7 +22,7 @@ NEUTRAL = {
     f"tactile_viewgcn/{name}.py"
     for name in (
         *("params", "schema", "errors", "names", "notes", "files", "training/checkpoint"),
-        *("process", "provenance", "tracking", "tracking_store", "plots"),
+        *("process", "provenance", "threads", "tracking", "tracking_store", "plots"),
     )
 }
 CASES = [(name, system) for name, stage in STAGES.items() for system in (SYSTEMS if SYSTEM in stage["deps"] else [""])]

@@ -37,7 +37,8 @@ def test_one_that_diverges_after_an_epoch_leaves_that_epochs_weights_and_says_so
     assert result.exit_code == 0, result.output
     assert "pretrain: 1 epoch (training diverged in epoch 2 at a learning rate of 5e+27" in result.output
     assert "lower lr in params.yaml; the weights after epoch 1 are kept)" in result.output
-    assert json.loads((place / "pretrain.json").read_text())["counts"]["diverged_in_epoch"] == 2
+    record = json.loads((place / "pretrain.json").read_text())
+    assert record["counts"]["diverged_in_epoch"] == 2 and record["threads.fewest"] <= record["threads.most"]
     assert (place / "backbone.pt").exists()
 
 
