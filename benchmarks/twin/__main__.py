@@ -1,6 +1,6 @@
 """The virtual glove beside STAG: what its frames look like, and how STAG's own network errs on them.
 
-Published: error of STAG's network on `classification`, ten runs by a third party (geigerf/utils, plotting.py). It learns
+Published: error of STAG's network on `classification`, ten runs by a third party (geigerf/utils). It learns
 from two recordings of each object; the frames are drawn at random from the third.
 """
 

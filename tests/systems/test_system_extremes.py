@@ -60,7 +60,7 @@ def test_it_trains_and_evaluates_with_one_view_more_views_than_frames_and_two_cl
     classifier.head.register_forward_hook(lambda _, __, out: logits.append(out[0]))
     found = evaluate_table(classifier, frames, config.cluster, config.evaluate, CPU, 0, timed=False)
     anchors = int(frames.anchor[frames.side == TEST].sum())
-    assert [len(part) for part in logits] == [anchors, anchors]
+    assert len(logits) >= 2 and {len(part) for part in logits} == {anchors}  # of both protocols, and of fewer views
     assert all(part.shape[1] == classes and part.isfinite().all() for part in logits)
     assert set(np.unique(found.protocols["object"].predicted)) <= set(range(classes))
     inputs = CPU.frames(torch.from_numpy(frames.inputs(np.arange(views) % len(frames))))
