@@ -63,17 +63,19 @@ def collisions(
     close = solids.distance(rows[r], p, local) < hands.bounding_radius[n]
     r, n, p, axes = r[close], n[close], p[close], axes[close]
 
-    # One entry for each sensor of the remaining pairs.
+    # One entry for each sensor of the remaining pairs, first in the primitive's axes.
+    offset = np.einsum("nij,ni->nj", axes, pose.origin[r, n] - primitive[r, p])
+    turn = axes.swapaxes(1, 2) @ pose.axes[r, n]
     count = hands.count[n]
     first = np.repeat(hands.start[n] - np.cumsum(count) + count, count)
     pair = np.repeat(np.arange(len(r)), count)
-    r, n, p, axes = r[pair], n[pair], p[pair], axes[pair]
-    sensor = first + np.arange(len(r))
-    point = pose.origin[r, n] + np.einsum("nij,nj->ni", pose.axes[r, n], hands.local[rows[r], sensor])
-    local = np.einsum("nij,ni->nj", axes, point - primitive[r, p])
-    distance = solids.distance(rows[r], p, local)
+    sensor = first + np.arange(len(pair))
+    local = offset[pair] + np.einsum("nij,nj->ni", turn[pair], hands.local[rows[r[pair]], sensor])
+    distance = solids.distance(rows[r[pair]], p[pair], local)
     inside = np.flatnonzero(distance < 0)
-    inside = inside[np.argsort(r[inside] * len(hands.patch) + sensor[inside], kind="stable")]
-    r, p, local = r[inside], p[inside], local[inside]
-    normal = np.einsum("nij,nj->ni", axes[inside], solids.gradient(rows[r], p, local))
-    return Contacts(r, sensor[inside], n[inside], -distance[inside], normal, point[inside])
+    inside = inside[np.argsort(r[pair[inside]] * len(hands.patch) + sensor[inside], kind="stable")]
+    pair, sensor, local = pair[inside], sensor[inside], local[inside]
+    r, n, p, axes = r[pair], n[pair], p[pair], axes[pair]
+    normal = np.einsum("nij,nj->ni", axes, solids.gradient(rows[r], p, local))
+    point = primitive[r, p] + np.einsum("nij,nj->ni", axes, local)
+    return Contacts(r, sensor, n, -distance[inside], normal, point)

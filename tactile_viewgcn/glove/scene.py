@@ -1,8 +1,9 @@
 """Scenes: what a recording contains, from the object and the hand to every squeeze, shift and release.
 
-A recording is a sequence of grasps. In each, the open hand meets the object, the fingers close until they touch it,
-squeeze it more the heavier it is, hold it while the grip moves a little, and let go. The numbers below belong to the
-calibrated constants, see VERSION in `recipe.py`.
+A recording is one long manipulation. It begins with the open hand; then the object is grasped again and again. In each
+grasp the object arrives, the fingers close until they touch it, squeeze it more the heavier it is, hold it while it
+moves a little, and let go without opening wholly. The numbers below belong to the calibrated constants, see VERSION in
+`recipe.py`.
 """
 
 from dataclasses import dataclass
@@ -23,20 +24,23 @@ from tactile_viewgcn.notes import several
 OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])  # rad: posture of an open and of a closed finger
 RELAXED, IDLE = 0.4, 0.2  # closure, 0 open to 1 closed: of a finger that meets nothing; of an empty hand
 ASIDE = 0.3  # rad: the thumb's opposition while the hand is open
-AWAY = 0.08  # m above its position in the grasp: the object before and after
+AWAY = 0.03  # m above its position in the grasp: the object before and after a grasp
 POWER = np.array([0.080, 0.002, 0.001])  # m: where an object lies against the palm, its lower side at z
 PINCH = np.array([0.080, 0.018, 0.070])  # m: where the fingertips meet the thumb's
 DIP = 0.001  # m by which the prescribed position may press an object into the palm
 CORRELATION = 0.9  # of a drifting grip, from frame to frame
 CLOSURES = 28  # closures at which a finger is tested for contact
-#: standard deviations, from one recording to another and from one grasp to another
-POSITION_OF_RECORDING, POSITION_OF_GRASP = 0.004, 0.003  # m, of the object
-ROTATION_OF_RECORDING, ROTATION_OF_GRASP, ROLL = 0.15, 0.10, 0.25  # rad, of the object; about its own axis
-FINGER = 0.25  # of the logarithm of each finger's part of the squeeze
-SHIFT_POSITION, SHIFT_ROTATION, TREMOR = 0.0015, 0.04, 0.12  # within a grasp: m, rad, of the squeeze's logarithm
-OPPOSITION = (0.95, 0.15)  # rad, mean and standard deviation
+#: standard deviations: of an object from the next, of a recording, of a grasp, and within a grasp
+POSITION = {"object": 0.006, "recording": 0.001, "grasp": 0.008, "within": 0.003}  # m, of the object
+ROTATION = {"object": 0.25, "recording": 0.05, "grasp": 0.4, "within": 0.1}  # rad, of the object
+FINGER = {"object": 0.4, "recording": 0.08, "grasp": 0.6, "within": 0.3}  # of the logarithm of a finger's squeeze
+THUMB = {"object": 0.08, "recording": 0.05, "grasp": 0.15}  # rad, of the opposition
+OPPOSITION = 0.95  # rad
+ROLL = 0.6  # rad, of a grasp, about the object's axis, beside half a turn in every second one
 SQUEEZE = (0.07, 0.58)  # N m of a weightless object, and N m per kg of weight
-PHASES = {"open": 4, "approach": 3, "close": 3, "load": 2, "hold": 0, "release": 3}  # frames; `hold` fills the grasp
+OPENING = 8  # frames of the open hand before the first grasp
+PHASES = {"arrive": 1, "close": 1, "hold": 0, "release": 1}  # frames; `hold` fills the grasp
+LOOSE = 0.4  # closure between two grasps, of what the next one closes to
 
 
 @dataclass(frozen=True)
@@ -55,8 +59,8 @@ class Plan:
 
 
 def plan(
-    grasp_objects: list[GraspObject], hands: Hands, solids: Solids, rngs: list[np.random.Generator],
-    *, frames: int, grasps: int, effects: frozenset[str],
+    grasp_objects: list[GraspObject], hands: Hands, solids: Solids, habits: list[np.random.Generator],
+    rngs: list[np.random.Generator], *, frames: int, grasps: int, effects: frozenset[str],
 ) -> Plan:  # fmt: skip
     """Scenes of B recordings, each drawn from its own generator.
 
@@ -64,23 +68,24 @@ def plan(
         UserError: grasps too short for their phases.
     """
     phase, progress, grasp = schedule(frames, grasps)
-    drawn = [_draw(one, rng, grasps) for one, rng in zip(grasp_objects, rngs, strict=True)]
+    drawn = [_draw(*each, grasps) for each in zip(grasp_objects, habits, rngs, strict=True)]
     grips = [np.stack(values) for values in zip(*drawn, strict=True)]  # (B, G, ...) each
     closed = np.stack([closure(hands, solids, *(one[:, g] for one in grips[:3])) for g in range(grasps)], axis=1)
     position, rotation, opposition, squeeze = (one[:, grasp] for one in grips)
     # (T,) each, 0 to 1: the object has arrived, the fingers have closed, they squeeze.
-    near = np.select([phase == 0, phase == 1, phase == 5], [0, progress, 1 - progress], 1.0)
-    closing = np.select([phase <= 1, phase == 2, phase == 5], [0, progress, 1 - progress], 1.0)
-    loaded = np.select([phase <= 2, phase == 3, phase == 5], [0, progress, np.maximum(1 - 2 * progress, 0)], 1.0)
+    near = np.select([phase < 0, phase == 0, phase == 3], [0, progress, 1 - progress], 1.0)
+    tightening = np.select([phase <= 0, phase == 1, phase == 3], [0, progress, 1 - progress], 1.0)
+    closing = np.where(phase < 0, 0, LOOSE + (1 - LOOSE) * tightening)
+    loaded = np.select([phase <= 0, phase == 1, phase == 3], [0, progress, np.maximum(1 - 2 * progress, 0)], 1.0)
     drift = np.zeros((len(grasp_objects), frames, 11))
     if effects & {"shift", "tremor"}:
         drift = np.stack([_drift(rng, frames, 11) for rng in rngs])
     squeeze *= loaded[:, None]
     if "shift" in effects:
-        position += SHIFT_POSITION * loaded[:, None] * drift[..., :3]
-        rotation += SHIFT_ROTATION * loaded[:, None] * drift[..., 3:6]
+        position += POSITION["within"] * loaded[:, None] * drift[..., :3]
+        rotation += ROTATION["within"] * loaded[:, None] * drift[..., 3:6]
     if "tremor" in effects:
-        squeeze *= np.exp(TREMOR * drift[..., 6:])
+        squeeze *= np.exp(FINGER["within"] * drift[..., 6:])
     position[..., 2] += AWAY * (1 - near)
     posture = OPEN + (closing[:, None] * closed[:, grasp])[..., None] * (CLOSED - OPEN)
     load = np.zeros((len(grasp_objects), frames, 3))
@@ -89,26 +94,28 @@ def plan(
     opposition = ASIDE + (opposition - ASIDE) * near
     frames_of = (posture, squeeze, opposition, position, rotation, load)
     drive = Drive(*(np.concatenate([values[:, :1], values], axis=1) for values in frames_of))
-    return Plan(drive, phase == 4, grasp)
+    return Plan(drive, phase == 2, grasp)
 
 
 def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Number of the phase, progress of the phase at the frame's end (0 to 1), and number of the grasp, (T,) each.
 
+    The open hand before the first grasp is phase -1.
+
     Raises:
         UserError: grasps too short for their phases.
     """
-    each, fixed = frames // grasps, sum(PHASES.values())
+    each, fixed = (frames - OPENING) // grasps, sum(PHASES.values())
     if each <= fixed:
         raise UserError(
-            f"{several(frames, 'frame')} for {several(grasps, 'grasp')} leave {each} each; expected more than {fixed}"
+            f"{several(frames, 'frame')}, {OPENING} of them of the open hand, leave {several(grasps, 'grasp')} "
+            f"{max(each, 0)} each; expected more than {fixed}"
         )
     lengths = np.array([length or each - fixed for length in PHASES.values()])
-    lengths[0] += frames - each * grasps  # the remainder goes to the open hand before the first grasp
     starts = np.concatenate([[0], np.cumsum(lengths)])
-    inside = np.concatenate([np.arange(starts[-1]), np.tile(np.arange(starts[-1] - each, starts[-1]), grasps - 1)])
+    inside = np.arange(frames) - (frames - grasps * each)  # before 0: the open hand
+    grasp, inside = np.where(inside < 0, [[0], [-1]], np.divmod(inside, each))
     phase = np.searchsorted(starts, inside, side="right") - 1
-    grasp = np.concatenate([np.zeros(starts[-1], dtype=int), np.repeat(np.arange(1, grasps), each)])
     return phase, (inside + 1 - starts[phase]) / lengths[phase], grasp
 
 
@@ -135,25 +142,34 @@ def closure(
     return np.where(np.isnan(first), np.where(empty, IDLE, RELAXED), first)
 
 
-def _draw(grasp_object: GraspObject, rng: np.random.Generator, grasps: int) -> tuple[np.ndarray, ...]:
-    """Position (G, 3) m, rotation vector (G, 3) rad, opposition (G,) rad and squeeze (G, 5) N m of G grasps."""
-    roll = Rotation.from_rotvec([0, 0, rng.normal(0, ROLL) + np.pi * rng.integers(2)])
-    tilt = Rotation.from_rotvec(rng.normal(0, ROTATION_OF_RECORDING, 3))
-    each = Rotation.from_rotvec(rng.normal(0, ROTATION_OF_GRASP, (grasps, 3)))
-    rotation = each * (tilt * Rotation.from_rotvec(grasp_object.orientation) * roll)
+def _draw(
+    grasp_object: GraspObject, habit: np.random.Generator, rng: np.random.Generator, grasps: int
+) -> tuple[np.ndarray, ...]:
+    """Position (G, 3) m, rotation vector (G, 3) rad, opposition (G,) rad and squeeze (G, 5) N m of G grasps.
+
+    Args:
+        habit: draws how the object is usually held; rng: how a recording and its grasps differ from it.
+    """
+
+    def spread(std: dict[str, float], size: int) -> np.ndarray:
+        """Deviations (G, size) from what all objects have in common."""
+        of_object, of_recording = habit.normal(0, std["object"], size), rng.normal(0, std["recording"], size)
+        return of_object + of_recording + rng.normal(0, std["grasp"], (grasps, size))
+
+    roll = rng.normal(0, ROLL, grasps) + np.pi * rng.integers(2, size=grasps)
+    usual = Rotation.from_rotvec(grasp_object.orientation)
+    rotation = Rotation.from_rotvec(spread(ROTATION, 3)) * usual * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
     below = np.array([grasp_object.lowest(matrix) for matrix in rotation.as_matrix()])
     position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
     if grasp_object.position is not None:
         position = np.tile(np.array(grasp_object.position, dtype=float), (grasps, 1))
     elif not grasp_object.pinch:
         position[:, 2] += below
-    position += rng.normal(0, POSITION_OF_RECORDING, 3) * [1, 1, 0.3]
-    position += rng.normal(0, POSITION_OF_GRASP, (grasps, 3)) * [1, 1, 0.3]
+    position += spread(POSITION, 3) * [1, 1, 0.3]
     if grasp_object.position is None:
         position[:, 2] = np.maximum(position[:, 2], below - DIP)
-    opposition = np.clip(rng.normal(*OPPOSITION) + rng.normal(0, 0.05, grasps), ASIDE, 1.4)
-    fingers = rng.normal(0, FINGER, 5) + rng.normal(0, FINGER / 3, (grasps, 5))
-    squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(fingers)
+    opposition = np.clip(OPPOSITION + spread(THUMB, 1)[:, 0], ASIDE, 1.4)
+    squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(spread(FINGER, 5))
     return position, rotation.as_rotvec(), opposition, squeeze
 
 

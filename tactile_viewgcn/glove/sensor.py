@@ -12,19 +12,19 @@ from tactile_viewgcn.randomness import stream
 NO_SENSOR = 510  # counts of a cell without a sensor
 MAX_COUNT = 1023  # of a 10-bit converter
 SATURATION = 1.5e4  # Pa at which a sensor reads half of what a linear one would
-SENSITIVITY = 9e-4  # counts per Pa of a sensor of gain 1, at low pressure
+SENSITIVITY = 1.3e-3  # counts per Pa of a sensor of gain 1, at low pressure
 HYSTERESIS = 0.25  # share of a reading that follows its recent peak
 RECOVERY = 0.6  # share of the peak that is left a frame later
 CROSSTALK = (0.3, 0.3)  # shares of its row's and its column's mean that a sensor reads in addition
 DRIFT = 0.95  # correlation of the common mode from frame to frame
-GAIN, GAIN_OF_SESSION = 0.75, 0.3  # standard deviation of the logarithm of a sensor's gain; from session to session
+GAIN, GAIN_OF_SESSION = 0.75, 0.1  # standard deviation of the logarithm of a sensor's gain; from session to session
 DEAD, STUCK = 0.02, 0.004  # shares of the sensors: one feels no pressure, the other always reads the same
 BASELINE = (515.0, 1.2)  # counts, mean and standard deviation of a session's baseline
 ROW, SENSOR = 0.6, 0.3  # counts, standard deviation from it of a row and of a sensor
 NOISE = (0.89, 0.09)  # counts, median of a sensor's noise, and standard deviation of its logarithm
 COMMON = (0.2, 0.55)  # counts, range of a session's common mode
 ROW_NOISE = 0.19  # counts
-BENDING = 2.0  # counts per rad of flexion, of a typical sensor
+BENDING = 1.2  # counts per rad of flexion, of a typical sensor
 
 
 class Sensors:

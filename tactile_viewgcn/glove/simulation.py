@@ -37,7 +37,8 @@ class Simulation:
         self.solids = Solids([list(one.parts) for one in objects])
         self.stiffness = np.array([one.stiffness for one in objects])
         self.plan = plan(
-            objects, self.hands, self.solids, self._streams("scene"),
+            objects, self.hands, self.solids,
+            [stream(recipe.seed, f"glove habit {name}") for name in self.names], self._streams("scene"),
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
         )  # fmt: skip
         sessions = [session for session, _ in self.cells]

@@ -19,7 +19,7 @@ MIN_RECORDINGS_PER_WORKER = 20  # with fewer, starting a process takes longer th
 def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter[str]:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5, all of them or none.
 
-    The last session is the test side of the published split. The recordings do not depend on the number of worker
+    The recordings do not depend on the number of worker
     processes. Memory holds a block of pressures and about 300 bytes a frame of every recording.
 
     Returns:
@@ -73,7 +73,7 @@ def _create_file(folder: Path, simulation: Simulation, b: int) -> h5py.File:
     file["grasp"] = simulation.plan.grasp.astype(np.int16)
     file.attrs.update({
         "object": grasp_object.name, "session": f"{session:03d}", "weight": float(grasp_object.weight),
-        "split": "test" if session == recipe.sessions - 1 else "train",
+        "split": recipe.side(session),
         "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
         "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": recipe.tolerance,
     })  # fmt: skip

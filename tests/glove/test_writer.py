@@ -23,7 +23,7 @@ HAND = stag_hand()
 
 def ball_inside_the_palm():
     ball = {"name": "ball", "weight": 55, "stiffness": 2e7, "parts": [{"sphere": {"radius": 0.034}}]}
-    return ball | {"position": [0.05, 0, -0.1]}  # below the palm; it starts AWAY above it
+    return ball | {"position": [0.05, 0, -0.03]}  # below the palm, as where it starts, AWAY above
 
 
 @pytest.fixture(scope="module")

@@ -36,7 +36,7 @@ def simulate(place, *changes):
 def test_recordings_are_written_with_what_they_cost(place):
     result = simulate(place)
     assert result.returncode == 0, result.stderr
-    assert "68 simulated frames of 4 recordings, virtual glove version" in result.stdout
+    assert "100 simulated frames of 4 recordings, virtual glove version" in result.stdout
     source = open_source(place / "recordings")
     assert source.objects == ["empty_hand", "ball"] and source.sessions == ["000", "001"]
     record = json.loads((place / "simulate.json").read_text())
