@@ -28,18 +28,18 @@ AWAY = 0.03  # m above its position in the grasp: the object before and after a 
 POWER = np.array([0.080, 0.002, 0.001])  # m: where an object lies against the palm, its lower side at z
 PINCH = np.array([0.080, 0.018, 0.070])  # m: where the fingertips meet the thumb's
 DIP = 0.001  # m by which the prescribed position may press an object into the palm
-CORRELATION = 0.9  # of a drifting grip, from frame to frame
+CORRELATION = 0.7  # of a drifting grip, from frame to frame
 CLOSURES = 28  # closures at which a finger is tested for contact
 #: standard deviations: of an object from the next, of a recording, of a grasp, and within a grasp
-POSITION = {"object": 0.006, "recording": 0.001, "grasp": 0.008, "within": 0.003}  # m, of the object
-ROTATION = {"object": 0.25, "recording": 0.05, "grasp": 0.4, "within": 0.1}  # rad, of the object
-FINGER = {"object": 0.4, "recording": 0.08, "grasp": 0.6, "within": 0.3}  # of the logarithm of a finger's squeeze
-THUMB = {"object": 0.08, "recording": 0.05, "grasp": 0.15}  # rad, of the opposition
+POSITION = {"object": 0.007, "recording": 0.001, "grasp": 0.008, "within": 0.005}  # m, of the object
+ROTATION = {"object": 0.3, "recording": 0.05, "grasp": 0.4, "within": 0.25}  # rad, of the object
+FINGER = {"object": 0.5, "recording": 0.08, "grasp": 0.6, "within": 0.4}  # of the logarithm of a finger's squeeze
+THUMB = {"object": 0.1, "recording": 0.05, "grasp": 0.15}  # rad, of the opposition
 OPPOSITION = 0.95  # rad
 ROLL = 0.6  # rad, of a grasp, about the object's axis, beside half a turn in every second one
 SQUEEZE = (0.07, 0.58)  # N m of a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
-PHASES = {"arrive": 1, "close": 1, "hold": 0, "release": 1}  # frames; `hold` fills the grasp
+PHASES = {"arrive": 1, "close": 2, "squeeze": 2, "hold": 0, "release": 2}  # frames; `hold` fills the grasp
 LOOSE = 0.4  # closure between two grasps, of what the next one closes to
 
 
@@ -73,10 +73,11 @@ def plan(
     closed = np.stack([closure(hands, solids, *(one[:, g] for one in grips[:3])) for g in range(grasps)], axis=1)
     position, rotation, opposition, squeeze = (one[:, grasp] for one in grips)
     # (T,) each, 0 to 1: the object has arrived, the fingers have closed, they squeeze.
-    near = np.select([phase < 0, phase == 0, phase == 3], [0, progress, 1 - progress], 1.0)
-    tightening = np.select([phase <= 0, phase == 1, phase == 3], [0, progress, 1 - progress], 1.0)
+    arrive, close, squeezing, hold, release = (phase == number for number in range(len(PHASES)))
+    near = np.select([phase < 0, arrive, release], [0, progress, 1 - progress], 1.0)
+    tightening = np.select([phase <= 0, close, release], [0, progress, 1 - progress], 1.0)
     closing = np.where(phase < 0, 0, LOOSE + (1 - LOOSE) * tightening)
-    loaded = np.select([phase <= 0, phase == 1, phase == 3], [0, progress, np.maximum(1 - 2 * progress, 0)], 1.0)
+    loaded = np.select([squeezing, hold, release], [progress, 1, np.maximum(1 - 2 * progress, 0)], 0.0)
     drift = np.zeros((len(grasp_objects), frames, 11))
     if effects & {"shift", "tremor"}:
         drift = np.stack([_drift(rng, frames, 11) for rng in rngs])
@@ -94,7 +95,7 @@ def plan(
     opposition = ASIDE + (opposition - ASIDE) * near
     frames_of = (posture, squeeze, opposition, position, rotation, load)
     drive = Drive(*(np.concatenate([values[:, :1], values], axis=1) for values in frames_of))
-    return Plan(drive, phase == 2, grasp)
+    return Plan(drive, hold, grasp)
 
 
 def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
