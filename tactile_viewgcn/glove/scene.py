@@ -39,7 +39,7 @@ OPPOSITION = 0.95  # rad
 ROLL = 0.6  # rad, of a grasp, about the object's axis, beside half a turn in every second one
 SQUEEZE = (0.07, 0.58)  # N m of a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
-PHASES = {"arrive": 1, "close": 2, "squeeze": 2, "hold": 0, "release": 2}  # frames; `hold` fills the grasp
+PHASES = {"arrive": 1, "close": 4, "squeeze": 2, "hold": 0, "release": 2}  # frames; `hold` fills the grasp
 LOOSE = 0.4  # closure between two grasps, of what the next one closes to
 
 
