@@ -31,13 +31,14 @@ DIP = 0.001  # m by which the prescribed position may press an object into the p
 CORRELATION = 0.7  # of a drifting grip, from frame to frame
 CLOSURES = 28  # closures at which a finger is tested for contact
 #: standard deviations: of an object from the next, of a recording, of a grasp, and within a grasp
-POSITION = {"object": 0.007, "recording": 0.001, "grasp": 0.008, "within": 0.005}  # m, of the object
-ROTATION = {"object": 0.3, "recording": 0.05, "grasp": 0.4, "within": 0.25}  # rad, of the object
-FINGER = {"object": 0.5, "recording": 0.08, "grasp": 0.6, "within": 0.4}  # of the logarithm of a finger's squeeze
-THUMB = {"object": 0.1, "recording": 0.05, "grasp": 0.15}  # rad, of the opposition
+POSITION = {"object": 0.008, "recording": 0.001, "grasp": 0.010, "within": 0.005}  # m, of the object
+ROTATION = {"object": 0.35, "recording": 0.05, "grasp": 0.6, "within": 0.25}  # rad, of the object
+FINGER = {"object": 0.6, "recording": 0.08, "grasp": 0.8, "within": 0.45}  # of the logarithm of a finger's squeeze
+THUMB = {"object": 0.12, "recording": 0.05, "grasp": 0.2}  # rad, of the opposition
 OPPOSITION = 0.95  # rad
 ROLL = 0.6  # rad, of a grasp, about the object's axis, beside half a turn in every second one
-SQUEEZE = (0.07, 0.58)  # N m of a weightless object, and N m per kg of weight
+PINCHED = 0.3  # share of these that an object between the fingertips has
+SQUEEZE = (0.04, 0.60)  # N m of a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
 PHASES = {"arrive": 1, "close": 4, "squeeze": 2, "hold": 0, "release": 2}  # frames; `hold` fills the grasp
 LOOSE = 0.4  # closure between two grasps, of what the next one closes to
@@ -83,8 +84,9 @@ def plan(
         drift = np.stack([_drift(rng, frames, 11) for rng in rngs])
     squeeze *= loaded[:, None]
     if "shift" in effects:
-        position += POSITION["within"] * loaded[:, None] * drift[..., :3]
-        rotation += ROTATION["within"] * loaded[:, None] * drift[..., 3:6]
+        moved = loaded[:, None] * np.array([_freedom(one) for one in grasp_objects])[:, None, None]
+        position += POSITION["within"] * moved * drift[..., :3]
+        rotation += ROTATION["within"] * moved * drift[..., 3:6]
     if "tremor" in effects:
         squeeze *= np.exp(FINGER["within"] * drift[..., 6:])
     position[..., 2] += AWAY * (1 - near)
@@ -159,19 +161,24 @@ def _draw(
 
     roll = rng.normal(0, ROLL, grasps) + np.pi * rng.integers(2, size=grasps)
     usual = Rotation.from_rotvec(grasp_object.orientation)
-    rotation = Rotation.from_rotvec(spread(ROTATION, 3)) * usual * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
+    freedom = _freedom(grasp_object)
+    rotation = Rotation.from_rotvec(freedom * spread(ROTATION, 3)) * usual * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
     below = np.array([grasp_object.lowest(matrix) for matrix in rotation.as_matrix()])
     position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
     if grasp_object.position is not None:
         position = np.tile(np.array(grasp_object.position, dtype=float), (grasps, 1))
     elif not grasp_object.pinch:
         position[:, 2] += below
-    position += spread(POSITION, 3) * [1, 1, 0.3]
+    position += freedom * spread(POSITION, 3) * [1, 1, 0.3]
     if grasp_object.position is None:
         position[:, 2] = np.maximum(position[:, 2], below - DIP)
-    opposition = np.clip(OPPOSITION + spread(THUMB, 1)[:, 0], ASIDE, 1.4)
-    squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(spread(FINGER, 5))
+    opposition = np.clip(OPPOSITION + freedom * spread(THUMB, 1)[:, 0], ASIDE, 1.4)
+    squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(freedom * spread(FINGER, 5))
     return position, rotation.as_rotvec(), opposition, squeeze
+
+
+def _freedom(grasp_object: GraspObject) -> float:
+    return PINCHED if grasp_object.pinch else 1.0
 
 
 def _drift(rng: np.random.Generator, frames: int, channels: int) -> np.ndarray:

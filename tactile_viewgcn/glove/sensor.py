@@ -12,7 +12,7 @@ from tactile_viewgcn.randomness import stream
 NO_SENSOR = 510  # counts of a cell without a sensor
 MAX_COUNT = 1023  # of a 10-bit converter
 SATURATION = 1.5e4  # Pa at which a sensor reads half of what a linear one would
-SENSITIVITY = 1.3e-3  # counts per Pa of a sensor of gain 1, at low pressure
+SENSITIVITY = 1.4e-3  # counts per Pa of a sensor of gain 1, at low pressure
 HYSTERESIS = 0.25  # share of a reading that follows its recent peak
 RECOVERY = 0.6  # share of the peak that is left a frame later
 CROSSTALK = (0.3, 0.3)  # shares of its row's and its column's mean that a sensor reads in addition

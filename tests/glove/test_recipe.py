@@ -16,11 +16,11 @@ def test_parameters_become_a_recipe():
     changes = ("glove.objects=[mug]", "glove.grasps=2", "glove.grasp_frames=20", "glove.skin_stiffness=3e7")
     one = recipe_from_params(load(PARAMS, (*changes, "glove.leave_out=[noise]", "glove.seed=5")).glove)
     assert [grasp_object.name for grasp_object in one.objects] == ["empty_hand", "mug"]
-    assert (one.sessions, one.grasps, one.frames, one.seed, one.rate) == (3, 2, OPENING + 40, 5, 7.35)
+    assert (one.sessions, one.grasps, one.frames, one.seed, one.rate) == (4, 2, OPENING + 40, 5, 7.35)
     assert one.layer.stiffness == 3e7 and one.layer.thickness == 4e-3
     assert one.effects == set(EFFECTS) - {"noise"}
     large = recipe_from_params(load(PARAMS, ("glove.scale=stag",)).glove)
-    assert {name: getattr(large, name) for name in STAG_SIZE} == {"sessions": 3, "frames": 1667, "grasps": 118}
+    assert {name: getattr(large, name) for name in STAG_SIZE} == {"sessions": 3, "frames": 1667, "grasps": 82}
     assert large.cells[0] == (0, 0) and large.cells[-1] == (2, 26)
     assert len(large.cells) * large.frames == 135_027  # as many frames as STAG
 
@@ -36,11 +36,11 @@ def test_two_sessions_at_most_are_the_training_side_and_never_all(sessions, side
     [
         (
             ("glove.sessions=1214",),
-            "1,214, glove.grasps 6, and glove.grasp_frames 6 are 32,778 recordings of 44 frames",
+            "1,214, glove.grasps 4, and glove.grasp_frames 14 are 32,778 recordings of 64 frames",
         ),
         (
             ("glove.grasps=1000", "glove.grasp_frames=124"),
-            "are 81 recordings of 124,008 frames; expected at most 32,768",
+            "are 108 recordings of 124,008 frames; expected at most 32,768",
         ),
     ],
 )
