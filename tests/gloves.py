@@ -118,8 +118,8 @@ def points(hand: Hand, pose: Pose, row: int) -> np.ndarray:
 
 
 def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
-    """Two sessions of one grasp of 18 frames, all effects but those in `without`."""
-    defaults = {"sessions": 2, "frames": 18, "grasps": 1, "seed": 0, "layer": LAYER}
+    """Two sessions of one grasp, 22 frames, all effects but those in `without`."""
+    defaults = {"sessions": 2, "frames": 22, "grasps": 1, "seed": 0, "layer": LAYER}
     return Recipe(select_objects(list(objects)), effects=frozenset(EFFECTS) - set(without), **(defaults | changes))
 
 

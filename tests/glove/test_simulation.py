@@ -53,7 +53,7 @@ def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
     whole, _ = simulated_counts(one)
     monkeypatch.setattr(simulation, "BLOCK", 7)
     blocks = list(Simulation(one).blocks())
-    assert [block.shape[:2] for block in blocks] == [(3, 7), (3, 7), (3, 4)]
+    assert [block.shape[:2] for block in blocks] == [(3, 7), (3, 7), (3, 7), (3, 1)]
     joined = np.concatenate(blocks, axis=1)[..., HAND.row, HAND.column]
     assert np.abs(joined - whole).max() <= 2 and (joined != whole).mean() < 0.01
 
@@ -61,7 +61,7 @@ def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
 def test_sensor_inputs_are_force_per_area_where_the_skin_faces_it_and_the_joints_flexion():
     run = Simulation(recipe(["ball"], sessions=1))
     mechanics = Mechanics(run.hands, run.solids, run.stiffness, run.plan.drive, LAYER, motion=True)
-    states = ImplicitIntegrator(mechanics, 1 / 7.35, 0.05).run(mechanics.initial_state(), 18)
+    states = ImplicitIntegrator(mechanics, 1 / 7.35, 0.05).run(mechanics.initial_state(), 22)
     pressure, flexion = run.sensor_inputs(mechanics, states)
     frame = 1 + int(np.flatnonzero(run.plan.steady)[0])
     balance = mechanics.evaluate(np.arange(2), np.full(2, frame + 1.0), states[:, frame], palm=True)
@@ -86,7 +86,7 @@ def all_effects():
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_every_effect_changes_the_counts(all_effects, effect):
     without, _ = simulated_counts(recipe(["ball"], sessions=1, without=[effect]))
-    assert without.shape == all_effects.shape == (2, 18, 548)
+    assert without.shape == all_effects.shape == (2, 22, 548)
     changed = without != all_effects
     assert np.count_nonzero(changed) >= 5
     if effect in ("weight", "shift"):  # of the object: to an empty hand only the solver's steps differ, by rounding
@@ -94,12 +94,12 @@ def test_every_effect_changes_the_counts(all_effects, effect):
 
 
 def test_without_any_effect_a_sensor_reads_its_baseline_and_what_presses_it():
-    counts, run = simulated_counts(recipe(["ball"], without=EFFECTS))
+    counts, run = simulated_counts(recipe(["ball"], without=EFFECTS, frames=28))
     baseline = np.rint(run.sensors.baseline)[:, None]
-    np.testing.assert_array_equal(counts[[0, 2]], np.broadcast_to(baseline[[0, 2]], (2, 18, 548)))
+    np.testing.assert_array_equal(counts[[0, 2]], np.broadcast_to(baseline[[0, 2]], (2, 28, 548)))
     assert (counts >= baseline).all() and (counts[[1, 3]] > baseline[[1, 3]]).any()
     held = np.flatnonzero(run.plan.steady)
-    assert np.ptp(counts[:, held[4:]], axis=1).max() <= 1  # once the fingers rest, nothing moves
+    assert np.ptp(counts[:, held[6:]], axis=1).max() <= 1  # once the fingers rest, nothing moves
 
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e5])
