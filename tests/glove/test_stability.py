@@ -73,7 +73,7 @@ def test_fingers_close_on_a_ball_squeeze_and_hold_it(row, setting):
 @pytest.mark.stability("stiffness of a grasp")
 def test_a_ball_rolls_from_one_sensor_to_the_next(row):
     """There the errors of a frame's 16 steps add up to more than that of one: a tighter tolerance is asked for."""
-    mechanics = grasp((5e9, 2.5e10, 0.01, 30.0), seed=1, frames=4)
+    mechanics = grasp((5e9, 2.5e10, 0.01, 30.0), seed=14, frames=4)
     y = mechanics.initial_state()
     usual, _ = solved(mechanics, y, 4, tolerance=TOLERANCE)
     tight, work = solved(mechanics, y, 4, tolerance=TOLERANCE / 4)
