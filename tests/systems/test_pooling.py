@@ -32,7 +32,7 @@ def test_vote_averages_probabilities_by_hand():
 
 
 def test_vote_begins_as_the_pretrained_classifier_and_is_not_trained():
-    config, frames = recipe("model.system=vote", NARROW), fewer_anchors(table(), 12)
+    config, frames = recipe("model.system=vote", "finetune.moments=running", NARROW), fewer_anchors(table(), 12)
     classifier, progress = finetune_classifier(frames, views_of(frames, config), pretrained(NARROW), config, CPU)
     assert progress.curves == {}
     alone, own = nn.Linear(16, 4), pretrained(NARROW)["classifier"]
