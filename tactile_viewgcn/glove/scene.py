@@ -37,7 +37,7 @@ FINGER = {"object": 0.6, "recording": 0.08, "grasp": 0.8, "within": 0.45}  # of 
 THUMB = {"object": 0.12, "recording": 0.05, "grasp": 0.2}  # rad, of the opposition
 OPPOSITION = 0.95  # rad
 ROLL = 0.6  # rad, of a grasp, about the object's axis, beside half a turn in every second one
-PINCHED = 0.3  # share of these that an object between the fingertips has
+PINCHED = 0.3  # share of these of an object between the fingertips
 SQUEEZE = (0.04, 0.60)  # N m of a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
 PHASES = {"arrive": 1, "close": 4, "squeeze": 2, "hold": 0, "release": 2}  # frames; `hold` fills the grasp
@@ -157,27 +157,27 @@ def _draw(
     def spread(std: dict[str, float], size: int) -> np.ndarray:
         """Deviations (G, size) from what all objects have in common."""
         of_object, of_recording = habit.normal(0, std["object"], size), rng.normal(0, std["recording"], size)
-        return of_object + of_recording + rng.normal(0, std["grasp"], (grasps, size))
+        return _freedom(grasp_object) * (of_object + of_recording + rng.normal(0, std["grasp"], (grasps, size)))
 
     roll = rng.normal(0, ROLL, grasps) + np.pi * rng.integers(2, size=grasps)
     usual = Rotation.from_rotvec(grasp_object.orientation)
-    freedom = _freedom(grasp_object)
-    rotation = Rotation.from_rotvec(freedom * spread(ROTATION, 3)) * usual * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
+    rotation = Rotation.from_rotvec(spread(ROTATION, 3)) * usual * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
     below = np.array([grasp_object.lowest(matrix) for matrix in rotation.as_matrix()])
     position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
     if grasp_object.position is not None:
         position = np.tile(np.array(grasp_object.position, dtype=float), (grasps, 1))
     elif not grasp_object.pinch:
         position[:, 2] += below
-    position += freedom * spread(POSITION, 3) * [1, 1, 0.3]
+    position += spread(POSITION, 3) * [1, 1, 0.3]
     if grasp_object.position is None:
         position[:, 2] = np.maximum(position[:, 2], below - DIP)
-    opposition = np.clip(OPPOSITION + freedom * spread(THUMB, 1)[:, 0], ASIDE, 1.4)
-    squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(freedom * spread(FINGER, 5))
+    opposition = np.clip(OPPOSITION + spread(THUMB, 1)[:, 0], ASIDE, 1.4)
+    squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(spread(FINGER, 5))
     return position, rotation.as_rotvec(), opposition, squeeze
 
 
 def _freedom(grasp_object: GraspObject) -> float:
+    """Share of the spread of a grasp of the object: a thin one between the fingertips is lost if it varies more."""
     return PINCHED if grasp_object.pinch else 1.0
 
 
