@@ -20,7 +20,7 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     records = report.read_records(after)
     temperatures = content["calibration"] and content["calibration"].by_frames
     evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
-    metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side, records)
+    metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side)
     write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
     run.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
     run.tags(report.row_tags(metrics, records))

@@ -61,15 +61,7 @@ def code_of_stages() -> str:
 
 
 def store(key: str, contents: dict[str, bytes]) -> None:
-    """Keep the files in `RESULTS` of a finished cell.
-
-    Raises:
-        UserError: a training diverged.
-    """
-    diverged = json.loads(contents["metrics.json"]).get("diverged_in_epoch")
-    if diverged:
-        stages = ", ".join(f"{stage} diverged in epoch {epoch:g}" for stage, epoch in diverged.items())
-        raise UserError(f"{stages}; a study compares whole trainings: lower its lr, or take the variant out")
+    """Keep the files in `RESULTS` of a finished cell."""
     with atomic_folder(STORE / key) as folder:
         for name in RESULTS:
             (folder / name).write_bytes(contents[name])

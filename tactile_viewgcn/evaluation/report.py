@@ -12,7 +12,7 @@ from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.names import write_csv
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import SIDES, Frames
 
@@ -21,16 +21,11 @@ DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest
 Records = dict[str, dict[str, Any]]  # of the earlier stages, by stage
 
 
-def metrics_tree(evaluation: Evaluation, table: Frames, views: int, side: str, records: Records) -> dict[str, Any]:
-    """Sizes and scores of an evaluation on a side, equal on every run with one seed; errors are fractions.
-
-    `diverged_in_epoch` names the trainings that diverged, where one did; what is evaluated are the weights before it.
-    """
+def metrics_tree(evaluation: Evaluation, table: Frames, views: int, side: str) -> dict[str, Any]:
+    """Sizes and scores of an evaluation on a side, equal on every run with one seed; errors are fractions."""
     sides = {name: table.on(SIDES.index(name)) for name in ("train", side)}
     frames = {name: int(table.anchor[index].sum()) for name, index in sides.items()}
     frames |= {f"kept_{name}": len(index) for name, index in sides.items()}
-    name = "diverged_in_epoch"
-    diverged = {stage: record["counts"][name] for stage, record in records.items() if name in record["counts"]}
     return {
         "views": views,
         "classes": len(table.classes),
@@ -38,22 +33,7 @@ def metrics_tree(evaluation: Evaluation, table: Frames, views: int, side: str, r
         "frames": frames,
         "groups": {side: len(np.unique(evaluation.groups))},
         **evaluation.scores,
-        **({name: diverged} if diverged else {}),
     }
-
-
-def divergences(metrics: dict[str, Any]) -> list[Note]:
-    """A warning for each training that diverged."""
-    return [
-        Note(
-            f"diverged in epoch {epoch:g}, and this is what the weights before it give; lower {stage}.lr",
-            level="warning",
-            topic="training",
-            key=f"{stage}.lr",
-            stage=stage,
-        )
-        for stage, epoch in metrics.get("diverged_in_epoch", {}).items()
-    ]
 
 
 def read_records(paths: Iterable[Path]) -> Records:
@@ -137,7 +117,7 @@ def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, fl
 
 
 def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
-    """Errors with their intervals in words, what `auto` chose, the other stages' runs, and which of them diverged."""
+    """Errors with their intervals in words, what `auto` chose, and the other stages' runs."""
     scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
     errors = {
         f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()
@@ -145,7 +125,7 @@ def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
     runs = {f"stage.{name}": record["run_id"] for name, record in records.items() if record["run_id"]}
     counts = {name: str(value) for record in records.values() for name, value in record["counts"].items()}
     chosen = {name: value for name, value in counts.items() if name.startswith("resolved.")}
-    return errors | runs | chosen | {f"diverged.{note.stage}": note.text for note in divergences(metrics)}
+    return errors | runs | chosen
 
 
 def row_constants(metrics: dict[str, Any], records: Records) -> dict[str, float]:
@@ -162,7 +142,7 @@ def dataset(records: Records, frames: str, md5: str) -> tuple[str, str]:
 
 
 def summary_lines(metrics: dict, timing: dict) -> list[str]:
-    """What was tested, the error in per cent under each protocol with its interval, what it cost, what diverged."""
+    """What was tested, the error in per cent under each protocol with its interval, and what it cost."""
     latency, ((side, groups),) = timing["latency_ms"], metrics["groups"].items()
     lines = [
         f"evaluate: {several(metrics['frames'][side], 'view set')} of {metrics['views']}, "
@@ -192,7 +172,6 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
         f"  per view set: {latency['single']['median']:.2f} ms alone (95th percentile "
         f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches; "
         f"peak memory {timing['peak_mb']:,.0f} MB",
-        *(f"  warning: {note.stage} {note.text}" for note in divergences(metrics)),
     ]
 
 

@@ -12,7 +12,6 @@ from zipfile import ZipFile
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
-from tactile_viewgcn.evaluation.report import divergences
 from tactile_viewgcn.files import check_is_file, readable
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import VIRTUAL
@@ -56,9 +55,9 @@ class FinishedRun:
         return self.records["evaluate"]["params"]["changed"]
 
     def notes(self, level: str) -> list[Note]:
-        """What the stages noted of that level, in their order, and which training diverged."""
+        """What the stages noted of that level, in their order."""
         notes = [Note(**note) for record in self.records.values() for note in record["notes"]]
-        return [note for note in notes + divergences(self.metrics) if note.level == level]
+        return [note for note in notes if note.level == level]
 
 
 def read_run(name: str = "") -> FinishedRun:

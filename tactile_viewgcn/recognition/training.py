@@ -33,7 +33,7 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
 
     Raises:
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer than two classes
-            left; a training that diverges in its first epoch.
+            left; a training that diverges.
     """
     seed, compute = params.seed, select_device(params.device, params.precision)
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)

@@ -57,27 +57,24 @@ class Progress:
     curves: dict[str, list[float]] = field(default_factory=dict)  # a value per epoch
     seconds: float = 0.0
     first_loss: float | None = None  # of the very first batch; later losses are compared with it
-    diverged: str = ""  # in which epoch, at what learning rate, and the remedy
     resumed: tuple[int, float] = (0, 0.0)  # epochs and seconds before the last interruption
 
     def __str__(self) -> str:
         before = f" ({self.resumed[0]} of them before an interruption)" if self.resumed[0] else ""
         last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
-        lost = f" ({self.diverged}; the weights after epoch {self.epoch} are kept)" if self.diverged else ""
-        return f"{several(self.epoch, 'epoch')}{before}{lost}" + (f", at the end {last}," if last else "")
+        return f"{several(self.epoch, 'epoch')}{before}" + (f", at the end {last}," if last else "")
 
     @property
     def metrics(self) -> dict[str, float]:
         """Single values that a stage logs besides the curves."""
-        values = {"seconds_before_interruption": self.resumed[1]}
-        return values | ({"diverged_in_epoch": self.epoch + 1.0} if self.diverged else {})
+        return {"seconds_before_interruption": self.resumed[1]}
 
 
 class Checkpoint:
     """Saves and restores everything that the rest of a training depends on, in one file.
 
     Args:
-        path: the file; None saves nothing but the weights, in memory.
+        path: the file; None saves nothing.
         state: what has a `state_dict`: modules, optimiser, feature bank.
         generators, rngs: torch's, besides its default one, and NumPy's that are drawn from.
     """
@@ -91,24 +88,9 @@ class Checkpoint:
         device: torch.device,
     ):
         self.path, self._state, self._generators, self._rngs, self._device = path, state, generators, rngs, device
-        self._weights: list[dict[str, dict[str, torch.Tensor]]] = []  # of the last two epochs, the latest one last
-
-    def restore_weights(self, epochs: int = 0) -> None:
-        """Give the modules the weights of the last save, or with `epochs` 1 of the save before."""
-        for name, weights in self._weights[-1 - epochs].items():
-            self._state[name].load_state_dict(weights)
-
-    def _remember_weights(self) -> None:
-        weights = {
-            name: {key: value.clone() for key, value in item.state_dict().items()}
-            for name, item in self._state.items()
-            if isinstance(item, torch.nn.Module)
-        }
-        self._weights = [*self._weights[-1:], weights]
 
     def save(self, progress: Progress) -> None:
         """Save the state as it is now; of several processes the first one writes the file."""
-        self._remember_weights()
         if self.path is None or rank():
             return
         content = {
@@ -117,7 +99,6 @@ class Checkpoint:
             "generators": {name: generator.get_state() for name, generator in self._generators.items()},
             "rngs": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
             "torch": torch.get_rng_state(),
-            "before": self._weights[:-1],
             "threads": sorted(used),
         }
         if self._device.type == "cuda":
@@ -145,9 +126,7 @@ class Checkpoint:
                 torch.set_rng_state(content["torch"])
             if self._device.type == "cuda":
                 torch.cuda.set_rng_state(content["cuda"], self._device)
-            self._weights = content["before"]
             used.update(content["threads"])
-        self._remember_weights()
         progress = Progress(**content["progress"])
         progress.resumed = progress.epoch, progress.seconds
         return progress

@@ -85,7 +85,7 @@ def finetune_classifier(
         network, and the progress: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
-        UserError: the training diverges in its first epoch, or `model` does not fit the number of views.
+        UserError: the training diverges, or `model` does not fit the number of views.
     """
     config, seed = params.finetune, params.seed
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout

@@ -40,7 +40,7 @@ def pretrain_backbone(
         backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
 
     Raises:
-        UserError: the training diverges in its first epoch.
+        UserError: the training diverges.
     """
     config, seed = params.pretrain, params.seed
     train, validation = (_Anchors(side, table, compute) for side in (TRAIN, VALIDATION))

@@ -25,7 +25,7 @@ def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, cod
     assert (predictions.groups == frames.group[anchors]).all()
     assert predictions.recordings.tolist() == [frames.recordings[i] for i in frames.recording[anchors]]
     assert predictions.classes.tolist() == frames.classes
-    tree = metrics_tree(evaluation, frames, 4, side, {})
+    tree = metrics_tree(evaluation, frames, 4, side)
     assert tree["groups"] == {side: len(np.unique(frames.group[anchors]))}
     for protocol, answers in predictions.predicted.items():
         assert answers.shape == (params.evaluate.trials, len(anchors))

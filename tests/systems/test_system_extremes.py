@@ -72,5 +72,5 @@ def test_it_trains_and_evaluates_with_one_view_more_views_than_frames_and_two_cl
 
 @pytest.mark.parametrize("name", [name for name in NETWORKS if name != "vote"])
 def test_a_diverging_training_says_so_whatever_the_system(name):
-    with pytest.raises(UserError, match=r"training diverged in epoch 1 .* lower lr in params.yaml"):
+    with pytest.raises(UserError, match=r"finetune diverged in epoch 1 .* lower finetune.lr"):
         finetuned(f"model.system={name}", "finetune.lr=1e30", "finetune.lr_backbone=1e30")

@@ -1,10 +1,8 @@
 """The backbone, trained from scratch to tell objects by single frames."""
 
 import numpy as np
-import pytest
 import torch
 
-from benchmarks.stability.rows import max_rel_error
 from tactile_viewgcn.nn.backbone import extract_features
 from tactile_viewgcn.tables.frames import TEST, VALIDATION
 from tactile_viewgcn.training import pretraining
@@ -84,16 +82,3 @@ def test_the_recipe_reaches_the_optimiser(monkeypatch):
     weights = sum(weight.numel() for weight in group["params"])
     assert weights == 674_240 + 128 * 4 + 4
     assert classifier.out_features == 4
-
-
-@pytest.mark.stability("last good weights")
-@pytest.mark.parametrize("jump", [1e9, 1e33])
-def test_a_training_that_diverges_later_keeps_the_last_good_weights(row, monkeypatch, jump):
-    params, frames = recipe("pretrain.epochs=1", "pretrain.schedule=step"), fewer_anchors(table(), 4)
-    good, _, _ = pretrain_backbone(frames, params, CPU)
-    monkeypatch.setattr("tactile_viewgcn.training.pretraining.lr_lambda", lambda _: {0: 1.0, 1: jump}.get)
-    last, _, progress = pretrain_backbone(frames, recipe("pretrain.epochs=2"), CPU)
-    assert "diverged in epoch 2" in progress.diverged and progress.metrics["diverged_in_epoch"] == 2
-    good_weights, weights = good.state_dict(), last.state_dict()
-    error = max(max_rel_error(weights[name], value) for name, value in good_weights.items())
-    row(f"weights, {jump:g} times the rate", error, 0, progress.diverged)
