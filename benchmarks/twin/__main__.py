@@ -98,7 +98,7 @@ def errors(folder: Path, params: Params, seed: int, frames: int, epochs: int) ->
     network = (*preset_changes("stag"), f"finetune.epochs={epochs}", "finetune.noise=0")
     numbers = {
         NETWORK.format(frames): error_of(table, compute, f"views={frames}", *network),
-        TREES.format(frames): error_of(table, compute, f"views={frames}", "model.system=trees"),
+        TREES.format(frames): error_of(table, compute, f"views={frames}", "model.system=trees", "pretrain.epochs=0"),
     }
     click.echo(f"glove seed {seed}: " + ", ".join(f"{name} {error:.1f}" for name, error in numbers.items()), err=True)
     return numbers
