@@ -81,10 +81,10 @@ def _run_epoch(
         loss = float(distributed.mean(total)) / steps
         progress.first_loss = loss if progress.first_loss is None else progress.first_loss
         if not math.isfinite(loss) or loss > limit * max(1.0, progress.first_loss):
-            raise _diverged(f"the loss is {loss:g}")
+            raise diverged(f"the loss is {loss:g}")
         return loss
 
-    def _diverged(found: str) -> UserError:
+    def diverged(found: str) -> UserError:
         rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
         epoch = progress.epoch + 1
         return UserError(f"{name} diverged in epoch {epoch} at a learning rate of {rates}: {found}; lower {name}.lr")
@@ -99,5 +99,5 @@ def _run_epoch(
             mean(MAX_BATCH_LOSS)
     last = mean(MAX_EPOCH_LOSS)
     if not all(weight.isfinite().all() for group in optimiser.param_groups for weight in group["params"]):
-        raise _diverged("a weight is not finite")  # by the last step, after which no loss is computed
+        raise diverged("a weight is not finite")  # by the last step, after which no loss is computed
     return last
