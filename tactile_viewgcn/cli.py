@@ -47,8 +47,8 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> None:
     """Say what SOURCE holds and what to set for it, with reasons.
 
-    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy, .npz or .csv), or
-    the recordings.h5 of `ingest`. Every mistake in it is listed.
+    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, or a folder of arrays (OBJECT/*.npy, .npz or .csv).
+    Every mistake in it is listed.
     """
     from tactile_viewgcn.pages.inspection_text import inspection_lines
     from tactile_viewgcn.pages.recommendation import recommend

@@ -126,11 +126,9 @@ class Model:
     backbone: Backbone
     neighbours: Count | Annotated[list[Count], Strict(), MinLen(1), MaxLen(3), "a list of one to three"]
     selector: Literal["per_view", "joint"]
-    selector_hidden: Natural
     edge_distance: Literal["squared", "plain"]
     view_loss: Literal["sum", "mean"]
     start: Literal["random", "max"]
-    assignments: Literal["any", "rotations"]
     members: Literal["auto"] | Members
     candidates: Annotated[list[Members], Strict(), MinLen(1), Unique]
 
@@ -227,12 +225,6 @@ class Params:
             wrong.append("model.selector joint needs all views, finetune.num_views is random: expected per_view")
         if fewer_views and model.system in ("stag", "rotationnet"):
             wrong.append(f"model.system is {model.system}, which needs all views: expected finetune.num_views full")
-        cube = self.viewpoints in ("auto", "cube") and self.views == PLACES["cube"]
-        if model.system == "rotationnet" and model.assignments == "rotations" and not cube:
-            wrong.append(
-                "model.assignments is rotations, which needs the cube: expected views 8 and viewpoints cube, "
-                "or assignments any"
-            )
         if self.views != (places := PLACES.get(self.viewpoints, self.views)):
             wrong.append(f"viewpoints is {self.viewpoints}, which has {places} places; views is {self.views}")
         levels = sum(self.views >> level >= 2 for level in range(3))  # of the view-graph

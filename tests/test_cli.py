@@ -14,9 +14,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import load, preset_changes, presets
-from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.schema import flatten
-from tactile_viewgcn.tables.recordings import write_recordings
 from tests.stag_files import metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
@@ -59,13 +57,6 @@ def test_inspect_says_what_a_source_holds(tmp_path):
     assert "optional columns: split, valid, balanced" in result.stdout
     assert "548 of 1024 sensors vary" in result.stdout
     assert re.search(r"^  object2 +2 +10 +\d+ +\d+ +\d+$", result.stdout, re.MULTILINE)
-
-
-def test_inspect_of_the_pipelines_table_says_the_same_as_of_its_source(tmp_path):
-    source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=3, recordings=2, frames=5))
-    write_recordings(tmp_path / "recordings.h5", open_source(source), "0" * 32)
-    first, second = (call("inspect", path).stdout.split("\n\n")[0] for path in (source, tmp_path / "recordings.h5"))
-    assert first.partition("\n")[2] == second.partition("\n")[2] and "written by ingest" in second
 
 
 def test_inspect_lists_the_mistakes_of_all_files_at_once(tmp_path):

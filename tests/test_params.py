@@ -149,7 +149,6 @@ def test_all_mistakes_are_listed_at_once():
         (("finetune.num_views=random", "model.selector=joint"), "model.selector joint needs all views"),
         (("finetune.num_views=random", "model.system=stag"), "model.system is stag, which needs all views"),
         (("finetune.num_views=random", "model.system=rotationnet"), "model.system is rotationnet, which needs"),
-        (("model.system=rotationnet", "model.assignments=rotations", "views=12"), "needs the cube: expected views 8"),
         (("evaluate.confidence_threshold=0.9", "finetune.num_views=random"), "needs a calibration"),
         (("evaluate.confidence_threshold=0.9", "split.validation=0.2"), "needs a calibration"),
         (("evaluate.grasps=3", "views=2"), "evaluate.grasps is 3, and views is 2: expected a frame of each at least"),

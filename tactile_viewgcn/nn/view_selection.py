@@ -1,13 +1,9 @@
 """Equation 5 of the paper, selective view sampling: the nodes that the next level of the view-graph keeps."""
 
-from itertools import pairwise
-
 import torch
-import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.nn.graph import furthest_points, gather_nodes, nearest
-from tactile_viewgcn.nn.message_passing import SLOPE
 
 
 class SelectiveViewSampling(nn.Module):
@@ -17,29 +13,25 @@ class SelectiveViewSampling(nn.Module):
         features, classes: C and the number of classes.
         samples: M, the nodes of the next level.
         neighbours: K, the nodes that a sampled view chooses from, itself included.
-        hidden: units of the classifier's hidden layer; 0 for a linear classifier.
         joint: one linear layer sees the q-th neighbours of all sampled views at once and its softmax runs over
             the sampled views, as in the released code, instead of a classifier per sampled view.
     """
 
-    def __init__(
-        self, features: int, classes: int, samples: int, *, neighbours: int, hidden: int = 0, joint: bool = False
-    ):
+    def __init__(self, features: int, classes: int, samples: int, *, neighbours: int, joint: bool = False):
         super().__init__()
         self.samples, self.classes, self.neighbours, self.joint = samples, classes, neighbours, joint
-        shared = samples if joint else 1
-        sizes = [features * shared, *([hidden * shared] if hidden else []), classes * shared]
-        self.layers = nn.ModuleList(
-            [nn.Linear(i, o) if joint else LinearPerView(samples, i, o) for i, o in pairwise(sizes)]
-        )
+        if joint:
+            self.classifier: nn.Module = nn.Linear(features * samples, classes * samples)
+        else:
+            self.classifier = LinearPerView(samples, features, classes)
 
     def logits(self, candidates: Tensor) -> Tensor:
         """candidates (B, M, K, C) -> class logits (B, M, K, classes)."""
+        if not self.joint:
+            return self.classifier(candidates)
         batch, samples, near, _ = candidates.shape
-        out = candidates.transpose(1, 2).reshape(batch, near, -1) if self.joint else candidates
-        for number, layer in enumerate(self.layers):
-            out = layer(functional.leaky_relu(out, SLOPE) if number else out)
-        return out.view(batch, near, samples, self.classes).transpose(1, 2) if self.joint else out
+        out = self.classifier(candidates.transpose(1, 2).reshape(batch, near, -1))
+        return out.view(batch, near, samples, self.classes).transpose(1, 2)
 
     def forward(self, nodes: Tensor, positions: Tensor, samples: int) -> tuple[Tensor, Tensor, Tensor]:
         """nodes (B, N, C), positions (B or 1, N, 3) -> nodes (B, m, C), positions (B, m, 3), logits (B, m, K, Y).

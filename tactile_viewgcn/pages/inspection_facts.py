@@ -16,7 +16,6 @@ from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
-from tactile_viewgcn.readers.hdf5_file import is_table
 from tactile_viewgcn.readers.source import MAX_SIDE, listed
 from tactile_viewgcn.schema import as_change
 
@@ -206,7 +205,7 @@ def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     if len(np.unique(overview.inspection.label)) == 1:
         return []
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
-    changes = [] if is_table(overview.path) else [as_change("data.source", _source(overview.path))]
+    changes = [as_change("data.source", _source(overview.path))]
     if files_below(overview.path, ARRAYS):
         changes.append(as_change("data.shape", list(overview.shape)))
     changes += [

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.pages.inspection_facts import Table, command_lines, facts, tables, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import Overview
-from tactile_viewgcn.readers.hdf5_file import is_table
 
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name
@@ -14,8 +13,7 @@ NAME = 24  # letters of an object's or session's name
 
 def inspection_lines(overview: Overview, chosen: list[Note]) -> list[str]:
     """The inspection, and what to set: `chosen` is what `recommend` returns."""
-    lines = [f"{overview.path}{', written by ingest' if is_table(overview.path) else ''}"]
-    lines += _wrapped(f"{figure} {what}" for figure, what in facts(overview))
+    lines = [str(overview.path), *_wrapped(f"{figure} {what}" for figure, what in facts(overview))]
     for table in tables(overview, chosen):
         lines += [table.title, *_aligned(table), *_wrapped([table.remark])]
     warned = warnings(overview, chosen)

@@ -78,7 +78,7 @@ class Overview:
 
 
 def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Overview:
-    """Inspect a source in any form that `ingest` reads, see `open_source`, or the table that it writes.
+    """Inspect a source in any form that `ingest` reads, see `open_source`.
 
     Raises:
         UserError: lists the mistakes of the source.

@@ -15,7 +15,7 @@ import h5py
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import check_is_file, readable_source
 from tactile_viewgcn.readers.limits import check_size
-from tactile_viewgcn.readers.source import MOST_LETTERS, SOURCE_MD5
+from tactile_viewgcn.readers.source import MOST_LETTERS
 
 MOST_CHUNK = 64 * 2**20  # bytes of a chunk, which is read whole, and kept for the next block
 MOST_SMALL, SMALL = 2**18, 1024  # chunks of fewer bytes, each of which takes HDF5 a kilobyte and a while
@@ -67,11 +67,6 @@ def attribute_names(path: Path) -> set[str]:
             return set(file.attrs)
     except UserError:
         return set()
-
-
-def is_table(path: Path) -> bool:
-    """Whether a file was written by `write_recordings`."""
-    return SOURCE_MD5 in attribute_names(path)
 
 
 def attribute(file: h5py.File, name: str) -> str | None:

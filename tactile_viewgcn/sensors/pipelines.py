@@ -33,13 +33,6 @@ def logistic() -> SensorSystem:
     return SingleFrames(lambda data: _logistic_regression(data, 1.0), logarithm)
 
 
-def knn() -> SensorSystem:
-    """Five nearest neighbours, or as many as there are training frames, by the angle between frames."""
-    from sklearn.neighbors import KNeighborsClassifier
-
-    return SingleFrames(lambda data: KNeighborsClassifier(min(5, len(data.frames)), metric="cosine"), logarithm)
-
-
 def lda() -> SensorSystem:
     """Fifty principal components, or as many as there are, then linear discriminant analysis."""
     from sklearn.decomposition import PCA
@@ -161,7 +154,7 @@ def statistics(points: np.ndarray) -> np.ndarray:
 MEMBERS: dict[str, Callable[[], SensorSystem]] = {
     system.__name__: system
     for system in (
-        trees, logistic, knn, lda, kernel, svm, max_logistic, max_kernel, max_kernel_cosine, max_svm, max_network,
+        trees, logistic, lda, kernel, svm, max_logistic, max_kernel, max_kernel_cosine, max_svm, max_network,
         statistics_trees, statistics_svm,
     )
 } | {f"{system.__name__}_log": partial(system, logarithm) for system in (kernel, svm, max_kernel, max_svm)}  # fmt: skip

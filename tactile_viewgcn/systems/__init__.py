@@ -20,12 +20,11 @@ OnBackbone = Literal[  # features or feature maps of the pretrained backbone
     "vote",
 ]
 OnSensors = Literal[  # the sensors themselves: nothing is pretrained for them
-    "trees", "logistic", "knn", "lda", "kernel", "max_logistic", "max_kernel", "max_network", "ensemble"
+    "trees", "logistic", "lda", "kernel", "max_logistic", "max_kernel", "max_network", "ensemble"
 ]
 Member = Literal[  # of an ensemble; one may be alone
     "trees",
     "logistic",
-    "knn",
     "lda",
     "kernel",
     "kernel_log",

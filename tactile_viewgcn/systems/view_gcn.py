@@ -91,7 +91,6 @@ class ViewGCN(ViewSystem):
                 sizes.classes,
                 nodes,
                 neighbours=min(SELECTOR_NEIGHBOURS, above),
-                hidden=model.selector_hidden,
                 joint=model.selector == "joint",
             )
             for above, nodes in pairwise(levels)

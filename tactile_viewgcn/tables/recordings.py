@@ -18,7 +18,7 @@ from tqdm import tqdm
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.hdf5_file import OBJECTS, check_heaps, dataset, is_table, open_hdf5
+from tactile_viewgcn.readers.hdf5_file import OBJECTS, dataset
 from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_disk
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
@@ -80,22 +80,13 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
 def recordings_of(
     path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None
 ) -> Iterator["Recordings"]:
-    """The table that `ingest` wrote at a path, or a temporary one of any form that it reads, see `open_source`."""
-    path = Path(path)
-    if is_table(path):
-        with readable(path):
-            with open_hdf5(path) as file:
-                check_heaps(file)
-            recordings = Recordings(path)
-            recordings.check_counts()
-        yield recordings
-        return
+    """A temporary table of the recordings at a path, see `open_source`; its errors name that path."""
     source = open_source(path, labelled=labelled, layout=layout)
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings.h5"
         write_recordings(file, source, "")
         recordings = Recordings(file)
-        recordings.path = path
+        recordings.path = Path(path)
         yield recordings
 
 
@@ -111,7 +102,7 @@ class Recordings:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        with readable(path), h5py.File(path, "r") as file:  # somebody else's, too: `inspect` and `predict` take tables
+        with readable(path), h5py.File(path, "r") as file:
             self.objects, self.recordings, self.sessions = (
                 [text.decode() for text in dataset(file, name, OBJECTS)[()]]
                 for name in ("objects", "recordings", "sessions")
@@ -139,25 +130,6 @@ class Recordings:
         for column, names in (("object", self.objects), ("recording", self.recordings), ("session", self.sessions)):
             if not np.isin(self.columns[column], np.arange(len(names))).all():
                 raise ValueError(f"a number in /{column} leads to no name")
-
-    def check_counts(self) -> None:
-        """Read all frames of a table from outside.
-
-        Raises:
-            UserError: a reader would refuse them, see `checked_blocks`.
-            ValueError: they are not those that the table's `live` is of.
-        """
-        blocks = (
-            {"pressure": counts, **{name: values[start : start + len(counts)] for name, values in self.columns.items()}}
-            for start, counts in self.blocks()
-        )
-        names = self.objects, self.recordings, self.sessions
-        low, high = np.full(self.shape, np.inf), np.full(self.shape, -np.inf)
-        for block in checked_blocks(Source(self.path, *names, self.shape, self.dtype, len(self), blocks)):
-            counts = block["pressure"]
-            low, high = np.minimum(low, counts.min(axis=0)), np.maximum(high, counts.max(axis=0))
-        if not (self.live == (low < high)).all():
-            raise ValueError("/live is not of the sensors that vary")
 
     def __len__(self) -> int:
         return len(self._pressure)

@@ -129,18 +129,8 @@ def _libraries() -> "ThreadpoolController":
 def distinct_rows(scores: np.ndarray, most: int) -> np.ndarray | None:
     """Number int64 (n,) of the distinct row that each row of scores (n, c) equals; None if more than `most` differ.
 
-    Rows that differ by rounding are equal, see `MIN_DIFFERENCE`: scores are rounded to steps of that size, and rows
-    in the same or neighbouring cells of that grid are joined.
+    Rows that differ by rounding are equal: scores are rounded to steps of `MIN_DIFFERENCE`.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     step = MIN_DIFFERENCE * np.abs(scores).max(initial=0)
-    cells, inverse = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
-    if len(cells) > most * 2 ** scores.shape[1]:  # equal rows fall into at most two cells along each axis
-        return None
-    pairs = cKDTree(cells).query_pairs(1, p=np.inf, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), (len(cells), len(cells)))
-    count, number = connected_components(graph, directed=False)
-    return number[inverse.ravel()].astype(np.int64) if count <= most else None
+    rows, number = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
+    return number.ravel() if len(rows) <= most else None

@@ -143,7 +143,7 @@ def test_features_and_gradients_where_every_sampled_view_gives_way_to_the_same_o
     monkeypatch.setattr("tactile_viewgcn.systems.view_gcn.SELECTOR_NEIGHBOURS", 8)
     head = view_gcn(EVEN)
     with torch.no_grad():  # the first class is the surer the larger the features, and no other
-        for weight in head.samplers[0].layers[-1].parameters():
+        for weight in head.samplers[0].classifier.parameters():
             weight.zero_()
             weight[:, 0] = 1
     nodes = nodes_of(8)

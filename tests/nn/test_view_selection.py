@@ -12,8 +12,8 @@ from tests.nn.four_nodes import NODES, POSITIONS, fill
 
 def test_equation_5_by_hand():
     sampling = SelectiveViewSampling(1, 2, samples=2, neighbours=2).eval()
-    fill(sampling.layers[0].weight, [[[1], [0]], [[1], [0]]])  # logits [f, 0] and [f - 4, 0]:
-    fill(sampling.layers[0].bias, [[0, 0], [-4, 0]])  # surest where |f|, or |f - 4|, is largest
+    fill(sampling.classifier.weight, [[[1], [0]], [[1], [0]]])  # logits [f, 0] and [f - 4, 0]:
+    fill(sampling.classifier.bias, [[0, 0], [-4, 0]])  # surest where |f|, or |f - 4|, is largest
     nodes = torch.tensor([[[1.0], [-2], [3], [4]]])
     # furthest points 0 and 3; 0 chooses among {0, 1} by |f|: 1; 3 chooses among {3, 0} by |f - 4|: 0
     chosen, places, logits = sampling(nodes, POSITIONS, 2)
@@ -24,8 +24,8 @@ def test_equation_5_by_hand():
 
 def test_equation_5_ties_go_to_the_nearest_of_the_lowest_index():
     sampling = SelectiveViewSampling(1, 3, samples=2, neighbours=4).eval()
-    nn.init.zeros_(sampling.layers[0].weight)
-    nn.init.zeros_(sampling.layers[0].bias)
+    nn.init.zeros_(sampling.classifier.weight)
+    nn.init.zeros_(sampling.classifier.bias)
     assert sampling(NODES, POSITIONS, 2)[0].flatten().tolist() == [1, 4]
 
 
@@ -33,8 +33,8 @@ def test_equation_5_ties_go_to_the_nearest_of_the_lowest_index():
 def test_equation_5_s_probabilities_are_over_classes_and_the_released_code_s_over_views(joint, chosen):
     sampling = SelectiveViewSampling(1, 2, samples=2, neighbours=2, joint=joint).eval()
     per_view = [[1, 0], [0, 0], [0, 1], [0, 0]]  # joint or not, the logits of each sampled view are [f, 0]
-    fill(sampling.layers[0].weight, per_view if joint else [[[1], [0]], [[1], [0]]])
-    nn.init.zeros_(sampling.layers[0].bias)
+    fill(sampling.classifier.weight, per_view if joint else [[[1], [0]], [[1], [0]]])
+    nn.init.zeros_(sampling.classifier.bias)
     # over classes f = -5 is surer than f = 1; over the two views, 1 beside -5 is
     assert sampling(torch.tensor([[[-5.0], [1]]]), POSITIONS[:, :2], 2)[0].flatten().tolist() == chosen
 
@@ -51,14 +51,3 @@ def test_the_odds_of_the_only_choice_are_infinite_and_ties_go_to_the_nearest():
     sampler = SelectiveViewSampling(3, classes=2, samples=1, neighbours=2, joint=True).eval()
     nodes, positions, _ = sampler(torch.rand(1, 4, 3), torch.rand(1, 4, 3), 1)
     assert positions.shape == (1, 1, 3) and torch.isfinite(nodes).all()
-
-
-def test_a_selector_with_a_hidden_layer_is_not_linear_by_hand():
-    sampling = SelectiveViewSampling(1, 2, samples=2, neighbours=2, hidden=1).eval()
-    for layer, weight in zip(sampling.layers, ([[[2]], [[2]]], [[[1], [3]], [[1], [3]]]), strict=True):
-        fill(layer.weight, weight)
-        nn.init.zeros_(layer.bias)
-    candidates = torch.tensor([[[[1.0], [-5]], [[-10], [2]]]])
-    # hidden 2, -10, -20, 4; LeakyReLU of slope 0.2: 2, -2, -4, 4
-    expected = [[[[2, 6], [-2, -6]], [[-4, -12], [4, 12]]]]
-    torch.testing.assert_close(sampling.logits(candidates), torch.tensor(expected, dtype=torch.float32))

@@ -22,7 +22,7 @@ from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.tables.recordings import recordings_of, write_recordings
+from tactile_viewgcn.tables.recordings import write_recordings
 from tests.readers.test_hdf5 import COUNTS, record
 from tests.small_tables import recipe, table, trained
 from tests.stag_files import metadata, save_matlab73
@@ -61,9 +61,6 @@ def good_bytes(kind: str, folder: Path) -> list[bytes]:
             file.create_dataset("raw/counts", data=COUNTS, chunks=(2, 5, 7), compression="gzip", shuffle=True)
             file["pressure"] = h5py.SoftLink("/raw/counts")
         return [path.read_bytes(), linked.read_bytes()]
-    if kind == "table":
-        write_recordings(folder / "table", open_source(record(path)), "0" * 32)
-        return [(folder / "table").read_bytes()]
     if kind == "matlab5":
         for packed in (False, True):
             io.savemat(folder / f"{packed}.mat", tree, do_compression=packed)
@@ -125,9 +122,6 @@ def reader(kind: str, folder: Path) -> Callable[[bytes], None]:
         path.write_bytes(data)
         if kind == "params":
             load(path)
-        elif kind == "table":
-            with recordings_of(path) as recordings:
-                recordings.frames(np.arange(len(recordings)))
         else:
             write_recordings(
                 folder / "out" / "table", open_source(path, labelled=kind not in ("npy", "npz", "csv")), ""

@@ -9,10 +9,9 @@ import pytest
 from tests.imports import ROOT
 from tests.readers.fuzz import NAMES
 
-#: Inputs of each kind, 2,400 in all.
+#: Inputs of each kind, 2,000 in all.
 INPUTS = {
     "hdf5": 500,
-    "table": 400,
     "matlab5": 300,
     "matlab73": 400,
     "npy": 150,

@@ -13,7 +13,6 @@ import pytest
 import torch
 from click.testing import CliRunner
 from sklearn.ensemble import ExtraTreesClassifier
-from sklearn.pipeline import Pipeline
 from sklearn.svm import SVC
 from skops.io import dumps
 
@@ -79,27 +78,8 @@ def compressed() -> dict:
     return with_archive(dumps(Forest(2).fit(np.zeros((30, 80)), LABELS), compression=zipfile.ZIP_DEFLATED))
 
 
-def neighbour_of_no_class() -> dict:
-    neighbours = pipeline("knn")
-    neighbours._y = neighbours._y + 10**6
-    return with_archive(dumps(neighbours), "knn")
-
-
 def without(name: str) -> dict:
     return {key: value for key, value in content().items() if key != name}
-
-
-def neighbours_of(**changes) -> dict:
-    neighbours = pipeline("knn")
-    vars(neighbours).update(changes)
-    return with_archive(dumps(neighbours), "knn")
-
-
-def hidden_neighbours() -> dict:
-    """Altered neighbours as the one step of a pipeline: their compiled code would follow the labels."""
-    neighbours = pipeline("knn")
-    neighbours._y = neighbours._y + 10**6
-    return with_archive(dumps(Pipeline([("knn", neighbours)])), "knn")
 
 
 def shared_lists() -> dict:
@@ -152,15 +132,8 @@ ALTERED = {
     "another estimator": (lambda: with_archive(dumps(SVC().fit(POINTS, LABELS))), "type sklearn.svm._classes.SVC is"),
     "a compressed archive": (compressed, "its archive is compressed"),
     "a leaf that is no number": (lambda: with_trees("leaf_values", 0, np.nan), "a pipeline's number is not finite"),
-    "a point that is no number": (lambda: neighbours_of(_fit_X=np.full((240, 80), np.nan)), "number is not finite"),
-    "a parameter without end": (lambda: neighbours_of(leaf_size=np.inf), "number is not finite"),
-    "a neighbour of no class": (neighbour_of_no_class, "a neighbour's label is none of the classes"),
     "a file of an earlier version": (lambda: without("format"), "no classifier of this version; train it again"),
     "a key missing": (lambda: without("live"), "ValueError: live: Field required"),
-    "a neighbour's metric": (
-        lambda: neighbours_of(effective_metric_="euclidean", _fit_X=np.zeros((240, 3))),
-        "ValueError: X",
-    ),
     "too many classes": (lambda: with_learnt(classes=10**8), "another number of classes than it names"),
     "numbers shown many times": (lambda: changed(viewpoints=torch.zeros(1, 3).expand(900, 3)), "number by number"),
     "no viewpoints": (lambda: changed(viewpoints=torch.zeros(0, 3)), "viewpoints, calibration: out"),
@@ -175,7 +148,6 @@ ALTERED = {
     "a temperature below 0": (lambda: calibrated(by_frames=[-1.0] * 4), "calibration.by_frames.0: Input should be"),
     "endless frames": (lambda: calibrated(most_frames=10**8), "calibration.most_frames: Input should be less than"),
     "an unknown baseline": (lambda: changed(preprocess={"baseline": "x"}), "baseline: Input should be"),
-    "neighbours within another estimator": (hidden_neighbours, "within another estimator are not trusted"),
     "lists without end": (shared_lists, "a list or mapping stands in several places"),
     "a width that would fill the memory": (wide, "its weights are those of another network"),
     "a weight that is no number": (with_nan, "a weight is no finite number"),

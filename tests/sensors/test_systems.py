@@ -10,7 +10,6 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.linear_model import LogisticRegression
-from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.svm import SVC
 
@@ -34,7 +33,6 @@ from tests.small_tables import CPU, recipe, table
 PLAIN = {
     "trees": lambda: ExtraTreesClassifier(500, random_state=0),
     "logistic": lambda: LogisticRegression(max_iter=500),
-    "knn": lambda: KNeighborsClassifier(5, metric="cosine"),
     "lda": lambda: make_pipeline(PCA(50, random_state=0), LinearDiscriminantAnalysis()),
     "kernel": lambda: make_pipeline(BlockMeans(table().live), KernelClassifier()),
 }
@@ -115,14 +113,8 @@ def test_equal_trainings_give_equal_files_and_answers_better_than_chance(tmp_pat
 def test_a_class_without_training_frames_is_never_answered():
     frames = table()
     merged = replace(frames, label=np.where(frames.label == 2, 1, frames.label).astype(frames.label.dtype))
-    probabilities = fitted("knn", merged).frame_values(inputs(np.flatnonzero(frames.side == TEST)))
+    probabilities = fitted("logistic", merged).frame_values(inputs(np.flatnonzero(frames.side == TEST)))
     assert probabilities.shape[1] == 4 and (probabilities[:, 2] == 0).all()
-
-
-def test_neighbours_are_no_more_than_there_are_training_frames():
-    few = replace(table(), anchor=table().anchor & (np.arange(len(table())) % 48 == 0))
-    count = int((few.anchor & (few.side == TRAIN)).sum())
-    assert 1 < count < 5 and fitted("knn", few).system.fitted["pipeline"].n_neighbors == count
 
 
 def test_components_are_fewer_than_the_training_frames():

@@ -190,7 +190,7 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     _, (row,), (run,) = store_of(place)
     assert run.data.tags["stage"] == "finetune" and row.data.tags["stage.finetune"] == run.info.run_id
     assert "stage.pretrain" not in row.data.tags and row.data.metrics["seconds.pretrain"] > 0
-    output = switch_to("knn")
+    output = switch_to("logistic")
     assert stages_of(output) == again and "Stage 'pretrain' didn't change" in output
     output = switch_to("mvcnn")
     assert stages_of(output) == again and restored in output

@@ -126,12 +126,12 @@ def test_candidates_have_a_table_of_their_own(workspace, undrawn):
     run = read_run()
     assert "Candidates" not in text_of(run_page(run))
     value = {"error": 0.25, "whole_error": 0.5, "seconds": 61.0, "milliseconds": 1.25}
-    values = [value | {"members": members, "taken": members == ["lda"]} for members in (["lda"], ["knn", "svm"])]
+    values = [value | {"members": members, "taken": members == ["lda"]} for members in (["lda"], ["kernel", "svm"])]
     notes = [Note("in columns", topic="candidates", value=each, stage="finetune") for each in [None, *values]]
     run.records["finetune"]["notes"] += map(asdict, notes)
     page = run_page(run)
     text = text_of(page).replace("\xa0", " ")
-    assert "lda taken 25.0 % 50.0 % 1 min 1 s 1.2 ms knn + svm 25.0 % 50.0 %" in text
+    assert "lda taken 25.0 % 50.0 % 1 min 1 s 1.2 ms kernel + svm 25.0 % 50.0 %" in text
     assert "in columns" not in text and page.count('<tr class="taken">') == 1
 
 

@@ -1,29 +1,13 @@
 """RotationNet against brute force."""
 
 import math
-from functools import cache
 from itertools import permutations
 
-import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.systems.rotationnet import RotationNet, best_permutation, cube_rotations
-from tests.systems.small_systems import CUBE, LINE, head_of
-
-
-@cache
-def turns():
-    """The rotations of the cube by brute force: permutations of its vertices that keep distances and handedness."""
-    places = [tuple(place) for place in CUBE.long().tolist()]
-    gap = [[sum((a - b) ** 2 for a, b in zip(p, q, strict=True)) for q in places] for p in places]
-    hand = np.linalg.det(CUBE[:3].numpy())
-    return {
-        turn
-        for turn in permutations(range(8))
-        if all(gap[turn[i]][turn[j]] == gap[i][j] for i in range(8) for j in range(i))
-        and np.linalg.det(CUBE[list(turn[:3])].numpy()) * hand > 0
-    }
+from tactile_viewgcn.systems.rotationnet import RotationNet, best_permutation
+from tests.systems.small_systems import LINE, head_of
 
 
 def brute_force(ratio, possible):
@@ -31,28 +15,9 @@ def brute_force(ratio, possible):
     return max((sum(float(ratio[i, j]) for i, j in enumerate(turn)), turn) for turn in possible)
 
 
-def test_the_rotations_of_the_cube_are_all_24():
-    found = cube_rotations(CUBE)
-    assert found.shape == (24, 8)
-    assert {tuple(turn) for turn in found.tolist()} == turns()
-
-
-def test_the_best_rotation_and_its_score_are_those_of_brute_force():
-    torch.manual_seed(0)
-    system = head_of(RotationNet, "model.assignments=rotations", places=CUBE, features=4, classes=3)
-    scores, (log_p,) = system(torch.randn(2, 8, 4))
-    ratio = (log_p[..., :3] - log_p[..., 3:]).permute(0, 3, 1, 2).detach()
-    place = system._best_assignment(ratio)
-    for b in range(2):
-        for label in range(3):
-            best, turn = brute_force(ratio[b, label], turns())
-            assert tuple(place[b, label].tolist()) == turn
-            assert scores[b, label].item() == pytest.approx(best, abs=1e-5)
-
-
 def test_the_best_permutation_and_its_score_are_those_of_brute_force():
     torch.manual_seed(0)
-    system = head_of(RotationNet, "model.assignments=any", places=LINE, features=4, classes=3)
+    system = head_of(RotationNet, places=LINE, features=4, classes=3)
     scores, (log_p,) = system(torch.randn(5, 4, 4))
     torch.testing.assert_close(log_p.exp().sum(dim=-1), torch.ones(5, 4, 4))
     ratio = (log_p[..., :3] - log_p[..., 3:]).permute(0, 3, 1, 2).detach()
@@ -68,7 +33,7 @@ def test_the_best_permutation_and_its_score_are_those_of_brute_force():
 
 def test_rotationnet_s_loss_of_more_views_equals_the_plain_loop():
     torch.manual_seed(0)
-    system = head_of(RotationNet, "model.assignments=any", places=LINE, features=4, classes=3)
+    system = head_of(RotationNet, places=LINE, features=4, classes=3)
     labels = torch.tensor([2, 0, 1, 2, 0])
     logits, (log_p,) = system(3 * torch.randn(5, 4, 4))
     total = 0
@@ -81,12 +46,10 @@ def test_rotationnet_s_loss_of_more_views_equals_the_plain_loop():
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize(("views", "assignments"), [(4, "any"), (8, "rotations")])
-def test_scores_and_loss_of_views_that_are_not_finite_are_nan(bad, views, assignments):
+def test_scores_and_loss_of_views_that_are_not_finite_are_nan(bad):
     torch.manual_seed(0)
-    places = CUBE if assignments == "rotations" else LINE
-    system = head_of(RotationNet, f"model.assignments={assignments}", places=places, features=4, classes=3)
-    features = torch.randn(2, views, 4)
+    system = head_of(RotationNet, places=LINE, features=4, classes=3)
+    features = torch.randn(2, 4, 4)
     features[1, 2, 0] = bad
     scores, aux = system(features)
     assert scores[0].isfinite().all() and scores[1].isnan().all()

@@ -10,7 +10,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.readers.source import COLUMNS, storage_type
 from tactile_viewgcn.tables import recordings as module
-from tactile_viewgcn.tables.recordings import Recordings, is_table, recordings_of, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings
 from tests.sources import source, written
 
 RNG = np.random.default_rng(0)
@@ -42,22 +42,11 @@ def test_what_is_written_in_blocks_is_read_back_whole(tmp_path, monkeypatch):
         np.testing.assert_array_equal(table.columns[name], values, err_msg=name)
 
 
-def test_a_table_is_taken_as_it_is_and_errors_name_the_source_of_a_temporary_one(tmp_path):
-    write_recordings(tmp_path / "t.h5", source(COUNTS), "0" * 32)
-    with recordings_of(tmp_path / "t.h5") as table:
-        assert table.path == tmp_path / "t.h5"
+def test_errors_name_the_source_of_a_temporary_table(tmp_path):
     np.save(tmp_path / "a.npy", COUNTS)
     with recordings_of(tmp_path / "a.npy", labelled=False) as table:
         assert table.path == tmp_path / "a.npy"
         np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
-
-
-def test_a_table_is_known_by_its_mark(tmp_path):
-    with h5py.File(tmp_path / "other.h5", "w") as file:
-        file["pressure"] = COUNTS
-    (tmp_path / "text.h5").write_text("no table")
-    assert is_table(written(tmp_path / "t.h5", COUNTS).path)
-    assert not any(is_table(tmp_path / name) for name in ("other.h5", "text.h5", "nowhere.h5", "."))
 
 
 @pytest.mark.parametrize("name", ["objects", "live"])
