@@ -36,7 +36,7 @@ def test_two_sessions_at_most_are_the_training_side_and_never_all(sessions, side
     [
         (
             ("glove.sessions=1214",),
-            "1,214, glove.grasps 8, and glove.grasp_frames 11 are 32,778 recordings of 96 frames",
+            "1,214, glove.grasps 10, and glove.grasp_frames 10 are 32,778 recordings of 108 frames",
         ),
         (
             ("glove.grasps=1000", "glove.grasp_frames=124"),
