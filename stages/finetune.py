@@ -40,9 +40,10 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         job.note(note)
     classifier, progress = fitted.classifier, fitted.progress
     job.counts = {"weights.head": 0} | progress.metrics
-    if params.model.system == "ensemble":
+    line = f"{params.model.system} is not fine-tuned"
+    if alone:
         job.counts["resolved.model.members"] = " + ".join(fitted.model.members)
-    line = f"{params.model.system} is {f'fitted in {progress.seconds:.1f} s' if alone else 'not fine-tuned'}"
+        line = f"{job.counts['resolved.model.members']} fitted in {progress.seconds:.1f} s"
     if isinstance(classifier, ViewNetwork):
         job.counts["weights.head"] = count_weights(classifier.head)
         if classifier.head.trainable:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from statistics import median
-from typing import Any, get_args
+from typing import Any
 
 from stages.pipeline import code_of, stages
 from studies.grid import FOLDER, Cell
@@ -17,7 +17,7 @@ from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import atomic_folder, md5
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.schema import flatten
-from tactile_viewgcn.systems import OnSensors
+from tactile_viewgcn.systems import on_sensors
 
 STORE, LAST = FOLDER / ".cells", Path("results/timing.json")
 RESULTS = ("predictions.npz", "metrics.json", "timing.json")
@@ -114,8 +114,8 @@ def shard_of(cells: dict[str, Cell], shard: str) -> dict[str, Cell]:
         return repr([one for one in values if one[0].startswith(BACKBONE) or not one[0].startswith(AFTER_PRETRAINING)])
 
     part: dict[str, Cell] = {}
-    for on_sensors in (False, True):
-        alike = [key for key in cells if (params[key]["model.system"] in get_args(OnSensors)) == on_sensors]
+    for simple in (False, True):
+        alike = [key for key in cells if on_sensors(params[key]["model.system"]) == simple]
         first, end = ((place * len(alike) + count - 1) // count for place in (number - 1, number))
         part |= {key: cells[key] for key in sorted(alike, key=backbone)[first:end]}
     return part

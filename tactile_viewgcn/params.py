@@ -7,7 +7,7 @@ import dataclasses
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Literal, Self
 
 from annotated_types import Interval, MaxLen, MinLen
 from pydantic import Strict, StringConstraints, model_validator
@@ -16,7 +16,7 @@ from pydantic.dataclasses import dataclass
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.schema import SECTION, Integer, Number, Text, Truth, Unique, as_change, build, read_yaml
-from tactile_viewgcn.systems import Member, OnSensors, System
+from tactile_viewgcn.systems import Member, System, on_sensors
 
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
 PRESETS = DEFAULTS.parent / "presets"
@@ -212,7 +212,7 @@ class Params:
                 f"split.by is frame, which leaks, and split.validation is {split.validation:g}: expected 0, "
                 "or another split.by"
             )
-        can_calibrate = split.validation or model.system in get_args(OnSensors)  # these need no groups for it
+        can_calibrate = split.validation or on_sensors(model.system)  # these need no groups for it
         if threshold and not (fewer_views and can_calibrate):
             wrong.append(
                 f"evaluate.confidence_threshold is {threshold:g}, which needs a calibration: "

@@ -13,7 +13,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.recipe import EFFECTS
 from tactile_viewgcn.params import Effect, load, preset_changes, presets
 from tactile_viewgcn.schema import as_change, flatten, parse, set_value
-from tactile_viewgcn.systems import OnSensors, System, system_class
+from tactile_viewgcn.systems import System, on_sensors, system_class
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "params.yaml"
@@ -171,7 +171,12 @@ def test_values_that_do_not_go_together_are_refused(changes, words):
         ("viewpoints=dodecahedron", "views=20"),
         ("viewpoints=circle", "views=7"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "split.validation=0.2"),
-        ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "model.system=kernel"),
+        (
+            "evaluate.confidence_threshold=0.9",
+            "finetune.num_views=random",
+            "model.system=sensors",
+            "model.members=[kernel]",
+        ),
         ("launcher=torchrun --nproc-per-node 2 -m",),
     ],
 )
@@ -183,7 +188,7 @@ def test_values_that_go_together_are_allowed(changes):
 @pytest.mark.parametrize("system", get_args(System))
 def test_fewer_views_go_with_the_systems_that_take_them(system):
     changes = ("finetune.num_views=random", f"model.system={system}")
-    if system in get_args(OnSensors) or system_class(system).takes_fewer:
+    if on_sensors(system) or system_class(system).takes_fewer:
         assert params(*changes).model.system == system
     else:
         assert f"model.system is {system}" in refusal(*changes)

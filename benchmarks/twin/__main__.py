@@ -96,9 +96,10 @@ def errors(folder: Path, params: Params, seed: int, frames: int, epochs: int) ->
     """Errors in % of STAG's network and of trees, with so many frames of a recording."""
     table, compute = table_of(folder, params), select_device(params.device, params.precision)
     network = (*preset_changes("stag"), f"finetune.epochs={epochs}", "finetune.noise=0")
+    trees = ("model.system=sensors", "model.members=[trees]", "pretrain.epochs=0")
     numbers = {
         NETWORK.format(frames): error_of(table, compute, f"views={frames}", *network),
-        TREES.format(frames): error_of(table, compute, f"views={frames}", "model.system=trees", "pretrain.epochs=0"),
+        TREES.format(frames): error_of(table, compute, f"views={frames}", *trees),
     }
     click.echo(f"glove seed {seed}: " + ", ".join(f"{name} {error:.1f}" for name, error in numbers.items()), err=True)
     return numbers

@@ -90,7 +90,7 @@ class Outcome:
 
     @property
     def members(self) -> list[str]:
-        """Of an ensemble, also where `model.members: auto` took them."""
+        """Of `sensors`, also where `model.members: auto` took them."""
         taken = [note.value for note in self.run.notes("choice") if note.key == "model.members"]
         return taken[0] if taken else self.run.params["model.members"]
 

@@ -1,6 +1,6 @@
 """The choice of a recogniser by one's own recordings: candidates compared by cross-validation on the training side.
 
-A candidate is a system on the sensors, or an ensemble of several. Nothing is pretrained for these, so that groups can
+A candidate is one system on the sensors or several. Nothing is pretrained for these, so that groups can
 be left out of all that they learn.
 """
 
@@ -29,7 +29,7 @@ class Candidate:
     """A candidate and its errors on groups that it was not fitted to.
 
     Attributes:
-        members: systems on the sensors, joined as an ensemble.
+        members: of `model.members`.
         error: of view sets of V frames; whole_error: of recordings as a whole.
         wrong: (G,) share of wrong answers in each group, the mean over both kinds.
         seconds: of its fits; milliseconds: of one answer from V frames.
@@ -95,7 +95,7 @@ def choose(rows: list[Candidate]) -> Candidate:
 def choose_members(
     table: Frames, views: int, candidates: list[list[Member]], seed: int
 ) -> tuple[list[Member], list[Note]]:
-    """The members of the ensemble for the table's training side, and notes: the choice, and a table of candidates.
+    """The members for the table's training side, and notes: the choice, and a table of candidates.
 
     Its lines fit a terminal of 80 columns; what they say is the value of the note, `taken` too.
     """

@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -21,6 +21,7 @@ from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import DEFAULTS, Params, load, preset_changes
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_of_rows
 from tactile_viewgcn.schema import as_change
+from tactile_viewgcn.systems import Member
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 
 NO_LABELS = "no_validation"  # scikit-learn's word for y where there is none
@@ -46,7 +47,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
-        system: a value of `model.system`, on top of the preset, or of params.yaml if there is none.
+        system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of params.yaml.
         views: V, frames that a recording is classified by; an array of view sets has its own.
         params: changes of params.yaml by dotted key, on top of all others, such as `{"preprocess.transform": "log"}`.
         random_state: of every random choice: an integer, a generator of NumPy (RandomState), or None.
@@ -179,7 +180,10 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
         changes = {"seed": seed, "views": self.views if form == RECORDINGS else len(arrays[0])}
-        changes |= {"model.system": self.system} if self.system is not None else {}
+        if self.system in get_args(Member):
+            changes |= {"model.system": "sensors", "model.members": [self.system]}
+        elif self.system is not None:
+            changes["model.system"] = self.system
         changes |= CHOSEN | {"preprocess.scale": _strongest(arrays)} if form != RECORDINGS else {}
         changes |= self.params or {}
         plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in changes.items()}

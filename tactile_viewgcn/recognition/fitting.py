@@ -60,7 +60,7 @@ def fit_classifier(
         return _with_warning(network, params.model, calibration, progress, [])
     model, count, num_views, seed = params.model, len(views.viewpoints), params.finetune.num_views, params.seed
     notes: list[Note] = []
-    if model.system == "ensemble" and model.members == "auto":
+    if model.members == "auto":
         members, notes = choose_members(table, count, model.candidates, seed)
         model = replace(model, members=members)
 

@@ -16,6 +16,7 @@ from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, spread_sets
+from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.transform import network_input
 
 MOST_FRAMES = 1024  # that are classified at once; a request may hold any number
@@ -30,7 +31,7 @@ class Recogniser:
     Attributes:
         classes: names; shape: (H, W) of a frame.
         calibration: None for a classifier of V views alone; temperatures: its for 1 to V frames.
-        system: name of the system, of an ensemble its members; preprocessing: that of the training.
+        system: name of the system, or of the members of `sensors`; preprocessing: that of the training.
         novelty: tells frames that are unlike the training's; None where it could not be fitted.
     """
 
@@ -38,7 +39,7 @@ class Recogniser:
         self.classifier, content = load_classifier(path)
         self.classes, self.shape = content["classes"], tuple(content["shape"])
         self.calibration, model = content["calibration"], content["model"]
-        self.system = " + ".join(model["members"]) if model["system"] == "ensemble" else model["system"]
+        self.system = " + ".join(model["members"]) if on_sensors(model["system"]) else model["system"]
         self.temperatures = self.calibration.by_frames if self.calibration else None
         self._transform, self._scale = content["transform"], content["scale"]
         self._compute = select_device("cpu", content["precision"])

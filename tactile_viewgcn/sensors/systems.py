@@ -72,7 +72,9 @@ class SensorSystem(Protocol):
     """
 
     fitted: Any
-    packages: tuple[str, ...]
+
+    @property
+    def packages(self) -> tuple[str, ...]: ...
 
     @property
     def takes_fewer(self) -> bool: ...
@@ -158,8 +160,6 @@ class PooledSets:
 class Ensemble:
     """The sum of the logarithms of the members' probabilities."""
 
-    packages: tuple[str, ...] = PACKAGES
-
     def __init__(self, members: list[SensorSystem]):
         self.members = members
 
@@ -169,6 +169,10 @@ class Ensemble:
         widths = [member.frame_values(data.frames[:1]).shape[1] for member in self.members]
         self._starts = np.cumsum(widths)[:-1].tolist()  # of the values of each member but the first
         return self
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(package for member in self.members for package in member.packages))
 
     @property
     def takes_fewer(self) -> bool:

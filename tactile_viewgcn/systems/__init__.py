@@ -1,13 +1,13 @@
-"""Names of the systems that `model.system` chooses from, by what they read; each is the file of that name here."""
+"""Names of the systems that `model.system` chooses from, each a file here, and of the members of `sensors`."""
 
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from tactile_viewgcn.nn.system import ViewSystem
 
-OnBackbone = Literal[  # features or feature maps of the pretrained backbone
+System = Literal[
     "view_gcn",
     "stag",
     "cnn_lstm",
@@ -18,11 +18,9 @@ OnBackbone = Literal[  # features or feature maps of the pretrained backbone
     "rotationnet",
     "gcn",
     "vote",
+    "sensors",  # all others are networks on the pretrained backbone
 ]
-OnSensors = Literal[  # the sensors themselves: nothing is pretrained for them
-    "trees", "logistic", "lda", "kernel", "max_logistic", "max_kernel", "max_network", "ensemble"
-]
-Member = Literal[  # of an ensemble; one may be alone
+Member = Literal[  # of sensors; one may be alone
     "trees",
     "logistic",
     "lda",
@@ -40,12 +38,11 @@ Member = Literal[  # of an ensemble; one may be alone
     "statistics_trees",
     "statistics_svm",
 ]
-System = Literal[OnBackbone, OnSensors]
 
 
 def on_sensors(name: str) -> bool:
     """Whether the system reads the sensors, so that no backbone is pretrained for it."""
-    return name in get_args(OnSensors)
+    return name == "sensors"
 
 
 def load_system(name: str) -> ModuleType:

@@ -38,7 +38,7 @@ def finished(answers, *, notes=(), **changes):
         {"recording": predicted[None]}, labels, groups, groups.astype(str), np.array(NAMES), np.zeros(3), np.ones(1)
     )
     changed = {key.replace("_", ".", 1): value for key, value in changes.items()}
-    values = {"data.source": "my glove", "split.by": "recording", "split.folds": 3, "model.system": "lda"}
+    values = {"data.source": "my glove", "split.by": "recording", "split.folds": 3, "model.system": "sensors"}
     values |= {"preprocess.baseline": "auto", "pretrain.epochs": 30, "finetune.epochs": 15}
     params = {"values": values | changed, "changed": changed}
     records = {stage: {"notes": [], "params": params, "run_id": "f" * 32} for stage in STAGES}

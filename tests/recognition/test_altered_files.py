@@ -162,7 +162,7 @@ def altered(folder: Path, name: str) -> Path:
 
 
 def test_a_compressed_file_is_refused_before_it_is_unpacked(tmp_path):
-    model_file(tmp_path / "good.pt", "model.system=trees")
+    model_file(tmp_path / "good.pt", "model.system=sensors", "model.members=[trees]")
     packed = zipfile.ZipFile(tmp_path / "bad.pt", "w", zipfile.ZIP_DEFLATED)
     with zipfile.ZipFile(tmp_path / "good.pt") as good, packed as bad:
         for member in good.infolist():
@@ -172,7 +172,7 @@ def test_a_compressed_file_is_refused_before_it_is_unpacked(tmp_path):
 
 
 def test_a_part_that_stands_in_the_file_many_times_is_refused(tmp_path):
-    path = model_file(tmp_path / "classifier.pt", "model.system=trees")
+    path = model_file(tmp_path / "classifier.pt", "model.system=sensors", "model.members=[trees]")
     with zipfile.ZipFile(path, "a") as archive:
         largest = max(archive.infolist(), key=lambda member: member.file_size)
         archive.filelist += [largest] * 30

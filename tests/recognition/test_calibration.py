@@ -82,7 +82,7 @@ def test_a_network_is_not_calibrated_without_a_validation_side_or_where_it_takes
 
 def fit_parts(parts: list, system: str = "lda"):
     """A function that fits a system to a table and remembers the table."""
-    params = recipe(f"model.system={system}")
+    params = recipe("model.system=sensors", f"model.members=[{system}]")
 
     def fit(part):
         parts.append(part)

@@ -125,7 +125,7 @@ def test_an_array_of_view_sets_has_its_own_number_of_views(system):
         assert (classifier.predict(last(X)[:, :2]) == y).all()
 
 
-@pytest.mark.parametrize("system", ["ensemble", "view_gcn"])
+@pytest.mark.parametrize("system", ["sensors", "view_gcn"])
 def test_its_answers_are_those_of_the_stages(system):
     """The training recordings of a table, given as arrays, make the file that the table makes."""
     network = "model.backbone.width=8", f"model.system={system}"

@@ -57,7 +57,7 @@ IN_FIT = {
     "a missing label": ({"y": ["a", "a", "b", None]}, "y holds labels of different kinds"),
     "groups of another length": ({"groups": [0, 1, 2]}, r"groups has shape \(3,\); expected \(4,\)"),
     "no such preset": ({"preset": "bset"}, "preset is 'bset'; did you mean best"),
-    "no such system": ({"system": "kernle"}, "model.system is 'kernle'.*did you mean kernel"),
+    "no such system": ({"system": "mvccn"}, "model.system is 'mvccn'.*did you mean mvcnn"),
     "no views": ({"views": 0}, "views is 0; expected an integer in"),
     "no such key": ({"params": {"preprocess.scal": 2}}, "preprocess.scal"),
     "a value YAML has not": ({"params": {"preprocess.scale": object()}}, "preprocess.scale is <object"),

@@ -62,7 +62,7 @@ def test_a_fault_of_ours_keeps_its_traceback(monkeypatch, error):
 
 
 def checkpoint_key(**changes):
-    values = SimpleNamespace(seed=0, system="lda", md5="a", stage="finetune")
+    values = SimpleNamespace(seed=0, system="sensors", md5="a", stage="finetune")
     vars(values).update(changes)
     params = SimpleNamespace(seed=values.seed, model=SimpleNamespace(system=values.system))
     return Job(values.stage, params, {"frames": values.md5}).checkpoint_key()
@@ -71,7 +71,7 @@ def checkpoint_key(**changes):
 def test_another_parameter_input_or_code_is_another_training(monkeypatch, tmp_path):
     key = checkpoint_key()
     others = [checkpoint_key(seed=1), checkpoint_key(md5="b"), checkpoint_key(stage="pretrain")]
-    assert len({key, *others, checkpoint_key(system="trees")}) == 5 and checkpoint_key() == key
+    assert len({key, *others, checkpoint_key(system="mean")}) == 5 and checkpoint_key() == key
     ignored = shutil.ignore_patterns("__pycache__")
     for folder in ("stages", "tactile_viewgcn", "data/virtual"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=ignored)

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from stages.cluster import cluster
 from stages.finetune import finetune
 from stages.needs import needs
-from tactile_viewgcn.systems import OnBackbone, OnSensors
+from tactile_viewgcn.systems import System
 from tactile_viewgcn.tables.frames import write_frames
 from tactile_viewgcn.tables.views import read_views
 from tests.small_tables import ROOT, SMALL, fewer_anchors, table
@@ -36,10 +36,11 @@ def needs_of(system):
 
 
 def test_all_systems_with_a_backbone_need_the_same_and_those_without_too():
-    assert {needs_of(name)[1] for name in get_args(OnBackbone)} == {'{"cluster": true, "pretrain": true}\n'}
-    assert {needs_of(name)[1] for name in get_args(OnSensors)} == {'{"cluster": false, "pretrain": false}\n'}
+    networks = set(get_args(System)) - {"sensors"}
+    assert {needs_of(name)[1] for name in networks} == {'{"cluster": true, "pretrain": true}\n'}
+    assert needs_of("sensors")[1] == '{"cluster": false, "pretrain": false}\n'
     assert needs_of("view_gcn")[0] == "needs: view_gcn needs clusters and a pretrained backbone\n"
-    assert needs_of("trees")[0] == "needs: trees needs no clusters and no pretrained backbone\n"
+    assert needs_of("sensors")[0] == "needs: sensors needs no clusters and no pretrained backbone\n"
 
 
 IMPORTS = """
@@ -47,7 +48,7 @@ import sys
 from stages.needs import needs
 from stages.pretrain import pretrain
 
-needs(["--set", "model.system=trees", "--out", "needs.json"], standalone_mode=False)
+needs(["--set", "model.system=sensors", "--out", "needs.json"], standalone_mode=False)
 files = ["--needs", "needs.json", "--frames", "frames.h5", "--out", "backbone.pt", "--record", "pretrain.json"]
 pretrain(files, standalone_mode=False)
 print("imported", *{"torch", "mlflow", "sklearn", "scipy"} & set(sys.modules))
@@ -69,7 +70,7 @@ def test_a_pretraining_left_out_loads_no_torch_and_makes_no_run_but_a_record(pla
     assert record["seconds"] > 0 and set(record["inputs"]) == {"needs", "frames"}
 
 
-@pytest.mark.parametrize(("system", "fitted"), [("lda", True), ("mean", False)])
+@pytest.mark.parametrize(("system", "fitted"), [("sensors", True), ("mean", False)])
 def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_and_no_other(place, system, fitted):
     write_frames(place / "frames.h5", fewer_anchors(table(), 4))
     (place / "backbone.pt").write_text(LEFT_OUT)
@@ -84,9 +85,12 @@ def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_an
     result = CliRunner().invoke(finetune, [*words, *files, "--record", "finetune.json"])
     assert result.exit_code == (0 if fitted else 1), result.output
     assert (place / "classifier.pt").exists() == fitted
-    assert ("finetune: lda is fitted in " if fitted else "Error: backbone.pt: damaged") in result.output
+    assert ("finetune: kernel + max_kernel fitted in " if fitted else "Error: backbone.pt: damaged") in result.output
     if fitted:
-        assert json.loads((place / "finetune.json").read_text())["counts"] == {"weights.head": 0}
+        assert json.loads((place / "finetune.json").read_text())["counts"] == {
+            "weights.head": 0,
+            "resolved.model.members": "kernel + max_kernel",
+        }
 
 
 def test_a_launcher_that_starts_nothing_is_refused_before_the_trainings():

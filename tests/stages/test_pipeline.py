@@ -181,21 +181,22 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     place.mkdir()
     restored, again = "Stage 'pretrain' is cached - skipping run", ["needs", "finetune", "evaluate"]
 
-    def switch_to(system, *options, uri="disabled"):
-        return sh("dvc", "exp", "run", *options, "-S", f"model.system={system}", cwd=clone, MLFLOW_TRACKING_URI=uri)
+    def switch_to(system, members="[lda]", *options, uri="disabled"):
+        changes = ("-S", f"model.system={system}", "-S", f"model.members={members}")
+        return sh("dvc", "exp", "run", *options, *changes, cwd=clone, MLFLOW_TRACKING_URI=uri)
 
-    output = switch_to("lda", uri=f"sqlite:///{place}/mlflow.db")
+    output = switch_to("sensors", uri=f"sqlite:///{place}/mlflow.db")
     assert stages_of(output) == ["needs", "cluster", "pretrain", "finetune", "evaluate"]
     assert "cluster: left out" in output and "pretrain: left out" in output
     _, (row,), (run,) = store_of(place)
     assert run.data.tags["stage"] == "finetune" and row.data.tags["stage.finetune"] == run.info.run_id
     assert "stage.pretrain" not in row.data.tags and row.data.metrics["seconds.pretrain"] > 0
-    output = switch_to("logistic")
-    assert stages_of(output) == again and "Stage 'pretrain' didn't change" in output
+    output = switch_to("sensors", "[logistic]")
+    assert stages_of(output) == again[1:] and "Stage 'pretrain' didn't change" in output
     output = switch_to("mvcnn")
     assert stages_of(output) == again and restored in output
     assert (clone / "models" / "backbone.pt").read_bytes() == backbone
-    output = switch_to("logistic", "--temp")
+    output = switch_to("sensors", "[logistic]", "--temp")
     assert stages_of(output) == again and restored in output
     restore(clone)
 

@@ -147,13 +147,16 @@ def test_a_mistake_on_the_command_line_ends_in_one_line(words, expected):
     assert result.output.count("\n") == 1
 
 
-SYSTEMS = ("view_gcn", "mvcnn", "trees", "lda")
+CHANGES = {system: (f"model.system={system}",) for system in ("view_gcn", "mvcnn")} | {
+    member: ("model.system=sensors", f"model.members=[{member}]") for member in ("trees", "lda")
+}
+SYSTEMS = tuple(CHANGES)
 CELLS = {
     f"{system} {seed} {fold}": cell_of(
-        *(f"model.system={system}", f"seed={seed}", "split.folds=3", f"split.fold={fold}"), variant=system
+        *(*changes, f"seed={seed}", "split.folds=3", f"split.fold={fold}"), variant=system
     )
     for seed in range(2)
-    for system in SYSTEMS
+    for system, changes in CHANGES.items()
     for fold in range(3)
 }  # 12 with a backbone, of which two share each, and 12 without
 

@@ -11,12 +11,12 @@ import torch
 
 from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.system import shape_classifier
-from tactile_viewgcn.systems import OnBackbone
+from tactile_viewgcn.systems import System
 from tactile_viewgcn.training.losses import sort_by_time
 from tests.systems.small_systems import built, fill, some_views
 
 ROOT = Path(__file__).parents[2]
-NETWORKS = list(get_args(OnBackbone))
+NETWORKS = [name for name in get_args(System) if name != "sensors"]
 ORDERLESS = {"mvcnn", "mean", "vote", "gvcnn", "rotationnet"}
 
 
