@@ -171,12 +171,7 @@ def test_values_that_do_not_go_together_are_refused(changes, words):
         ("viewpoints=dodecahedron", "views=20"),
         ("viewpoints=circle", "views=7"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "split.validation=0.2"),
-        (
-            "evaluate.confidence_threshold=0.9",
-            "finetune.num_views=random",
-            "model.system=sensors",
-            "model.members=[kernel]",
-        ),
+        ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "model.system=sensors"),
         ("launcher=torchrun --nproc-per-node 2 -m",),
     ],
 )

@@ -10,8 +10,7 @@ from torch import Tensor
 from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork
 from tactile_viewgcn.params import Model
 from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.systems import on_sensors, system_class
-from tactile_viewgcn.systems.sensors import build
+from tactile_viewgcn.systems import load_system, on_sensors, system_class
 
 Classifier = ViewNetwork | SensorClassifier
 
@@ -19,5 +18,5 @@ Classifier = ViewNetwork | SensorClassifier
 def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE) -> Classifier:
     """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator."""
     if on_sensors(model.system):
-        return build(viewpoints, model.members)
+        return load_system(model.system).build(viewpoints, model.members)
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)

@@ -9,7 +9,7 @@ from tactile_viewgcn.params import Model
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.systems import TrainingFrames
 from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
-from tactile_viewgcn.systems.sensors import build
+from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.thinning import thinned
@@ -40,7 +40,7 @@ def fit_sensors(
     sizes = (views,) if num_views == "full" else powers_of_two(views)
     while sizes[-1] < (most_frames or views):
         sizes += (min(2 * sizes[-1], most_frames or views),)
-    classifier = build(torch.from_numpy(viewpoints), model.members)
+    classifier = load_system(model.system).build(torch.from_numpy(viewpoints), model.members)
     classifier.fit(*training_frames(table, views, sizes, seed, quick=quick))
     return classifier, Progress(seconds=time.perf_counter() - begin)
 
