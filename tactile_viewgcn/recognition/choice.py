@@ -45,6 +45,11 @@ class Candidate:
 
 def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> list[Candidate]:
     """The candidates on the training side's groups, each group answered by fits to others; empty where none can be."""
+    import sklearn.linear_model  # here, so that no import is within the seconds of a fit
+    import sklearn.pipeline  # noqa: F401
+
+    from tactile_viewgcn.sensors import forest, kernels, support_vectors  # noqa: F401
+
     names = list(dict.fromkeys(name for members in candidates for name in members))
     seconds, milliseconds = dict.fromkeys(names, 0.0), dict.fromkeys(names, np.inf)
     errors: list[list[np.ndarray]] = [[] for _ in candidates]

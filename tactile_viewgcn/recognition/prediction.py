@@ -148,9 +148,10 @@ def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
     known = [record for record in records if record["object"] in (*classes, EMPTY_HAND)]
     other = [record["answer"] for record in records if record["object"] not in (*classes, EMPTY_HAND, None)]
     if known:
-        ranked = [(record["class_1"] or EMPTY_HAND, record["class_2"], record["class_3"]) for record in known]
+        named = [record for record in known if record["answer"] != UNKNOWN]
+        ranked = [(record["class_1"] or EMPTY_HAND, record["class_2"], record["class_3"]) for record in named]
         first, among = (
-            sum(record["object"] in names[:top] for record, names in zip(known, ranked, strict=True))
+            sum(record["object"] in names[:top] for record, names in zip(named, ranked, strict=True))
             for top in (1, TOP)
         )
         share = 100 * first / len(known)

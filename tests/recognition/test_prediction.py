@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from tactile_viewgcn import tracking
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition.answer import UNKNOWN
 from tactile_viewgcn.recognition.prediction import _summary, load_model
 from tests.mlflow_stores import fresh_store
 from tests.small_glove import OBJECTS, SHAPE, empty_hand, model_file, recording, write
@@ -93,6 +94,12 @@ def test_the_first_three_are_counted_where_there_are_more_classes(classes, count
     best = {f"class_{place}": name for place, name in enumerate("bca", start=1)}
     *_, right = _summary([{"answer": "b", "object": "a", **best}], list(classes))
     assert right == "right: 0 of 1 (0.0 %)" + "; among the first three: 1" * counted
+
+
+def test_what_is_called_unknown_is_not_counted_as_right():
+    known = {"object": "a", "class_1": "a", "class_2": "b", "class_3": None}
+    *_, right = _summary([known | {"answer": answer} for answer in ("a", UNKNOWN)], ["a", "b"])
+    assert right == "right: 1 of 2 (50.0 %)"
 
 
 def test_the_files_hold_what_is_printed_and_all_probabilities(place):
