@@ -7,14 +7,13 @@ import numpy as np
 
 from stages.command import Job, stage
 from tactile_viewgcn.notes import several
-from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, read_source
 
 
 @stage("source", echoed=("shape",))
 def ingest(job: Job, source: Path, out: Path) -> None:
     layout = None if job.params.data.shape == "auto" else job.params.data.shape
-    write_recordings(out, open_source(source, layout=layout), job.md5s["source"])
+    read_source(source, out, job.md5s["source"], layout=layout)
     table = Recordings(out)
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]

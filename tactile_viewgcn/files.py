@@ -149,6 +149,8 @@ def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
 def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
     """The file itself, or all files below a folder in the order of their paths, of those with these endings.
 
+    Hidden files and folders, whose names begin with a dot, are left out.
+
     Raises:
         UserError: folders lie in each other deeper than Python follows them: before 3.12 some hundreds.
     """
@@ -156,7 +158,8 @@ def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
     except RecursionError:
         raise UserError(f"{path}: folders lie too deep within each other; expected a few levels") from None
-    return [file for file in files if file.suffix.lower() in suffixes]
+    hidden = [any(part.startswith(".") for part in file.relative_to(path).parts) for file in files]
+    return [file for file, out in zip(files, hidden, strict=True) if not out and file.suffix.lower() in suffixes]
 
 
 def check_is_file(path: Path) -> None:

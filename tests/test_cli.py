@@ -141,7 +141,7 @@ def test_what_is_ended_leaves_no_temporary_folder(tmp_path):
     (tmp_path / "lab" / "mug").mkdir(parents=True)
     (place := tmp_path / "temporary").mkdir()
     rng = np.random.default_rng(0)
-    np.save(tmp_path / "lab" / "mug" / "1.npy", rng.integers(500, 530, (40_000, 16, 16), dtype=np.int16))
+    np.save(tmp_path / "lab" / "mug" / "1.npy", rng.integers(500, 530, (120_000, 16, 16), dtype=np.int16))
     command = [sys.executable, "-m", "tactile_viewgcn", "inspect", tmp_path / "lab"]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(place)}
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -101,6 +101,13 @@ def deep_folder(tmp_path, monkeypatch):
         Path("d").rmdir()
 
 
+def test_hidden_files_are_left_out(tmp_path):
+    for name in ("mug/1.npy", "mug/._1.npy", ".ipynb_checkpoints/1-checkpoint.npy"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert files_below(tmp_path, ARRAYS) == [tmp_path / "mug/1.npy"]
+
+
 def test_folders_without_end_are_refused(deep_folder):
     if sys.version_info < (3, 12):  # which goes down without a limit
         with pytest.raises(UserError, match="folders lie too deep within each other"):

@@ -8,14 +8,12 @@ from hashlib import md5
 from io import BytesIO
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import check_is_file, readable
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import VIRTUAL
-from tactile_viewgcn.readers.limits import check_size
 
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")
 REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
@@ -92,16 +90,8 @@ def read_run(name: str = "") -> FinishedRun:
     results = [read(f"results/{file}") for file in ("metrics.json", "timing.json", "predictions.npz")]
     with readable(f"{where}: a file of results/"):
         metrics, timing = map(json.loads, results[:2])
-        _check_size(results[2])
         predictions = read_predictions(BytesIO(results[2]))
     return FinishedRun(name, metrics, timing, predictions, records)
-
-
-def _check_size(archive: bytes) -> None:
-    """A UserError where results/predictions.npz declares far more than it stores."""
-    with ZipFile(BytesIO(archive)) as members:
-        declared = sum(member.file_size for member in members.infolist())
-    check_size(declared, len(archive), "results/predictions.npz", "run `dvc repro -f evaluate`")
 
 
 def _read_file(path: str) -> bytes:

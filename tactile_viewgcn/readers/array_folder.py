@@ -6,7 +6,6 @@ frame (rows, columns).
 
 import math
 import re
-import zipfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import ARRAYS, check_is_file, files_below, readable_source
-from tactile_viewgcn.readers.limits import check_size
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
     MAX_SIDE,
@@ -83,14 +81,19 @@ def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bo
 
 
 def _disagreements(headers: list[Header]) -> list[str]:
-    """Mistakes of files that are good alone and do not go together."""
+    """Mistakes of files that are good alone and do not go together; what most files have is expected."""
     mistakes, count = [], Counter(header.recording for header in headers)
-    for header in headers:
-        sides, expected = (f"{one.shape[1]} x {one.shape[2]}" for one in (header, headers[0]))
-        if sides != expected:
-            mistakes.append(f"{header.file}: frames of {sides}; expected {expected} as in {headers[0].file}")
-        if header.recording.count("/") != headers[0].recording.count("/"):
-            mistakes.append(f"{header.file}: other folders than {headers[0].file}; expected all files as {PLACES}")
+    sides = [f"{header.shape[1]} x {header.shape[2]}" for header in headers]
+    depths = [header.recording.count("/") for header in headers]
+    expected = Counter(sides or [""]).most_common(1)[0][0]
+    depth = Counter(depths or [0]).most_common(1)[0][0]
+    for header, side, deep in zip(headers, sides, depths, strict=True):
+        if side != expected:
+            file = headers[sides.index(expected)].file
+            mistakes.append(f"{header.file}: frames of {side}; expected {expected} as in {file}")
+        if deep != depth:
+            file = headers[depths.index(depth)].file
+            mistakes.append(f"{header.file}: other folders than {file}; expected all files as {PLACES}")
         if count[header.recording] > 1:
             mistakes.append(f"{header.file}: another file differs in its ending alone; expected one for each recording")
     return mistakes
@@ -135,13 +138,10 @@ def _read(file: Path) -> np.ndarray:
 
 def _npz(file: Path) -> np.ndarray:
     """The only array of a file, or the one named pressure."""
-    with zipfile.ZipFile(file) as archive:
-        members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
-    names = [name for name in members if len(members) == 1 or name == "pressure"]
-    if not names:
-        raise ValueError(f"arrays: {listed(list(members)) or 'none'}; expected one, or pressure among them")
-    check_size(members[names[0]].file_size, file.stat().st_size, f"{file}: {names[0]}")
-    with np.load(file, allow_pickle=False) as arrays:
+    with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+        names = [name for name in arrays if len(arrays) == 1 or name == "pressure"]
+        if not names:
+            raise ValueError(f"arrays: {listed(list(arrays)) or 'none'}; expected one, or pressure among them")
         if isinstance(array := arrays[names[0]], np.ndarray):
             return array
     raise ValueError(f"{names[0]} is no array")

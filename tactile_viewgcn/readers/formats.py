@@ -37,9 +37,12 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
     if path.is_dir():
         if next(path.glob("*/*/pressuredata.mat"), None):
             return read_folder(path)
-        if files_below(path, HDF5):
+        recordings, arrays = files_below(path, HDF5), files_below(path, ARRAYS)
+        if recordings and arrays:
+            raise UserError(f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); expected one form")
+        if recordings:
             return read_hdf5(path, labelled=labelled)
-        if files_below(path, ARRAYS):
+        if arrays:
             return read_arrays(path, layout, labelled=labelled)
         raise UserError(
             f"{path}: neither [batch]/[recording]/pressuredata.mat, nor .h5 recordings, nor arrays in it; {EXPECTED}"

@@ -8,7 +8,6 @@
 attributes    object, session; optional: recording (else the file's path in the folder), split ("train" or "test")
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,8 +17,7 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import HDF5, files_below, readable_source
-from tactile_viewgcn.readers.hdf5_file import AGAIN, DAMAGED, attribute, check_heaps, dataset, open_hdf5
-from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_size
+from tactile_viewgcn.readers.hdf5_file import AGAIN, DAMAGED, attribute, dataset, open_hdf5
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
     SOURCE_MD5,
@@ -128,14 +126,12 @@ def _disagreements(headers: list[Header], path: Path) -> list[str]:
 def _read_header(path: Path, root: Path, labelled: bool) -> Header:
     """Header of one file below `root`; a UserError lists all its mistakes."""
     with readable_source(path, DAMAGED, AGAIN), open_hdf5(path) as file:
-        check_heaps(file)
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
         names = list(file)
         if "pressure" not in names:
             raise UserError(f"{path}: no dataset /pressure; found {listed(names) or 'nothing'}")
         pressure = dataset(file, "pressure")
-        check_size(COLUMN_BYTES * math.prod(pressure.shape[:1]), pressure.id.get_storage_size(), f"{path}: /pressure")
         shape, dtype = check_shape(pressure.shape, str(path)), storage_type(pressure.dtype, str(path))
         columns, mistakes = [name for name in OPTIONAL_COLUMNS if name in names], []
         for name in columns:

@@ -9,7 +9,6 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import check_is_file, readable_source
-from tactile_viewgcn.readers import matlab5
 from tactile_viewgcn.readers.hdf5_file import (
     DATASET,
     GROUP,
@@ -18,7 +17,6 @@ from tactile_viewgcn.readers.hdf5_file import (
     OBJECTS,
     OUTWARD,
     check_dataset,
-    check_heaps,
     dataset,
     kind_of,
     open_hdf5,
@@ -40,14 +38,18 @@ def mat_shapes(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
     A header of MATLAB 5 does not say in which type whole numbers of class double are stored.
 
     Raises:
-        UserError: it is damaged, or declares or inflates to far more than it stores.
+        UserError: it is damaged.
     """
     check_is_file(path)
     with readable_source(path, DAMAGED, REMEDY):
         if not h5py.is_hdf5(path):
-            return matlab5.shapes(path)
+            from scipy import io  # here: it loads slowly
+
+            found = io.whosmat(path)
+            if len(shapes := {name: (shape, kind) for name, shape, kind in found}) < len(found):
+                raise ValueError("a field stands twice")
+            return shapes
         with open_hdf5(path) as file:
-            check_heaps(file)
             return {name: _shape_and_type(file, name) for name in file if not name.startswith("#")}
 
 
@@ -59,7 +61,10 @@ def mat_fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
     """
     with readable_source(path, DAMAGED, REMEDY):
         if not h5py.is_hdf5(path):
-            return matlab5.fields(path, names)
+            from scipy import io
+
+            fields = io.loadmat(path, variable_names=names)
+            return {name: _of_matlab5(fields[name]) for name in names if name in fields}
         with open_hdf5(path) as file:
             return {name: _of_hdf5(file, name) for name in file if name in names}
 
@@ -78,6 +83,15 @@ def mat_frames(path: Path, name: str) -> tuple[np.dtype, Callable[[slice], np.nd
             return values.dtype, read
     whole = mat_fields(path, [name])[name]
     return whole.dtype, lambda at: np.ascontiguousarray(whole[at])
+
+
+def _of_matlab5(value: np.ndarray) -> Any:
+    """The array of a field, or the texts of a cell array."""
+    if value.dtype.kind != OBJECTS:
+        return value.astype(value.dtype.newbyteorder("="), copy=False)
+    if others := [cell.dtype for cell in value.ravel() if cell.dtype.kind != "U"]:
+        raise ValueError(f"a cell is of type {others[0]}, and no text")
+    return [str(cell.ravel()[0]) if cell.size else "" for cell in value.ravel(order="F")]
 
 
 def _shape_and_type(file: h5py.File, name: str) -> tuple[tuple[int, ...], str]:

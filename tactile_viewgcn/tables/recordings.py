@@ -6,6 +6,7 @@ axes are (frame, row, column).
 """
 
 import math
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,9 +18,9 @@ from tqdm import tqdm
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.readers.child import AGAIN, run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.hdf5_file import OBJECTS, dataset
-from tactile_viewgcn.readers.limits import COLUMN_BYTES, check_disk
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
     COLUMNS,
@@ -31,11 +32,32 @@ from tactile_viewgcn.readers.source import (
 )
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
+COLUMN_BYTES = 32  # of all columns, for each frame
+DISK, DISK_TIMES = 2**30, 200  # bytes of a table; times the bytes that its source stores, on top
 
-def _table(path: Path, needed: int, source: Path) -> h5py.File:
-    """A new table, where its disk has room for it."""
-    check_disk(path.absolute().parent, needed, source)
-    return h5py.File(path, "w")
+
+def check_disk(folder: Path, needed: int, path: Path) -> None:
+    """Raise a UserError for a table of `needed` bytes without room in `folder`, or too large for its source `path`."""
+    usage, stored = shutil.disk_usage(folder), stored_bytes(path)
+    if needed > DISK + DISK_TIMES * stored:
+        raise UserError(f"{path}: declares {needed / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; {AGAIN}")
+    if needed > usage.free and usage.total:  # some mounted folders do not know
+        raise UserError(
+            f"{path}: its table needs {needed / 1e6:,.0f} MB in {folder}, where {usage.free / 1e6:,.0f} MB are free; "
+            "make room, or name another disk (TMPDIR for a temporary table)"
+        )
+
+
+def read_source(
+    path: Path, out: Path, md5: str = "", *, labelled: bool = True, layout: Sequence[int] | None = None
+) -> None:
+    """Write the recordings at a path, see `open_source`, to a table, in a process of its own, see `run_apart`.
+
+    Raises:
+        UserError: as `open_source` and `write_recordings`, or the reading crashed.
+    """
+    with atomic_write(out) as part:
+        run_apart(lambda: _write(part, open_source(path, labelled=labelled, layout=layout), md5), path)
 
 
 def write_recordings(path: str | Path, source: Source, md5: str) -> None:
@@ -45,6 +67,11 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
         UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little; no
             file is left behind.
     """
+    with atomic_write(path) as part:
+        _write(part, source, md5)
+
+
+def _write(path: Path, source: Source, md5: str) -> None:
     low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
     columns: dict[str, list[np.ndarray]] = {}
 
@@ -61,7 +88,8 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
 
     frame_bytes = math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES
     bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
-    with atomic_write(path) as part, _table(part, source.frames * frame_bytes, source.path) as file, bar:
+    check_disk(path.absolute().parent, source.frames * frame_bytes, source.path)
+    with h5py.File(path, "w") as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
         file["live"] = low < high
         if 0 < (spread := (high - low).max()) < MIN_SPREAD:
@@ -81,10 +109,9 @@ def recordings_of(
     path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None
 ) -> Iterator["Recordings"]:
     """A temporary table of the recordings at a path, see `open_source`; its errors name that path."""
-    source = open_source(path, labelled=labelled, layout=layout)
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings.h5"
-        write_recordings(file, source, "")
+        read_source(Path(path), file, labelled=labelled, layout=layout)
         recordings = Recordings(file)
         recordings.path = Path(path)
         yield recordings

@@ -18,11 +18,10 @@ from scipy import io
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import DEFAULTS, load
-from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.tables.recordings import write_recordings
+from tactile_viewgcn.tables.recordings import read_source
 from tests.readers.test_hdf5 import COUNTS, record
 from tests.small_tables import recipe, table, trained
 from tests.stag_files import metadata, save_matlab73
@@ -123,9 +122,7 @@ def reader(kind: str, folder: Path) -> Callable[[bytes], None]:
         if kind == "params":
             load(path)
         else:
-            write_recordings(
-                folder / "out" / "table", open_source(path, labelled=kind not in ("npy", "npz", "csv")), ""
-            )
+            read_source(path, folder / "out" / "table", labelled=kind not in ("npy", "npz", "csv"))
 
     return read
 

@@ -61,6 +61,14 @@ def test_the_pipelines_own_table_is_no_source(tmp_path):
         open_source(path)
 
 
+def test_hdf5_recordings_do_not_hide_arrays(tmp_path):
+    path = save_hdf5(tmp_path / "lab", TREE)
+    (path / "mug").mkdir()
+    np.save(path / "mug" / "1.npy", TREE["pressure"])
+    with pytest.raises(UserError, match=r"lab: HDF5 recordings \(.*\.h5\) and arrays \(.*1\.npy\); expected one form"):
+        open_source(path)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "error", "sentence"),
     [

@@ -5,32 +5,37 @@ import socket
 import time
 import zipfile
 import zlib
+from collections import deque
 
 import h5py
 import numpy as np
 import pytest
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.readers import limits
+from tactile_viewgcn.readers import child
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.hdf5 import read_hdf5
-from tactile_viewgcn.tables.recordings import recordings_of, write_recordings
+from tactile_viewgcn.tables import recordings
+from tactile_viewgcn.tables.recordings import read_source, recordings_of
 from tests.readers.test_hdf5 import COUNTS, record
 from tests.stag_files import metadata, save_matlab5, save_matlab73
 
 TREE = metadata(objects=2, recordings=1, frames=4)
 
 
-def refusal(path) -> str:
-    """The line that ends the reading of a source; there is no table, nor a part of one."""
-    out = path.parent.parent / "out"
-    out.mkdir(exist_ok=True)
-    begin = time.perf_counter()
-    with pytest.raises(UserError) as caught:
-        write_recordings(out / "table", open_source(path), "0" * 32)
-    assert time.perf_counter() - begin < 10 and list(out.iterdir()) == []
-    assert path.name in str(caught.value)
-    return str(caught.value)
+def refusal(path, *, may_be_read=False) -> str:
+    """The line that ends the reading of a source, and there is no table, nor a part of one; "" if it is read."""
+    (out := path.parent.parent / "out").mkdir(exist_ok=True)
+    begin, line = time.perf_counter(), ""
+    try:
+        read_source(path, out / "table")
+    except UserError as error:
+        line = str(error)
+    assert time.perf_counter() - begin < 30 and "\n" not in line
+    if line:
+        assert path.name in line and list(out.iterdir()) == []
+    else:
+        assert may_be_read
+    return line
 
 
 def external_storage(file, folder):
@@ -123,43 +128,18 @@ def references(file, folder):
     file["pressure"] = np.full((4, 5, 7), file.ref, dtype=h5py.ref_dtype)
 
 
-HOSTILE = {
-    external_storage: "/pressure has its values outside the file; expected them in it",
-    external_link: "/pressure is a link to another file; expected a dataset in the file itself",
-    link_to_an_external_link: "/pressure is a link that leads nowhere in the file; expected a dataset",
-    virtual: "/pressure has its values outside the file; expected them in it",
-    dangling: "/pressure is a link that leads nowhere in the file; expected a dataset",
-    cyclic: "/pressure is a link that leads nowhere in the file; expected a dataset",
-    group: "/pressure is a group; expected a dataset",
-    nothing: "/pressure is of type null; expected integers or real numbers",
-    declared: "/pressure declares 25,770 MB and stores 0.000 MB; expected at most 67 MB",
-    declared_in_petabytes: "/pressure declares 9,007,199,255 MB and stores 0.000 MB; expected at most 67 MB",
-    frames_of_one_sensor: "/pressure declares 1,920 MB and stores 0.000 MB; expected at most 67 MB",
-    large_chunks: "/pressure declares 164 MB and stores 0.000 MB; expected at most 67 MB",
-    compressed_twice: "/pressure is compressed by HDF5's filters [1, 1]; expected one of gzip and lzf, or none",
-    inflating_chunk: "/pressure has a chunk that inflates to more than its 7.000 MB; record it again",
-    oversized_chunk: "/pressure has a chunk that inflates to more than its 0.000 MB; record it again",
-    tiny_chunks: "/pressure is cut into 286,720 chunks of 1 bytes; expected 1,024 bytes or more in each",
-    half_infinite: "pressure of frame 0 of recording bad is inf; expected a number from every sensor, up to 1e+30",
-    endless_time: "time -inf of frame 0 is out of range; expected -1000000000 to 1000000000 seconds",
-    references: "/pressure is of type object; expected integers or real numbers",
-}
+OUTSIDE = [external_storage, external_link, link_to_an_external_link, virtual]
+NO_NUMBERS = [dangling, cyclic, group, nothing, references, half_infinite, endless_time]
+LARGE = [declared, declared_in_petabytes, frames_of_one_sensor, large_chunks, compressed_twice, inflating_chunk,
+         oversized_chunk, tiny_chunks]  # fmt: skip
 
 
-@pytest.mark.parametrize("make", HOSTILE)
-def test_a_hostile_dataset_is_refused_before_it_is_read(tmp_path, make):
+@pytest.mark.parametrize("make", OUTSIDE + NO_NUMBERS + LARGE)
+def test_a_hostile_dataset_ends_in_a_line_or_is_read_as_what_it_is(tmp_path, make):
     path = record(tmp_path / "in" / "bad.h5", pressure=None)
     with h5py.File(path, "r+") as file:
         make(file, tmp_path)
-    assert HOSTILE[make] in refusal(path)
-
-
-def test_chunks_that_would_be_read_whole_are_refused_though_they_are_stored(tmp_path):
-    path = record(tmp_path / "in" / "bad.h5", pressure=None)
-    with h5py.File(path, "r+") as file:
-        values = file.create_dataset("pressure", (9_000, 64, 64), "i2", chunks=(9_000, 64, 64))
-        values[:1] = 1
-    assert "/pressure has chunks of 74 MB; expected at most 67 MB" in refusal(path)
+    refusal(path, may_be_read=make in LARGE)
 
 
 def test_links_and_damage_in_other_places_are_named(tmp_path):
@@ -221,7 +201,7 @@ def test_a_heap_in_which_hdf5_would_go_round_in_circles_is_refused(tmp_path, siz
         at += 16 + -(-int.from_bytes(content[at + 8 : at + 16], "little") // 8) * 8
     content[at + 8 : at + 16] = size.to_bytes(8, "little")
     path.write_bytes(content)
-    assert "a heap of texts is damaged" in refusal(path)
+    assert refusal(path)
 
 
 @pytest.mark.parametrize("name", ["grip.h5", "grip.npy", "metadata.mat", "grip.csv"])
@@ -263,8 +243,8 @@ def zipped(path, size):
 
 
 def test_a_zip_bomb_is_refused(tmp_path):
-    path = zipped(tmp_path / "in" / "mug" / "1.npz", 80 * 2**20)
-    assert "a declares 84 MB and stores 0.082 MB; expected at most 67 MB" in refusal(path.parent.parent)
+    path = zipped(tmp_path / "in" / "mug" / "1.npz", 1500 * 2**20)
+    assert "1.npz" in refusal(path.parent.parent)
 
 
 def test_an_archive_that_declares_less_than_its_array_is_refused(tmp_path):
@@ -275,6 +255,19 @@ def test_an_archive_that_declares_less_than_its_array_is_refused(tmp_path):
     assert "not readable as .npz, or cut short (" in refusal(path.parent.parent)
 
 
+@pytest.mark.parametrize("harm", [os.abort, lambda: np.ones(2**32), lambda: deque(iter(int, 1), 0)])
+def test_what_crashes_takes_all_memory_or_never_ends_ends_in_a_line(tmp_path, monkeypatch, harm):
+    monkeypatch.setattr(child, "SECONDS", 1)
+    (tmp_path / "a.h5").touch()
+    with pytest.raises(UserError, match=r"a\.h5: .*record or download it again"):
+        child.run_apart(harm, tmp_path / "a.h5")
+
+
+def test_a_fault_of_ours_comes_out_of_the_child(tmp_path):
+    with pytest.raises(ZeroDivisionError):
+        child.run_apart(lambda: print(1 // 0), tmp_path)
+
+
 def test_a_line_without_end_is_refused(tmp_path):
     (tmp_path / "in" / "mug").mkdir(parents=True)
     (tmp_path / "in" / "mug" / "1.csv").write_text("1," * 10_000_000)
@@ -283,23 +276,8 @@ def test_a_line_without_end_is_refused(tmp_path):
 
 def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
     usage = type("usage", (), {"free": 100, "total": 1000})
-    monkeypatch.setattr(limits.shutil, "disk_usage", lambda folder: usage)
+    monkeypatch.setattr(recordings.shutil, "disk_usage", lambda folder: usage)
     assert "needs 0 MB in" in refusal(record(tmp_path / "in" / "a.h5"))
-
-
-def test_a_column_that_hardly_changes_may_be_compressed_to_nothing(tmp_path):
-    frames = 2_200_000
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["pressure"] = np.arange(frames, dtype=np.int16).reshape(-1, 1, 1)
-        file.create_dataset("valid", data=np.ones(frames, bool), compression="gzip")
-        file.attrs.update({"object": "mug", "session": "s"})
-    assert read_hdf5(tmp_path / "a.h5").frames == frames
-
-
-def test_what_is_honestly_large_is_not_refused():
-    assert limits.most_declared(20 * 2**30) > 20 * 2**30  # uncompressed
-    assert limits.most_declared(2 * 2**30) == 10 * 2**30
-    assert limits.most_declared(2**20) == 200 * 2**20
 
 
 def test_good_files_are_read_as_before(tmp_path):
