@@ -21,7 +21,7 @@ from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 PERCENTILES = (0, 1, 50, 99, 100)
 SAMPLE = 2000  # frames of which percentiles are computed
 POINTS = 100  # of a time line, at most
-STUCK = 0.1  # of the median sensor's standard deviation
+STUCK = 0.1  # of the median sensor's noise
 SATURATED = 0.01  # share of frames at the largest reading there is
 GAP = 2.5  # median intervals: frames are missing
 ALWAYS = ("object", "recording", "session", "frame", "time")  # columns that every source has
@@ -102,7 +102,7 @@ def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
     above = contact_readings(of)[1]
     sample = of.hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
     smallest, largest, at_largest = _extremes(of)
-    spread = sample.std(axis=0, dtype=np.float64)
+    spread, noise = sample.std(axis=0, dtype=np.float64), np.median(of.hand.noise[np.unique(of.session)], axis=0)
     rng = stream(0, "first frame")
     return Overview(
         inspection=of,
@@ -119,9 +119,9 @@ def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
         first_frame=None if of.all_contact else check_first_frames(recordings, of.hand, rng),
         percentiles=np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
         above=np.percentile(above, PERCENTILES) if len(above) else np.full(len(PERCENTILES), np.nan),
-        stuck=_on_layout(spread < STUCK * np.median(spread), of.live),
+        stuck=_on_layout(spread < STUCK * np.median(noise), of.live),
         saturated=_on_layout(at_largest / len(recordings) * (at_largest.sum() > 1), of.live),
-        noise=_on_layout(np.median(of.hand.noise[np.unique(of.session)], axis=0), of.live),
+        noise=_on_layout(noise, of.live),
         mean_frame=np.stack([_on_layout(mean, of.live) for mean in means]),
         activity=activity,
         in_contact=in_contact,

@@ -31,6 +31,7 @@ from tactile_viewgcn.readers.source import (
 
 MOST_LINE = 2**17  # letters of a line: 32 for each of 64 x 64 sensors
 HEADER = r"\s*(?:[#%]|(?!(?:nan|inf(?:inity)?)\b)[\"']?\s*[^\W\d])"  # how a line of .csv begins that is none of numbers
+TIME = r"[\s#%\"']*time"  # how the names of a .csv begin whose first column is no sensor
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 
 
@@ -148,15 +149,18 @@ def _npz(file: Path) -> np.ndarray:
 
 
 def _csv(file: Path) -> np.ndarray:
-    """Numbers (lines, cells), whole ones where all are; a first line that begins with a word is left out."""
-    words = bool(re.match(HEADER, next(_lines(file), ""), re.IGNORECASE))
+    """Numbers (lines, cells), whole ones where all are; a first line of names is left out, and a column of times."""
+    header = next(_lines(file), "")
+    words, times = (bool(re.match(pattern, header, re.IGNORECASE)) for pattern in (HEADER, TIME))
     first = next(islice(_lines(file), words, None), "")
     if not first:
         raise ValueError("no line of numbers")
     mark = next((mark for mark in ",;" if mark in first), None)
+    columns = range(1, len(first.split(mark))) if times else None
     for kind in (np.int64, np.float64):
         try:
-            return np.loadtxt(islice(_lines(file), words, None), kind, delimiter=mark, comments=None, ndmin=2)
+            lines = islice(_lines(file), words, None)
+            return np.loadtxt(lines, kind, delimiter=mark, comments=None, ndmin=2, usecols=columns)
         except ValueError as error:
             reason = str(error).partition("; use")[0]  # what follows is of NumPy's options
     raise ValueError(reason)

@@ -58,6 +58,7 @@ def refusal(path, layout=None, **options):
         ("1.csv", LINES.replace(",", "\t"), [2, 3]),
         ("1.csv", "# 0,1,2\n" + LINES, [2, 3]),
         ("1.csv", "infrared_1,b,c\n" + LINES, [2, 3]),
+        ("1.csv", "Timestamp,a,b\n" + "".join(f"0.5,{line}\n" for line in LINES.splitlines()), [2, 3]),
     ],
 )
 def test_every_form_gives_the_same_frames(tmp_path, name, content, layout):
