@@ -107,7 +107,7 @@ def readable_source(path: object, what: str, remedy: str) -> Iterator[None]:
     """Context for reading a file from outside: what is wrong with it where a library fails, and the remedy.
 
     Raises:
-        UserError: whatever a library raises, also for want of memory: a damaged file fails in many ways.
+        UserError: whatever a library raises but MemoryError: a damaged file fails in many ways.
     """
     with _in_one_line((Exception,), path, what, remedy):
         yield
@@ -117,7 +117,7 @@ def readable_source(path: object, what: str, remedy: str) -> Iterator[None]:
 def _in_one_line(errors: tuple[type[Exception], ...], path: object, what: str, remedy: str) -> Iterator[None]:
     try:
         yield
-    except UserError:
+    except (UserError, MemoryError):
         raise
     except errors as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"

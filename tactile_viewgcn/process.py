@@ -76,9 +76,10 @@ def usable_cores() -> int:
 
 
 def peak_mb() -> float:
-    """The most memory this process has held, in MB (10^6 bytes)."""
+    """The most memory that this process, or one that it started and that has ended, has held, in MB (10^6 bytes)."""
     status = Path("/proc/self/status")
     if status.exists():  # Linux, whose ru_maxrss would count the process that started this one
         (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
-        return int(line.split()[1]) * 1024 / 1e6
+        children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+        return max(int(line.split()[1]), children) * 1024 / 1e6
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6

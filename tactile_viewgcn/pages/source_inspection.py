@@ -46,7 +46,7 @@ class Overview:
             where all frames are contact.
         percentiles: (5,) of all readings, in counts: 0, 1, 50, 99 and 100.
         above: (5,) of the readings of sensors in contact, in counts above the baseline; NaN without any.
-        stuck: bool (H, W) sensors that vary by less than a tenth of what the median sensor does.
+        stuck: bool (H, W) sensors that vary by less than a tenth of the median sensor's noise.
         saturated: (H, W) share of frames in which a sensor reads the largest number that any does; 0 everywhere where
             only one reading is that large.
         noise: (H, W) standard deviation of a sensor without contact, the median of the sessions.

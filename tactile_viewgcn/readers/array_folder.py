@@ -31,7 +31,7 @@ from tactile_viewgcn.readers.source import (
 
 MOST_LINE = 2**17  # letters of a line: 32 for each of 64 x 64 sensors
 HEADER = r"\s*(?:[#%]|(?!(?:nan|inf(?:inity)?)\b)[\"']?\s*[^\W\d])"  # how a line of .csv begins that is none of numbers
-TIME = r"[\s#%\"']*time"  # how the names of a .csv begin whose first column is no sensor
+TIME = r"[\s#%\"']*time(?:stamp)?(?![a-z])"  # how the names of a .csv begin whose first column is no sensor
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 
 
@@ -83,11 +83,13 @@ def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bo
 
 def _disagreements(headers: list[Header]) -> list[str]:
     """Mistakes of files that are good alone and do not go together; what most files have is expected."""
+    if not headers:
+        return []
     mistakes, count = [], Counter(header.recording for header in headers)
     sides = [f"{header.shape[1]} x {header.shape[2]}" for header in headers]
     depths = [header.recording.count("/") for header in headers]
-    expected = Counter(sides or [""]).most_common(1)[0][0]
-    depth = Counter(depths or [0]).most_common(1)[0][0]
+    expected = Counter(sides).most_common(1)[0][0]
+    depth = Counter(depths).most_common(1)[0][0]
     for header, side, deep in zip(headers, sides, depths, strict=True):
         if side != expected:
             file = headers[sides.index(expected)].file

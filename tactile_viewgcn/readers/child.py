@@ -6,71 +6,74 @@ boundary.
 
 import faulthandler
 import os
+import signal
 from collections.abc import Callable
-from multiprocessing import get_context
+from multiprocessing import current_process, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import READ, files_below
+from tactile_viewgcn.readers.stag_folder import stag_files
 
 MEMORY, MEMORY_TIMES = 2**30, 20  # bytes beyond what the program holds; times the bytes that are stored, on top
 SECONDS, SECONDS_PER_MB = 10, 2  # of the processor
-AGAIN = "record or download it again"
 
 
 def run_apart(work: Callable[[], None], path: Path) -> None:
-    """Run `work`, which reads the file or folder `path`, in a process of its own; without fork, in this one.
+    """Run `work`, which reads the file or folder `path`, in a child process; where none can be forked, in this one.
 
     Raises:
-        UserError: as `work`; or it crashed, or took more memory or time than a file of that size needs.
+        UserError: as `work`; or it crashed, or took more memory or time than a source of that size needs.
     """
-    if not hasattr(os, "fork"):
+    if not hasattr(os, "fork") or current_process().daemon:
         work()
         return
+    stored = stored_bytes(path)
     context = get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
-    child = context.Process(target=_limited, args=(work, path, sender), daemon=True)
+    child = context.Process(target=_limited, args=(work, stored, sender), daemon=True)
     child.start()
     sender.close()
+    error: BaseException | None
     try:
         error = receiver.recv()
     except EOFError:
-        error = UserError(f"{path}: damaged: reading it crashed, or took too long; {AGAIN}")
-    except BaseException:
-        child.terminate()
-        raise
-    finally:
         child.join()
+        what = "took too long" if child.exitcode == -signal.SIGXCPU else "crashed"
+        error = UserError(f"{path}: reading it {what}; record or download again what is damaged")
+    finally:
+        child.kill()
+        child.join()
+    if isinstance(error, MemoryError):
+        raise UserError(f"{path}: reading it takes more memory than its size lets expect; save it uncompressed")
     if error is not None:
         raise error
 
 
-def _limited(work: Callable[[], None], path: Path, sender: Connection) -> None:
-    """Run `work` within the limits, and send the exception that ends it, or None."""
+def _limited(work: Callable[[], None], stored: int, sender: Connection) -> None:
+    """Run `work` within the limits for so many bytes stored, and send the exception that ends it, or None."""
     import resource  # here: Windows has none
 
     faulthandler.disable()  # a crash is told in one line
-    stored = stored_bytes(path)
-    _lower(resource.RLIMIT_CPU, SECONDS + SECONDS_PER_MB * stored // 10**6)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_DFL)
+    limits = {resource.RLIMIT_CPU: SECONDS + SECONDS_PER_MB * stored // 10**6}
     if (status := Path("/proc/self/statm")).exists():  # Linux; others do not hold to it
         held = int(status.read_text().split()[0]) * resource.getpagesize()
-        _lower(resource.RLIMIT_AS, held + MEMORY + MEMORY_TIMES * stored)
+        limits[resource.RLIMIT_AS] = held + MEMORY + MEMORY_TIMES * stored
+    for kind, limit in limits.items():
+        lower = [old for old in resource.getrlimit(kind) if old != resource.RLIM_INFINITY]
+        resource.setrlimit(kind, (min([limit, *lower]), resource.getrlimit(kind)[1]))
     try:
         work()
-        sender.send(None)
-    except MemoryError:
-        sender.send(UserError(f"{path}: reading it takes more memory than a file of that size needs; {AGAIN}"))
     except Exception as error:
         sender.send(error)
+    else:
+        sender.send(None)
 
 
 def stored_bytes(path: Path) -> int:
-    """Size of a file, or of all files below a folder."""
-    return sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path]) if file.is_file())
-
-
-def _lower(kind: int, limit: int) -> None:
-    import resource
-
-    _, most = resource.getrlimit(kind)
-    resource.setrlimit(kind, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))
+    """Size of the files that readers read: a file's own, or of all recordings below a folder."""
+    files = [path] if path.is_file() else {*files_below(path, READ), *stag_files(path)}
+    return sum(file.stat().st_size for file in files if file.is_file())

@@ -11,7 +11,7 @@ from tactile_viewgcn.readers.array_folder import PLACES, read_arrays
 from tactile_viewgcn.readers.hdf5 import read_hdf5
 from tactile_viewgcn.readers.hdf5_file import attribute_names
 from tactile_viewgcn.readers.source import SOURCE_MD5, Source
-from tactile_viewgcn.readers.stag_folder import read_folder
+from tactile_viewgcn.readers.stag_folder import read_folder, stag_files
 from tactile_viewgcn.readers.stag_metadata import read_metadata
 
 EXPECTED = (
@@ -27,6 +27,8 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
         labelled: False: recordings may be of no object, see `read_hdf5` and `read_arrays`.
         layout: (rows, columns) of the frames of arrays; None: as the arrays have them. Other forms have their own.
 
+    A damaged file may crash the process: `read_source` reads in another.
+
     Raises:
         FileNotFoundError: nothing at that path.
         UserError: none of these forms, or damaged.
@@ -35,11 +37,13 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
     if path.is_dir():
-        if next(path.glob("*/*/pressuredata.mat"), None):
+        if stag_files(path):
             return read_folder(path)
         recordings, arrays = files_below(path, HDF5), files_below(path, ARRAYS)
         if recordings and arrays:
-            raise UserError(f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); expected one form")
+            raise UserError(
+                f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); keep one form elsewhere"
+            )
         if recordings:
             return read_hdf5(path, labelled=labelled)
         if arrays:

@@ -10,9 +10,9 @@ import h5py
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import check_is_file, readable_source
-from tactile_viewgcn.readers.child import AGAIN
 from tactile_viewgcn.readers.source import MOST_LETTERS
 
+AGAIN = "record or download it again"
 CACHE = 64 * 2**20  # bytes of a chunk that is kept for the next block
 NUMBERS, OBJECTS = "biuf", "O"  # kinds of dtype; the latter of texts and references
 DATASET, GROUP, OUTWARD = "dataset", "group", "link to another file"

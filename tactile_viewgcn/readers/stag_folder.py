@@ -24,6 +24,11 @@ from tactile_viewgcn.readers.stag_metadata import frame_column
 RAW_FIELDS = ("pressure", "tStamp", "frame")
 
 
+def stag_files(path: Path) -> list[Path]:
+    """The raw recordings in a folder, in the order of their paths; hidden folders are left out."""
+    return sorted(path.glob("[!.]*/[!.]*/pressuredata.mat"))
+
+
 def read_folder(path: Path) -> Source:
     """A STAG folder `[batch]/[recording]/pressuredata.mat`, one recording in memory at a time.
 
@@ -33,7 +38,7 @@ def read_folder(path: Path) -> Source:
         UserError: lists fields of the wrong kind or shape in all files, from their headers. Other damage is reported
             when its file is read.
     """
-    files = sorted(path.glob("*/*/pressuredata.mat"))
+    files = stag_files(path)
     sessions = sorted({file.parent.parent.name for file in files})
     object_of = [re.sub(r"^\d+-", "", file.parent.name) for file in files]
     objects = numbered(object_of)

@@ -28,7 +28,7 @@ from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 EXPECTED = "expected what `finetune` or `TactileClassifier.save` has written, such as models/classifier.pt"
-FORMAT = 4  # of the file; one written before formats had numbers has none
+FORMAT = 5  # of the file; one written before formats had numbers has none
 STRONG_FRAMES = 2000
 ARCHIVE_START = b"PK"  # of all that torch saves, of a classifier that was cut short too
 

@@ -197,7 +197,9 @@ class Ensemble:
 
 
 def added(logits: list[np.ndarray]) -> np.ndarray:
-    """Logits (B, classes) of an ensemble from those of its members."""
+    """Logits (B, classes) of an ensemble from those of its members; one alone keeps its own."""
+    if len(logits) == 1:
+        return logits[0]
     return np.log(softmax(np.stack(logits), axis=-1) + FLOOR).sum(axis=0)
 
 

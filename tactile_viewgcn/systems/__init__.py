@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from tactile_viewgcn.nn.system import ViewSystem
 
+# all but sensors are networks on the pretrained backbone
 System = Literal[
     "view_gcn",
     "stag",
@@ -18,7 +19,7 @@ System = Literal[
     "rotationnet",
     "gcn",
     "vote",
-    "sensors",  # all others are networks on the pretrained backbone
+    "sensors",
 ]
 Member = Literal[  # of sensors; one may be alone
     "trees",

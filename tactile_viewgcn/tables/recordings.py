@@ -1,6 +1,6 @@
 """The table of raw counts, data/recordings.h5: every frame of every recording, whatever form it was read from.
 
-A reader describes recordings as a `Source`, whose frames come in blocks. `write_recordings` checks them and writes
+A reader describes recordings as a `Source`, whose frames come in blocks. `read_source` checks them and writes
 one HDF5 file, which `Recordings` reads. Counts are the sensors' raw ADC counts, or in whatever unit the glove reads;
 axes are (frame, row, column).
 """
@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.readers.child import AGAIN, run_apart, stored_bytes
+from tactile_viewgcn.readers.child import run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.hdf5_file import OBJECTS, dataset
 from tactile_viewgcn.readers.source import (
@@ -40,7 +40,9 @@ def check_disk(folder: Path, needed: int, path: Path) -> None:
     """Raise a UserError for a table of `needed` bytes without room in `folder`, or too large for its source `path`."""
     usage, stored = shutil.disk_usage(folder), stored_bytes(path)
     if needed > DISK + DISK_TIMES * stored:
-        raise UserError(f"{path}: declares {needed / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; {AGAIN}")
+        raise UserError(
+            f"{path}: declares {needed / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
+        )
     if needed > usage.free and usage.total:  # some mounted folders do not know
         raise UserError(
             f"{path}: its table needs {needed / 1e6:,.0f} MB in {folder}, where {usage.free / 1e6:,.0f} MB are free; "

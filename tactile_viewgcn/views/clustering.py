@@ -129,7 +129,7 @@ def _libraries() -> "ThreadpoolController":
 def distinct_rows(scores: np.ndarray, most: int) -> np.ndarray | None:
     """Number int64 (n,) of the distinct row that each row of scores (n, c) equals; None if more than `most` differ.
 
-    Rows that differ by rounding are equal: scores are rounded to steps of `MIN_DIFFERENCE`.
+    Rows are equal whose scores round to the same steps of `MIN_DIFFERENCE`, as nearly all do that differ by rounding.
     """
     step = MIN_DIFFERENCE * np.abs(scores).max(initial=0)
     rows, number = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)

@@ -65,7 +65,9 @@ def test_hdf5_recordings_do_not_hide_arrays(tmp_path):
     path = save_hdf5(tmp_path / "lab", TREE)
     (path / "mug").mkdir()
     np.save(path / "mug" / "1.npy", TREE["pressure"])
-    with pytest.raises(UserError, match=r"lab: HDF5 recordings \(.*\.h5\) and arrays \(.*1\.npy\); expected one form"):
+    with pytest.raises(
+        UserError, match=r"lab: HDF5 recordings \(.*\.h5\) and arrays \(.*1\.npy\); keep one form elsewhere"
+    ):
         open_source(path)
 
 

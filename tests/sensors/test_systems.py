@@ -90,7 +90,7 @@ def test_answers_are_the_plain_estimators_averaged_by_hand(name):
     torch.testing.assert_close(values, torch.from_numpy(expected), rtol=1e-5, atol=1e-6)
     sets = torch.from_numpy(np.random.default_rng(0).integers(len(test), size=(50, 4)))
     mean = torch.from_numpy(expected[sets.numpy()].mean(axis=1))
-    torch.testing.assert_close(classifier.logits(values, sets).exp(), mean + FLOOR, rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(classifier.logits(values, sets).softmax(dim=-1), mean, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", [*PLAIN, "max_logistic", "max_kernel", "max_network"])
@@ -228,7 +228,7 @@ def test_maps_are_shifted_by_a_row_or_a_column_at_most():
 
 
 @pytest.mark.parametrize(
-    "names", [["trees"], ["trees", "max_kernel"], ["logistic", "max_kernel", "trees", "max_logistic"]]
+    "names", [["logistic", "kernel"], ["trees", "max_kernel"], ["logistic", "max_kernel", "trees", "max_logistic"]]
 )
 def test_the_ensemble_adds_its_members_logarithms(names):
     frames = data()
