@@ -8,6 +8,7 @@ from hashlib import md5
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
@@ -17,6 +18,7 @@ from tactile_viewgcn.params import VIRTUAL
 
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")
 REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
+MOST_TIMES = 200  # bytes that predictions may declare for each that they store
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 
 
@@ -90,6 +92,9 @@ def read_run(name: str = "") -> FinishedRun:
     results = [read(f"results/{file}") for file in ("metrics.json", "timing.json", "predictions.npz")]
     with readable(f"{where}: a file of results/"):
         metrics, timing = map(json.loads, results[:2])
+        declared = sum(member.file_size for member in ZipFile(BytesIO(results[2])).infolist())
+        if declared > MOST_TIMES * len(results[2]):
+            raise ValueError(f"predictions.npz declares {declared / 1e6:,.0f} MB")
         predictions = read_predictions(BytesIO(results[2]))
     return FinishedRun(name, metrics, timing, predictions, records)
 

@@ -37,21 +37,27 @@ class Code:
 
 
 def content(system: str = "trees") -> dict:
-    """The content of the file of a classifier of this system on the small glove."""
+    """The content of the file of a network, or of one system on the sensors, on the small glove."""
+    changes = ["model.system=mvcnn"] if system == "mvcnn" else ["model.system=sensors", f"model.members=[{system}]"]
     with tempfile.TemporaryDirectory() as folder:
-        path = model_file(Path(folder) / "classifier.pt", f"model.system={system}")
+        path = model_file(Path(folder) / "classifier.pt", *changes)
         return torch.load(path, weights_only=True)
+
+
+def learnt(tree: dict) -> dict:
+    """What the first member has learnt."""
+    return tree["learnt"]["fitted"]["members"][0]
 
 
 def pipeline(system: str):
     """Its pipeline."""
-    return read_archive(content(system)["learnt"]["fitted"]["pipeline"][ARCHIVE].numpy().tobytes())
+    return read_archive(learnt(content(system))["pipeline"][ARCHIVE].numpy().tobytes())
 
 
 def with_archive(data: bytes, system: str = "trees") -> dict:
     """The same content with another archive as the pipeline."""
     tree = content(system)
-    tree["learnt"]["fitted"]["pipeline"] = {ARCHIVE: torch.frombuffer(bytearray(data), dtype=torch.uint8)}
+    learnt(tree)["pipeline"] = {ARCHIVE: torch.frombuffer(bytearray(data), dtype=torch.uint8)}
     return tree
 
 
@@ -113,7 +119,7 @@ def with_nan() -> dict:
 
 def with_learnt(**changes) -> dict:
     tree = content()
-    tree["learnt"]["fitted"] |= changes
+    learnt(tree).update(changes)
     return tree
 
 

@@ -174,5 +174,5 @@ def test_a_damaged_file_ends_in_one_line(workspace, path, content):
 def test_predictions_that_would_fill_the_memory_are_not_unpacked(workspace):
     with ZipFile("results/predictions.npz", "w", ZIP_DEFLATED) as archive:
         archive.writestr("labels.npy", bytes(80 * 2**20))
-    with pytest.raises(UserError, match=r"results/predictions.npz declares 84 MB and stores 0.082 MB"):
+    with pytest.raises(UserError, match=r"predictions.npz declares 84 MB"):
         read_run()
