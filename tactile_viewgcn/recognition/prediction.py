@@ -159,7 +159,7 @@ def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
         lines.append(f"right: {first} of {len(known)} ({share:.1f} %){of_three}")
     if other:
         count = f"{len(other)}, {other.count(UNKNOWN)} of them called {UNKNOWN}"
-        lines.append(f"of objects that the model does not know: {count}")
+        lines.append(f"with a name that is no object of the model: {count}")
     return lines
 
 

@@ -86,7 +86,7 @@ def test_arrays_of_cells_have_the_models_layout(place):
 def test_labelled_recordings_are_counted_and_the_empty_hand_is_right_without_contact(place):
     *_, right, other = call(place / "classifier.pt", place / "known")
     assert right == "right: 4 of 4 (100.0 %)"
-    assert other.startswith("of objects that the model does not know: 1, ")
+    assert other.startswith("with a name that is no object of the model: 1, ")
 
 
 @pytest.mark.parametrize(("classes", "counted"), [("abc", False), ("abcd", True)])
