@@ -117,8 +117,10 @@ def readable_source(path: object, what: str, remedy: str) -> Iterator[None]:
 def _in_one_line(errors: tuple[type[Exception], ...], path: object, what: str, remedy: str) -> Iterator[None]:
     try:
         yield
-    except (UserError, MemoryError):
+    except UserError:
         raise
+    except MemoryError as error:
+        raise MemoryError(f"{path}: {error}") from error
     except errors as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
         raise UserError(f"{path}: {what} ({reason}); {remedy}") from error

@@ -46,7 +46,9 @@ def run_apart(work: Callable[[], None], path: Path) -> None:
         child.kill()
         child.join()
     if isinstance(error, MemoryError):
-        raise UserError(f"{path}: reading it takes more memory than its size lets expect; save it uncompressed")
+        raise UserError(
+            f"{path}: reading it takes more memory than its size lets expect ({error}); save it uncompressed"
+        )
     if error is not None:
         raise error
 

@@ -252,14 +252,14 @@ def test_an_archive_that_declares_less_than_its_array_is_refused(tmp_path):
     with zipfile.ZipFile(path := tmp_path / "in" / "mug" / "1.npz", "w") as archive, archive.open("a.npy", "w") as file:
         header = {"descr": "<f8", "fortran_order": False, "shape": (2**40, 64, 64)}
         np.lib.format.write_array_header_1_0(file, header)
-    assert "not readable as .npz, or cut short (" in refusal(path.parent.parent)
+    assert "1.npz" in refusal(path.parent.parent)
 
 
 @pytest.mark.parametrize("harm", [os.abort, lambda: np.ones(2**32), lambda: deque(iter(int, 1), 0)])
 def test_what_crashes_takes_all_memory_or_never_ends_ends_in_a_line(tmp_path, monkeypatch, harm):
     monkeypatch.setattr(child, "SECONDS", 1)
     (tmp_path / "a.h5").touch()
-    with pytest.raises(UserError, match=r"a\.h5: .*record or download it again"):
+    with pytest.raises(UserError, match=r"a\.h5: reading it (crashed|took too long|takes more memory)"):
         child.run_apart(harm, tmp_path / "a.h5")
 
 
