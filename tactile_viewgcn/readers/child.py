@@ -62,8 +62,8 @@ def _limited(work: Callable[[], None], stored: int, sender: Connection) -> None:
         signal.signal(number, signal.SIG_DFL)
     limits = {resource.RLIMIT_CPU: SECONDS + SECONDS_PER_MB * stored // 10**6}
     if (status := Path("/proc/self/statm")).exists():  # Linux; others do not hold to it
-        held = int(status.read_text().split()[0]) * resource.getpagesize()
-        limits[resource.RLIMIT_AS] = held + MEMORY + MEMORY_TIMES * stored
+        in_use = int(status.read_text().split()[0]) * resource.getpagesize()
+        limits[resource.RLIMIT_AS] = in_use + MEMORY + MEMORY_TIMES * stored
     for kind, limit in limits.items():
         lower = [old for old in resource.getrlimit(kind) if old != resource.RLIM_INFINITY]
         resource.setrlimit(kind, (min([limit, *lower]), resource.getrlimit(kind)[1]))

@@ -45,8 +45,8 @@ def mat_shapes(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         if not h5py.is_hdf5(path):
             from scipy import io  # here: it loads slowly
 
-            found = io.whosmat(path)
-            if len(shapes := {name: (shape, kind) for name, shape, kind in found}) < len(found):
+            variables = io.whosmat(path)
+            if len(shapes := {name: (shape, kind) for name, shape, kind in variables}) < len(variables):
                 raise ValueError("a field stands twice")
             return shapes
         with open_hdf5(path) as file:
