@@ -51,13 +51,12 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> N
     Every mistake in it is listed.
     """
     from tactile_viewgcn.pages.inspection_text import inspection_lines
-    from tactile_viewgcn.pages.recommendation import recommend
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
     if page and page.parent.is_dir():  # else it is made
         check_outputs([page], [source])
     inspection = inspect_source(source, shape)
-    _say(*inspection_lines(inspection, recommend(inspection)))
+    _say(*inspection_lines(inspection))
     if page:
         from tactile_viewgcn.pages.html import write
         from tactile_viewgcn.pages.inspection_page import inspection_page

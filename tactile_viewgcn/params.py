@@ -21,6 +21,7 @@ from tactile_viewgcn.systems import Member, System, on_sensors
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
 PRESETS = DEFAULTS.parent / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that data/virtual/dvc.yaml makes
+CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviations above its baseline
 MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
 MOST = 1_000_000  # of what is counted
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
@@ -50,16 +51,13 @@ class Data:
 
 @dataclass(frozen=True, config=SECTION)
 class PreprocessSection:
-    baseline: Literal["auto", "empty_hand", "grasp", "quiet", "none"]  # auto: see frames/automatic.py
-    quiet_share: Annotated[Number, Interval(gt=0, le=1)]
+    baseline: Literal["auto", "empty_hand", "grasp", "none"]  # auto: see frames/choose.py
     zero: Annotated[Number, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)]
     filter: Literal["auto", "flags", "contact", "none"]
     contact_sensors: Literal["auto"] | Count
-    contact_sigmas: Positive
     transform: Literal["clip", "log"]
     scale: Literal["auto"] | Positive
     empty_hand_class: Truth
-    balance_minimum: Count
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,15 +65,12 @@ class Preprocess:
     """The same, every `auto` decided."""
 
     baseline: str
-    quiet_share: float
     zero: float
     filter: str
     contact_sensors: int
-    contact_sigmas: float
     transform: str
     scale: float
     empty_hand_class: bool
-    balance_minimum: int
 
 
 @dataclass(frozen=True, config=SECTION)
@@ -237,7 +232,7 @@ class Params:
         if self.preprocess.baseline == "none" and self.preprocess.filter == "contact":
             wrong.append(
                 "preprocess.filter is contact, which needs the baseline's noise: "
-                "expected preprocess.filter auto, or preprocess.baseline empty_hand, grasp or quiet"
+                "expected preprocess.filter auto, or preprocess.baseline empty_hand or grasp"
             )
         if wrong:
             raise ValueError("; ".join(wrong))

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.frames.preprocessing import prepare
-from tactile_viewgcn.frames.selection import selection_counts
+from tactile_viewgcn.frames.account import kept_rows
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tests.sources import written
 
 FILE = Path(__file__).parents[1] / "params.yaml"
 OBJECTS, RECORDINGS, SESSIONS, FRAMES, BLANK = 3, 3, 2, 20, 6
 HELD = FRAMES - BLANK
-FIXED = ("baseline=empty_hand", "filter=flags", "contact_sensors=4", "scale=150", "balance_minimum=1")
+FIXED = ("baseline=empty_hand", "filter=flags", "contact_sensors=4", "scale=150")
 
 
 def grips(seed=0):
@@ -40,10 +40,9 @@ def grips(seed=0):
 COUNTS, COLUMNS = grips()
 
 
-def prepared(tmp_path, *changes, seed=0, counts=COUNTS, columns=COLUMNS, **how):
-    """Frames, selection and account of the grips under changed parameters."""
+def prepared(tmp_path, *changes, counts=COUNTS, columns=COLUMNS, **how):
+    """Frames, what became of the others, and the account of the grips under changed parameters."""
     params = load(FILE, (*(f"preprocess.{key}" for key in FIXED), *changes))
     recordings = written(tmp_path / "glove.h5", counts, **columns, **how)
-    rng = np.random.default_rng(seed)
-    frames, selection = prepare(recordings, params.preprocess, params.split, rng)
-    return frames, selection, selection_counts(recordings, selection)
+    made = preprocess_recordings(recordings, params.preprocess, params.split)
+    return made.frames, made, kept_rows(recordings, made)

@@ -10,8 +10,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frames.automatic import decide
-from tactile_viewgcn.frames.preprocessing import prepare
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import Params, load
 from tactile_viewgcn.readers.stag_metadata import read_metadata
 from tactile_viewgcn.systems.classifier import Classifier
@@ -59,12 +58,7 @@ def table(*changes: str) -> Frames:
         source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings.h5"
         write_recordings(path, read_metadata(save_matlab5(source, tree)), "")
         recordings = Recordings(path)
-        return prepare(
-            recordings,
-            decide(recordings, params.preprocess, params.split).params,
-            params.split,
-            np.random.default_rng(params.seed),
-        )[0]
+        return preprocess_recordings(recordings, params.preprocess, params.split).frames
 
 
 def views_of(frames: Frames, params: Params) -> Views:

@@ -86,7 +86,7 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("seed=-1", "seed is -1; expected an integer in [0, 4294967295]"),
         (f"pretrain.lr={'9' * 400}", "9...; expected a number in [1e-30, 1e+30]"),
         ("pretrain.lr=.nan", "pretrain.lr is nan"),
-        ("preprocess.quiet_share=0", "preprocess.quiet_share is 0; expected a number in (0, 1]"),
+        ("preprocess.scale=0", "preprocess.scale is 0"),
         ("preprocess.scale=-1", "preprocess.scale is -1; expected auto or a number in [1e-30, 1e+30]"),
         ("model.system=view_gnc", "(did you mean view_gcn?)"),
         ("model.neighbours=[3, 0]", "model.neighbours is [3, 0]; expected an integer in [1, 1000000] or a list of"),

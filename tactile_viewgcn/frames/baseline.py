@@ -15,16 +15,16 @@ MAX_PASSES = 5  # over the frames, to remove outliers
 MIN_FRAMES = 5  # of a mean
 CUT_OFF = 0.25  # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
 HALF_SD = 0.584  # standard deviation of a normal distribution that is cut off at its mean, in those of the whole one
-SAMPLE = 2000  # frames that tell whether noise is cut off
+SAMPLE = 2000  # frames by which noise counts as cut off
 MOST_FRAMES = 10_000  # of a session's empty hand that are measured, for a mean to a hundredth of the noise
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Baselines of R sessions, of R recordings (`quiet`), of R grasps, or of all frames.
+    """Baselines of R sessions, of R grasps, or of all frames.
 
     Attributes:
-        names: (R,) of the sessions, recordings or grasps.
+        names: (R,) of the sessions or grasps.
         mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
         noise: (R, H, W) standard deviation in counts, see `noise_left`; None if it was not measured.
         of_frame: int16 or int32 (T,), index of the baseline of each frame of the recordings.
@@ -96,6 +96,13 @@ def of_empty_hand(recordings: Recordings) -> np.ndarray:
     return recordings.columns["object"] == number
 
 
+def has_empty_hand(recordings: Recordings) -> bool:
+    """Whether every session has enough frames of the empty hand for a baseline."""
+    session, empty = recordings.columns["session"], of_empty_hand(recordings)
+    counts = np.bincount(session[empty], minlength=len(recordings.sessions))
+    return bool((counts[np.unique(session)] >= MIN_FRAMES).all())
+
+
 def require_live(recordings: Recordings) -> None:
     """Raise a UserError if no sensor varies."""
     if not recordings.live.any():
@@ -134,27 +141,6 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
     return Baseline(recordings.sessions, mean, noise, sessions)
 
 
-def quiet_baseline(recordings: Recordings, share: float) -> Baseline:
-    """Baseline of each recording over its quietest frames, for data without an empty hand.
-
-    The quietest are the `share` of its frames with the smallest sums over the sensors, five at least. Their noise is
-    taken as it is, as they may be contact.
-    """
-    recording, entries = recordings.columns["recording"], []
-    for number in range(len(recordings.recordings)):
-        counts = recordings.frames(np.flatnonzero(recording == number))
-        activity = counts.sum(axis=(1, 2), dtype=np.float64)
-        quiet = np.argsort(activity, kind="stable")[: quiet_frames(len(counts), share)]
-        entries.append(trimmed_moments(counts[quiet]) if len(counts) else _unused_entry(recordings))
-    mean, noise = map(np.stack, zip(*entries, strict=True))
-    return Baseline(recordings.recordings, mean, noise, recording)
-
-
-def quiet_frames(count: int, share: float) -> int:
-    """How many of a recording's `count` frames `quiet` takes."""
-    return min(count, max(MIN_FRAMES, round(share * count)))
-
-
 def constant_baseline(recordings: Recordings, zero: float) -> Baseline:
     """Baseline of `zero` counts for every sensor, as the released code subtracts it; its noise is unknown."""
     mean = np.full((1, *recordings.shape), zero, dtype=exact_float(recordings.dtype))
@@ -162,5 +148,5 @@ def constant_baseline(recordings: Recordings, zero: float) -> Baseline:
 
 
 def _unused_entry(recordings: Recordings) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and noise (H, W) of a session or recording without frames, which no frame refers to."""
+    """Mean and noise (H, W) of a session without frames, which no frame refers to."""
     return np.zeros(recordings.shape, np.float32), np.ones(recordings.shape, np.float32)

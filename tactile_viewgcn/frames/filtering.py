@@ -5,13 +5,13 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
 from tactile_viewgcn.notes import Note, several
-from tactile_viewgcn.params import Preprocess
+from tactile_viewgcn.params import CONTACT_SIGMAS, Preprocess
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
 
 def passing(recordings: Recordings, baseline: Baseline, preprocess: Preprocess) -> tuple[np.ndarray, list[Note]]:
-    """bool (T,): frames that pass `preprocess.filter`; and notes on those that do not.
+    """bool (T,): frames that pass `preprocess.filter`, of `contact` all of the empty hand; and notes on the others.
 
     Raises:
         UserError: flags that the recordings do not have, or a baseline without noise.
@@ -20,9 +20,9 @@ def passing(recordings: Recordings, baseline: Baseline, preprocess: Preprocess) 
         return np.ones(len(recordings), dtype=bool), []
     if preprocess.filter == "flags":
         return (passed := flagged(recordings)), _notes(recordings, passed, "flags", "a flag")
-    sensors, sigmas = preprocess.contact_sensors, preprocess.contact_sigmas
-    passed = in_contact(recordings, baseline, sensors=sensors, sigmas=sigmas)
-    return passed, _notes(recordings, passed, "contact", f"{several(sensors, 'sensor')} above {sigmas:g} sd")
+    sensors = preprocess.contact_sensors
+    passed = pressed_frames(recordings, baseline, sensors) | of_empty_hand(recordings)
+    return passed, _notes(recordings, passed, "contact", f"{several(sensors, 'sensor')} above {CONTACT_SIGMAS:g} sd")
 
 
 def flagged(recordings: Recordings) -> np.ndarray:
@@ -40,17 +40,8 @@ def flagged(recordings: Recordings) -> np.ndarray:
     )
 
 
-def in_contact(recordings: Recordings, baseline: Baseline, *, sensors: int, sigmas: float) -> np.ndarray:
-    """bool (T,): frames that `pressed_frames` finds; frames of the empty hand are without contact, and all True.
-
-    Raises:
-        UserError: a baseline without noise.
-    """
-    return pressed_frames(recordings, baseline, sensors=sensors, sigmas=sigmas) | of_empty_hand(recordings)
-
-
-def pressed_frames(recordings: Recordings, baseline: Baseline, *, sensors: int, sigmas: float) -> np.ndarray:
-    """bool (T,): at least `sensors` live sensors read more than `sigmas` standard deviations above their baseline.
+def pressed_frames(recordings: Recordings, baseline: Baseline, sensors: int) -> np.ndarray:
+    """bool (T,): at least `sensors` live sensors read more than five standard deviations above their baseline.
 
     Raises:
         UserError: a baseline without noise.
@@ -58,10 +49,10 @@ def pressed_frames(recordings: Recordings, baseline: Baseline, *, sensors: int, 
     if baseline.noise is None:
         raise UserError(
             "preprocess.filter is contact, which needs the baseline's noise: "
-            "expected preprocess.filter auto, or preprocess.baseline empty_hand, grasp or quiet"
+            "expected preprocess.filter auto, or preprocess.baseline empty_hand or grasp"
         )
     contact = np.zeros(len(recordings), dtype=bool)
-    threshold = baseline.mean + sigmas * baseline.noise  # (R, H, W)
+    threshold = baseline.mean + CONTACT_SIGMAS * baseline.noise  # (R, H, W)
     for start, counts in recordings.blocks():
         at = slice(start, start + len(counts))
         above = (counts > threshold[baseline.of_frame[at]]) & recordings.live
@@ -80,6 +71,6 @@ def _notes(recordings: Recordings, passed: np.ndarray, kind: str, condition: str
         if emptied and column == "recording":
             notes.append(Note(text, topic="filter"))
         elif emptied:
-            remedy = "lower preprocess.contact_sensors or contact_sigmas, or choose another preprocess.filter"
+            remedy = "lower preprocess.contact_sensors, or choose another preprocess.filter"
             notes.append(Note(f"{text}; {remedy}", "warning", "filter"))
     return notes

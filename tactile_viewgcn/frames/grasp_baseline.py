@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import (
     MIN_FRAMES,
     MOST_FRAMES,
@@ -13,12 +12,12 @@ from tactile_viewgcn.frames.baseline import (
     trimmed_moments,
 )
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
-from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
 EMPTY, OPEN, KNOWN = "their session's empty hand", "their session's open hand", "the training's baseline"
+QUIETEST = "their own five quietest frames"
 
 
 def grasp_baseline(
@@ -27,50 +26,51 @@ def grasp_baseline(
     """Baseline of each grasp over the open-hand frames since the grasp before it, five at least.
 
     A grasp without them has those of the nearest earlier grasp of its recording, or else of the nearest later one. A
-    recording without any has its session's empty hand; with `known` it has that, else the open hand of the session's
-    other recordings, else what is known. The noise is the session's.
+    recording without any has its session's empty hand, else the open hand of its session's other recordings, else what
+    is known, else its own quietest frames. The noise is the session's.
 
     Args:
         hand: of the recordings, as `find_open_hand` returns it.
         known: mean and noise (H, W) of the empty hand of each session, measured before; None: of none.
-
-    Raises:
-        UserError: a recording without five open-hand frames, in a session without the empty hand and nothing `known`.
     """
-    session, empty = recordings.columns["session"], of_empty_hand(recordings)
-    grasp, source = np.zeros((2, len(session)), dtype=np.int64)
-    for index in frames_by_recording(recordings):
-        grasp[index] = grasp.max() + grasps(hand.open[index], hand.contact[index])
-        source[index] = _sources(grasp[index], hand.open[index])
-    numbers = np.where(source > 0, source, -session)  # of a grasp, or a session's, which count from 0 down
-    used, first, of_frame = np.unique(numbers, return_index=True, return_inverse=True)
-    mean = np.empty((len(used), *recordings.shape), dtype=exact_float(recordings.dtype))
+    session, recording = recordings.columns["session"], recordings.columns["recording"]
+    rows: dict[tuple[str, int], tuple[np.ndarray, int]] = {}  # by name and session: mean (S,), and index of the row
+    of_frame, with_contact, borrowed = np.empty(len(session), dtype=np.int32), 0, 0
+    stand_ins: dict[str, list[str]] = {}
+    for index, quietest in zip(frames_by_recording(recordings), hand.quiet, strict=True):
+        number, name = int(session[index[0]]), recordings.recordings[recording[index[0]]]
+        grasp = grasps(hand.open[index], hand.contact[index])
+        source = _sources(grasp, hand.open[index])
+        for one in np.unique(source[source > 0]):
+            mean = _mean(hand, index[hand.open[index] & (grasp == one)])
+            of_frame[index[source == one]] = rows.setdefault((f"{name}, grasp {one}", number), (mean, len(rows)))[1]
+        if source.any():
+            with_contact += len(np.unique(grasp[hand.contact[index]]))
+            borrowed += len(np.unique(grasp[hand.contact[index] & (source != grasp)]))
+        else:
+            kind, mean = _stand_in(recordings, hand, number, known) or (QUIETEST, quietest)
+            key = (name if kind == QUIETEST else recordings.sessions[number], number)
+            of_frame[index] = rows.setdefault(key, (mean, len(rows)))[1]
+            stand_ins.setdefault(kind, []).append(name)
+    mean = np.empty((len(rows), *recordings.shape), dtype=exact_float(recordings.dtype))
     mean[:] = recordings.frames(np.zeros(1, dtype=int))  # cells without a sensor never change
     noise = np.ones_like(mean)
-    stand_ins: dict[int, str] = {}
-    for row, (number, frame) in enumerate(zip(used, first, strict=True)):
-        if number > 0:
-            index = hand.open & (grasp == number)
-        else:
-            index, stand_ins[-number] = empty & (session == -number), EMPTY
-            if known and index.sum() < MIN_FRAMES:
-                index, stand_ins[-number] = hand.open & (session == -number), OPEN
-        if index.sum() >= MIN_FRAMES:
-            sample = evenly(np.flatnonzero(index), MOST_FRAMES)
-            mean[row, recordings.live] = trimmed_moments(hand.counts[sample])[0]
-        elif known:
-            mean[row], stand_ins[-number] = known[-number][0], KNOWN
-        else:
-            raise UserError(
-                f"recording {recordings.recordings[recordings.columns['recording'][frame]]!r} has fewer than "
-                f"{MIN_FRAMES} open-hand frames, and its session {recordings.sessions[-number]!r} fewer of "
-                f"{EMPTY_HAND!r}; preprocess.baseline grasp needs {MIN_FRAMES} of either: record the empty hand, or "
-                "set it to auto"
-            )
-        noise[row, recordings.live] = hand.noise[session[frame]]
-    names = [_name(recordings, grasp, number, frame) for number, frame in zip(used, first, strict=True)]
-    notes = _notes(recordings, hand.contact, grasp, source, stand_ins)
-    return Baseline(names, mean, noise, of_frame.astype(np.int32), notes)
+    mean[:, recordings.live] = [row for row, _ in rows.values()]
+    noise[:, recordings.live] = [hand.noise[number] for _, number in rows]
+    notes = []
+    if borrowed:
+        text = (
+            f"{borrowed} of {several(with_contact, 'grasp')}: fewer than {MIN_FRAMES} open-hand frames before, so "
+            "those of the nearest grasp of the recording are used"
+        )
+        notes.append(Note(text, topic="baseline"))
+    for kind, without in stand_ins.items():
+        text = (
+            f"{len(without)} of {several(len(recordings.recordings), 'recording')}: fewer than {MIN_FRAMES} open-hand "
+            f"frames, so {kind} {'are' if kind == QUIETEST else 'is'} used: {listed(without)}"
+        )
+        notes.append(Note(text, topic="baseline"))
+    return Baseline([name for name, _ in rows], mean, noise, of_frame, notes)
 
 
 def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
@@ -84,6 +84,22 @@ def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
     return 1 + np.cumsum(begins)
 
 
+def _mean(hand: OpenHand, index: np.ndarray) -> np.ndarray:
+    """Mean (S,) of the live sensors over frames (n,)."""
+    return trimmed_moments(hand.counts[evenly(index, MOST_FRAMES)])[0]
+
+
+def _stand_in(
+    recordings: Recordings, hand: OpenHand, number: int, known: list[tuple[np.ndarray, np.ndarray]] | None
+) -> tuple[str, np.ndarray] | None:
+    """What a recording of session `number` without an open hand has instead, and its mean (S,); None without any."""
+    for kind, usable in ((EMPTY, of_empty_hand(recordings)), (OPEN, hand.open)):
+        index = np.flatnonzero(usable & (recordings.columns["session"] == number))
+        if len(index) >= MIN_FRAMES:
+            return kind, _mean(hand, index)
+    return (KNOWN, known[number][0][recordings.live]) if known else None
+
+
 def _sources(grasp: np.ndarray, opened: np.ndarray) -> np.ndarray:
     """For each frame of a recording the grasp (n,) whose open hand is its baseline; 0 if none has five frames of it."""
     numbers, count = np.unique(grasp[opened], return_counts=True)
@@ -91,40 +107,3 @@ def _sources(grasp: np.ndarray, opened: np.ndarray) -> np.ndarray:
     if not len(numbers):
         return np.zeros_like(grasp)
     return numbers[np.maximum(np.searchsorted(numbers, grasp, side="right") - 1, 0)]
-
-
-def _name(recordings: Recordings, grasp: np.ndarray, number: int, frame: int) -> str:
-    """Name of the baseline that a frame has: its session, or its recording and the number of a grasp in it."""
-    if number <= 0:
-        return recordings.sessions[-number]
-    recording = recordings.columns["recording"]
-    first = grasp[recording == recording[frame]].min()
-    return f"{recordings.recordings[recording[frame]]}, grasp {1 + number - first}"
-
-
-def _notes(
-    recordings: Recordings, contact: np.ndarray, grasp: np.ndarray, source: np.ndarray, stand_ins: dict[int, str]
-) -> list[Note]:
-    """How many grasps with contact have another's open hand, and which recordings have what instead of one.
-
-    `source` (T,) is the number of the grasp whose open hand a frame has, 0 without one; `stand_ins` says by session
-    what its recordings without an open hand have.
-    """
-    notes, with_contact = [], np.unique(grasp[contact & (source > 0)])
-    borrowed = np.intersect1d(with_contact, grasp[(source > 0) & (source != grasp)])
-    if len(borrowed):
-        text = (
-            f"{len(borrowed)} of {several(len(with_contact), 'grasp')}: fewer than {MIN_FRAMES} open-hand frames "
-            "before, so those of the nearest grasp of the recording are used"
-        )
-        notes.append(Note(text, topic="baseline"))
-    recording, session = recordings.columns["recording"], recordings.columns["session"]
-    for stand_in in dict.fromkeys(stand_ins.values()):
-        sessions = [number for number, name in stand_ins.items() if name == stand_in]
-        without = np.unique(recording[(source == 0) & np.isin(session, sessions)])
-        text = (
-            f"{len(without)} of {several(len(np.unique(recording)), 'recording')}: fewer than {MIN_FRAMES} open-hand "
-            f"frames, so {stand_in} is used: {listed([recordings.recordings[i] for i in without])}"
-        )
-        notes.append(Note(text, topic="baseline"))
-    return notes

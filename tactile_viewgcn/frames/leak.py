@@ -3,12 +3,10 @@
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
-from tactile_viewgcn.frames.inspection import Inspection
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
-from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
+from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.notes import Note, several
-from tactile_viewgcn.params import Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -59,21 +57,20 @@ def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Ge
 
 
 def leak_of_split(
-    recordings: Recordings, inspection: Inspection, baseline: Baseline, kind: str, split: Split, *, measured: bool
+    recordings: Recordings, baseline: Baseline, hand: OpenHand, group: np.ndarray, *, advised: bool
 ) -> tuple[QuickError | None, list[Note]]:
-    """The leak check with the baseline of a `kind` that was taken and the groups of the split, and notes on it.
+    """The leak check above the baseline that was taken, and notes on it.
 
     It is of both sides, as nothing is chosen by it. None where all frames are contact, and as `check_leak` says.
 
     Args:
-        measured: the baseline was taken since it leaks least, so that no other is advised.
+        group: (T,) split group of each frame.
+        advised: a warning names the baseline grasp as a remedy.
     """
-    if inspection.all_contact:
+    if hand.all_contact:
         return None, [Note("even the quietest frames are contact: not checked", topic="leak check")]
-    frames = np.arange(len(recordings))
-    group = frames if split.by == "frame" else split_groups(recordings.columns, split.by)
-    leak = check_leak(recordings, baseline, inspection.hand, group, stream(SPLIT_SEED, "leak"))
-    return leak, leak_notes(leak, advised=kind != "grasp" and not measured)
+    leak = check_leak(recordings, baseline, hand, group, stream(SPLIT_SEED, "leak"))
+    return leak, leak_notes(leak, advised=advised)
 
 
 def leak_counts(leak: QuickError | None) -> dict[str, float]:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from tactile_viewgcn.notes import Note
+from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.frames import Frames
 
 MOST_FRAMES = 1000  # that are looked at
@@ -16,7 +17,7 @@ def noise_warnings(frames: Frames, noise: float) -> list[Note]:
     index = np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int))
     excess, of_sensor = frames.inputs(index, "counts")[:, frames.live], frames.noise[frames.live]
     strongest = float(np.percentile(excess, 99))
-    weakest = np.where(np.isnan(of_sensor), OF_STRONGEST * strongest, frames.preprocess["contact_sigmas"] * of_sensor)
+    weakest = np.where(np.isnan(of_sensor), OF_STRONGEST * strongest, CONTACT_SIGMAS * of_sensor)
     above = excess[excess > weakest]
     if not len(above) or np.median(above) >= noise * frames.scale:
         return []

@@ -10,7 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, MOST_FRAMES, evenly, noise_left, of_empty_hand, trimmed_moments
+from tactile_viewgcn.frames.baseline import (
+    MIN_FRAMES,
+    MOST_FRAMES,
+    evenly,
+    noise_left,
+    of_empty_hand,
+    trimmed_moments,
+)
+from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -36,7 +44,7 @@ class OpenHand:
             contact, few are at three fifths of it, and no flag says that an object is held. Frames that are neither
             open nor in contact lie between the two, or in a grasp that is hardly felt.
         quiet: (R, S) mean over the five quietest successive frames of each recording with frames, in counts.
-        sensors, sigmas: what contact is, see `find_open_hand`.
+        sensors: fewest that are pressed in a frame of contact.
     """
 
     counts: Counts
@@ -45,17 +53,20 @@ class OpenHand:
     open: np.ndarray
     quiet: np.ndarray
     sensors: int
-    sigmas: float
+
+    @property
+    def all_contact(self) -> bool:
+        """Whether even the quietest frames are contact, so that no open hand gives a baseline."""
+        return bool(self.contact.all())
 
 
 def find_open_hand(
-    recordings: Recordings, *, sensors: int, sigmas: float, known: list[tuple[np.ndarray, np.ndarray]] | None = None
+    recordings: Recordings, sensors: int, known: list[tuple[np.ndarray, np.ndarray]] | None = None
 ) -> OpenHand:
     """Find the frames of the open hand.
 
     Args:
-        sensors: fewest that are in contact in a frame of contact.
-        sigmas: standard deviations above the baseline of a sensor in contact.
+        sensors: fewest that are pressed in a frame of contact.
         known: mean and noise (H, W) of the empty hand, for each session that has no frames of it; taken as they are.
     """
     counts = recordings.live_counts()
@@ -72,12 +83,12 @@ def find_open_hand(
     quiet = []
     for index in frames_by_recording(recordings):
         mean, noise = of_session[session[index[0]]]
-        pressed, still, quietest = _pressed(counts[index].astype(np.float64), sigmas * noise, sensors, mean)
+        pressed, still, quietest = _pressed(counts[index].astype(np.float64), CONTACT_SIGMAS * noise, sensors, mean)
         quiet.append(quietest)
         contact[index] = (pressed >= sensors) | flagged[index]
         opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
     noises = np.stack([noise for _, noise in of_session])
-    return OpenHand(counts, noises, contact, opened, np.stack(quiet), sensors, sigmas)
+    return OpenHand(counts, noises, contact, opened, np.stack(quiet), sensors)
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:

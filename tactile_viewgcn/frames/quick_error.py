@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,11 +69,6 @@ class QuickError:
         of_group = np.bincount(group.ravel(), values - values.mean())
         count = len(sizes)
         return float(np.sqrt((of_group**2).sum() * count / (count - 1)) / len(values)) if count > 1 else np.inf
-
-    def among(self, cells: np.ndarray) -> "QuickError":
-        """The same of other cells (n, 2), which are wrong where it has none of their frames."""
-        wrong = {tuple(cell): float(value) for cell, value in zip(self.cells.tolist(), self.wrong, strict=True)}
-        return replace(self, cells=cells, wrong=np.array([wrong.get(tuple(cell), 1.0) for cell in cells.tolist()]))
 
 
 def quick_error(

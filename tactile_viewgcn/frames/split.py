@@ -8,10 +8,8 @@ number of recordings on both of them is reported. `frame_sides` leaks on purpose
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import Note, several
-from tactile_viewgcn.params import Split
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 SPLIT_SEED = 0  # of anchors and validation groups, so that these are the same for every value of `seed`
 
@@ -64,12 +62,6 @@ def fold_sides(
     return side
 
 
-def sides_of_split(split: Split, groups: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """TRAIN or TEST, int8 (T,), where `split.by` names whole groups: see `fold_sides`."""
-    across = split.by == "session"
-    return fold_sides(groups, labels, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
-
-
 def frame_sides(labels: np.ndarray, *, folds: int, fold: int, rng: np.random.Generator) -> np.ndarray:
     """TRAIN or TEST, int8 (T,): of each class one frame in `folds`, drawn at random, is on the test side."""
     side = np.full(len(labels), TRAIN, dtype=np.int8)
@@ -104,31 +96,3 @@ def validation_sides(
         if count > 0:
             side[of_class & np.isin(groups, rng.permutation(candidates)[:count])] = VALIDATION
     return side
-
-
-def balanced_anchors(
-    labels: np.ndarray, side: np.ndarray, *, minimum: int, rng: np.random.Generator
-) -> tuple[np.ndarray, list[Note]]:
-    """Anchors bool (T,), drawn at random, equally many of every class on a side; and notes on classes with fewer.
-
-    There are as many as the smallest class has frames, but at least `minimum`, so that one small class does not
-    reduce all others to a handful. A class with fewer frames than that uses all of them.
-    """
-    anchor, notes = np.zeros(len(labels), dtype=bool), []
-    for code, name in enumerate(SIDES):
-        of_class = [np.flatnonzero((labels == label) & (side == code)) for label in np.unique(labels)]
-        sizes = [len(index) for index in of_class if len(index)]
-        if not sizes:
-            continue
-        count = max(min(sizes), minimum)
-        for index in of_class:
-            anchor[rng.permutation(index)[:count]] = True
-        smaller = sum(size < count for size in sizes)
-        if smaller:
-            text = (
-                f"{smaller} of {several(len(sizes), 'class', 'classes')}: fewer than {several(count, 'anchor')}, so "
-                f"all frames are used, {min(sizes)} in the smallest"
-            )
-            topic = {"train": "training"}.get(name, name)
-            notes.append(Note(text, topic=f"{topic} side"))
-    return anchor, notes

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.files import ARRAYS, files_below
-from tactile_viewgcn.frames.inspection import Inspection
+from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.frames.quick_error import QuickError
-from tactile_viewgcn.frames.selection import one_class
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.names import EMPTY_HAND
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
@@ -36,11 +35,11 @@ class Table:
 
 def facts(overview: Overview) -> list[tuple[str, str]]:
     """A figure each, and what it is of."""
-    of, (height, width), columns = overview.inspection, overview.shape, overview.columns
+    of, (height, width), columns = overview, overview.shape, overview.columns
     objects, sessions = several(len(np.unique(of.label)), "object"), several(len(np.unique(of.session)), "session")
     low, middle, high = np.percentile(of.frames, [0, 50, 100])
     lengths = f"{low:g} to {high:g} frames, median {middle:g}" if low < high else f"{several(int(low), 'frame')} each"
-    pressed = "all are, even the quietest" if of.all_contact else f"{of.hand.sensors} or more sensors are pressed"
+    pressed = "all are, even the quietest" if of.hand.all_contact else f"{of.hand.sensors} or more sensors are pressed"
     rate, times = "no", "times of the frames"
     if overview.interval:
         gaps = f"{several(overview.gaps, 'gap')} of more than {GAP} intervals"
@@ -75,13 +74,13 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     return rows
 
 
-def tables(overview: Overview, chosen: list[Note]) -> list[Table]:
-    """Objects, sessions, readings, and what was measured of baselines and filters; `chosen` ones are marked."""
-    all_tables = (_objects(overview.inspection), _sessions(overview), _readings(overview), _measured(overview, chosen))
+def tables(overview: Overview) -> list[Table]:
+    """Objects, sessions, readings, and what was measured of baselines; the chosen one is marked."""
+    all_tables = (_objects(overview), _sessions(overview), _readings(overview), _measured(overview))
     return [table for table in all_tables if table.rows]
 
 
-def _objects(of: Inspection) -> Table:
+def _objects(of: Overview) -> Table:
     columns = {"recordings": np.ones_like(of.frames), "frames": of.frames, "in contact": of.contact}
     columns |= {"open hand": of.open} | ({} if of.flagged is None else {"flagged": of.flagged})
     rows = [
@@ -93,7 +92,7 @@ def _objects(of: Inspection) -> Table:
 
 
 def _sessions(overview: Overview) -> Table:
-    of, rows = overview.inspection, []
+    of, rows = overview, []
     for number in np.unique(of.session):
         drift = overview.drift[of.session == number]
         known = drift[np.isfinite(drift)]
@@ -117,24 +116,22 @@ def _readings(overview: Overview) -> Table:
     )
 
 
-def _measured(overview: Overview, chosen: list[Note]) -> Table:
-    measured, rows = overview.measurement, []
-    if measured:
-        taken = _chosen(chosen, "preprocess.baseline"), _chosen(chosen, "preprocess.filter")
-        for kind, error in measured.baselines.items():
-            rows.append([f"{kind}{' *' * (kind == taken[0])}", *_errors(error, measured.leaks.get(kind))])
-        for kind, error in measured.filters.items():
-            rows.append([f"filter {kind}{' *' * (kind == taken[1])}", *_errors(error, None)])
+def _measured(overview: Overview) -> Table:
+    choice, rows = overview.choice, []
+    for kind, error in choice.errors.items():
+        taken = " *" * (kind == choice.params.baseline)
+        rows.append([f"{kind}{taken}", *_errors(error, choice.leaks.get(kind))])
+    if overview.error or overview.leak:
+        rows.append(["all recordings", *_errors(overview.error, overview.leak)])
     if overview.first_frame:
         rows.append(["first frame", *_errors(None, overview.first_frame)])
+    by = overview.setting("split.by")
     remark = (
-        "Errors of a quick classifier on held-out groups, with a standard error: of contact above each baseline, and "
-        "with each filter above the one marked *, which is taken; and of open-hand frames, or of the first frame of a "
-        "recording alone, where nothing is held yet: if these tell the object it is a leak. All recordings were used "
-        f"here, by split.by {_chosen(chosen, 'split.by')}; preprocess measures again, on its training side "
-        "alone, and may choose another baseline or filter."
+        "Errors of a quick classifier on held-out groups, with a standard error. Without contact: on frames of the "
+        "open hand, or on the first frame of a recording; an error below chance there is a leak. The baseline marked "
+        f"* is taken: it was chosen on the training side of split.by {by} alone, as preprocess does."
     )
-    return Table("Baseline and filter", remark, ["", "error, %", "without contact, %", "chance", "leaks"], rows)
+    return Table("Baseline", remark, ["", "error, %", "without contact, %", "chance", "leaks"], rows)
 
 
 def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
@@ -146,23 +143,19 @@ def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
     return cells
 
 
-def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
+def warnings(overview: Overview) -> list[str]:
     """What may spoil a result with the settings that are recommended, each with what to do about it."""
-    of, by = overview.inspection, _chosen(chosen, "split.by")
-    baseline = _chosen(chosen, "preprocess.baseline")
-    leaks_of, first_frame = overview.measurement.leaks if overview.measurement else {}, overview.first_frame
-    leak = leaks_of.get(baseline)
-    leaks = leak is not None and leak.tells_object
-    first_leaks = first_frame is not None and first_frame.tells_object
-    quick = overview.measurement.baselines.get(baseline) if overview.measurement else None
-    at_chance = quick is not None and not quick.tells_object
+    of, by, baseline = overview, overview.setting("split.by"), overview.choice.params.baseline
+    leaks = overview.leak is not None and overview.leak.tells_object
+    first_leaks = overview.first_frame is not None and overview.first_frame.tells_object
+    at_chance = overview.error is not None and not overview.error.tells_object
     untouched = _names(of, np.bincount(of.label, of.contact, len(of.objects)) == 0)
     once = _names(of, _groups(of, by) == 1)
     stuck, saturated = int(overview.stuck.sum()), int((overview.saturated > SATURATED).sum())
     cases = {
         f"Never in contact: {untouched}. Record these objects again, held firmly.": untouched,
-        f"Frames of the open hand tell the object, also above the baseline {baseline}: errors will say less about "
-        "touch than they seem to. Record each object in several sessions, in another order in each.": leaks,
+        f"The object can be recognised before it is touched (baseline {baseline}): errors will say less about touch "
+        "than they seem to. Record each object in several sessions, in another order in each.": leaks,
         "The first frame of a recording, before anything is held, already tells the object: errors will say less about "
         "touch than they seem to. Record the objects in another order in each session.": first_leaks,
         "A quick classifier may tell the objects no better than guessing. Record more of each, held firmly.": at_chance,
@@ -176,34 +169,33 @@ def warnings(overview: Overview, chosen: list[Note]) -> list[str]:
     return [text for text, applies in cases.items() if applies]
 
 
-def verdict(overview: Overview, chosen: list[Note], warned: list[str]) -> Verdict:
+def verdict(overview: Overview, warned: list[str]) -> Verdict:
     """Whether the recordings can be trained and tested on."""
-    by = _chosen(chosen, "split.by")
-    of, groups = overview.inspection, _groups(overview.inspection, by)
+    of, by = overview, overview.setting("split.by")
+    groups = _groups(of, by)
     if len(np.unique(of.label)) == 1:
         return Verdict("bad", f"Not yet: {one_class(of.objects[of.label[0]])}.", [])
     if (groups > 1).sum() < 2:
         return Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
     fewest = several(int(groups[groups > 0].min()), by)
     reasons = ["Each object is on both published sides." if by == "source" else f"Each object has {fewest} or more."]
-    leaks = overview.measurement.leaks if overview.measurement else {}
-    leak = leaks.get(_chosen(chosen, "preprocess.baseline"))
-    if leak and not leak.tells_object:
+    if of.leak and not of.leak.tells_object:
         reasons.append("Without contact the objects cannot be told apart, as it should be.")
     if warned:
         return Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", reasons)
     return Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
 
 
-def command_lines(overview: Overview, chosen: list[Note]) -> list[str]:
+def command_lines(overview: Overview) -> list[str]:
     """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash.
 
     None for recordings of one class, which no setting makes usable.
 
     What `auto` decides is left to it: `preprocess` does not look at the test side for that.
     """
-    if len(np.unique(overview.inspection.label)) == 1:
+    if len(np.unique(overview.label)) == 1:
         return []
+    chosen = overview.settings
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
     changes = [as_change("data.source", _source(overview.path))]
     if files_below(overview.path, ARRAYS):
@@ -222,15 +214,11 @@ def _source(path: Path) -> str:
     return str(path if path == Path(VIRTUAL) or tracked else place)
 
 
-def _chosen(chosen: list[Note], key: str) -> str:
-    return next(str(note.value) for note in chosen if note.key == key)
-
-
-def _names(of: Inspection, chosen: np.ndarray) -> str:
+def _names(of: Overview, chosen: np.ndarray) -> str:
     """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
     return listed([of.objects[i] for i in np.unique(of.label) if chosen[i] and of.objects[i] != EMPTY_HAND])
 
 
-def _groups(of: Inspection, by: str) -> np.ndarray:
+def _groups(of: Overview, by: str) -> np.ndarray:
     """How many groups of the recommended split each object has, (O,); recordings where single frames are held out."""
     return of.groups["recording" if by == "frame" else by]

@@ -6,7 +6,6 @@ from tactile_viewgcn import plots
 from tactile_viewgcn.frames.baseline import evenly
 from tactile_viewgcn.pages import html, inspection_facts
 from tactile_viewgcn.pages.html import Picture, picture
-from tactile_viewgcn.pages.recommendation import recommend
 from tactile_viewgcn.pages.source_inspection import SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.schema import as_change
@@ -18,20 +17,19 @@ STATES = ["varies", "does not vary", "hardly varies", "often at the largest read
 
 def inspection_page(overview: Overview) -> str:
     """The page as HTML."""
-    chosen = recommend(overview)
-    warnings = inspection_facts.warnings(overview, chosen)
-    noise = plots.mean_frames(overview.noise[None], overview.inspection.live, [""], "counts")
+    warnings = inspection_facts.warnings(overview)
+    noise = plots.mean_frames(overview.noise[None], overview.live, [""], "counts")
     return html.render(
         "inspection.html",
         title=f"Recordings: {overview.path.name}",
         path=overview.path,
         simulated=str(overview.path) == VIRTUAL,
-        verdict=inspection_facts.verdict(overview, chosen, warnings),
+        verdict=inspection_facts.verdict(overview, warnings),
         facts=inspection_facts.facts(overview),
-        command="\n".join(inspection_facts.command_lines(overview, chosen)),
-        settings=[(as_change(note.key, note.value), note.text) for note in chosen],
+        command="\n".join(inspection_facts.command_lines(overview)),
+        settings=[(as_change(note.key, note.value), note.text) for note in overview.settings],
         warnings=warnings,
-        tables=inspection_facts.tables(overview, chosen),
+        tables=inspection_facts.tables(overview),
         pictures={
             "Objects": [_mean_frames(overview)],
             "Sessions": [_time_lines(overview)],
@@ -45,7 +43,7 @@ def inspection_page(overview: Overview) -> str:
 
 def _mean_frames(overview: Overview) -> Picture:
     """Mean frame of each object with frames in contact; an empty one where there is none."""
-    of, means = overview.inspection, overview.mean_frame
+    of, means = overview, overview.mean_frame
     drawn = [label for label in np.unique(of.label) if np.isfinite(means[label][of.live]).all()][:MOST_OBJECTS]
     frames, names = (means[drawn], [of.objects[label] for label in drawn]) if drawn else (0 * means[:1], ["no contact"])
     figure = plots.mean_frames(frames, of.live, names, "counts above baseline", columns=5)
@@ -58,7 +56,7 @@ def _mean_frames(overview: Overview) -> Picture:
 
 def _time_lines(overview: Overview) -> Picture:
     """The load of the first recording of each object over time."""
-    of = overview.inspection
+    of = overview
     rows = evenly(np.unique(of.label, return_index=True)[1], MOST_LINES)
     figure = plots.time_lines(
         [overview.activity[row] for row in rows],
@@ -71,7 +69,7 @@ def _time_lines(overview: Overview) -> Picture:
 
 def _sensor_states(overview: Overview) -> Picture:
     """Sensors that are dead, stuck or saturated, on the layout."""
-    live = overview.inspection.live
+    live = overview.live
     states = np.where(live, 0, 1)
     states[live & overview.stuck] = 2
     states[live & (overview.saturated > SATURATED)] = 3

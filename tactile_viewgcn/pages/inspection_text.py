@@ -3,7 +3,6 @@
 import textwrap
 from collections.abc import Iterable
 
-from tactile_viewgcn.notes import Note
 from tactile_viewgcn.pages.inspection_facts import Table, command_lines, facts, tables, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import Overview
 
@@ -11,17 +10,17 @@ WIDTH = 80
 NAME = 24  # letters of an object's or session's name
 
 
-def inspection_lines(overview: Overview, chosen: list[Note]) -> list[str]:
-    """The inspection, and what to set: `chosen` is what `recommend` returns."""
+def inspection_lines(overview: Overview) -> list[str]:
+    """The inspection, and what to set."""
     lines = [str(overview.path), *_wrapped(f"{figure} {what}" for figure, what in facts(overview))]
-    for table in tables(overview, chosen):
+    for table in tables(overview):
         lines += [table.title, *_aligned(table), *_wrapped([table.remark])]
-    warned = warnings(overview, chosen)
-    judged = verdict(overview, chosen, warned)
+    warned = warnings(overview)
+    judged = verdict(overview, warned)
     lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons]), *warned])]
-    if command := command_lines(overview, chosen):
+    if command := command_lines(overview):
         lines.append("Until then, to try out the commands" if judged.kind == "bad" else "To use")
-        lines += [*_wrapped(map(str, chosen)), "", *command]
+        lines += [*_wrapped(map(str, overview.settings)), "", *command]
     return lines
 
 

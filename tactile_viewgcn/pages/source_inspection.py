@@ -1,21 +1,26 @@
-"""What the text and the page of an inspection show, measured when they are asked for."""
+"""What the text and the page of an inspection show: a rehearsal of `preprocess`, and facts that only they need."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.frames.automatic import compare, first_look
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly
-from tactile_viewgcn.frames.inspection import Inspection, contact_readings, inspect_recordings
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly, of_empty_hand
+from tactile_viewgcn.frames.choose import Choice, choose, contact_readings, measure
+from tactile_viewgcn.frames.contact import session_medians
 from tactile_viewgcn.frames.leak import check_first_frames
-from tactile_viewgcn.frames.measurement import Measurement, possible_baselines
+from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import QuickError
-from tactile_viewgcn.frames.split import split_groups
-from tactile_viewgcn.pages.split_choice import split_choices
-from tactile_viewgcn.params import DEFAULTS, load
+from tactile_viewgcn.frames.sides import deal
+from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
+from tactile_viewgcn.notes import Note
+from tactile_viewgcn.pages.settings import preprocess_settings, split_settings
+from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 
 PERCENTILES = (0, 1, 50, 99, 100)
@@ -32,18 +37,25 @@ class Overview:
     """What is shown of R recordings with frames, S sensors that vary, O objects.
 
     Attributes:
-        inspection: what is decided by.
         path: of the source.
         shape, dtype: of a frame; of the stored counts.
         columns: optional columns that the source has, such as `valid`, `grasp`, `split`.
-        sessions: names.
+        objects, sessions: names.
+        live: bool (H, W) sensors that vary.
+        label, session: (R,) index of each recording's object and session.
+        frames, contact, open: (R,) number of frames, of those in contact, and of those of the open hand.
+        flagged: (R,) frames with the source's flag that an object is held, or None.
+        empty: (sessions,) frames of the empty hand.
+        groups: (O,) number of each object's groups by `split.by`, 0 of the empty hand's.
+        choice: what `preprocess` chooses with the recommended split.
+        error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
+            where no whole groups can be held out.
+        settings: recommended values with reasons, of level `choice`.
         seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: intervals of more than 2.5 times that.
         drift: (R,) largest change of the open hand, see `_drift`.
-        measurement: errors by baseline and filter, on all recordings by the `split.by` that is recommended; None where
-            no whole groups can be held out.
-        first_frame: whether objects are told from the first frame of each recording; None where it was not checked, as
-            where all frames are contact.
+        first_frame: error on the first frame of each recording; None where it was not checked, as where all frames are
+            contact.
         percentiles: (5,) of all readings, in counts: 0, 1, 50, 99 and 100.
         above: (5,) of the readings of sensors in contact, in counts above the baseline; NaN without any.
         stuck: bool (H, W) sensors that vary by less than a tenth of the median sensor's noise.
@@ -55,17 +67,29 @@ class Overview:
         in_contact: for each of these, the share of its frames that are in contact.
     """
 
-    inspection: Inspection
     path: Path
     shape: tuple[int, int]
     dtype: str
     columns: list[str]
+    objects: list[str]
     sessions: list[str]
+    live: np.ndarray
+    label: np.ndarray
+    session: np.ndarray
+    frames: np.ndarray
+    contact: np.ndarray
+    open: np.ndarray
+    flagged: np.ndarray | None
+    empty: np.ndarray
+    groups: dict[str, np.ndarray]
+    choice: Choice
+    error: QuickError | None
+    leak: QuickError | None
+    settings: list[Note]
     seconds: np.ndarray
     interval: float | None
     gaps: int
     drift: np.ndarray
-    measurement: Measurement | None
     first_frame: QuickError | None
     percentiles: np.ndarray
     above: np.ndarray
@@ -76,6 +100,16 @@ class Overview:
     activity: list[np.ndarray]
     in_contact: list[np.ndarray]
 
+    @property
+    def hand(self) -> OpenHand:
+        """Where the hand is open, and where it is in contact."""
+        assert self.choice.hand  # all is `auto`
+        return self.choice.hand
+
+    def setting(self, key: str) -> str:
+        """The recommended value of a parameter."""
+        return next(str(note.value) for note in self.settings if note.key == key)
+
 
 def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Overview:
     """Inspect a source in any form that `ingest` reads, see `open_source`.
@@ -85,47 +119,82 @@ def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Ove
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, layout=layout) as recordings:
-        return overview(recordings)
+        return overview(recordings, load(DEFAULTS).preprocess)
 
 
-def overview(recordings: Recordings, *, sensors: int | None = None) -> Overview:
-    """Inspect the table of raw counts; `sensors`: `preprocess.contact_sensors`, None: auto."""
-    asked = load(DEFAULTS).preprocess
-    hand, params = first_look(recordings, asked if sensors is None else replace(asked, contact_sensors=sensors))
-    of, measurement = inspect_recordings(recordings, hand), None
-    by = next(str(note.value) for note in split_choices(of) if note.key == "split.by")
-    if by != "frame":
-        baselines, everything = possible_baselines(recordings, hand, params), np.ones(len(recordings), dtype=bool)
-        measurement = compare(recordings, of, baselines, params, split_groups(recordings.columns, by), everything)
-    interval, gaps, seconds = _sampling([recordings.columns["time"][index] for index in of.frames_of])
-    means, activity, in_contact = _means(of)
-    above = contact_readings(of)[1]
-    sample = of.hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
-    smallest, largest, at_largest = _extremes(of)
-    spread, noise = sample.std(axis=0, dtype=np.float64), np.median(of.hand.noise[np.unique(of.session)], axis=0)
-    rng = stream(0, "first frame")
+def overview(recordings: Recordings, asked: PreprocessSection) -> Overview:
+    """Inspect the table of raw counts: split and settings are those that `preprocess` takes with the recommended ones.
+
+    Args:
+        asked: every value that is chosen here is `auto`.
+    """
+    columns, empty, recorded = recordings.columns, of_empty_hand(recordings), frames_by_recording(recordings)
+    first, groups = np.array([index[0] for index in recorded]), _groups(recordings, empty)
+    settings = split_settings(groups)
+    split = replace(load(DEFAULTS).split, **{note.key.removeprefix("split."): note.value for note in settings})
+    rng = stream(SPLIT_SEED, "preprocess")
+    sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
+    choice = choose(recordings, asked, sides)
+    hand, kind = choice.hand, choice.params.baseline
+    assert hand  # all is `auto`
+    everything = replace(sides, side=np.full_like(sides.side, TRAIN))
+    errors, leaks = measure(recordings, hand, {kind: choice.baseline}, everything) if sides.whole else ({}, {})
+    label, session = columns["object"][first], columns["session"][first]
+    contact, opened = (np.array([mask[index].sum() for index in recorded]) for mask in (hand.contact, hand.open))
+    flags = [columns[name] for name in ("grasp_valid", "valid") if name in columns]
+    interval, gaps, seconds = _sampling([columns["time"][index] for index in recorded])
+    means, activity, in_contact = _means(recordings, choice, hand.contact & ~empty)
+    above = contact_readings(recordings, hand, choice.baseline)
+    sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
+    smallest, largest, at_largest = _extremes(hand, recorded)
+    spread, noise = sample.std(axis=0, dtype=np.float64), np.median(hand.noise[np.unique(session)], axis=0)
+    first_frame = None if hand.all_contact else check_first_frames(recordings, hand, stream(0, "first frame"))
     return Overview(
-        inspection=of,
         path=recordings.path,
         shape=recordings.shape,
         dtype=str(recordings.dtype),
-        columns=[name for name in recordings.columns if name not in ALWAYS],
+        columns=[name for name in columns if name not in ALWAYS],
+        objects=recordings.objects,
         sessions=recordings.sessions,
+        live=recordings.live,
+        label=label,
+        session=session,
+        frames=np.array([len(index) for index in recorded]),
+        contact=contact,
+        open=opened,
+        flagged=np.array([flags[0][index].sum() for index in recorded]) if flags else None,
+        empty=np.bincount(columns["session"][empty], minlength=len(recordings.sessions)),
+        groups=groups,
+        choice=choice,
+        error=errors.get(kind),
+        leak=leaks.get(kind),
+        settings=[*preprocess_settings(recordings, choice), *settings],
         seconds=seconds,
         interval=interval,
         gaps=gaps,
-        drift=_drift(of),
-        measurement=measurement,
-        first_frame=None if of.all_contact else check_first_frames(recordings, of.hand, rng),
+        drift=_drift(hand, recorded, session),
+        first_frame=first_frame,
         percentiles=np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
         above=np.percentile(above, PERCENTILES) if len(above) else np.full(len(PERCENTILES), np.nan),
-        stuck=_on_layout(spread < STUCK * np.median(noise), of.live),
-        saturated=_on_layout(at_largest / len(recordings) * (at_largest.sum() > 1), of.live),
-        noise=_on_layout(noise, of.live),
-        mean_frame=np.stack([_on_layout(mean, of.live) for mean in means]),
+        stuck=_on_layout(spread < STUCK * np.median(noise), recordings.live),
+        saturated=_on_layout(at_largest / len(recordings) * (at_largest.sum() > 1), recordings.live),
+        noise=_on_layout(noise, recordings.live),
+        mean_frame=np.stack([_on_layout(mean, recordings.live) for mean in means]),
         activity=activity,
         in_contact=in_contact,
     )
+
+
+def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
+    """See `Overview.groups`; of `source` the groups are its two sides."""
+    columns = {name: values[~empty] for name, values in recordings.columns.items()}
+    groups = {}
+    for by in ("source", "recording", "grasp", "session"):
+        with suppress(UserError):  # no such column
+            group = split_groups(columns, by)
+            pairs = np.unique(np.stack([columns["object"], columns["split"] if by == "source" else group]), axis=1)
+            groups[by] = np.bincount(pairs[0], minlength=len(recordings.objects))
+    return groups
 
 
 def _on_layout(values: np.ndarray, live: np.ndarray) -> np.ndarray:
@@ -144,38 +213,41 @@ def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:
     return interval, int((steps > GAP * interval).sum()), seconds
 
 
-def _drift(of: Inspection) -> np.ndarray:
-    """Largest change (R,) of the open hand within each recording, or from its session's baseline.
+def _drift(hand: OpenHand, recorded: list[np.ndarray], session: np.ndarray) -> np.ndarray:
+    """Largest change (R,) of the open hand within each recording, or from the median of its session's (R,).
 
     It is the root mean square over sensors in standard deviations of noise; NaN with fewer than ten open-hand frames.
     """
-    drift = np.full(len(of.frames_of), np.nan)
-    for row, index in enumerate(of.frames_of):
-        opened = index[of.hand.open[index]]
-        if of.all_contact or len(opened) < 2 * MIN_FRAMES:
+    drift, medians = np.full(len(recorded), np.nan), session_medians(hand.quiet, session)
+    for row, index in enumerate(recorded):
+        opened = index[hand.open[index]]
+        if len(opened) < 2 * MIN_FRAMES:
             continue
-        first, last = (of.hand.counts[part].mean(axis=0) for part in (opened[:MIN_FRAMES], opened[-MIN_FRAMES:]))
-        baseline, noise = of.of_session[of.session[row]], of.hand.noise[of.session[row]]
-        changes = np.stack([last - first, first - baseline, last - baseline]) / noise
+        first, last = (hand.counts[part].mean(axis=0) for part in (opened[:MIN_FRAMES], opened[-MIN_FRAMES:]))
+        changes = np.stack([last - first, first - medians[row], last - medians[row]]) / hand.noise[session[row]]
         drift[row] = np.sqrt((changes**2).mean(axis=1)).max()
     return drift
 
 
-def _means(of: Inspection) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
-    """Mean frame (O, S) of each object in contact, and the time lines `activity` and `in_contact`; see `Overview`."""
-    sums, number = np.zeros((len(of.objects), of.hand.counts.shape[1])), np.zeros((len(of.objects), 1))
+def _means(
+    recordings: Recordings, choice: Choice, contact: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
+    """Mean frame (O, S) of each object in contact (T,), and `activity` and `in_contact` of an `Overview`."""
+    counts, baseline = recordings.live_counts(), choice.baseline
+    sums, number = np.zeros((len(recordings.objects), counts.shape[1])), np.zeros((len(recordings.objects), 1))
     activity, in_contact = [], []
-    for row, index in enumerate(of.frames_of):
-        excess, in_hand, points = of.hand.counts[index] - of.baseline[row], of.in_hand[index], min(POINTS, len(index))
-        sums[of.label[row]] += excess[in_hand].sum(axis=0)
-        number[of.label[row]] += in_hand.sum()
+    for index in frames_by_recording(recordings):
+        excess = counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
+        label, held, points = recordings.columns["object"][index[0]], contact[index], min(POINTS, len(index))
+        sums[label] += excess[held].sum(axis=0)
+        number[label] += held.sum()
         activity.append(np.array([part.mean() for part in np.array_split(excess.mean(axis=1), points)]))
-        in_contact.append(np.array([part.mean() for part in np.array_split(in_hand, points)]))
+        in_contact.append(np.array([part.mean() for part in np.array_split(held, points)]))
     return np.where(number > 0, sums / np.maximum(number, 1), np.nan), activity, in_contact
 
 
-def _extremes(of: Inspection) -> tuple[float, float, np.ndarray]:
+def _extremes(hand: OpenHand, recorded: list[np.ndarray]) -> tuple[float, float, np.ndarray]:
     """Smallest and largest reading, and in how many frames each sensor (S,) reads the largest."""
-    smallest, largest = (float(end([end(of.hand.counts[index]) for index in of.frames_of])) for end in (np.min, np.max))
-    at_largest = sum((of.hand.counts[index] == largest).sum(axis=0) for index in of.frames_of)
+    smallest, largest = (float(end([end(hand.counts[index]) for index in recorded])) for end in (np.min, np.max))
+    at_largest = sum((hand.counts[index] == largest).sum(axis=0) for index in recorded)
     return smallest, largest, np.asarray(at_largest)

@@ -2,10 +2,16 @@
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, noise_left, of_empty_hand, trimmed_moments
+from tactile_viewgcn.frames.baseline import (
+    MIN_FRAMES,
+    Baseline,
+    constant_baseline,
+    noise_left,
+    of_empty_hand,
+    trimmed_moments,
+)
 from tactile_viewgcn.frames.filtering import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
-from tactile_viewgcn.frames.measurement import measure_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
@@ -21,14 +27,13 @@ def find_contact(recordings: Recordings, fitted: FittedPreprocessing) -> tuple[B
         UserError: the baseline cannot be estimated.
     """
     params, baseline = fitted.params, _baseline(recordings, fitted)
-    sensors, sigmas = params.contact_sensors, params.contact_sigmas
     if params.filter == "flags" and {"valid", "grasp_valid"} & recordings.columns.keys():
         return baseline, flagged(recordings)
     if fitted.takes_all:
         return baseline, np.ones(len(recordings), dtype=bool)
     if baseline.noise is not None:
-        return baseline, pressed_frames(recordings, baseline, sensors=sensors, sigmas=sigmas)
-    return baseline, find_open_hand(recordings, sensors=sensors, sigmas=sigmas).contact
+        return baseline, pressed_frames(recordings, baseline, params.contact_sensors)
+    return baseline, find_open_hand(recordings, params.contact_sensors).contact
 
 
 def _baseline(recordings: Recordings, fitted: FittedPreprocessing) -> Baseline:
@@ -37,11 +42,11 @@ def _baseline(recordings: Recordings, fitted: FittedPreprocessing) -> Baseline:
     That of a session is of its empty hand, else of the open hand in its recordings, else the known one.
     """
     params = fitted.params
-    if params.baseline in ("quiet", "none"):
-        return measure_baseline(recordings, params)
-    average, sensors, sigmas = fitted.mean_baseline(), params.contact_sensors, params.contact_sigmas
+    if params.baseline == "none":
+        return constant_baseline(recordings, params.zero)
+    average = fitted.mean_baseline()
     known = [(fitted.baselines.get(name, average), fitted.noise) for name in recordings.sessions]
-    hand = find_open_hand(recordings, sensors=sensors, sigmas=sigmas, known=known)
+    hand = find_open_hand(recordings, params.contact_sensors, known)
     if params.baseline == "grasp":
         return grasp_baseline(recordings, hand, known)
     session, empty = recordings.columns["session"], of_empty_hand(recordings)

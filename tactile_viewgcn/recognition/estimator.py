@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.selection import one_class
+from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.names import EMPTY_HAND, shown
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import DEFAULTS, Params, load, preset_changes

@@ -10,7 +10,6 @@ from tactile_viewgcn.frames.baseline import (
     OUTLIER_SD,
     ROUNDING_SD,
     empty_hand_baseline,
-    quiet_baseline,
     trimmed_moments,
 )
 from tests.sources import written
@@ -74,21 +73,6 @@ def test_the_baseline_of_the_empty_hand_is_estimated_in_each_session(tmp_path):
     np.testing.assert_allclose(measured.mean, [baseline[0], baseline[1]], atol=0.1)
     np.testing.assert_allclose(measured.noise, 0.99, atol=0.06)
     np.testing.assert_array_equal(measured.of_frame, sessions)
-
-
-def test_quiet_frames_are_those_of_the_smallest_sum_in_each_recording(tmp_path):
-    sums = np.r_[[9, 2, 8, 1, 7, 3, 6, 4, 5, 0, 2, 1], [90, 91, 92, 93, 94, 95, 96, 97, 98, 99, 99, 99]]
-    counts = np.stack([sums, 500 + sums], axis=1)[:, None, :].astype(np.int16)
-    recordings = written(tmp_path / "t", counts, recording=np.repeat([0, 1], 12))
-    measured = quiet_baseline(recordings, 0.5)
-    assert measured.names == ["recording0", "recording1"]
-    np.testing.assert_allclose(measured.mean[:, 0, 0], [(0 + 1 + 1 + 2 + 2 + 3) / 6, 92.5])
-    np.testing.assert_allclose(measured.mean[:, 0, 1], [501.5, 592.5])
-    assert measured.noise[1, 0, 0] == pytest.approx(np.std(np.arange(6)))
-    np.testing.assert_array_equal(measured.of_frame, np.repeat([0, 1], 12))
-    counts = np.r_[np.arange(20), [100, 102]].astype(np.int16)[:, None, None]
-    recordings = written(tmp_path / "few", counts, recording=np.repeat([0, 1], [20, 2]))
-    assert quiet_baseline(recordings, 0.01).mean.ravel().tolist() == [2, 101]  # of five frames, or all two
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

@@ -7,7 +7,6 @@ import pytest
 
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.frames.setting_check import preprocessing_warnings
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import Preprocess, load
 from tactile_viewgcn.readers.formats import open_source
@@ -17,7 +16,7 @@ from tests.sources import written
 from tests.unknown_gloves import OBJECTS, RECORDINGS, all_contact, drifting_array, floats
 
 NOISE = 0.015  # that training adds, of full scale
-SPLIT = ("split.by=recording", "preprocess.balance_minimum=1")
+SPLIT = ("split.by=recording",)
 
 
 def treated(tmp_path, write, *changes, **form):
@@ -45,30 +44,8 @@ def test_what_auto_decides_is_not_warned_of(tmp_path, write):
 
 
 def test_a_baseline_of_frames_in_contact_is_warned_of(tmp_path):
-    made = treated(tmp_path, all_contact, "baseline=quiet")
-    asked, inspection = load(FILE, ("preprocess.baseline=auto",)).preprocess, made.inspection
-    for kind, warns in (("quiet", True), ("grasp", True), ("none", False), ("empty_hand", False)):
-        frames = replace(made.frames, preprocess=made.frames.preprocess | {"baseline": kind})
-        notes = preprocessing_warnings(inspection, frames, asked)
-        assert [(note.level, note.key, note.value) for note in notes] == [
-            ("warning", "preprocess.baseline", "auto")
-        ] * warns
-    assert [note.topic for note in warnings_of(made.notes)] == ["baseline"]
-
-
-def test_quiet_frames_that_are_contact_are_counted_where_no_open_hand_is_left(tmp_path):
-    made = treated(tmp_path, floats, "baseline=quiet")
-    assert warnings_of(made.notes) == []
-    all_contact_in_three = replace(
-        made.inspection, contact=np.where(np.arange(len(made.inspection.frames)) < 3, made.inspection.frames, 0)
-    )
-    for baseline, value in (("quiet", "auto"), ("auto", None)):
-        (note,) = preprocessing_warnings(
-            all_contact_in_three, made.frames, load(FILE, (f"preprocess.baseline={baseline}",)).preprocess
-        )
-        assert "in 3 of " in note.text and (note.level, note.value) == ("warning", value)
-    other = replace(made.frames, preprocess=made.frames.preprocess | {"baseline": "grasp"})
-    assert preprocessing_warnings(all_contact_in_three, other, load(FILE).preprocess) == []
+    (warning,) = warnings_of(treated(tmp_path, all_contact, "baseline=grasp").notes)
+    assert (warning.topic, warning.key, warning.value) == ("baseline", "preprocess.baseline", "auto")
 
 
 def test_a_scale_that_clips_the_readings_is_warned_of_with_one_that_does_not(tmp_path):
@@ -91,18 +68,18 @@ def test_a_network_s_readings_that_drown_in_its_noise_are_warned_of(tmp_path, ch
 
 
 def test_a_value_that_is_set_is_kept(tmp_path):
-    made = treated(tmp_path, floats, "baseline=quiet", "filter=none", "contact_sensors=5", "scale=3")
+    made = treated(tmp_path, floats, "baseline=grasp", "filter=none", "contact_sensors=5", "scale=3")
     assert chosen(made) == {} and len(made.frames) == 60 * OBJECTS * RECORDINGS
-    values = {"baseline": "quiet", "filter": "none", "contact_sensors": 5, "scale": 3.0}
+    values = {"baseline": "grasp", "filter": "none", "contact_sensors": 5, "scale": 3.0}
     assert {key: made.frames.preprocess[key] for key in values} == values
 
 
 def test_recordings_like_stags_are_preprocessed_as_in_the_paper(tmp_path):
-    few = ("preprocess.contact_sensors=4", "preprocess.balance_minimum=1")
+    few = ("preprocess.contact_sensors=4",)
     paper = ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150")
     asked = [load(FILE, few), load(FILE, (*few, *paper))]
     recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
     made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
-    assert made.params == same.params == Preprocess(**vars(asked[1].preprocess))
+    assert made.choice.params == same.choice.params == Preprocess(**vars(asked[1].preprocess))
     for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):
         np.testing.assert_array_equal(getattr(made.frames, name), getattr(same.frames, name))

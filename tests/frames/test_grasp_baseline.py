@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.frames.filtering import in_contact
+from tactile_viewgcn.frames.filtering import pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline, grasps
 from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
 from tests.drifting import HELD, NOISE, OPEN, SIGNAL, drifting
 from tests.sources import written
 
-CONTACT = {"sensors": 5, "sigmas": 5.0}
+CONTACT = 5  # sensors
 SD = np.hypot(NOISE, 12**-0.5)  # of counts, which are rounded
 
 
@@ -20,7 +19,7 @@ def measured(path, glove, kept=slice(None), **names):
     """The baseline of some of a glove's frames, by grasp."""
     columns = {name: values[kept] for name, values in glove.columns.items()}
     recordings = written(path, glove.counts[kept], **columns, **names)
-    return grasp_baseline(recordings, find_open_hand(recordings, **CONTACT))
+    return grasp_baseline(recordings, find_open_hand(recordings, CONTACT))
 
 
 def test_a_grasp_begins_as_the_hand_opens_after_contact_and_frames_between_belong_to_the_one_before():
@@ -54,7 +53,7 @@ def test_the_noise_is_that_of_the_grasp_s_own_session(tmp_path):
     more = np.random.default_rng(1).normal(0, 4, glove.counts.shape) * (session == 1)[:, None, None]
     counts = glove.counts + np.rint(more).astype(np.int16)
     recordings = written(tmp_path / "t", counts, **glove.columns | {"session": session})
-    baseline = grasp_baseline(recordings, find_open_hand(recordings, sensors=5, sigmas=3.0))
+    baseline = grasp_baseline(recordings, find_open_hand(recordings, CONTACT))
     of_session = [np.unique(baseline.of_frame[session == number]) for number in (0, 1)]
     np.testing.assert_allclose(baseline.noise[of_session[0]].mean(), SD, rtol=0.1)
     np.testing.assert_allclose(baseline.noise[of_session[1]].mean(), np.hypot(SD, 4), rtol=0.1)
@@ -63,8 +62,8 @@ def test_the_noise_is_that_of_the_grasp_s_own_session(tmp_path):
 def test_with_it_contact_is_baseline_that_the_session_s_empty_hand_hides(tmp_path):
     glove = drifting(between=2 * SIGNAL, within=10)
     recordings = written(tmp_path / "t", glove.counts, **glove.columns)
-    contact = in_contact(recordings, grasp_baseline(recordings, find_open_hand(recordings, **CONTACT)), **CONTACT)
-    np.testing.assert_array_equal(contact, ~glove.open | (glove.columns["object"] == 0))
+    contact = pressed_frames(recordings, grasp_baseline(recordings, find_open_hand(recordings, CONTACT)), CONTACT)
+    np.testing.assert_array_equal(contact, ~glove.open)
 
 
 def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording_and_a_note(tmp_path):
@@ -93,15 +92,23 @@ def test_a_recording_without_open_hand_has_its_session_s_empty_hand_and_is_named
     np.testing.assert_allclose(baseline.mean[number], 514.3, atol=0.4)
 
 
-def test_without_any_empty_hand_the_open_hand_is_enough_and_a_recording_that_has_neither_is_named(tmp_path):
+def test_without_any_empty_hand_a_recording_without_open_hand_has_the_open_hand_of_its_session(tmp_path):
     glove = drifting(between=SIGNAL)
     held = glove.columns["object"] > 0
     glove.columns["object"] = np.maximum(glove.columns["object"] - 1, 0)
     names = {"objects": [f"object{i}" for i in range(4)], "sessions": ["monday"]}
     assert len(measured(tmp_path / "t", glove, held, **names).names) == 4 * 6
     short = held & ((glove.columns["recording"] != 3) | (np.arange(len(held)) % (OPEN + HELD) >= OPEN - 3))
-    with pytest.raises(UserError, match=r"^recording 'recording3' has fewer than 5 .* 'monday' fewer of 'empty_hand'"):
-        measured(tmp_path / "u", glove, short, **names)
+    baseline = measured(tmp_path / "u", glove, short, **names)
+    (note,) = baseline.notes
+    assert "their session's open hand" in note.text and note.text.endswith("recording3")
+    assert baseline.names.count("monday") == 1
+    columns = {name: values[short] for name, values in glove.columns.items()}
+    recordings = written(tmp_path / "v", glove.counts[short], **columns, **names)
+    hand = find_open_hand(recordings, CONTACT)
+    baseline = grasp_baseline(recordings, replace(hand, open=np.zeros_like(hand.open)))
+    assert baseline.names == [f"recording{number}" for number in range(1, 5)]  # each its own five quietest frames
+    np.testing.assert_array_equal(baseline.mean.reshape(4, -1), hand.quiet.astype(np.float32))
 
 
 def test_without_empty_and_open_hand_a_recording_has_what_is_known_of_its_own_session(tmp_path):
@@ -111,7 +118,7 @@ def test_without_empty_and_open_hand_a_recording_has_what_is_known_of_its_own_se
     columns["session"] = columns["recording"] - 1  # one recording each
     recordings = written(tmp_path / "t", glove.counts[closed], **columns)
     known = [(np.full((5, 8), 500.0 + number), np.ones((5, 8))) for number in range(3)]
-    hand = find_open_hand(recordings, **CONTACT)
+    hand = find_open_hand(recordings, CONTACT)
     hand = replace(hand, open=np.zeros_like(hand.open))
     baseline = grasp_baseline(recordings, hand, known)
     for number in range(3):

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.automatic import decide
-from tactile_viewgcn.frames.inspection import sensors_in_contact
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
-from tactile_viewgcn.pages.recommendation import recommend
 from tactile_viewgcn.pages.source_inspection import inspect_source, overview
 from tactile_viewgcn.params import load
 from tests.drifting import drifting
@@ -21,22 +19,22 @@ from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, all_contact, dense,
 
 def chosen(page):
     """What is recommended, by key."""
-    return {note.key.removeprefix("preprocess."): note.value for note in recommend(page)}
+    return {note.key.removeprefix("preprocess."): note.value for note in page.settings}
 
 
-def shown(recordings, sensors=None):
-    """What the page of a table of recordings shows."""
-    return overview(recordings, sensors=sensors)
+def shown(recordings, *changes):
+    """What the page of a table of recordings shows; contact is of five sensors."""
+    return overview(recordings, load(FILE, ("preprocess.contact_sensors=5", *changes)).preprocess)
 
 
 def test_recordings_that_are_all_contact_are_taken_as_they_are(tmp_path):
     page = inspect_source(all_contact(tmp_path / "glove"))
-    inspection, settings = page.inspection, chosen(page)
-    assert inspection.all_contact and (inspection.contact == 10).all()
-    assert inspection.contact.sum() == 10 * OBJECTS * RECORDINGS
+    settings = chosen(page)
+    assert page.hand.all_contact and (page.contact == 10).all()
+    assert page.contact.sum() == 10 * OBJECTS * RECORDINGS
     assert (settings["baseline"], settings["zero"], settings["filter"]) == ("none", 0, "none")
     assert (settings["split.by"], settings["split.folds"], settings["preset"]) == ("recording", RECORDINGS, "best")
-    assert page.first_frame is None and page.measurement.leaks == {}  # that the first frame tells the object is touch
+    assert page.first_frame is None and page.leak is None  # that the first frame tells the object is touch
 
 
 @pytest.mark.parametrize("told", [True, False])
@@ -49,7 +47,7 @@ def test_a_light_grip_that_tells_the_object_is_contact_and_what_drifts_as_far_is
     counts = np.rint(100 + force + rng.normal(0, 2, (24, 80, 6, 8))).astype(np.int16).reshape(-1, 6, 8)
     columns = {"object": np.repeat(label, 80), "recording": np.repeat(np.arange(24), 80)}
     recordings = written(tmp_path / "t", counts, **columns, objects=["mug", "pen", "ball", "coin"])
-    assert shown(recordings, sensors=5).inspection.all_contact == told
+    assert shown(recordings).hand.all_contact == told
 
 
 @pytest.mark.parametrize("empty", [4, 5])
@@ -61,29 +59,8 @@ def test_five_frames_of_the_empty_hand_in_a_session_are_a_baseline(tmp_path, emp
     kept = np.arange(1000) >= 40 - empty
     columns = {"object": label[kept], "recording": recording[kept]}
     recordings = written(tmp_path / "t", counts[kept].astype(np.int16), **columns)
-    inspection = shown(recordings, sensors=5).inspection
-    assert (inspection.all_contact, inspection.has_empty_hand) == (empty < 5, empty >= 5)
-
-
-def test_the_empty_hand_is_a_session_s_baseline_though_other_recordings_have_another(tmp_path):
-    glove = drifting()
-    counts = glove.counts + 9 * (glove.columns["object"] > 0)[:, None, None].astype(np.int16)
-    inspection = shown(written(tmp_path / "t", counts, **glove.columns), sensors=5).inspection
-    np.testing.assert_allclose(inspection.of_session, np.full((1, 40), 514.3), atol=0.5)
-    np.testing.assert_allclose(inspection.baseline[1:].mean(axis=1), 523.3, atol=0.5)
-
-
-def test_without_an_empty_hand_each_sensor_has_its_own_baseline_in_a_session(tmp_path):
-    glove = drifting()
-    of_object = glove.columns["object"] > 0
-    offset = 5 * np.arange(40).reshape(5, 8)
-    columns = {name: values[of_object] for name, values in glove.columns.items()}
-    columns["object"] -= 1
-    names = [f"object{number}" for number in range(4)]
-    recordings = written(tmp_path / "t", (glove.counts + offset)[of_object].astype(np.int16), **columns, objects=names)
-    inspection = shown(recordings, sensors=5).inspection
-    assert not inspection.all_contact
-    np.testing.assert_allclose(inspection.of_session, [514.3 + offset.ravel()], atol=1.5)  # neighbours differ by 5
+    page = shown(recordings)
+    assert page.hand.all_contact == (empty < 5) and page.empty.tolist() == [empty]
 
 
 def test_flags_of_the_steady_part_of_a_grasp_are_counted_and_not_those_of_all_of_it(tmp_path):
@@ -91,21 +68,21 @@ def test_flags_of_the_steady_part_of_a_grasp_are_counted_and_not_those_of_all_of
     closed = ~glove.open
     steady = closed & (np.arange(len(closed)) % 2 == 0)
     recordings = written(tmp_path / "t", glove.counts, **glove.columns, valid=closed, grasp_valid=steady)
-    flagged = shown(recordings, sensors=5).inspection.flagged
+    flagged = shown(recordings).flagged
     assert flagged.tolist() == [steady[glove.columns["recording"] == number].sum() for number in range(3)]
 
 
 @pytest.mark.parametrize("open_hand", [0.05, 0.0])  # with 0, half of the noise of 0.015 is cut off
 def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path, open_hand):
     page = inspect_source(floats(tmp_path / "glove", open_hand=open_hand))
-    inspection, settings = page.inspection, chosen(page)
+    settings = chosen(page)
     assert (settings["baseline"], settings["filter"]) == ("grasp", "contact") and "zero" not in settings
     assert "scale" not in settings  # which the preset `best` does not read
-    assert sorted(inspection.objects) == sorted(NAMES) and page.sessions == ["Übung 1", "Übung 2"]
-    assert (np.abs(inspection.contact - 40) <= 1).all() and (inspection.open >= 15).all()
+    assert sorted(page.objects) == sorted(NAMES) and page.sessions == ["Übung 1", "Übung 2"]
+    assert (np.abs(page.contact - 40) <= 1).all() and (page.open >= 15).all()
     assert page.interval == pytest.approx(0.05) and page.gaps == 0
-    assert np.median(inspection.hand.noise) == pytest.approx(0.015, rel=0.4)
-    np.testing.assert_allclose(inspection.of_session, open_hand, atol=0.02)
+    assert np.median(page.hand.noise) == pytest.approx(0.015, rel=0.4)
+    np.testing.assert_allclose(page.choice.baseline.mean, open_hand, atol=0.03)
 
 
 @pytest.mark.parametrize(("between", "baseline"), [(0.0, "empty_hand"), (1.5, "grasp"), (60.0, "grasp")])
@@ -114,37 +91,34 @@ def test_a_baseline_that_tells_the_object_or_drifts_as_far_as_contact_is_taken_o
 ):
     glove = drifting(objects=6, between=between, same=True)
     recordings = written(tmp_path / "t", glove.counts, **glove.columns)
-    page = shown(recordings, sensors=5)
+    page = shown(recordings)
     assert chosen(page)["baseline"] == baseline
-    assert page.measurement.leaks["empty_hand"].tells_object == (between > 0)
+    assert page.choice.leaks["empty_hand"].tells_object == (between > 0)
 
 
 @pytest.mark.parametrize(("in_test", "baseline"), [((1, 2, 3, 4, 5, 6), "empty_hand"), ((1, 2), "grasp")])
-def test_auto_decides_as_inspect_recommends_with_a_split_that_is_published_in_part(tmp_path, in_test, baseline):
-    """The empty hand tells the object; a published split of all objects is the paper's, whatever it tells."""
+def test_inspect_is_a_rehearsal_of_preprocess(tmp_path, in_test, baseline):
+    """The empty hand leaks the object; a published split of all objects is the paper's, whatever leaks."""
     glove = drifting(objects=6, between=1.5, same=True)
     split = np.isin(glove.columns["object"], in_test) & (glove.columns["grasp"] == 0)
-    asked = load(FILE, ("preprocess.contact_sensors=5",)).preprocess
     recordings = written(tmp_path / "t", glove.counts, **glove.columns, split=split.astype(np.int8))
-    page = shown(recordings, sensors=5)
-    by = chosen(page)["split.by"]
-    decision = decide(recordings, asked, load(FILE, (f"split.by={by}",)).split)
-    assert decision.params.baseline == chosen(page)["baseline"] == baseline
-    assert (by, decision.params.filter) == ("source" if len(in_test) == 6 else "grasp", chosen(page)["filter"])
+    page = shown(recordings)
+    recommended = [f"{note.key}={note.value}" for note in page.settings if note.key.startswith("split.")]
+    params = load(FILE, ("preprocess.contact_sensors=5", *recommended))
+    made = preprocess_recordings(recordings, params.preprocess, params.split)
+    assert made.choice.params == page.choice.params and made.choice.params.baseline == baseline
+    assert page.setting("split.by") == ("source" if len(in_test) == 6 else "grasp")
+    assert made.choice.errors.keys() == page.choice.errors.keys()
+    for kind, error in made.choice.errors.items():
+        assert error.wrong.tolist() == page.choice.errors[kind].wrong.tolist()
 
 
 def test_a_dense_array_has_its_open_hand_found_and_one_baseline_a_grasp(tmp_path):
     page = inspect_source(dense(tmp_path / "glove"))
-    inspection, settings = page.inspection, chosen(page)
-    assert not inspection.all_contact and (inspection.contact == 40).all() and (inspection.open == 38).all()
+    settings = chosen(page)
+    assert not page.hand.all_contact and (page.contact == 40).all() and (page.open == 38).all()
     assert (settings["baseline"], settings["filter"]) == ("grasp", "contact")
-    assert page.measurement.baselines["grasp"].error == 0 and "grasp *" in "\n".join(
-        inspection_lines(page, recommend(page))
-    )
-
-
-def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array():
-    assert [sensors_in_contact(count) for count in (1, 16, 96, 384, 548, 1400)] == [2, 2, 3, 10, 14, 14]
+    assert page.choice.errors["grasp"].error == 0 and "grasp *" in "\n".join(inspection_lines(page))
 
 
 def test_stuck_and_saturated_sensors_and_gaps_in_time_are_found(tmp_path):
@@ -154,10 +128,10 @@ def test_stuck_and_saturated_sensors_and_gaps_in_time_are_found(tmp_path):
     counts[::2, 1, 1], counts[:, 2, 2] = 1024, 510
     time = np.arange(200) / 10 + 50 * (np.arange(200) >= 100)
     recordings = written(tmp_path / "t", counts, time=time, object=np.arange(200) % 2)
-    page = shown(recordings)
+    page = shown(recordings, "preprocess.contact_sensors=auto")
     assert np.argwhere(page.stuck).tolist() == [[0, 0]]
     assert np.argwhere(page.saturated > 0.01).tolist() == [[1, 1]] and page.saturated[1, 1] == 0.5
-    assert not page.inspection.live[2, 2] and page.inspection.live.sum() == 19
+    assert not page.live[2, 2] and page.live.sum() == 19
     assert (page.interval, page.gaps) == (pytest.approx(0.1), 1)
 
 
@@ -165,12 +139,12 @@ def test_a_source_that_dvc_tracks_stays_as_it_was_typed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = inspect_source(all_contact(Path("glove")))
     Path("glove.dvc").touch()
-    assert "  -S data.source=glove \\" in inspection_lines(page, recommend(page))
+    assert "  -S data.source=glove \\" in inspection_lines(page)
 
 
 def test_recordings_of_one_frame_are_views_of_one(tmp_path):
     page = inspect_source(all_contact(tmp_path / "glove", recordings=8, frames=1))
-    lines = inspection_lines(page, recommend(page))
+    lines = inspection_lines(page)
     assert chosen(page)["views"] == 1 and "  -S views=1 \\" in lines
     assert "  32 recordings of 4 objects in 2 sessions: 1 frame each" in lines
 
@@ -180,7 +154,7 @@ def test_one_object_is_no_task(tmp_path):
         if NAMES[0] not in path.name:
             path.unlink()
     page = inspect_source(tmp_path / "glove")
-    text = " ".join(" ".join(inspection_lines(page, recommend(page))).split())
+    text = " ".join(" ".join(inspection_lines(page)).split())
     assert f"Not yet: the recordings have one class, {NAMES[0]}; expected two or more." in text
     assert "dvc exp run" not in text
     assert chosen(page)["split.by"] == "frame"
@@ -189,7 +163,7 @@ def test_one_object_is_no_task(tmp_path):
 @pytest.mark.parametrize("write", [all_contact, floats, drifting_array])
 def test_the_text_is_80_columns_and_ends_with_a_command_that_params_yaml_takes(tmp_path, write):
     page = replace(inspect_source(write(tmp_path / "my glöve")), path=Path("data/my glöve"))
-    lines = inspection_lines(page, recommend(page))
+    lines = inspection_lines(page)
     assert max(map(len, lines)) <= WIDTH
     words = shlex.split(" ".join(lines[lines.index("") + 1 :]).replace("\\ ", ""))
     assert words[:3] == ["dvc", "exp", "run"] and "best)" in words

@@ -7,8 +7,8 @@ import pytest
 
 from tactile_viewgcn.frames import leak as module_of_leak
 from tactile_viewgcn.frames import quick_error as module
+from tactile_viewgcn.frames.choose import measure_baseline
 from tactile_viewgcn.frames.leak import check_first_frames, check_leak, leak_notes
-from tactile_viewgcn.frames.measurement import measure_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.params import load
@@ -22,8 +22,8 @@ def checked(path, glove, *changes, columns=None, seed=0, **names):
     changed = ("preprocess.baseline=empty_hand", "preprocess.contact_sensors=5", "split.by=grasp", *changes)
     params = load(FILE, changed)
     recordings = written(path, glove.counts, **(columns or glove.columns), **names)
-    baseline = measure_baseline(recordings, params.preprocess)
-    hand = find_open_hand(recordings, sensors=5, sigmas=params.preprocess.contact_sigmas)
+    hand = find_open_hand(recordings, 5)
+    baseline = measure_baseline(recordings, params.preprocess.baseline, hand, params.preprocess.zero)
     group = split_groups(recordings.columns, params.split.by)
     return check_leak(recordings, baseline, hand, group, np.random.default_rng(seed))
 
@@ -82,7 +82,7 @@ def test_a_session_s_shift_is_no_leak_of_first_frames(tmp_path):
     columns = {"object": label, "recording": 4 * label + number, "session": session}
     names = {"objects": [f"object{i}" for i in range(12)]}
     recordings = written(tmp_path / "t", np.rint(counts).astype(np.int16), **columns, **names)
-    hand = find_open_hand(recordings, sensors=5, sigmas=5.0)
+    hand = find_open_hand(recordings, 5)
     leak = check_first_frames(recordings, hand, rng)
     assert (leak.groups, leak.frames) == (48, 48) and leak.error > 0.75 and not leak.tells_object
 
@@ -99,7 +99,7 @@ def test_first_frames_are_first(tmp_path):
         recording=5 * label + number,
         objects=[f"object{i}" for i in range(4)],
     )
-    hand = find_open_hand(recordings, sensors=5, sigmas=5.0)
+    hand = find_open_hand(recordings, 5)
     assert check_first_frames(recordings, hand, np.random.default_rng(0)).tells_object
 
 

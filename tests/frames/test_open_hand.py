@@ -8,7 +8,7 @@ from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
 from tests.drifting import HELD, NOISE, OPEN, SIGNAL, drifting
 from tests.sources import written
 
-CONTACT = {"sensors": 5, "sigmas": 5.0}
+CONTACT = 5  # sensors
 
 
 def away(opened):
@@ -31,7 +31,7 @@ DRIFTS = {
 def test_the_open_hand_and_contact_are_found_whatever_drifts(tmp_path, drift):
     glove = drifting(**DRIFTS[drift])
     recordings = written(tmp_path / "t", glove.counts, **glove.columns)
-    hand = find_open_hand(recordings, **CONTACT)
+    hand = find_open_hand(recordings, CONTACT)
     assert (hand.contact != ~glove.open).mean() == 0
     assert (hand.open != away(glove.open)).mean() < 0.01  # drift during a grasp lifts sensors at its end
 
@@ -63,7 +63,7 @@ def test_without_an_empty_hand_a_recording_s_quietest_frames_are_the_open_hand(t
     columns = {name: values[held] - (name == "object") for name, values in glove.columns.items()}
     names = [f"object{i}" for i in range(4)]
     recordings = written(tmp_path / "t", glove.counts[held], **columns, objects=names)
-    hand = find_open_hand(recordings, **CONTACT)
+    hand = find_open_hand(recordings, CONTACT)
     np.testing.assert_array_equal(hand.open, away(glove.open)[held])
     np.testing.assert_allclose(hand.noise, np.hypot(NOISE, 12**-0.5), atol=0.15)
 
@@ -74,6 +74,6 @@ def test_a_flag_says_held_where_little_is_felt_but_not_of_the_empty_hand(tmp_pat
     light = np.where(glove.open[:, None, None], glove.counts, np.rint(glove.baseline))  # nothing is felt
     columns = glove.columns | {flag: ~glove.open | (glove.columns["object"] == 0)}
     recordings = written(tmp_path / "t", light.astype(np.int16), **columns)
-    hand = find_open_hand(recordings, **CONTACT)
+    hand = find_open_hand(recordings, CONTACT)
     np.testing.assert_array_equal(hand.open, away(glove.open))
     np.testing.assert_array_equal(hand.contact, ~glove.open)

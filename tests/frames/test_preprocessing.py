@@ -30,10 +30,10 @@ def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
 
 
 def test_frames_keep_the_noise_of_their_baselines_and_the_share_that_the_filter_keeps(tmp_path):
-    frames, selection, _ = prepared(tmp_path)
+    frames, made, _ = prepared(tmp_path)
     assert frames.noise.shape == (3, 4)
     np.testing.assert_allclose(frames.noise, np.hypot(0.95, 12**-0.5), rtol=0.3)
-    assert frames.kept_share == COLUMNS["valid"].mean() == selection.filtered.mean()
+    assert frames.kept_share == COLUMNS["valid"].mean() == made.passed.mean()
 
 
 def test_without_a_baseline_a_constant_is_subtracted(tmp_path):
@@ -44,8 +44,8 @@ def test_without_a_baseline_a_constant_is_subtracted(tmp_path):
 
 def test_a_recording_and_an_object_that_the_filter_empties_are_named(tmp_path):
     valid = COLUMNS["valid"] & (COLUMNS["object"] != 2) & (COLUMNS["recording"] != 4)
-    frames, selection, rows = prepared(tmp_path, columns=COLUMNS | {"valid": valid})
-    dropped, emptied, warning = (note for note in selection.notes if note.topic == "filter")
+    frames, made, rows = prepared(tmp_path, columns=COLUMNS | {"valid": valid})
+    dropped, emptied, warning = (note for note in made.notes if note.topic == "filter")
     assert f"{360 - valid.sum()} of 360 frames" in dropped.text and "recording15, recording16" in emptied.text
     assert warning.level == "warning" and "object2" in warning.text
     assert frames.classes == ["empty_hand", "object1"]
@@ -106,8 +106,8 @@ REFUSED = {
 
 
 def test_grasps_keep_their_numbers_and_are_0_where_there_are_none(tmp_path):
-    frames, selection, _ = prepared(tmp_path)
-    np.testing.assert_array_equal(frames.grasp, COLUMNS["grasp"][selection.keep])
+    frames, made, _ = prepared(tmp_path)
+    np.testing.assert_array_equal(frames.grasp, COLUMNS["grasp"][made.keep])
     assert len(np.unique(frames.grasp)) > 1
     assert not prepared(tmp_path, columns=NO_GRASP)[0].grasp.any()
 
@@ -118,8 +118,8 @@ def test_with_groups_baselines_are_measured_though_single_frames_are_held_out(tm
     params = load(FILE, ("split.by=frame", "preprocess.contact_sensors=5"))
     groups = glove.columns["recording"]
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
-    assert "grasp" in made.measurement.baselines
-    np.testing.assert_array_equal(made.selection.group, groups)
+    assert "grasp" in made.choice.errors
+    np.testing.assert_array_equal(made.sides.group, groups)
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -134,10 +134,10 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     write_recordings(tmp_path / "t", read_metadata(stag_data / "blindfolded_lite" / "metadata.mat"), "0" * 32)
     auto = load(FILE, ("split.by=recording", "split.folds=4"))
     made = preprocess_recordings(Recordings(tmp_path / "t"), auto.preprocess, auto.split)
-    frames, selection = made.frames, made.selection
-    assert (made.params.baseline, made.params.filter) == ("empty_hand", "flags")
-    assert selection.filtered.sum() == 525
+    frames = made.frames
+    assert (made.choice.params.baseline, made.choice.params.filter) == ("empty_hand", "flags")
+    assert made.passed.sum() == 525
     assert len(frames) == 520
     assert "empty_hand" not in frames.classes
     assert [len(frames.on(side)) for side in (TRAIN, TEST)] == [26 * 3 * 5, 26 * 5]
-    assert any("empty_hand is not on both sides" in note.text for note in selection.notes)
+    assert any("empty_hand is not on both sides" in note.text for note in made.notes)

@@ -7,20 +7,20 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
-from tests.grips import BLANK, COLUMNS, COUNTS, FILE, FIXED, HELD, OBJECTS, RECORDINGS, SESSIONS, prepared
+from tests.grips import BLANK, COLUMNS, COUNTS, FILE, FIXED, HELD, OBJECTS, SESSIONS, prepared
 from tests.sources import written
 
 
 @pytest.mark.parametrize("by", ["source", "recording", "grasp", "session"])
 @pytest.mark.parametrize("fold", [0, 1])
 def test_no_group_stands_on_two_sides_and_both_sides_have_every_class(tmp_path, by, fold):
-    frames, selection, _ = prepared(tmp_path, f"split.by={by}", "split.folds=2", f"split.fold={fold}")
+    frames, made, _ = prepared(tmp_path, f"split.by={by}", "split.folds=2", f"split.fold={fold}")
     for group in np.unique(frames.group):
         assert len(np.unique(frames.side[frames.group == group])) == 1
     for side in (TRAIN, TEST):
         assert np.unique(frames.label[frames.side == side]).tolist() == [0, 1, 2]
-    np.testing.assert_array_equal(frames.side, selection.side[selection.keep])
-    np.testing.assert_array_equal(frames.group, selection.group[selection.keep])
+    np.testing.assert_array_equal(frames.side, made.sides.side[made.keep])
+    np.testing.assert_array_equal(frames.group, made.sides.group[made.keep])
 
 
 def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares_are_counted(tmp_path):
@@ -29,16 +29,16 @@ def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares
     split[(COLUMNS["recording"] == 9) & ~COLUMNS["valid"]] = 1  # frames that the filter drops share nothing
     split[(COLUMNS["recording"] == 11) & ~COLUMNS["valid"]] = 0
     for published, shared in ((COLUMNS["split"], 0), (split, 3)):
-        frames, selection, _ = prepared(tmp_path, columns=COLUMNS | {"split": published})
+        frames, made, _ = prepared(tmp_path, columns=COLUMNS | {"split": published})
         np.testing.assert_array_equal(frames.side == TEST, published[COLUMNS["valid"]] == 1)
-        assert f"split: the published split has {shared} recordings on both sides" in map(str, selection.notes)
+        assert f"split: the published split has {shared} recordings on both sides" in map(str, made.notes)
 
 
 def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
-    frames, selection, rows = prepared(tmp_path, "preprocess.empty_hand_class=false")
+    frames, made, rows = prepared(tmp_path, "preprocess.empty_hand_class=false")
     assert frames.classes == ["object1", "object2"]
     assert np.unique(frames.label).tolist() == [0, 1]
-    np.testing.assert_array_equal(selection.keep, COLUMNS["valid"] & (COLUMNS["object"] > 0))
+    np.testing.assert_array_equal(made.keep, COLUMNS["valid"] & (COLUMNS["object"] > 0))
     assert rows[0] == {
         "object": "empty_hand",
         "session": "session0",
@@ -61,10 +61,10 @@ def _one_empty_recording():
 @pytest.mark.parametrize("by", ["recording", "source"])
 def test_an_empty_hand_that_is_not_on_both_sides_is_no_class_and_still_the_baseline(tmp_path, by):
     counts, columns = _one_empty_recording()
-    frames, selection, _ = prepared(tmp_path, f"split.by={by}", counts=counts, columns=columns)
-    assert any("empty_hand is not on both sides" in note.text for note in selection.notes)
+    frames, made, _ = prepared(tmp_path, f"split.by={by}", counts=counts, columns=columns)
+    assert any("empty_hand is not on both sides" in note.text for note in made.notes)
     assert frames.classes == ["object1", "object2"]
-    assert not (selection.keep & (columns["object"] == 0)).any()
+    assert not (made.keep & (columns["object"] == 0)).any()
     np.testing.assert_allclose(frames.baseline_mean.mean(), 514, atol=0.2)
 
 
@@ -72,9 +72,9 @@ def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_
     objects, recordings = COLUMNS["object"], COLUMNS["recording"]
     more = np.where(recordings == 6, 3, np.where(recordings == 7, 4, objects))
     split = np.where(more == 3, 1, np.where(more == 4, 0, COLUMNS["split"]))
-    frames, selection, rows = prepared(tmp_path, columns=COLUMNS | {"object": more, "split": split})
-    assert any("object3 has no training frames" in note.text for note in selection.notes)
-    assert any("object4 has no test frames" in note.text for note in selection.notes)
+    frames, made, rows = prepared(tmp_path, columns=COLUMNS | {"object": more, "split": split})
+    assert any("object3 has no training frames" in note.text for note in made.notes)
+    assert any("object4 has no test frames" in note.text for note in made.notes)
     assert frames.classes == ["empty_hand", "object1", "object2", "object4"]
     assert frames.label[frames.recording == 7].tolist() == [3] * HELD
     gone = next(row for row in rows if row["object"] == "object3")
@@ -83,10 +83,9 @@ def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_
 
 def test_the_sources_balanced_frames_are_the_anchors(tmp_path):
     balanced = COLUMNS["frame"] % 2 == 0
-    frames, selection, _ = prepared(tmp_path, columns=COLUMNS | {"balanced": balanced})
-    np.testing.assert_array_equal(selection.anchor, balanced & COLUMNS["valid"])
+    frames, made, _ = prepared(tmp_path, columns=COLUMNS | {"balanced": balanced})
     np.testing.assert_array_equal(frames.anchor, balanced[COLUMNS["valid"]])
-    assert any("balanced frames" in note.text for note in selection.notes)
+    assert any("balanced frames" in note.text for note in made.notes)
 
 
 @pytest.mark.parametrize("side", [0, 1])
@@ -106,11 +105,12 @@ def test_an_object_that_misses_a_session_has_rows_of_the_others(tmp_path):
 def test_single_frames_are_each_tested_in_one_fold(tmp_path):
     tested = np.zeros(len(COUNTS), dtype=int)
     for fold in range(4):
-        _, selection, _ = prepared(tmp_path, "split.by=frame", "split.folds=4", f"split.fold={fold}")
-        on_test = selection.keep & (selection.side == TEST)
-        assert np.bincount(COLUMNS["object"][on_test]).tolist() == [SESSIONS * RECORDINGS * HELD // 4] * OBJECTS
-        tested += on_test
-    np.testing.assert_array_equal(tested, COLUMNS["valid"])
+        _, made, _ = prepared(tmp_path, "split.by=frame", "split.folds=4", f"split.fold={fold}")
+        assert (
+            np.bincount(COLUMNS["object"][made.sides.side == TEST]).tolist() == [len(COUNTS) // OBJECTS // 4] * OBJECTS
+        )
+        tested += made.sides.side == TEST
+    assert (tested == 1).all()
 
 
 def test_each_object_is_trained_on_its_first_groups_alone(tmp_path):
@@ -132,8 +132,8 @@ def test_sessions_are_held_out_for_all_objects_though_one_missed_the_first(tmp_p
     columns = {name: values[there] for name, values in COLUMNS.items()}
     for fold in range(SESSIONS):
         recorded = {"counts": COUNTS[there], "columns": columns}
-        _, selection, _ = prepared(tmp_path, "split.by=session", "split.folds=2", f"split.fold={fold}", **recorded)
-        assert np.unique(columns["session"][selection.side == TEST]).tolist() == [fold]
+        _, made, _ = prepared(tmp_path, "split.by=session", "split.folds=2", f"split.fold={fold}", **recorded)
+        assert np.unique(columns["session"][made.sides.side == TEST]).tolist() == [fold]
 
 
 def test_groups_that_are_given_leave_no_test_side(tmp_path):
@@ -145,25 +145,22 @@ def test_groups_that_are_given_leave_no_test_side(tmp_path):
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
     assert (made.frames.side == TRAIN).all()
     np.testing.assert_array_equal(made.frames.group, groups[COLUMNS["valid"]])
-    np.testing.assert_array_equal(
-        made.baseline.mean[made.baseline.of_frame], made.frames.baseline_mean[COLUMNS["session"]]
-    )
+    baseline = made.choice.baseline
+    np.testing.assert_array_equal(baseline.mean[baseline.of_frame], made.frames.baseline_mean[COLUMNS["session"]])
 
 
 @pytest.mark.parametrize("change", ["split.by=recording", "preprocess.filter=contact"])
 def test_balanced_frames_of_another_selection_are_not_the_anchors(tmp_path, change):
     columns = COLUMNS | {"balanced": np.zeros(len(COUNTS), dtype=bool)}
-    _, selection, _ = prepared(tmp_path, change, columns=columns)
+    _, made, _ = prepared(tmp_path, change, columns=columns)
     for side in (TRAIN, TEST):
-        anchors = np.bincount(COLUMNS["object"][selection.anchor & (selection.side == side)])
-        assert anchors.tolist() == [anchors.min()] * 3
-        assert anchors.min() > 0
+        anchors = np.bincount(made.frames.label[made.frames.anchor & (made.frames.side == side)])
+        assert (anchors > 0).all() and len(anchors) == 3
 
 
 def test_anchors_are_kept_frames_and_the_account_adds_up(tmp_path):
-    frames, selection, rows = prepared(tmp_path, "split.by=grasp", "split.validation=0.3")
-    assert not (selection.anchor & ~selection.keep).any()
-    assert not (selection.keep & ~selection.filtered).any()
+    frames, made, rows = prepared(tmp_path, "split.by=grasp", "split.validation=0.3")
+    assert not (made.keep & ~made.passed).any()
     for row in rows:
         assert row["frames"] == row["dropped_by_filter"] + row["dropped_with_class"] + row["kept"]
     assert sum(row["frames"] for row in rows) == len(COUNTS)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactile_viewgcn.frames.anchors import balanced_anchors
 from tactile_viewgcn.frames.split import (
-    balanced_anchors,
     fold_sides,
     frame_sides,
     split_groups,

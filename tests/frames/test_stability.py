@@ -11,11 +11,9 @@ import pytest
 
 from benchmarks.stability.network import unusual_counts
 from benchmarks.stability.rows import max_rel_error, share_different
-from tactile_viewgcn.frames.automatic import AUTO, choose
 from tactile_viewgcn.frames.baseline import ROUNDING_SD, empty_hand_baseline, trimmed_moments
-from tactile_viewgcn.frames.filtering import in_contact
-from tactile_viewgcn.frames.preprocessing import prepare, preprocess_recordings
-from tactile_viewgcn.pages.source_inspection import overview
+from tactile_viewgcn.frames.filtering import pressed_frames
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import recipe, table
@@ -25,7 +23,7 @@ ROUNDING = 2.0**-22  # of single precision, twice over
 BASELINE = 500
 PARAMS = recipe(
     "preprocess.baseline=empty_hand", "preprocess.filter=contact", "preprocess.contact_sensors=1",
-    "preprocess.balance_minimum=1", "preprocess.transform=clip", "preprocess.scale=150",
+    "preprocess.transform=clip", "preprocess.scale=150",
     "preprocess.empty_hand_class=true", "split.by=recording", "split.folds=2", "split.fold=0",
     "cluster.scope=object", "cluster.assignment=index",
 )  # fmt: skip
@@ -103,7 +101,7 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(r
     counts = (unit * np.concatenate([quiet, touched])).astype(kind)
     recordings = written(tmp_path / "t", counts, object=np.arange(40) // 20)
     baseline = empty_hand_baseline(recordings)
-    contact = in_contact(recordings, baseline, sensors=8, sigmas=5.0)
+    contact = pressed_frames(recordings, baseline, 8)
     row(
         f"noise of the baseline, {name}",
         max_rel_error(baseline.noise.ravel()[:8], np.full(8, ROUNDING_SD * unit)),
@@ -116,7 +114,7 @@ def prepared(path, counts, **columns):
     """Frames of recordings (R, T, H, W), each with a name of its own; folds are recordings."""
     recording = np.repeat(np.arange(len(counts)), counts.shape[1])
     recordings = written(path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns)
-    return prepare(recordings, PARAMS.preprocess, PARAMS.split, np.random.default_rng(0))[0]
+    return preprocess_recordings(recordings, PARAMS.preprocess, PARAMS.split).frames
 
 
 def pressed_by_objects(sensor, frames=12):
@@ -139,14 +137,14 @@ def test_a_glove_that_is_not_connected_is_refused(row, tmp_path, value):
 @pytest.mark.parametrize(
     ("name", "frames", "objects", "message"),
     [
-        ("one frame", 1, [1], "no sensor varies"),
+        ("one frame", 1, [1], "the recordings have one class"),
         ("one recording", 12, [0, 1], "fewer than two classes left"),
-        ("no empty hand", 12, [1, 1], "no object is named 'empty_hand'"),
+        ("no empty hand", 12, [1, 2], "no object is named 'empty_hand'"),
     ],
 )
 def test_data_that_cannot_be_split_are_refused(row, tmp_path, name, frames, objects, message):
     counts = np.random.default_rng(0).integers(BASELINE, 700, (len(objects), frames, 4, 4)).astype(np.int16)
-    columns = {"object": np.repeat(objects, frames), "objects": ["empty_hand" if 0 in objects else "mug", "ball"]}
+    columns = {"object": np.repeat(objects, frames), "objects": ["empty_hand" if 0 in objects else "mug", "pen", "cat"]}
     row.refused(name, lambda: prepared(tmp_path / "t", counts, **columns), message)
 
 
@@ -184,16 +182,14 @@ def two_grasped_objects():
 
 
 def automatic(path, readings):
-    """What `inspect` recommends of preprocess, and the network input with it."""
+    """What `auto` becomes, and the network input with it."""
     label, recording = np.arange(6) % 2, np.arange(6)
     columns = {"object": np.repeat(label, 24), "recording": np.repeat(recording, 24), "objects": ["mug", "ball"]}
     recordings = written(path, readings.reshape(-1, 6, 6), **columns)
-    inspected = overview(recordings)
-    asked = dict.fromkeys(AUTO, "auto")
-    chosen = {note.key: note.value for note in choose(inspected.inspection, inspected.measurement, asked)}
-    params = recipe("split.by=recording", "split.folds=3", *[f"{key}={value}" for key, value in chosen.items()])
-    frames = preprocess_recordings(recordings, params.preprocess, params.split).frames
-    return chosen, frames.inputs(np.arange(len(frames.label)))
+    params = recipe("split.by=recording", "split.folds=3")
+    made = preprocess_recordings(recordings, params.preprocess, params.split)
+    chosen = {note.key: note.value for note in made.choice.notes}
+    return chosen, made.frames.inputs(np.arange(len(made.frames.label)))
 
 
 @pytest.mark.stability("readings far from one")

@@ -10,7 +10,7 @@ import pytest
 
 from tactile_viewgcn.pages.inspection_facts import facts, tables, verdict, warnings
 from tactile_viewgcn.pages.inspection_page import inspection_page
-from tactile_viewgcn.pages.recommendation import recommend
+from tactile_viewgcn.pages.settings import split_settings
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tests.pages.test_html import parsed
 
@@ -48,23 +48,22 @@ def test_the_page_says_what_the_inspection_found(overview):
     text = text_of(page)
     assert "12 recordings of 3 objects in 2 sessions" in text and "95 of 96 sensors vary; hardly: 0" in text
     assert all(name in text for name in NAMES) and "-S 'data.source=\"" in text
-    assert all(note.text in text and note.key in text for note in recommend(overview))
+    assert all(note.text in text and note.key in text for note in overview.settings)
     assert "Yes: nothing was found that would spoil a result." in text  # most healthy sensors are pressed by no object
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
 
 
 def test_what_was_not_measured_has_no_table(overview):
-    chosen = recommend(overview)
-    assert "Baseline and filter" in [table.title for table in tables(overview, chosen)]
-    unmeasured = replace(overview, measurement=None, first_frame=None)
-    assert [table.title for table in tables(unmeasured, chosen)] == ["Objects", "Sessions", "Readings"]
+    assert "Baseline" in [table.title for table in tables(overview)]
+    choice = replace(overview.choice, errors={})
+    unmeasured = replace(overview, choice=choice, error=None, leak=None, first_frame=None)
+    assert [table.title for table in tables(unmeasured)] == ["Objects", "Sessions", "Readings"]
 
 
 def test_flags_are_spoken_of_where_the_recordings_have_some(overview):
-    flagged = np.zeros_like(overview.inspection.frames)
-    with_flags = replace(overview, inspection=replace(overview.inspection, flagged=flagged))
+    with_flags = replace(overview, flagged=np.zeros_like(overview.frames))
     for each, said in ((overview, False), (with_flags, True)):
-        objects = tables(each, recommend(each))[0]
+        objects = tables(each)[0]
         assert ("flagged" in objects.remark) == ("flagged" in objects.header) == said
 
 
@@ -89,32 +88,23 @@ def test_frames_that_may_come_last_are_pointed_out(tmp_path, shape, said):
 
 
 def test_recordings_that_a_quick_classifier_cannot_tell_apart_are_warned_of(overview):
-    chosen, measured = recommend(overview), overview.measurement
-    kind = next(note.value for note in chosen if note.key == "preprocess.baseline")
-    assert not any("guessing" in text for text in warnings(overview, chosen))
-    guessing = replace(measured.baselines[kind], high=measured.baselines[kind].chance)
-    measurement = replace(measured, baselines=measured.baselines | {kind: guessing})
-    assert any(
-        "no better than guessing" in text for text in warnings(replace(overview, measurement=measurement), chosen)
-    )
+    assert not any("guessing" in text for text in warnings(overview))
+    guessing = replace(overview, error=replace(overview.error, high=overview.error.chance))
+    assert any("no better than guessing" in text for text in warnings(guessing))
 
 
-def with_changes(overview, groups, **changes):
-    """The overview of another inspection, and what is recommended for it."""
+def with_groups(overview, groups, **changes):
+    """The overview of recordings with other numbers of groups, and the split recommended for them."""
     groups = {by: np.array(numbers) for by, numbers in groups.items()}
-    other = replace(overview, inspection=replace(overview.inspection, groups=groups, **changes))
-    return other, recommend(other)
+    others = [note for note in overview.settings if not note.key.startswith("split.")]
+    return replace(overview, groups=groups, settings=[*others, *split_settings(groups)], **changes)
 
 
 def test_objects_that_were_recorded_once_or_never_touched_are_warned_of(overview):
-    of = overview.inspection
-    mug, oil = (of.objects.index(name) for name in ("mug", "Öl & <b>"))
-    once, chosen = with_changes(
-        overview,
-        {"recording": np.where(np.arange(3) == oil, 1, 4)},
-        contact=np.where(of.label == mug, 0, of.contact),
-    )
-    untouched, single = warnings(once, chosen)
+    mug, oil = (overview.objects.index(name) for name in ("mug", "Öl & <b>"))
+    groups = {"recording": np.where(np.arange(3) == oil, 1, 4)}
+    once = with_groups(overview, groups, contact=np.where(overview.label == mug, 0, overview.contact))
+    untouched, single = warnings(once)
     assert untouched.startswith("Never in contact: mug.") and single.startswith("Recorded once: Öl & <b>.")
 
 
@@ -127,6 +117,5 @@ def test_objects_that_were_recorded_once_or_never_touched_are_warned_of(overview
     ],
 )
 def test_what_can_be_held_out_is_judged_by_the_recommended_split(overview, groups, answer):
-    other, chosen = with_changes(overview, groups)
-    judged = verdict(other, chosen, [])
+    judged = verdict(with_groups(overview, groups), [])
     assert answer in " ".join([judged.answer, *judged.reasons]) and (judged.kind == "bad") == (len(groups) == 1)

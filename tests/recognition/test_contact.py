@@ -29,7 +29,7 @@ def table(seeds, *, empty):
 
 @pytest.mark.parametrize("baseline", ["grasp", "empty_hand"])
 def test_noise_that_is_cut_off_is_corrected_once(baseline):
-    fixed = "filter=contact", "contact_sensors=5", "empty_hand_class=false", "balance_minimum=1"
+    fixed = "filter=contact", "contact_sensors=5", "empty_hand_class=false"
     changes = [f"preprocess.{change}" for change in (f"baseline={baseline}", *fixed)]
     params, known = load(FILE, ("split.by=recording", *changes)), table(range(7), empty=True)
     made = preprocess_recordings(known, params.preprocess, params.split)
@@ -37,7 +37,7 @@ def test_noise_that_is_cut_off_is_corrected_once(baseline):
     np.testing.assert_allclose(np.median(noise), NOISE, rtol=0.25)
     names, baselines = session_baselines(made.frames)
     fitted = FittedPreprocessing(
-        params=made.params,
+        params=made.choice.params,
         kept_share=made.frames.kept_share,
         dtype=known.dtype,
         strong_readings=tuple(strong_readings(made.frames)),

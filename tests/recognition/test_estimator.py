@@ -25,11 +25,9 @@ from tests.small_tables import CPU, ROOT, SMALL, recipe, table
 
 CENTRED = "its data are centred on 0, and a reading below the baseline is no contact; passes with preprocess.zero -3"
 RAW = {
-    "preprocess.baseline": "quiet",
-    "preprocess.quiet_share": 0.3,
+    "preprocess.baseline": "grasp",
     "preprocess.filter": "contact",
     "preprocess.contact_sensors": 6,
-    "preprocess.balance_minimum": 4,
     "cluster.restarts": 1,
 }
 NETWORK = {

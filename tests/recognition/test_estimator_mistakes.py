@@ -65,8 +65,8 @@ IN_FIT = {
     "a negative seed": ({"random_state": -1}, "seed is -1; expected an integer in"),
     "a system that needs all views": ({"preset": "best", "system": "stag"}, "which needs all views"),
     "view sets with a baseline": (
-        {"X": np.ones((4, 2, 3, 3)), "params": {"preprocess.baseline": "quiet"}},
-        "preprocess.baseline is quiet, and X holds view sets",
+        {"X": np.ones((4, 2, 3, 3)), "params": {"preprocess.baseline": "grasp"}},
+        "preprocess.baseline is grasp, and X holds view sets",
     ),
     "no empty hand": ({"params": {"preprocess.baseline": "empty_hand"}}, "no object is named 'empty_hand'"),
 }

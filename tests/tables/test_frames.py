@@ -40,7 +40,7 @@ def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
         transform=transform,
         scale=scale,
         noise=np.ones((3, 4)),
-        preprocess={"baseline": "quiet", "quiet_share": 0.1},
+        preprocess={"baseline": "none", "zero": 0.1},
         kept_share=0.5,
     )
 

@@ -1,0 +1,217 @@
+"""A value for every `auto` of the section `preprocess`, chosen on the training side: by measurement where it can be."""
+
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.baseline import (
+    Baseline,
+    constant_baseline,
+    empty_hand_baseline,
+    evenly,
+    has_empty_hand,
+    of_empty_hand,
+    require_live,
+)
+from tactile_viewgcn.frames.contact import quietest_are_contact, sensors_in_contact, smallest_reading
+from tactile_viewgcn.frames.filtering import flagged
+from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
+from tactile_viewgcn.frames.leak import check_leak
+from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording
+from tactile_viewgcn.frames.quick_error import QuickError, quick_error
+from tactile_viewgcn.frames.sides import Sides, follows_paper
+from tactile_viewgcn.frames.split import SPLIT_SEED
+from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, Preprocess, PreprocessSection
+from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.readers.source import listed
+from tactile_viewgcn.tables.recordings import Recordings
+
+BASELINES = ("empty_hand", "grasp", "none")  # an earlier one is taken unless a later one errs clearly less
+CLEARLY = 2.0  # standard errors; of three baselines that err alike one is lower by 1 in 40 % of the cases, by 2 in 7 %
+SAMPLE = 2000  # frames whose readings are compared
+RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
+HEADROOM = 10.0  # times the strongest hundredth: the released scale is kept up to there
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How recordings are preprocessed, and what that was chosen by.
+
+    Attributes:
+        params: without `auto`.
+        baseline: the one that `params` names.
+        notes: of level `choice`, one for each value that was `auto`.
+        hand: where the hand is open, and where it is in contact; None where nothing needed it.
+        errors: of a quick classifier on contact above each baseline, on left-out groups of the training side.
+        leaks: the same without contact: an error below chance is a leak.
+    """
+
+    params: Preprocess
+    baseline: Baseline
+    notes: list[Note] = field(default_factory=list)
+    hand: OpenHand | None = None
+    errors: dict[str, QuickError] = field(default_factory=dict)
+    leaks: dict[str, QuickError] = field(default_factory=dict)
+
+
+def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Choice:
+    """Choose a value for every `auto`, and measure the baseline.
+
+    The baseline is the one that a quick classifier errs least with, unless the recordings follow the paper, or single
+    frames are held out. Objects of the training side alone are looked at.
+
+    Raises:
+        UserError: no sensor that varies; a baseline or flags that the recordings cannot give; readings too small or
+            large.
+    """
+    require_live(recordings)
+    params, notes = Preprocess(**vars(asked)), list[Note]()
+    if params.baseline == "none" and "auto" not in vars(asked).values():
+        return Choice(params, constant_baseline(recordings, params.zero))
+
+    def take(key: str, value: Any, reason: str, topic: str) -> None:
+        nonlocal params
+        params = replace(params, **{key: value})
+        notes.append(Note(reason, "choice", topic, f"preprocess.{key}", value))
+
+    if asked.contact_sensors == "auto":
+        live = int(recordings.live.sum())
+        reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
+        take("contact_sensors", sensors_in_contact(live), reason, "contact")
+    hand = find_open_hand(recordings, params.contact_sensors)
+    if quietest_are_contact(recordings, hand, sides.training):
+        hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
+    errors, leaks = dict[str, QuickError](), dict[str, QuickError]()
+    if asked.baseline == "auto":
+        zero = smallest_reading(hand)
+        baselines = _baselines(recordings, hand, zero)
+        if sides.whole and not follows_paper(recordings):
+            errors, leaks = measure(recordings, hand, baselines, sides)
+        take("baseline", *_best_baseline(recordings, hand, errors, leaks), "baseline")
+        baseline = baselines[params.baseline]
+        if params.baseline == "none":
+            reason = "what sensors without contact read" if zero else "sensors without contact read about 0"
+            take("zero", zero, reason, "baseline")
+    else:
+        baseline = measure_baseline(recordings, params.baseline, hand, params.zero)
+    if asked.filter == "auto":
+        take("filter", *_filter(recordings, hand, params.baseline), "filter")
+    if asked.scale == "auto":
+        take("scale", *_scale(contact_readings(recordings, hand, baseline)), "scale")
+    return Choice(params, baseline, notes, hand, errors, leaks)
+
+
+def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline) -> np.ndarray:
+    """Counts (n,) above the baseline of the sensors in contact, in about 2,000 frames of contact."""
+    readings, empty, session = [np.zeros(0)], of_empty_hand(recordings), recordings.columns["session"]
+    recorded = frames_by_recording(recordings)
+    for index in recorded:
+        sample = evenly(index[hand.contact[index] & ~empty[index]], max(1, SAMPLE // len(recorded)))
+        excess = hand.counts[sample] - baseline.mean[baseline.of_frame[sample]][:, recordings.live]
+        readings.append(excess[excess > CONTACT_SIGMAS * hand.noise[session[index[0]]]])
+    return np.concatenate(readings)
+
+
+def measure_baseline(recordings: Recordings, kind: str, hand: OpenHand, zero: float) -> Baseline:
+    """The baseline of a kind that `preprocess.baseline` names; `zero` is the constant of `none`.
+
+    Raises:
+        UserError: no empty hand where it is of that.
+    """
+    if kind == "empty_hand":
+        return empty_hand_baseline(recordings)
+    return grasp_baseline(recordings, hand) if kind == "grasp" else constant_baseline(recordings, zero)
+
+
+def measure(
+    recordings: Recordings, hand: OpenHand, baselines: dict[str, Baseline], sides: Sides
+) -> tuple[dict[str, QuickError], dict[str, QuickError]]:
+    """`errors` and `leaks` of a `Choice`, where they can be measured: log(1 + counts above each baseline).
+
+    The unit of the counts is what a pressed sensor reads at least.
+    """
+    errors, leaks, label = dict[str, QuickError](), dict[str, QuickError](), recordings.columns["object"]
+    usable = sides.training & hand.contact & ~of_empty_hand(recordings)
+    unit = CONTACT_SIGMAS * np.median(hand.noise[np.unique(recordings.columns["session"])])
+    for kind, baseline in baselines.items():
+
+        def readings(index: np.ndarray, baseline: Baseline = baseline) -> np.ndarray:
+            excess = hand.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
+            return np.log1p(np.maximum(excess / unit, 0))
+
+        if error := quick_error(readings, usable, label, sides.group, stream(SPLIT_SEED, "measurement")):
+            errors[kind] = error
+        rng = stream(SPLIT_SEED, "leak")
+        leak = None if hand.all_contact else check_leak(recordings, baseline, hand, sides.group, rng, sides.training)
+        leaks |= {kind: leak} if leak else {}
+    return errors, leaks
+
+
+def _baselines(recordings: Recordings, hand: OpenHand, zero: float) -> dict[str, Baseline]:
+    """The baselines that the recordings allow, by `preprocess.baseline`: of contact alone only the constant."""
+    baselines = {}
+    for kind in ("none",) if hand.all_contact else BASELINES:
+        with suppress(UserError):
+            baselines[kind] = measure_baseline(recordings, kind, hand, zero)
+    return baselines
+
+
+def _best_baseline(
+    recordings: Recordings, hand: OpenHand, errors: dict[str, QuickError], leaks: dict[str, QuickError]
+) -> tuple[str, str]:
+    """Value and reason: the first that errs within two standard errors of the lowest, of those that do not leak.
+
+    Where every baseline leaks, the one that leaks least; where nothing was measured, by what the recordings have.
+    """
+    if follows_paper(recordings):
+        return "empty_hand", "recorded in every session, and the split is published"
+    if hand.all_contact:
+        return "none", "even the quietest frames are contact: recordings are taken as they are"
+    if not errors:
+        has_empty = has_empty_hand(recordings)
+        return ("empty_hand", "recorded in every session") if has_empty else ("grasp", "no empty hand in every session")
+    leaking = [kind for kind in errors if kind in leaks and leaks[kind].tells_object]
+    if len(leaking) == len(errors):
+        best = max(leaking, key=lambda kind: leaks[kind].error)
+        warning = "; every baseline leaks the object; this one leaks least"
+    else:
+        best = _first_of_lowest({kind: error for kind, error in errors.items() if kind not in leaking})
+        warning = f"; the object leaks without contact above {listed(leaking)}" if leaking else ""
+    others = [f"with {kind} by {100 * error.error:.1f} %" for kind, error in errors.items() if kind != best]
+    quick = f"ridge regression on held-out groups errs by {100 * errors[best].error:.1f} %"
+    return best, ", ".join([quick, *others]) + warning
+
+
+def _first_of_lowest(errors: dict[str, QuickError]) -> str:
+    """The first of several settings that errs within two standard errors, paired over groups, of the lowest."""
+    lowest = min(errors.values(), key=lambda error: error.error)
+    more = {kind: error.more_than(lowest) for kind, error in errors.items()}
+    return next(kind for kind, (mean, standard_error) in more.items() if mean <= CLEARLY * standard_error)
+
+
+def _filter(recordings: Recordings, hand: OpenHand, baseline: str) -> tuple[str, str]:
+    """Value and reason: flags where every object has some; else contact, where the baseline has noise to tell it."""
+    objects, of_object = recordings.columns["object"], ~of_empty_hand(recordings)
+    with suppress(UserError):
+        if not len(np.setdiff1d(objects[of_object], objects[flagged(recordings)])):
+            return "flags", "the source says in which frames the object is held"
+    if baseline == "none":
+        return "none", "without a baseline contact cannot be found: every frame is kept"
+    return "contact", f"{100 * hand.contact.mean():.0f} % of the frames are in contact"
+
+
+def _scale(in_contact: np.ndarray) -> tuple[float, str]:
+    """Value and reason, by readings (n,) of sensors in contact; a UserError where params would refuse the value."""
+    if not len(in_contact):
+        return RELEASED_SCALE, "the released code's: no sensor is in contact"
+    strongest = float(np.percentile(in_contact, 99))
+    reason = f"the strongest hundredth of the sensors in contact reads {strongest:.3g} or more"
+    if strongest <= RELEASED_SCALE <= HEADROOM * strongest:
+        return RELEASED_SCALE, f"the released code's fits: {reason}"
+    if not 1 / MAX_NUMBER <= (value := float(f"{strongest:.2g}")) <= MAX_NUMBER:
+        raise UserError(f"{reason}; expected {1 / MAX_NUMBER:g} to {MAX_NUMBER:g}: rescale the readings")
+    return value, reason

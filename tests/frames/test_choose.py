@@ -1,0 +1,207 @@
+"""Values in the place of `auto`: chosen by errors of a quick classifier on the training side, or by what there is."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames import choose as module
+from tactile_viewgcn.frames.baseline import MIN_FRAMES
+from tactile_viewgcn.frames.choose import choose
+from tactile_viewgcn.frames.contact import sensors_in_contact
+from tactile_viewgcn.frames.quick_error import QuickError, quick_error
+from tactile_viewgcn.frames.sides import deal
+from tactile_viewgcn.params import load
+from tests.drifting import drifting
+from tests.grips import FILE
+from tests.sources import written
+
+KINDS = ("empty_hand", "grasp", "none")
+CELLS = np.stack([np.repeat([1, 2], 10), np.arange(20)], axis=1)
+BY_RECORDING = ("split.by=recording", "split.folds=2")
+
+
+def error(mistakes, *, leaks=False):
+    """An error of twenty groups, of which the first ones are mistakes."""
+    wrong = (np.arange(20) < mistakes).astype(float)
+    return QuickError(CELLS, wrong, 0.0, 0.3 if leaks else 0.9, 0.5, 100, 0.0)
+
+
+def chosen(recordings, *changes, groups=None):
+    """What is chosen for recordings under changed parameters; contact is of five sensors."""
+    params = load(FILE, ("preprocess.contact_sensors=5", *changes))
+    sides = deal(recordings, params.split, np.random.default_rng(0), empty_hand_class=True, groups=groups)
+    return choose(recordings, params.preprocess, sides)
+
+
+def values(choice):
+    """Of the notes, by key."""
+    assert all(note.level == "choice" and note.text for note in choice.notes)
+    return {note.key.removeprefix("preprocess."): note.value for note in choice.notes}
+
+
+@pytest.fixture(scope="module")
+def glove(tmp_path_factory):
+    """The empty hand and four objects, two recordings of two grasps each, in one session."""
+    made = drifting(recordings=2, grasps=2)
+    return written(tmp_path_factory.mktemp("glove") / "t", made.counts, **made.columns)
+
+
+@pytest.mark.parametrize(
+    ("mistakes", "leaking", "taken"),
+    [
+        ((8, 8, 8), "", "empty_hand"),
+        ((8, 8, 6), "", "empty_hand"),  # 2 of 20 less: 0.1 with a standard error of 0.07
+        ((8, 8, 2), "", "none"),
+        ((8, 3, 2), "", "grasp"),  # within two standard errors of the lowest
+        ((2, 8, 3), "empty_hand", "none"),
+        ((2, 8, 8), "empty_hand none", "grasp"),
+    ],
+)
+def test_an_earlier_baseline_is_taken_unless_it_leaks_or_is_clearly_beaten(
+    glove, monkeypatch, mistakes, leaking, taken
+):
+    errors = {kind: error(count) for kind, count in zip(KINDS, mistakes, strict=True)}
+    leaks = {kind: error(5, leaks=kind in leaking.split()) for kind in KINDS}
+    monkeypatch.setattr(module, "measure", lambda *_: (errors, leaks))
+    choice = chosen(glove, *BY_RECORDING)
+    assert choice.params.baseline == values(choice)["baseline"] == taken
+    assert f"by {100 * errors[taken].error:.1f} %" in choice.notes[0].text
+    assert all(kind in choice.notes[0].text for kind in leaking.split())
+    assert ("zero" in values(choice)) == (taken == "none")
+
+
+def test_of_baselines_that_all_leak_the_one_that_leaks_least_is_taken(glove, monkeypatch):
+    leaks = {kind: error(count, leaks=True) for kind, count in zip(KINDS, (1, 6, 3), strict=True)}
+    monkeypatch.setattr(module, "measure", lambda *_: (dict.fromkeys(KINDS, error(4)), leaks))
+    assert chosen(glove, *BY_RECORDING).params.baseline == "grasp"
+
+
+@pytest.mark.parametrize(("empty", "baseline"), [(MIN_FRAMES, "empty_hand"), (MIN_FRAMES - 1, "grasp")])
+def test_without_a_measurement_the_baseline_is_of_what_there_is(tmp_path, empty, baseline):
+    made = drifting(recordings=2, grasps=2)
+    kept = (made.columns["object"] > 0) | (np.cumsum(made.columns["object"] == 0) <= empty)
+    columns = {name: values[kept] for name, values in made.columns.items()}
+    choice = chosen(written(tmp_path / "t", made.counts[kept], **columns), "split.by=frame")
+    assert choice.errors == choice.leaks == {} and choice.params.baseline == baseline
+
+
+def test_a_published_split_has_the_baseline_of_the_paper_and_nothing_is_measured(tmp_path, monkeypatch):
+    made = drifting(recordings=2, grasps=2)
+    monkeypatch.setattr(module, "measure", lambda *_: pytest.fail("measured"))
+    published = (made.columns["recording"] % 2).astype(np.int8)
+    choice = chosen(written(tmp_path / "t", made.counts, **made.columns, split=published))
+    assert (choice.params.baseline, choice.errors) == ("empty_hand", {})
+
+
+def test_what_is_given_is_taken_and_what_is_not_needed_is_not_looked_for(glove):
+    fixed = ("preprocess.baseline=grasp", "preprocess.filter=contact", "preprocess.scale=100", *BY_RECORDING)
+    choice = chosen(glove, *fixed)
+    assert choice.notes == [] and choice.errors == {} and choice.hand is not None
+    assert (choice.params.baseline, choice.params.filter, choice.params.scale) == ("grasp", "contact", 100.0)
+    assert choice.params.contact_sensors == 5 and len(choice.baseline.names) > 1
+    nothing = chosen(glove, "preprocess.baseline=none", "preprocess.filter=none", "preprocess.scale=100", *BY_RECORDING)
+    assert nothing.hand is None and nothing.baseline.mean.tolist() == [[[500.0] * 8] * 5]
+
+
+def test_the_baseline_of_a_choice_is_the_one_that_it_names(glove):
+    choice = chosen(glove, "split.by=grasp", "split.folds=2")
+    assert choice.params.baseline == "empty_hand" and choice.errors.keys() == choice.leaks.keys() == set(KINDS)
+    assert choice.baseline.mean.shape == (1, 5, 8) and choice.baseline.mean.mean() == pytest.approx(514.3, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "training"),
+    [
+        (("split.by=source",), lambda number, grasp: number < 3),
+        (("split.by=recording", "split.folds=4", "split.fold=1"), lambda number, grasp: number != 1),
+        (
+            ("split.by=recording", "split.folds=4", "split.fold=1", "split.train_groups=2"),
+            lambda number, grasp: np.isin(number, [0, 2]),
+        ),
+        (("split.by=grasp", "split.folds=2"), lambda number, grasp: grasp == 1),
+        (("split.by=session", "split.folds=4", "split.fold=3"), lambda number, grasp: number != 3),
+    ],
+)
+def test_frames_of_other_sides_change_no_choice(tmp_path, changes, training):
+    """Noise is added to their contact; what is measured and chosen stays the same to the last digit."""
+    made = drifting(objects=3, recordings=4, grasps=2, between=1.5)
+    number, grasp = made.columns["recording"] % 4, made.columns["grasp"]
+    columns = made.columns | {"split": (number == 3).astype(np.int8) * (made.columns["object"] < 3), "session": number}
+    other = ~training(number, grasp) & (made.columns["object"] > 0) & ~made.open
+    noisy = made.counts.copy()
+    noisy[other] += np.random.default_rng(1).integers(0, 9, noisy[other].shape).astype(np.int16)
+    one, two = (
+        chosen(written(tmp_path / name, counts, **columns), *changes, "preprocess.scale=150")
+        for name, counts in (("a", made.counts), ("b", noisy))
+    )
+    assert one.errors.keys() == set(KINDS) and other.any()
+    assert values(one) == values(two)
+    for kind in one.errors:
+        assert one.errors[kind].wrong.tolist() == two.errors[kind].wrong.tolist()
+        assert one.leaks[kind].wrong.tolist() == two.leaks[kind].wrong.tolist()
+
+
+def test_given_groups_are_measured_though_single_frames_would_be_held_out(glove):
+    assert chosen(glove, "split.by=frame", groups=glove.columns["recording"]).errors.keys() == set(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("flagged", "baseline", "taken"),
+    [
+        (lambda label: label > 0, "grasp", "flags"),  # none of the empty hand's
+        (lambda label: label > 1, "grasp", "contact"),  # none of one object's
+        (lambda label: label > 1, "none", "none"),
+    ],
+)
+def test_flags_are_taken_where_every_object_has_some(tmp_path, flagged, baseline, taken):
+    made = drifting(recordings=2, grasps=2)
+    valid = ~made.open & flagged(made.columns["object"])
+    recordings = written(tmp_path / "t", made.counts, **made.columns, valid=valid)
+    assert values(chosen(recordings, f"preprocess.baseline={baseline}", *BY_RECORDING))["filter"] == taken
+
+
+@pytest.mark.parametrize(
+    ("times", "scale"),
+    [(0.4, pytest.approx(13, rel=0.1)), (0.6, 150), (1, 150), (4, 150), (100, pytest.approx(3200, rel=0.1))],
+)
+def test_the_released_scale_is_kept_at_one_to_ten_times_the_strongest_readings(tmp_path, times, scale):
+    """A pressed sensor reads about 30 counts above the open hand, the strongest hundredth 32 or more."""
+    made = drifting(recordings=2, grasps=2)
+    counts = np.rint(500 + times * (made.counts - 500.0)).astype(np.int16)
+    assert chosen(written(tmp_path / "t", counts, **made.columns), *BY_RECORDING).params.scale == scale
+
+
+@pytest.mark.parametrize(("reading", "scale"), [(1e30, 1e30), (1.1e30, None), (1e-30, 1e-30), (9e-31, None), (0, 150)])
+def test_a_scale_is_refused_where_params_would_refuse_it(glove, reading, scale, monkeypatch):
+    monkeypatch.setattr(module, "contact_readings", lambda *_: np.full(9 if reading else 0, reading))
+    if scale:
+        assert chosen(glove, *BY_RECORDING).params.scale == scale
+    else:
+        with pytest.raises(UserError, match="rescale"):
+            chosen(glove, *BY_RECORDING)
+
+
+def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
+    assert [sensors_in_contact(count) for count in (1, 16, 96, 384, 548, 1400)] == [2, 2, 3, 10, 14, 14]
+    assert chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).params.contact_sensors == 2  # of 40
+
+
+def test_a_standard_error_is_over_groups():
+    more, spread = error(8).more_than(error(6))
+    assert more == pytest.approx(0.1) and spread == pytest.approx(np.sqrt(0.1 * 0.9 / 19))
+    doubled = QuickError(np.repeat(CELLS, 2, axis=0), np.repeat(error(8).wrong, 2), 0, 1, 0.5, 100, 0.0)
+    assert doubled.standard_error == pytest.approx(error(8).standard_error)  # the same groups, more often
+
+
+def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random_are_not():
+    rng = np.random.default_rng(0)
+    label, group = np.repeat([0, 1, 2], 60), np.repeat(np.arange(18), 10)
+    readings = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
+    usable = np.ones(180, dtype=bool)
+    apart = quick_error(lambda index: readings[index], usable, label, group, rng)
+    assert (apart.error, apart.groups, apart.frames, apart.chance) == (0, 18, 180, pytest.approx(2 / 3))
+    by_group = rng.normal(0, 1, (18, 20))[group]  # a group is alike, an object is not
+    alike = quick_error(lambda index: by_group[index], usable, label, group, rng)
+    assert alike.error > 0.4 and not alike.tells_object and apart.tells_object
+    once = np.where(label == 0, group, label)
+    assert quick_error(lambda index: readings[index], usable, label, once, rng) is None
