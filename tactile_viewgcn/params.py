@@ -34,7 +34,6 @@ NotNegative = Annotated[Number, Interval(ge=0, le=MAX_NUMBER)]
 Share = Annotated[Number, Interval(ge=0, lt=1)]
 Seed = Annotated[Integer, Interval(ge=0, le=2**32 - 1)]
 Batch = Annotated[Integer, Interval(ge=2, le=MOST)]  # batch normalisation learns nothing from one
-Damping = Annotated[Number, Interval(ge=1e-6, le=1e6)]
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Effect = Literal[  # of the virtual glove
@@ -157,7 +156,7 @@ class Evaluate:
 
 @dataclass(frozen=True, config=SECTION)
 class Glove:
-    """The virtual glove; its solver meets the tolerance at every end of these ranges."""
+    """The virtual glove."""
 
     scale: Literal["small", "stag"]
     sessions: Annotated[Integer, Interval(ge=2, le=MOST)]
@@ -165,12 +164,6 @@ class Glove:
     grasp_frames: Count
     objects: Literal["all"] | Annotated[list[Text | dict], Strict(), MinLen(1)]
     seed: Seed
-    frame_rate: Annotated[Number, Interval(ge=0.1, le=1000)]
-    skin_stiffness: Annotated[Number, Interval(ge=1e3, le=1e12)]
-    skin_thickness: Annotated[Number, Interval(ge=1e-5, le=0.1)]
-    joint_damping: Damping
-    object_damping: Damping
-    tolerance: Annotated[Number, Interval(ge=1e-4, le=1)]
     leave_out: Annotated[list[Effect], Strict(), Unique]
 
 

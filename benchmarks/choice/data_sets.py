@@ -8,7 +8,7 @@ import numpy as np
 from sklearn.datasets import load_digits
 
 from benchmarks.choice.foreign import Drawn, dense_array, finger_forces
-from tactile_viewgcn.glove.recipe import recipe_from_params
+from tactile_viewgcn.glove.recipe import LAYER, recipe_from_params
 from tactile_viewgcn.glove.writer import simulate
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.readers.formats import open_source
@@ -18,9 +18,10 @@ from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 SEED = 0  # of the foreign gloves
 SINGLE = ("digits", "images")  # of one frame a recording
 FEW = ["ball", "mug", "pen", "scissors", "spray_can", "stapler", "tape", "tea_box"]
-VIRTUAL = {  # changes of the section `glove` of params.yaml
+SOFT = replace(LAYER, stiffness=5e6)
+VIRTUAL: dict[str, dict] = {  # changes of the section `glove` of params.yaml
     "virtual_few": {"objects": FEW, "sessions": 10},
-    "virtual_soft": {"skin_stiffness": 5e6, "sessions": 6, "grasps": 2, "seed": 1},
+    "virtual_soft": {"sessions": 6, "grasps": 2, "seed": 1},
     "virtual": {"sessions": 6},
 }
 STAG = ("blindfolded_lite", "weights_lite")
@@ -42,7 +43,8 @@ def read(name: str, params: Params, folder: Path) -> Recordings:
     path, source = folder / f"{name}.h5", folder / name
     if not path.exists():
         if name in VIRTUAL:
-            simulate(recipe_from_params(replace(params.glove, scale="small", **VIRTUAL[name])), source)
+            recipe = recipe_from_params(replace(params.glove, scale="small", **VIRTUAL[name]))
+            simulate(replace(recipe, layer=SOFT) if name == "virtual_soft" else recipe, source)
         else:
             source = Path(os.environ["STAG_DATA"], name, "metadata.mat")
         write_recordings(path, open_source(source), "")

@@ -13,7 +13,7 @@ from benchmarks.solver.scenes import FRAMES, SETTINGS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.objects import select_objects
-from tactile_viewgcn.glove.recipe import Recipe, recipe_from_params
+from tactile_viewgcn.glove.recipe import RATE, TOLERANCE, Recipe, recipe_from_params
 from tactile_viewgcn.glove.simulation import Simulation
 from tactile_viewgcn.params import Params
 
@@ -38,10 +38,9 @@ def solver(params: Params, quick: bool) -> Result:
     Takes about a quarter of an hour on two cores; --quick is a soft ball and a coin, two settings of
     each method, and a coarser reference.
     """
-    glove = params.glove
-    recipe = replace(recipe_from_params(glove), sessions=1, frames=FRAMES, grasps=1, seed=SEED)
+    recipe = replace(recipe_from_params(params.glove), sessions=1, frames=FRAMES, grasps=1, seed=SEED)
     settings, ball_rtol, objects_rtol = SETTINGS, BALL_RTOL, OBJECTS_RTOL
-    ours = {"ours": sorted({*TOLERANCES, glove.tolerance}, reverse=True)}
+    ours = {"ours": sorted({*TOLERANCES, TOLERANCE}, reverse=True)}
     on_balls = ours | STEPS | dict.fromkeys(("RK45", "BDF", "Radau"), RTOLS)
     on_objects = ours | {"Radau": RTOLS[1:]}
     if quick:
@@ -50,10 +49,10 @@ def solver(params: Params, quick: bool) -> Result:
         on_balls, on_objects = ({name: values[:2] for name, values in each.items()} for each in (on_balls, on_objects))
     rows = []
     for setting in settings:
-        grasp = ball_grasp(*setting, rate=glove.frame_rate, tolerance=glove.tolerance, seed=SEED)
+        grasp = ball_grasp(*setting, rate=RATE, seed=SEED)
         rows += measure(grasp, on_balls, ball_rtol, MAX_EVALUATIONS)
     rows += measure(Simulation(recipe), on_objects, objects_rtol, NO_LIMIT)
-    text = TEXT.format(tolerance=glove.tolerance, ball_rtol=ball_rtol, objects_rtol=objects_rtol)
+    text = TEXT.format(tolerance=TOLERANCE, ball_rtol=ball_rtol, objects_rtol=objects_rtol)
     return text, rows, diagram(rows)
 
 

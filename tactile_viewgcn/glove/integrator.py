@@ -182,13 +182,13 @@ class ImplicitIntegrator:
         """What keeps a hand from the end of a frame: the stage's forces, or the larger of its step's errors (2,)."""
         mechanics, thickness = self.mechanics, self.mechanics.layer.thickness
         if not solved:
-            goal = f"a softer contact than {mechanics.stiffness[row]:.3g} Pa/m: lower glove.skin_stiffness"
+            goal = f"a softer contact than {mechanics.stiffness[row]:.3g} Pa/m"
         elif error[1] > error[0]:
             goal = (
-                f"a larger glove.tolerance x glove.skin_thickness than {self.tolerance:g} x {thickness:g} m, to which "
+                f"a larger tolerance x thickness of the skin than {self.tolerance:g} x {thickness:g} m, to which "
                 "positions are solved"
             )
         else:
-            goal = f"a larger glove.tolerance than {self.tolerance:g}"
+            goal = f"a larger tolerance than {self.tolerance:g}"
         start = f"object {mechanics.names[row]}: {MOST_STEPS} steps do not end a frame of {self.frame:.3g} s"
         return f"{start}; expected {goal}"

@@ -12,6 +12,9 @@ from tactile_viewgcn.notes import several
 #: Version of the constants in this package, which every file carries. They are set against published and measured facts
 #: of STAG alone, on glove seed 7, and frozen: another value is another version.
 VERSION = 2
+LAYER = Layer(stiffness=1e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
+RATE = 7.35  # frames a second, as STAG's
+TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solver
 MECHANICS = ("motion", "weight", "shift", "tremor", "fit")
 READING = ("bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects")
 EFFECTS = MECHANICS + READING
@@ -44,9 +47,9 @@ class Recipe:
     frames: int
     grasps: int
     seed: int
-    layer: Layer
-    rate: float = 7.35
-    tolerance: float = 0.02
+    layer: Layer = LAYER
+    rate: float = RATE
+    tolerance: float = TOLERANCE
     effects: frozenset[str] = frozenset(EFFECTS)
 
     def side(self, session: int) -> str:
@@ -63,7 +66,7 @@ def recipe_from_params(glove: Any) -> Recipe:
     """Recipe that the section `glove` of params.yaml describes.
 
     Raises:
-        UserError: as `Layer` and `select_objects` do; more than MOST_FRAMES or MOST_RECORDINGS.
+        UserError: as `select_objects` does; more than MOST_FRAMES or MOST_RECORDINGS.
     """
     objects = select_objects(glove.objects)
     frames = OPENING + glove.grasps * glove.grasp_frames
@@ -79,9 +82,6 @@ def recipe_from_params(glove: Any) -> Recipe:
     return Recipe(
         objects=objects,
         seed=glove.seed,
-        rate=glove.frame_rate,
-        layer=Layer(glove.skin_stiffness, glove.skin_thickness, glove.joint_damping, glove.object_damping),
-        tolerance=glove.tolerance,
         effects=frozenset(EFFECTS) - set(glove.leave_out),
         **size,
     )

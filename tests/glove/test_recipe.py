@@ -13,11 +13,11 @@ PARAMS = Path(__file__).parents[2] / "params.yaml"
 
 
 def test_parameters_become_a_recipe():
-    changes = ("glove.objects=[mug]", "glove.grasps=2", "glove.grasp_frames=20", "glove.skin_stiffness=3e7")
+    changes = ("glove.objects=[mug]", "glove.grasps=2", "glove.grasp_frames=20")
     one = recipe_from_params(load(PARAMS, (*changes, "glove.leave_out=[noise]", "glove.seed=5")).glove)
     assert [grasp_object.name for grasp_object in one.objects] == ["empty_hand", "mug"]
     assert (one.sessions, one.grasps, one.frames, one.seed, one.rate) == (3, 2, OPENING + 40, 5, 7.35)
-    assert one.layer.stiffness == 3e7 and one.layer.thickness == 4e-3
+    assert one.layer.stiffness == 1e7 and one.layer.thickness == 4e-3
     assert one.effects == set(EFFECTS) - {"noise"}
     large = recipe_from_params(load(PARAMS, ("glove.scale=stag",)).glove)
     assert {name: getattr(large, name) for name in STAG_SIZE} == {"sessions": 3, "frames": 1667, "grasps": 82}
