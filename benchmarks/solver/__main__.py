@@ -24,7 +24,7 @@ BALL_RTOL, OBJECTS_RTOL, QUICK_RTOL = 1e-10, 1e-7, 1e-5  # of the reference, Rad
 MAX_EVALUATIONS, NO_LIMIT = 10_000, 1_000_000  # of a method on a ball; of references, and on objects
 STYLES = {"ours": "o-", "ours, fixed steps": "o:", "explicit Euler": "v--", "RK45": "^--", "BDF": "s-", "Radau": "D-"}
 LOWEST, HIGHEST, FAILED = 1e-6, 1e2, 60.0  # errors at the axis' ends, and where a failed run is drawn
-TEXT = f"""Relative error of the sensors' forces against run time: one grasp of {FRAMES} frames, simulated.
+TEXT = f"""Relative error of the sensors' forces against processor time: one grasp of {FRAMES} frames, simulated.
 The default tolerance of ours is {{tolerance:g}}.
 The reference is Radau at {{ball_rtol:g}}, for the whole set at {{objects_rtol:g}}.
 All implicit methods are given the Gauss-Newton Hessian. Ours stops at every frame, where the scene's drive has its
@@ -67,12 +67,12 @@ def measure(simulation: Simulation, methods: dict, reference_rtol: float, max_ev
     scene = f"{len(exact)} recordings" if len(exact) > 1 else f"{stiffness(mechanics, exact, frame):.1e}"
     rows = []
     for method, setting in [(method, setting) for method, settings in methods.items() for setting in settings]:
-        error, evaluations, remark, begin = np.nan, np.nan, "", time.perf_counter()
+        error, evaluations, remark, begin = np.nan, np.nan, "", time.process_time()
         try:
             states, evaluations = solve(method, setting, mechanics, simulation.recipe, max_evaluations)
         except IntegrationFailed as reason:
             remark = str(reason)
-        seconds = time.perf_counter() - begin
+        seconds = time.process_time() - begin  # of the processor: other programs do not count
         if not remark:
             error = relative_error(simulation.sensor_inputs(mechanics, states)[0], exact_pressure)
         row = {"scene": scene, "method": method, "setting": f"{setting:g}", "error": error, "seconds": seconds}
