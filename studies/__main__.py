@@ -1,4 +1,4 @@
-"""`python -m studies` lists the studies; `python -m studies NAME` runs one through DVC's queue of experiments."""
+"""`python -m studies` lists the studies; `python -m studies NAME` runs one as DVC experiments."""
 
 import subprocess
 from pathlib import Path
@@ -6,43 +6,46 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from studies.cells import code_of_stages, key_of, read_answers, seconds_per_cell, shard_of, stored
+from studies.cells import code_of_stages, key_of, read_answers, seconds_per_cell, stored
 from studies.grid import FOLDER, Cell, Study, names, read_study
-from studies.queue import Queue
-from studies.runner import run_cells
+from studies.run import run_cells
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import several
 
 
 @click.command()
 @click.argument("name", required=False)
-@click.option("--jobs", type=int, default=1, show_default=True, help="Cells at once.")
+@click.option("--jobs", type=int, default=1, show_default=True, help="Cells at once on this machine.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask's scheduler, tcp://HOST:8786: its workers run the cells.")
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of every cell; needs --out.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results, not its own.")
 @click.option("--quick", is_flag=True, help="A rehearsal: few cells on tiny data, into studies/.quick/NAME.")
-@click.option("--shard", metavar="I/N", help="Run the Ith of N parts of the cells, without a report.")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def main(
-    name: str | None, jobs: int, changes: tuple[str, ...], out: Path | None, quick: bool, shard: str, debug: bool
+    name: str | None,
+    jobs: int,
+    scheduler: str | None,
+    changes: tuple[str, ...],
+    out: Path | None,
+    quick: bool,
+    debug: bool,
 ) -> None:
     """Run the study NAME, or go on where it was stopped; without NAME, list all studies."""
     try:
         if jobs < 1:
             raise UserError(f"--jobs is {jobs}; expected 1 or more cells at once")
-        if changes and not (out or shard):
+        if changes and not out:
             raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
             list_studies()
         else:
-            run(read_study(name), jobs=jobs, quick=quick, changes=changes, out=out, shard=shard)
+            run(read_study(name), jobs=jobs, scheduler=scheduler, quick=quick, changes=changes, out=out)
     except UserError as error:
         if debug:
             raise
         raise click.ClickException(" ".join(str(error).split())) from None
     except KeyboardInterrupt:
-        raise click.ClickException(
-            "no longer waiting: the queue goes on (`dvc queue stop --kill` ends it), the same command takes it up again"
-        ) from None
+        raise click.ClickException("stopped; the same command goes on with the cells that are missing") from None
 
 
 def list_studies() -> None:
@@ -57,7 +60,13 @@ def list_studies() -> None:
 
 
 def run(
-    study: Study, *, jobs: int, quick: bool, changes: tuple[str, ...] = (), out: Path | None = None, shard: str = ""
+    study: Study,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    quick: bool = False,
+    changes: tuple[str, ...] = (),
+    out: Path | None = None,
 ) -> None:
     """Run the cells that are missing, then write the report of all that are there; see the options of `main`.
 
@@ -76,19 +85,13 @@ def run(
             raise UserError(
                 f"{study.name}: the same training twice ({same}; {cell}): --set what the study does not vary"
             )
-    if shard:
-        cells = shard_of(cells, shard)
     if subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "params.yaml"], check=False).returncode == 1:
         print("note: params.yaml differs from the last commit, and every cell takes its values; "
               "`git checkout HEAD params.yaml` undoes that")  # fmt: skip
-    queue = Queue()
-    finished = queue.finished()
-    before = sum(stored(key) or f"{study.name}-{key}" in finished for key in cells)
-    part = f", shard {shard}" if shard else ""
-    print(f"{study.name}{part}: {several(len(cells), 'cell')}, finished before: {before}", flush=True)
-    faults = run_cells(study.name, cells, queue, jobs=jobs)
+    print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}", flush=True)
+    faults = run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
     answers = [read_answers(cell, key) for key, cell in cells.items() if key not in faults]
-    if answers and not shard:
+    if answers:
         folder = out or (FOLDER / ".quick" / study.name if quick else FOLDER / study.name)
         print(write_report(study, answers, folder, rehearsal=quick, on_top=changes))
         print(f"written: {folder}/results.csv, results.md and pictures")

@@ -1,8 +1,7 @@
-"""The results of finished cells, kept by what they depend on, so that none runs twice; the cells of a shard."""
+"""The results of finished cells, kept by what they depend on, so that none runs twice."""
 
 import hashlib
 import json
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -17,12 +16,9 @@ from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import atomic_folder, md5
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.schema import flatten
-from tactile_viewgcn.systems import on_sensors
 
 STORE, LAST = FOLDER / ".cells", Path("results/timing.json")
 RESULTS = ("predictions.npz", "metrics.json", "timing.json")
-BACKBONE = "model.backbone."
-AFTER_PRETRAINING = ("views", "viewpoints", "cluster.", "model.", "finetune.", "evaluate.")  # keys
 
 
 @dataclass(frozen=True)
@@ -92,30 +88,3 @@ def read_answers(cell: Cell, key: str) -> Answers:
     if sequential:
         sequential["by_views"] = metrics.get("recording", {}).get("by_views", {})
     return Answers(cell, read_predictions(STORE / key / "predictions.npz"), costs, sequential)
-
-
-def shard_of(cells: dict[str, Cell], shard: str) -> dict[str, Cell]:
-    """The cells, by their keys, of one of several machines: `2/8` is the second of eight.
-
-    Cells with a backbone, which take minutes more, and cells without are cut into equal parts each. Before the cut
-    those that share a backbone are put side by side, so that at most two machines train it.
-
-    Raises:
-        UserError: it is no such text, or no shard of so many.
-    """
-    match = re.fullmatch(r"([0-9]+)/([0-9]+)", shard)
-    number, count = map(int, match.groups()) if match else (0, 0)
-    if not 1 <= number <= count:
-        raise UserError(f"--shard is {shard!r}; expected i/n with i from 1 to n, 2/8 for the second of eight")
-    params = {key: flatten(load("params.yaml", cell.changes)) for key, cell in cells.items()}
-
-    def backbone(key: str) -> str:
-        values = params[key].items()
-        return repr([one for one in values if one[0].startswith(BACKBONE) or not one[0].startswith(AFTER_PRETRAINING)])
-
-    part: dict[str, Cell] = {}
-    for simple in (False, True):
-        alike = [key for key in cells if on_sensors(params[key]["model.system"]) == simple]
-        first, end = ((place * len(alike) + count - 1) // count for place in (number - 1, number))
-        part |= {key: cells[key] for key in sorted(alike, key=backbone)[first:end]}
-    return part

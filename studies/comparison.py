@@ -10,9 +10,9 @@ from scipy.stats import t as student
 
 from studies.cells import Answers
 from studies.grid import COLUMNS
+from studies.p_values import holm, sign_flip
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions
-from tactile_viewgcn.evaluation.statistics import holm, sign_flip
 from tactile_viewgcn.intervals import group_interval, proportion_interval
 from tactile_viewgcn.notes import several
 

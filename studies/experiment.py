@@ -1,0 +1,128 @@
+"""A cell as a DVC experiment of the repository in the working folder; a Dask worker's is a clone of its own."""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from functools import cache
+from pathlib import Path
+from platform import node
+from threading import Lock
+
+from tqdm import tqdm
+
+from studies.cells import RESULTS, STORE, code_of_stages, key_of
+from studies.grid import Cell
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.params import VIRTUAL, load
+
+BUSY = 300.0  # seconds for which other experiments may hold DVC's lock, or have params.yaml changed, when a cell starts
+REFUSED = re.compile(r"^ERROR: (Unable to acquire lock|.* is busy)", re.MULTILINE)
+one_reader = Lock()  # DVC's index of the cache is not made for threads
+
+
+def run_cell(experiment: str, key: str, cell: Cell, run: str, commit: str = "") -> dict[str, bytes]:
+    """Run a cell as `dvc exp run --temp`, unless its experiment is here already; the contents of its `RESULTS`.
+
+    Args:
+        run: see `end_cells`; commit: what a worker's clone has to be at.
+
+    Raises:
+        UserError: the cell failed, with the last error of its log; or code, parameters or data are not the study's.
+    """
+    place, log = f"{node()}:{Path.cwd()}", STORE / f"{experiment}.log"
+    if not (head := git("rev-parse", "HEAD")).startswith(commit):
+        raise UserError(f"{place} is at commit {head[:9]}; expected {commit[:9]}, the study's")
+    tqdm.write(f"{cell} ...")
+    begin, fault, busy = time.monotonic(), "", True
+    while (revision := experiments().get(experiment)) is None:
+        if not busy or time.monotonic() - begin > BUSY:
+            raise UserError(f"{fault} ({place}/{log})")
+        if key_of(cell, code_of_stages()) == key:
+            fault, busy = attempt(experiment, cell, run, log)
+        else:  # for good, or for the seconds in which DVC changes params.yaml to start another cell
+            fault = "code, params.yaml or data are not those that the study began with"
+            time.sleep(1)
+    log.unlink(missing_ok=True)
+    return results(experiment, revision)
+
+
+def attempt(experiment: str, cell: Cell, run: str, log: Path) -> tuple[str, bool]:
+    """Run DVC once: the last error of its log, and whether it was only refused the lock.
+
+    That may be after the experiment is done. Without an error there may be no experiment yet: of two that start at once
+    DVC may run both in one process.
+    """
+    words = [word for change in settings(cell) for word in ("--set-param", change)]
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # the experiment's `python` is this one
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("w") as stream:
+        done = subprocess.run(
+            [sys.executable, "-m", "studies.tied_dvc", "exp", "run", "--temp", "--name", experiment, *words],
+            stdin=tie(run)[0],
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            env=os.environ | {"PATH": path},
+            check=False,
+        )
+    text = log.read_text(errors="replace")
+    return last_error(text), not done.returncode or bool(REFUSED.search(text))
+
+
+def settings(cell: Cell) -> list[str]:
+    """The cell's changes as `dvc exp run --set-param` takes them, the last one of each key.
+
+    The source becomes an absolute path: an experiment runs in another folder, and sees no file that is not tracked.
+    """
+    last = dict(change.split("=", 1) for change in cell.changes)
+    source = load("params.yaml", cell.changes).data.source
+    if source != VIRTUAL:
+        last["data.source"] = str(Path(source).resolve())
+    return [f"{key}={value}" for key, value in last.items()]
+
+
+def experiments() -> dict[str, str]:
+    """Commits of all experiments that have ended well, by name."""
+    lines = git("for-each-ref", "--format=%(objectname) %(refname)", "refs/exps/").splitlines()
+    return {ref.rpartition("/")[2]: commit for commit, ref in map(str.split, lines)}
+
+
+def results(experiment: str, revision: str) -> dict[str, bytes]:
+    """The contents of `RESULTS` of a finished experiment.
+
+    Raises:
+        UserError: they are no longer in DVC's cache, nor in its remote.
+    """
+    from dvc.api import DVCFileSystem
+
+    try:
+        with one_reader:
+            files = DVCFileSystem(rev=revision)
+            return {name: files.cat_file(f"results/{name}") for name in RESULTS}
+    except FileNotFoundError as error:
+        raise UserError(f"{error} is not in DVC's cache; to run it again: dvc exp remove {experiment}") from None
+
+
+def last_error(log: str) -> str:
+    """The last error of a Python program in a log, else DVC's own, else the last line."""
+    lines = [line.strip() for line in log.splitlines() if line.strip()]
+    for form in (r"\w*(Error|Exception): ", r"ERROR: "):
+        if errors := [line for line in lines if re.match(form, line)]:
+            return errors[-1]
+    return (lines or ["no log"])[-1]
+
+
+@cache
+def tie(run: str) -> tuple[int, int]:
+    """The pipe that ties the cells of one call of `run_cells` to this process: the end they read, and the end it holds."""
+    return os.pipe()
+
+
+def end_cells(run: str) -> None:
+    """End the cells of one call of `run_cells` that this process runs."""
+    os.close(tie(run)[1])
+
+
+def git(*words: str) -> str:
+    return subprocess.run(["git", *words], capture_output=True, text=True, check=True).stdout

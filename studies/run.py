@@ -1,0 +1,79 @@
+"""Run the cells of a study that are missing: in threads here, or on the workers of a Dask scheduler."""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from secrets import token_hex
+
+from tqdm import tqdm
+
+from studies.cells import store, stored
+from studies.experiment import end_cells, git, run_cell, tie
+from studies.grid import Cell
+from tactile_viewgcn.errors import UserError
+
+
+def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:
+    """Run every cell that is not stored, and store its results. An interrupt ends those that run.
+
+    Args:
+        name: of the study; cells: by their keys; jobs: cells at once, without a scheduler; scheduler: Dask's address.
+
+    Returns:
+        What went wrong, by the key of the cell.
+    """
+    missing, faults, run = [key for key in cells if not stored(key)], {}, token_hex(4)
+    commit = git("rev-parse", "HEAD").strip() if scheduler else ""
+    with (
+        tqdm(total=len(cells), initial=len(cells) - len(missing), desc=name, unit="cell", disable=None) as bar,
+        workers(run, jobs, scheduler) as pool,
+    ):
+        futures = {pool.submit(run_cell, f"{name}-{key}", key, cells[key], run, commit): key for key in missing}
+        for number, future in enumerate(as_completed(futures), start=len(cells) - len(missing) + 1):
+            key, outcome = futures[future], "done"
+            try:
+                store(key, future.result())
+            except Exception as error:
+                if not (scheduler or isinstance(error, UserError)):
+                    raise  # a fault of ours keeps its traceback
+                faults[key] = " ".join(str(error).split()) or type(error).__name__
+                outcome = f"failed: {faults[key]}"
+            bar.update()
+            bar.write(f"{number} of {len(cells)}: {cells[key]} {outcome}")
+    return faults
+
+
+@contextmanager
+def workers(run: str, jobs: int, scheduler: str | None) -> Iterator[Executor]:
+    """What runs the cells; it ends those that run where the block is left by an exception.
+
+    Dask's own executor, not joblib's backend, which waits for ever for a cell whose workers have all died.
+
+    Raises:
+        UserError: Dask is not installed, or there is no such scheduler.
+    """
+    if not scheduler:
+        tie(run)  # before there are threads
+        with ThreadPoolExecutor(jobs) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                end_cells(run)
+                raise
+        return
+    try:
+        from distributed import Client
+
+        client = Client(scheduler)
+    except ImportError:
+        raise UserError("--scheduler needs Dask: pip install -e '.[cluster]'") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"--scheduler is {scheduler}: {error}; expected what `dask scheduler` prints") from None
+    with client:
+        try:
+            yield (pool := client.get_executor(pure=False))
+        except BaseException:
+            pool.shutdown(wait=False)
+            client.run(end_cells, run, on_error="ignore")
+            raise
