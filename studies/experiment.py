@@ -115,7 +115,7 @@ def last_error(log: str) -> str:
 
 @cache
 def tie(run: str) -> tuple[int, int]:
-    """The pipe that ties the cells of one call of `run_cells` to this process: the end they read, and the end it holds."""
+    """The pipe that ties the cells of one call of `run_cells` to this process: the end they read, the end it holds."""
     return os.pipe()
 
 

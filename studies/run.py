@@ -12,6 +12,8 @@ from studies.experiment import end_cells, git, run_cell, tie
 from studies.grid import Cell
 from tactile_viewgcn.errors import UserError
 
+STARTED = "scheduler and workers are started with `python -m dask`, in roots of clones at the same commit"
+
 
 def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:
     """Run every cell that is not stored, and store its results. An interrupt ends those that run.
@@ -36,7 +38,8 @@ def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: st
             except Exception as error:
                 if not (scheduler or isinstance(error, UserError)):
                     raise  # a fault of ours keeps its traceback
-                faults[key] = " ".join(str(error).split()) or type(error).__name__
+                remedy = "" if isinstance(error, UserError) else f" ({type(error).__name__}); {STARTED}"
+                faults[key] = " ".join(f"{error}{remedy}".split())
                 outcome = f"failed: {faults[key]}"
             bar.update()
             bar.write(f"{number} of {len(cells)}: {cells[key]} {outcome}")

@@ -32,18 +32,15 @@ ELSEWHERE = {
     "pip install": "installs; .ci/run does it",
     "dvc repro": "minutes; tests/stages/test_pipeline.py runs it on tiny data",
     "dvc exp show": "needs experiments; tests/stages/test_pipeline.py makes some",
-    "dvc exp pull": "needs experiments; tests/studies/test_queue.py pulls some",
+    "python -m dask": "processes that do not end; tests/studies/test_run.py starts them",
     "dvc plots show": "needs results",
     "dvc queue start": "starts processes that outlive a test; tests/stages/test_pipeline.py runs the queue",
-    "dvc remote": "changes the checkout",
     "tactile-viewgcn report": "needs results; tests/stages/test_report_page.py runs it",
     "git": "changes the checkout",
     "mutmut run": "hours",
     "mlflow": "a server that does not end; tests/recognition/test_mlflow_model.py starts one",
     "curl": "needs that server",
     "export": "sets a variable",
-    "createdb": "needs PostgreSQL",
-    "sbatch": "needs Slurm",
     **dict.fromkeys(("ruff check", "mypy", "pytest", "mkdocs build", ".ci/run"), ".ci/run does it"),
 }
 
@@ -180,11 +177,6 @@ def test_yaml_is_well_formed_and_a_study_s_changes_are_allowed(page, text):
     assert tree
     for changes in tree.get("variants", {}).values():
         load(ROOT / "params.yaml", [f"{key}={value}" for key, value in (tree.get("set", {}) | changes).items()])
-
-
-@pytest.mark.parametrize("page, script", fences("sh"))
-def test_a_shell_script_is_well_formed(page, script):
-    subprocess.run(["bash", "-n"], input=script, text=True, check=True)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

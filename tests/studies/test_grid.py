@@ -2,7 +2,6 @@
 
 import os
 from itertools import product
-from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -12,7 +11,7 @@ from studies import __main__ as main_module
 from studies import cells as cells_module
 from studies import grid
 from studies.__main__ import list_studies, main
-from studies.cells import key_of, shard_of
+from studies.cells import key_of
 from studies.grid import Cell, names, read_study
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import load
@@ -137,7 +136,6 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
         (["compare", "--set", "vews=4", "--out", "/tmp/x"], "did you mean views?"),
         (["compare", "--set", "seed=4", "--out", "/tmp/x"], "--set seed: every cell has its own"),
         (["error_time", "--set", "views=8", "--out", "/tmp/x"], "the same training twice"),
-        *((["folds", "--shard", text], f"--shard is {text!r}; expected i/n") for text in ("0/2", "3/2", "x")),
     ],
 )
 def test_a_mistake_on_the_command_line_ends_in_one_line(words, expected):
@@ -147,51 +145,17 @@ def test_a_mistake_on_the_command_line_ends_in_one_line(words, expected):
     assert result.output.count("\n") == 1
 
 
-CHANGES = {system: (f"model.system={system}",) for system in ("view_gcn", "mvcnn")} | {
-    member: ("model.system=sensors", f"model.members=[{member}]") for member in ("trees", "lda")
-}
-SYSTEMS = tuple(CHANGES)
-CELLS = {
-    f"{system} {seed} {fold}": cell_of(
-        *(*changes, f"seed={seed}", "split.folds=3", f"split.fold={fold}"), variant=system
-    )
-    for seed in range(2)
-    for system, changes in CHANGES.items()
-    for fold in range(3)
-}  # 12 with a backbone, of which two share each, and 12 without
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 6, 7, 30])
-@pytest.mark.parametrize("every", [1, 5])
-def test_every_cell_is_in_exactly_one_shard_and_cells_that_share_a_backbone_in_the_same(count, every):
-    cells = dict(list(CELLS.items())[::every])
-    parts = [shard_of(cells, f"{number + 1}/{count}") for number in range(count)]
-    assert sorted(key for part in parts for key in part) == sorted(cells)
-    for systems in (SYSTEMS[:2], SYSTEMS[2:]):
-        sizes = [sum(cell.variant in systems for cell in part.values()) for part in parts]
-        assert max(sizes) - min(sizes) <= 1
-    if every == 1 and 6 % count == 0:
-        for seed, fold in product(range(2), range(3)):
-            assert sum(f"{SYSTEMS[0]} {seed} {fold}" in part for part in parts) == 1
-            assert all((f"{SYSTEMS[0]} {seed} {fold}" in part) == (f"mvcnn {seed} {fold}" in part) for part in parts)
-
-
-def test_changes_on_top_have_a_folder_of_their_own_and_a_shard_has_no_report(tmp_path, monkeypatch):
+def test_changes_on_top_have_a_folder_of_their_own(tmp_path, monkeypatch):
     made, ran, written = study(tmp_path, monkeypatch, variants={"a": {}, "b": {"views": 4}}), [], []
 
-    def run_cells(name, cells, queue, *, jobs):
+    def run_cells(name, cells, **options):
         ran.append([load("params.yaml", cell.changes) for cell in cells.values()])
         return {}
 
     monkeypatch.setattr(main_module, "run_cells", run_cells)
-    monkeypatch.setattr(main_module, "Queue", lambda: SimpleNamespace(finished=dict))
     monkeypatch.setattr(main_module, "read_answers", lambda cell, key: None)
     monkeypatch.setattr("studies.report.write_report", lambda study, answers, folder, **_: written.append(folder))
-    main_module.run(made, jobs=1, quick=False, changes=("preprocess.transform=log",), out=tmp_path / "other")
+    main_module.run(made, changes=("preprocess.transform=log",), out=tmp_path / "other")
     assert [(one.views, one.preprocess.transform) for one in ran.pop()] == [(8, "log"), (4, "log")]
-    main_module.run(made, jobs=1, quick=False)
+    main_module.run(made)
     assert written == [tmp_path / "other", main_module.FOLDER / "made"]
-    ran.clear()
-    for shard in ("1/2", "2/2"):
-        main_module.run(made, jobs=1, quick=False, shard=shard)
-    assert sorted(one.views for part in ran for one in part) == [4, 8] and len(written) == 2

@@ -1,0 +1,247 @@
+"""Cells as DVC experiments: in a small repository of their own, interrupted, killed, and on Dask's workers."""
+
+import csv
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from socket import socket
+
+import pytest
+
+from studies import cells as cells_module
+from studies import experiment as experiment_module
+from studies.cells import RESULTS, code_of_stages, key_of, stored
+from studies.experiment import last_error, run_cell, settings
+from studies.grid import Cell
+from studies.run import run_cells
+from tactile_viewgcn.errors import UserError
+from tests.small_tables import ROOT
+from tests.stages.running import sh
+
+CELLS = {
+    key_of(cell, code_of_stages()): cell
+    for cell in (Cell(variant="a", seed=seed, deal=0, fold=0, changes=(f"seed={seed}",)) for seed in range(4))
+}
+KEYS = list(CELLS)
+#: A cell appends its seed to a file outside of its experiment. At first the second one does not end, the third fails.
+STAGE = """stages:
+  evaluate:
+    cmd: >-
+      sed -n 's/^seed: \\([0-9]\\).*/\\1/p' params.yaml | tee {log}.last >> {log} && mkdir -p results &&
+      echo '{{}}' | tee results/predictions.npz results/metrics.json results/timing.json &&
+      if grep -q "^seed: 1" params.yaml && mkdir {log}.stuck; then sleep 300; fi &&
+      if grep -q "^seed: 2" params.yaml && mkdir {log}.failed; then echo "Error: the glove is on fire"; exit 1; fi
+    params: [seed]
+    outs: [results/predictions.npz, results/metrics.json, results/timing.json]
+"""
+
+
+def identify(place):
+    sh("git", "config", "user.name", "test", cwd=place)
+    sh("git", "config", "user.email", "test@example.org", cwd=place)
+
+
+def commit(place):
+    identify(place)
+    sh("git", "add", "-A", cwd=place)
+    sh("git", "commit", "-qm", "Test", cwd=place)
+
+
+@pytest.fixture
+def machine(tmp_path, monkeypatch):
+    """A repository with one stage, in which the test runs."""
+    place = tmp_path / "machine"
+    sh("git", "init", "-q", place, cwd=tmp_path)
+    sh("dvc", "init", "-q", cwd=place)
+    (place / "dvc.yaml").write_text(STAGE.format(log=tmp_path / "log"))
+    (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    (place / ".gitignore").write_text("/studies/\n")
+    commit(place)
+    monkeypatch.chdir(place)
+    return place
+
+
+def processes_in(folder):
+    """The processes that run in a folder or below it, but for this one."""
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if (process / "cwd").readlink().is_relative_to(folder) and int(process.name) != os.getpid():
+                yield int(process.name)
+        except OSError:
+            continue
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.5)
+
+
+def python(*words, cwd):
+    """A Python program of this checkout in another folder, as a process."""
+    return subprocess.Popen([sys.executable, *words], cwd=cwd, env=os.environ | {"PYTHONPATH": str(ROOT)})
+
+
+def stuck_in(folder):
+    """Whether the cell that does not end runs in this folder."""
+    return any(Path(f"/proc/{pid}/cmdline").read_bytes().startswith(b"sleep") for pid in processes_in(folder))
+
+
+def seeds_in(log):
+    return sorted(map(int, log.read_text().split()))
+
+
+def with_dvc(test):
+    """Minutes, and DVC's and Dask's own warnings."""
+    return pytest.mark.slow(pytest.mark.filterwarnings("default")(test))
+
+
+@with_dvc
+def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(machine, tmp_path, capsys):
+    (tmp_path / "log.stuck").mkdir()
+    faults = run_cells("made", CELLS, jobs=3)
+    assert list(faults) == [KEYS[2]] and faults[KEYS[2]].startswith("Error: the glove is on fire")
+    assert f"{CELLS[KEYS[2]]} failed: Error: the glove" in capsys.readouterr().out
+    assert run_cells("made", CELLS, jobs=2) == {}
+    assert seeds_in(tmp_path / "log") == [0, 1, 2, 2, 3] and all(map(stored, KEYS))
+    shutil.rmtree(cells_module.STORE / KEYS[0])
+    assert run_cells("made", CELLS) == {}  # from its experiment
+    assert len(seeds_in(tmp_path / "log")) == 5
+    assert {file.name: file.read_text() for file in (cells_module.STORE / KEYS[0]).iterdir()} == dict.fromkeys(
+        RESULTS, "{}\n"
+    )
+
+
+@with_dvc
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc to find processes in")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupt_and_a_kill_end_the_cells_and_the_others_are_run_later(machine, tmp_path, number):
+    code = "from studies.run import run_cells; from tests.studies.test_run import CELLS; run_cells('made', CELLS)"
+    (tmp_path / "log.failed").mkdir()
+    study = python("-c", code, cwd=machine)
+    wait_for((tmp_path / "log.stuck").exists)
+    study.send_signal(number)
+    study.wait()
+    wait_for(lambda: not list(processes_in(machine)))
+    assert list(map(stored, KEYS)) == [True, False, False, False]
+    assert not list((machine / ".dvc/tmp/exps/standalone").glob("tmp*"))
+    assert run_cells("made", CELLS) == {}
+    assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3]
+
+
+@with_dvc
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc to find processes in")
+def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, tmp_path):
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install -e '.[cluster]'")
+    (tmp_path / "log.failed").mkdir()
+    with closing(socket()) as port:
+        port.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{port.getsockname()[1]}"
+    dask = [python("-m", "dask", "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard", cwd=machine)]
+    for name in ("first", "second"):
+        sh("git", "clone", "-q", machine, tmp_path / name, cwd=tmp_path)
+        identify(tmp_path / name)
+        worker = ("-m", "dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", name)
+        dask.append(python(*worker, cwd=tmp_path / name))
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            study = pool.submit(run_cells, "made", CELLS, scheduler=address)
+            wait_for((tmp_path / "log.stuck").exists)
+            name = next(name for name in ("first", "second") if stuck_in(tmp_path / name))
+            dask[1 + (name == "second")].kill()
+            assert study.result(timeout=200) == {}
+        wait_for(lambda: not list(processes_in(tmp_path / name)))
+        assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3] and all(map(stored, KEYS))
+    finally:
+        for process in dask:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def dvc(tmp_path, monkeypatch):
+    """DVC as a list of what it does: `ends`, and whether the experiment is there then."""
+    ends, made = [], {}
+
+    def attempt(experiment, cell, run, log):
+        fault, busy, done = ends.pop(0)
+        made.update({experiment: "commit"} if done else {})
+        return fault, busy
+
+    monkeypatch.setattr(cells_module, "STORE", tmp_path)
+    monkeypatch.setattr(experiment_module, "attempt", attempt)
+    monkeypatch.setattr(experiment_module, "experiments", lambda: made)
+    monkeypatch.setattr(experiment_module, "results", lambda experiment, revision: {experiment: revision})
+    return ends
+
+
+LOCK = ("ERROR: Unable to acquire lock", True, False)
+
+
+def test_a_refused_lock_is_tried_again_and_counts_for_nothing_once_the_experiment_is_there(dvc):
+    dvc += [LOCK, LOCK, ("ERROR: Unable to acquire lock", True, True), ("never run", False, False)]
+    assert run_cell("made", KEYS[0], CELLS[KEYS[0]], "run") == {"made": "commit"}
+    assert run_cell("made", KEYS[0], CELLS[KEYS[0]], "run") == {"made": "commit"} and len(dvc) == 1
+
+
+def test_a_lock_is_waited_for_no_longer_than_its_bound_and_an_error_not_at_all(dvc, monkeypatch):
+    dvc += [("Error: views is 0", False, False), LOCK, LOCK]
+    with pytest.raises(UserError, match="views is 0"):
+        run_cell("made", KEYS[0], CELLS[KEYS[0]], "run")
+    monkeypatch.setattr(experiment_module, "BUSY", 0)
+    with pytest.raises(UserError):
+        run_cell("made", KEYS[0], CELLS[KEYS[0]], "run")
+    assert len(dvc) >= 1
+
+
+def test_a_clone_at_another_commit_and_changed_parameters_are_refused_before_any_work(dvc, monkeypatch):
+    with pytest.raises(UserError, match="123456789"):
+        run_cell("made", KEYS[0], CELLS[KEYS[0]], "run", commit="123456789abc")
+    monkeypatch.setattr(experiment_module, "BUSY", 1)
+    with pytest.raises(UserError, match=r"params\.yaml"):
+        run_cell("made", KEYS[0], CELLS[KEYS[1]], "run")
+
+
+@pytest.mark.parametrize(
+    ("log", "fault"),
+    [
+        ("Running\nError: views is 0\nERROR: failed to reproduce 'cluster'\nWrite to us", "Error: views is 0"),
+        ("Reproducing\nERROR: s3 is supported\n\nWrite to us\n", "ERROR: s3 is supported"),
+        ("", "no log"),
+    ],
+)
+def test_a_failed_cell_has_the_stage_s_error_or_else_dvc_s(log, fault):
+    assert last_error(log) == fault
+
+
+def test_an_experiment_has_the_last_change_of_a_key_and_a_source_that_it_can_read():
+    cell = CELLS[KEYS[0]].model_copy(update={"changes": ("views=4", "seed=1", "views=2", "data.source=tests")})
+    assert settings(cell) == ["views=2", "seed=1", f"data.source={Path('tests').resolve()}"]
+
+
+@with_dvc
+def test_a_rehearsal_runs_every_cell_once_and_leaves_table_and_picture(tmp_path):
+    place = tmp_path / "repository"
+    for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
+        if (ROOT / name).is_file():
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, place / name)
+    sh("git", "init", "-q", cwd=place)
+    commit(place)
+    assert "2 cells, finished before: 0" in sh("python", "-m", "studies", "claims", "--quick", cwd=place)
+    with (place / "studies/.quick/claims/results.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["variant"], row["protocol"]) for row in rows} == {("paper", "recording"), ("maximum", "recording")}
+    assert all(0 <= float(row["error"]) <= 100 for row in rows)
+    assert (place / "studies/.quick/claims/results.png").stat().st_size > 1000
+    assert sh("git", "status", "--porcelain", "studies", cwd=place) == ""  # its own results stay as they were
+    assert len(sh("dvc", "exp", "list", "--name-only", cwd=place).split()) == 2
+    again = sh("python", "-m", "studies", "claims", "--quick", cwd=place)
+    assert "2 cells, finished before: 2" in again and "smallest difference" in again
