@@ -12,8 +12,6 @@ from studies.experiment import end_cells, git, run_cell, tie
 from studies.grid import Cell
 from tactile_viewgcn.errors import UserError
 
-STARTED = "scheduler and workers are started with `python -m dask`, in roots of clones at the same commit"
-
 
 def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:
     """Run every cell that is not stored, and store its results. An interrupt ends those that run.
@@ -38,7 +36,7 @@ def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: st
             except Exception as error:
                 if not (scheduler or isinstance(error, UserError)):
                     raise  # a fault of ours keeps its traceback
-                remedy = "" if isinstance(error, UserError) else f" ({type(error).__name__}); {STARTED}"
+                remedy = "" if isinstance(error, UserError) else f" ({type(error).__name__}; see docs/cluster.md)"
                 faults[key] = " ".join(f"{error}{remedy}".split())
                 outcome = f"failed: {faults[key]}"
             bar.update()
@@ -74,6 +72,8 @@ def workers(run: str, jobs: int, scheduler: str | None) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise UserError(f"--scheduler is {scheduler}: {error}; expected what `dask scheduler` prints") from None
     with client:
+        if not client.ncores():
+            tqdm.write("no worker yet: see docs/cluster.md")
         try:
             yield (pool := client.get_executor(pure=False))
         except BaseException:

@@ -29,6 +29,7 @@ CELLS = {
     for cell in (Cell(variant="a", seed=seed, deal=0, fold=0, changes=(f"seed={seed}",)) for seed in range(4))
 }
 KEYS = list(CELLS)
+TWO = {key: CELLS[key] for key in KEYS[:2]}
 #: A cell appends its seed to a file outside of its experiment. At first the second one does not end, the third fails.
 STAGE = """stages:
   evaluate:
@@ -78,7 +79,7 @@ def processes_in(folder):
 
 
 def wait_for(condition):
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 300
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.5)
@@ -123,17 +124,16 @@ def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc to find processes in")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupt_and_a_kill_end_the_cells_and_the_others_are_run_later(machine, tmp_path, number):
-    code = "from studies.run import run_cells; from tests.studies.test_run import CELLS; run_cells('made', CELLS)"
-    (tmp_path / "log.failed").mkdir()
+    code = "from studies.run import run_cells; from tests.studies.test_run import TWO; run_cells('made', TWO)"
     study = python("-c", code, cwd=machine)
     wait_for((tmp_path / "log.stuck").exists)
     study.send_signal(number)
     study.wait()
     wait_for(lambda: not list(processes_in(machine)))
-    assert list(map(stored, KEYS)) == [True, False, False, False]
+    assert list(map(stored, TWO)) == [True, False]
     assert not list((machine / ".dvc/tmp/exps/standalone").glob("tmp*"))
-    assert run_cells("made", CELLS) == {}
-    assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3]
+    assert run_cells("made", TWO) == {}
+    assert seeds_in(tmp_path / "log") == [0, 1, 1]
 
 
 @with_dvc
@@ -156,7 +156,7 @@ def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, t
             wait_for((tmp_path / "log.stuck").exists)
             name = next(name for name in ("first", "second") if stuck_in(tmp_path / name))
             dask[1 + (name == "second")].kill()
-            assert study.result(timeout=200) == {}
+            assert study.result(timeout=400) == {}
         wait_for(lambda: not list(processes_in(tmp_path / name)))
         assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3] and all(map(stored, KEYS))
     finally:
