@@ -222,5 +222,3 @@ def _write_record(path: Path, job: Job, inputs: dict[str, Path], params: dict[st
     with atomic_write(path) as part:
         part.write_text(json.dumps(content | {"origin": origin() | job.computed}, indent=2) + "\n")
     job.run.artifacts(path)
-    if job.notes:
-        job.run.text("".join(f"{note}\n" for note in job.notes), "notes.txt")

@@ -31,7 +31,8 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
         protocols = {f"{name} protocol, all trials": name for name in evaluation.protocols}
         counts = {title: evaluation.confusion(name, len(table.classes)) for title, name in protocols.items()}
         run.figure("confusion.png", confusions(counts, table.classes))
-    address = run.model(classifier, model.views, table.live.shape, table.counts.dtype, table.classes, model.packages)
+    frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
+    address = run.model(classifier, {"classes": table.classes, "views": model.views} | frame, model.packages)
     timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
     report.write_results(out, metrics, timing, evaluation, table.classes)
     for path in (out, *after):

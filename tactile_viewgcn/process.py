@@ -1,4 +1,4 @@
-"""Processes: how long this one has run, on what and with how much memory, and whether another one is still there."""
+"""This process: how long it has run, on what and with how much memory."""
 
 import os
 import platform
@@ -16,30 +16,12 @@ LOST = (  # said by one of several processes, see `first_to_tell`
 
 def seconds_since_start() -> float:
     """Seconds since this process began, imports included; outside Linux since this module was loaded."""
-    ticks = start_ticks(os.getpid())
-    if not ticks:
-        return time.time() - LOADED
-    uptime = float(Path("/proc/uptime").read_text().split()[0])
-    return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
-
-
-def start_ticks(pid: int) -> str:
-    """When a process began, in clock ticks since the machine did; empty outside Linux, and where there is none."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+        uptime = float(Path("/proc/uptime").read_text().split()[0])
+        ticks = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
     except OSError:
-        return ""
-
-
-def is_running(pid: int, ticks: str) -> bool:
-    """Whether the process with this number that began then, see `start_ticks`, is still there."""
-    try:
-        os.kill(pid, 0)  # asks, and does nothing
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # somebody else's
-        pass
-    return start_ticks(pid) in ("", ticks)
+        return time.time() - LOADED
+    return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
 
 
 def launched() -> bool:

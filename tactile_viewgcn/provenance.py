@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from tactile_viewgcn.process import processor, start_ticks, usable_cores
+from tactile_viewgcn.process import processor, usable_cores
 from tactile_viewgcn.schema import as_change, flatten, parse
 
 MOST_FILES = 20  # changed files that are named
@@ -24,7 +24,7 @@ def git_revision() -> dict[str, str]:
     commit = _git("rev-parse", "HEAD")
     excluded = [f":(top,exclude,glob)**/{name}" for name in WRITTEN]
     names = _git("diff", "HEAD", "--name-only", "--no-renames", "-z", "--", ":/", *excluded)
-    if commit is None or names is None:
+    if not commit:
         return {}
     changed = names.split("\0")[:-1]
     if len(changed) > MOST_FILES:
@@ -34,28 +34,24 @@ def git_revision() -> dict[str, str]:
 
 
 def run_tags(stage: str) -> dict[str, str]:
-    """Tags of a stage's run in MLflow: command, code, DVC experiment, and the process, which may be killed."""
-    tags = {
-        "stage": stage,
-        "command": " ".join(sys.orig_argv[1:]),
-        "host": socket.gethostname(),
-        "pid": str(os.getpid()),
-        "start_ticks": start_ticks(os.getpid()),
-        "mlflow.source.name": f"stages/{stage}.py",
-    }
-    if "DVC_EXP_NAME" in os.environ:
-        tags["dvc.experiment"] = os.environ["DVC_EXP_NAME"]
-    return tags | git_revision()
+    """Tags of a stage's run in MLflow: command, code and DVC experiment."""
+    tags = {"stage": stage, "command": " ".join(sys.orig_argv[1:]), "mlflow.source.name": f"stages/{stage}.py"}
+    experiment = {"dvc.experiment": os.environ["DVC_EXP_NAME"]} if "DVC_EXP_NAME" in os.environ else {}
+    return tags | experiment | git_revision()
 
 
 def committed_params(path: Path) -> dict[str, Any]:
     """The values of a params.yaml as it is in git's HEAD, by dotted key; empty where it is not there."""
-    text = _git("show", f"HEAD:./{path.name}", folder=path.parent)
     try:
-        tree = parse(text or "")
+        tree = parse(_git("show", f"HEAD:./{path.name}", folder=path.parent))
     except ValueError:
         return {}
     return flatten(tree) if isinstance(tree, dict) else {}
+
+
+def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:
+    """The values, by dotted key, that differ from the committed ones; a key that is not committed is left out."""
+    return {key: value for key, value in values.items() if key in committed and value != committed[key]}
 
 
 def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str, str]) -> str:
@@ -68,11 +64,6 @@ def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str,
     changed = changes_of(values, committed)
     first = [texts.get(key) or as_change(key, value) for key, value in changed.items()]
     return " ".join([*first, *(text for key, text in texts.items() if key not in changed)])
-
-
-def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:
-    """The values, by dotted key, that differ from the committed ones; a key that is not committed is left out."""
-    return {key: value for key, value in values.items() if key in committed and value != committed[key]}
 
 
 def origin() -> dict[str, str]:
@@ -92,10 +83,10 @@ def origin() -> dict[str, str]:
     }
 
 
-def _git(*words: str, folder: Path = Path()) -> str | None:
-    """Output of git; None where there is no git, no repository, or git refuses."""
+def _git(*words: str, folder: Path = Path()) -> str:
+    """Output of git; empty where there is no git, no repository, or git refuses."""
     try:
         output = subprocess.run(["git", *words], cwd=folder, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):
-        return None
+        return ""
     return output.decode(errors="replace")

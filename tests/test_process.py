@@ -1,24 +1,14 @@
-"""Processes: their start, their end and their cost."""
+"""Processes: their cost, and several that train together."""
 
-import os
-import subprocess
-import sys
+import time
 
-from tactile_viewgcn.process import first_to_tell, is_running, peak_mb, rank, start_ticks
+from tactile_viewgcn.process import first_to_tell, peak_mb, rank, seconds_since_start
 
 
-def test_a_process_is_running_until_it_is_gone():
-    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    ticks = start_ticks(process.pid)
-    assert is_running(process.pid, ticks)
-    process.communicate(b"\n")
-    assert not is_running(process.pid, ticks)
-
-
-def test_another_process_with_the_same_number_is_not_the_one_that_was():
-    ticks = start_ticks(os.getpid())
-    assert is_running(os.getpid(), ticks)
-    assert not ticks or not is_running(os.getpid(), str(int(ticks) - 1))
+def test_seconds_count_from_the_start_of_the_process_and_grow():
+    first = seconds_since_start()
+    time.sleep(0.05)
+    assert first > 0.1 and 0.03 < seconds_since_start() - first < 5
 
 
 def test_the_peak_of_memory_counts_what_was_freed():

@@ -1,16 +1,18 @@
-"""Runs in MLflow, seen from its own client: rows and stages, what they log, and how they end."""
+"""Runs in MLflow, seen from its own client: rows and stages, what they log, how they end, and stores that fail."""
 
 import os
-import socket
+import sqlite3
 import subprocess
 import sys
+import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from tactile_viewgcn import tracking
-from tactile_viewgcn.process import start_ticks
-from tests.mlflow_stores import runs_of
+from tactile_viewgcn.errors import UserError
+from tests.mlflow_stores import fresh_store, runs_of
 
 ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
@@ -25,7 +27,6 @@ def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client,
         running = runs_of(client)[0]
         assert running.info.status == "RUNNING" and running.data.metrics["loss"] == 3.0
         run.metrics({"loss": 2.0}, step=2)
-        run.text("one note\n", "notes.txt")
         run.artifacts(ROOT / "LICENSE")
     (entry,) = runs_of(client)
     assert entry.info.run_name == "pretrain pretrain.lr=0.01" and entry.info.status == "FINISHED"
@@ -35,8 +36,10 @@ def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client,
     assert [(metric.step, metric.value) for metric in history] == [(1, 3.0), (2, 2.0)]
     assert entry.data.tags["stage"] == "pretrain" and entry.data.tags["dvc.experiment"] == "brave-mug"
     assert len(entry.data.tags["mlflow.source.git.commit"]) == 40
-    assert {file.path for file in client.list_artifacts(entry.info.run_id)} == {"LICENSE", "notes.txt"}
+    assert {file.path for file in client.list_artifacts(entry.info.run_id)} == {"LICENSE"}
     assert entry.info.artifact_uri.startswith((store / "mlruns").as_uri())
+    assert tracking.read_artifact(entry.info.run_id, "LICENSE") == (ROOT / "LICENSE").read_bytes()
+    assert client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id == "1"  # as the manual's link says
     assert runs_of(client, tracking.EXPERIMENT) == []
 
 
@@ -53,13 +56,15 @@ def test_an_evaluated_pipeline_is_a_row_with_its_dataset_and_its_trials_as_steps
     assert [(metric.step, metric.value) for metric in history] == [(1, 0.25), (2, 0.5)]
 
 
-def test_a_stage_that_fails_leaves_a_failed_run_with_its_traceback(store, client):
-    with pytest.raises(ValueError, match="no such luck"), tracking.stage_run("ingest"):
-        raise ValueError("no such luck")
-    (failed,) = runs_of(client)
-    assert failed.info.status == "FAILED"
-    path = client.download_artifacts(failed.info.run_id, "traceback.txt", str(store))
-    assert "ValueError: no such luck" in Path(path).read_text()
+@pytest.mark.parametrize(
+    ("error", "status"), [(ValueError("no such luck"), "FAILED"), (SystemExit(143), "KILLED")], ids=str
+)
+def test_a_stage_that_ends_early_leaves_a_run_with_its_traceback(store, client, error, status):
+    with pytest.raises(type(error)), tracking.stage_run("ingest"):
+        raise error
+    (ended,) = runs_of(client)
+    assert ended.info.status == status
+    assert f"{type(error).__name__}: {error}" in tracking.read_artifact(ended.info.run_id, "traceback.txt").decode()
 
 
 def test_disabled_imports_no_mlflow():
@@ -74,24 +79,79 @@ def test_disabled_imports_no_mlflow():
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, env=environment)
 
 
-def test_a_stage_that_is_told_to_stop_is_killed_not_running(store, client):
-    with pytest.raises(SystemExit), tracking.stage_run("pretrain"):
-        raise SystemExit(143)
-    assert runs_of(client)[0].info.status == "KILLED"
+@pytest.mark.parametrize(
+    ("uri", "names"),
+    [
+        ("http://me:secret@127.0.0.1:9", "http://127.0.0.1:9"),
+        ("http://localhost:50x0", "localhost:50x0"),
+        ("postgresql://me:secret@db/runs", "mlflow server --backend-store-uri"),  # artifacts would be lost
+        ("file:///nowhere/files", "file:///nowhere/files"),
+        ("sqlite:////dev/null/my.db", "/dev/null/my.db"),
+    ],
+)
+def test_a_store_that_does_not_open_is_one_line_before_any_work_and_shows_no_password(store, monkeypatch, uri, names):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    begin = time.monotonic()
+    with pytest.raises(UserError) as error, tracking.stage_run("ingest"):
+        pytest.fail("the work began")
+    line = str(error.value)
+    assert names in line and "MLFLOW_TRACKING_URI" in line and "secret" not in line and "\n" not in line
+    assert time.monotonic() - begin < 60  # MLflow's own patience with a server is four minutes
 
 
-def test_a_run_whose_process_is_gone_is_closed_by_the_next_stage(client):
+def test_a_locked_database_and_a_deleted_experiment_are_such_stores(store, client):
     with tracking.stage_run("ingest"):
         pass
-    process = subprocess.Popen([sys.executable, "-S", "-c", "input()"], stdin=subprocess.PIPE)
-    experiment = client.get_experiment_by_name(f"{tracking.EXPERIMENT}/stages").experiment_id
-    begun = {"pid": str(process.pid), "start_ticks": start_ticks(process.pid), "host": socket.gethostname()}
-    client.create_run(experiment, run_name="pretrain", tags=begun)
-    with tracking.stage_run("cluster"):
-        assert sorted(run.info.status for run in runs_of(client)) == ["FINISHED", "RUNNING", "RUNNING"]  # both at work
-    process.kill()
-    process.communicate()
-    with tracking.stage_run("cluster"):
-        pass
-    statuses = {run.info.run_name: run.info.status for run in runs_of(client)}
-    assert statuses == {"ingest": "FINISHED", "pretrain": "KILLED", "cluster": "FINISHED"}
+    with closing(sqlite3.connect(store / "mlflow.db")) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(UserError, match=r"mlflow\.db: .*locked"), tracking.stage_run("ingest"):
+            pytest.fail("the work began")
+    client.delete_experiment(client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id)
+    with pytest.raises(UserError, match="deleted"), tracking.stage_run("ingest"):
+        pytest.fail("the work began")
+
+
+def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_workspace(store, monkeypatch):
+    workspace = store / ".dvc" / "tmp" / "exps" / "tmp1"
+    workspace.mkdir(parents=True)
+    monkeypatch.chdir(workspace)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "sqlite:///my.db?timeout=9")
+    fresh_store(store / "my.db")
+    with tracking.stage_run("ingest") as run:
+        run.artifacts(ROOT / "LICENSE")
+    from mlflow import MlflowClient
+
+    (entry,) = runs_of(MlflowClient(f"sqlite:///{store / 'my.db'}"))
+    assert entry.info.status == "FINISHED" and entry.info.artifact_uri.startswith((store / "mlruns").as_uri())
+    assert not list(workspace.iterdir())
+
+
+def test_a_store_that_fails_under_way_costs_the_row_and_one_warning(store, client, monkeypatch, capsys):
+    def log_metrics(*_):
+        raise OSError(28, "No space left on device")
+
+    with tracking.stage_run("ingest") as run:
+        monkeypatch.setattr("mlflow.log_metrics", log_metrics)
+        run.metrics({"seconds": 1})
+        run.artifacts(ROOT / "LICENSE")
+    (entry,) = runs_of(client)
+    assert run.id is None and entry.info.status == "FAILED" and client.list_artifacts(entry.info.run_id) == []
+    assert capsys.readouterr().err.count("No space left on device") == 1
+
+
+@pytest.mark.slow
+def test_processes_that_open_a_fresh_store_at_once_do_not_race(store):
+    from mlflow import MlflowClient
+
+    code = "from tactile_viewgcn import tracking\nwith tracking.stage_run('cluster') as run: run.metrics({'a': 1})"
+    started = [subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stderr=subprocess.PIPE) for _ in range(3)]
+    errors = [process.communicate()[1].decode() for process in started]
+    assert [process.returncode for process in started] == [0, 0, 0], errors
+    runs = runs_of(MlflowClient(f"sqlite:///{store / 'mlflow.db'}"))
+    assert [run.info.status for run in runs] == ["FINISHED"] * 3
+
+
+def test_reading_where_no_store_is_makes_none(store):
+    with pytest.raises(UserError, match=r"0/evaluate\.json: no MLflow store: sqlite:///"):
+        tracking.read_artifact("0" * 32, "evaluate.json")
+    assert list(store.iterdir()) == []

@@ -26,6 +26,7 @@ from tests.small_tables import recipe, table, trained
 
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
 CLASSES = ["empty_hand", "object1", "object2", "object3"]
+METADATA = {"classes": CLASSES, "views": 4, "shape": [12, 12], "dtype": "int16"}
 EXPECTED = r"expected (sets, views, rows, columns) = (any, 4, 12, 12)"
 
 
@@ -102,7 +103,7 @@ MISTAKES = {
 
 def test_the_logged_model_gives_the_recogniser_s_probabilities_in_a_column_for_each_class(checkpoint, store, client):
     with tracking.stage_run("evaluate") as run:
-        address = run.model(checkpoint, 4, (12, 12), np.dtype(np.int16), CLASSES, ("scikit-learn",))
+        address = run.model(checkpoint, METADATA, ("scikit-learn",))
         assert runs_of(client)[0].info.status == "RUNNING"  # the stage goes on
     assert runs_of(client)[0].info.status == "FINISHED"
     import mlflow
@@ -164,7 +165,7 @@ def server(checkpoint, tmp_path_factory):
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
         patch.setenv("DVC_ROOT", str(store))
         with tracking.stage_run("evaluate") as run:
-            address = run.model(checkpoint, 4, (12, 12), np.dtype(np.int16), CLASSES)
+            address = run.model(checkpoint, METADATA)
     import mlflow
 
     uri = f"sqlite:///{store / 'mlflow.db'}"

@@ -172,12 +172,12 @@ def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(place, monkeypatch):
     monkeypatch.chdir(place)
     monkeypatch.setenv("DVC_ROOT", str(place))
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    with pytest.raises(UserError, match=r"models:/glove/1: no MLflow store at sqlite:///"):
+    with pytest.raises(UserError, match=r"models:/glove/1: no MLflow store: sqlite:///"):
         load_model("models:/glove/1")
     assert not (place / "mlflow.db").exists()
     fresh_store(place / "mlflow.db")
     with tracking.stage_run("evaluate") as run:
-        address = run.model(place / "classifier.pt", 8, SHAPE, np.dtype(np.int16), list(OBJECTS))
+        address = run.model(place / "classifier.pt", {"classes": list(OBJECTS)})
     import mlflow
 
     mlflow.set_tracking_uri(f"sqlite:///{place / 'mlflow.db'}")
@@ -187,5 +187,5 @@ def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(place, monkeypatch):
     with pytest.raises(UserError, match=r"models:/glove/7: MLflow store sqlite:///"):
         load_model("models:/glove/7")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
-    with pytest.raises(UserError, match=r"MLFLOW_TRACKING_URI is disabled"):
+    with pytest.raises(UserError, match=r"no MLflow store: disabled"):
         load_model("models:/glove/1")

@@ -22,7 +22,7 @@ NEUTRAL = {
     f"tactile_viewgcn/{name}.py"
     for name in (
         *("params", "schema", "errors", "names", "notes", "files", "training/checkpoint"),
-        *("process", "provenance", "threads", "tracking", "tracking_store", "plots"),
+        *("process", "provenance", "threads", "tracking", "plots"),
     )
 }
 CASES = [(name, system) for name, stage in STAGES.items() for system in (SYSTEMS if SYSTEM in stage["deps"] else [""])]

@@ -152,7 +152,7 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
     monkeypatch.setattr(sys, "argv", ["tactile-viewgcn", "report", "--out", "new/page.html"])
     cli.main()
     assert capsys.readouterr().out.startswith("new/page.html: ") and 1e4 < Path("new/page.html").stat().st_size < 3e6
-    for name, says in (("nowhere", "nowhere: no experiment"), ("0" * 32, "MLFLOW_TRACKING_URI is disabled")):
+    for name, says in (("nowhere", "nowhere: no experiment"), ("0" * 32, "no MLflow store: disabled")):
         monkeypatch.setattr(sys, "argv", ["tactile-viewgcn", "report", name])
         with pytest.raises(SystemExit, match=r"^1$"):
             cli.main()
