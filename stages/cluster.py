@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from stages.command import Job, stage
+from stages.command import Job, run
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, read_frames
@@ -16,7 +16,6 @@ from tactile_viewgcn.views.sampling import sets_of
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 
-@stage("needs", "frames")
 def cluster(job: Job, needs: Path, frames: Path, out: Path) -> None:
     params, table = job.params, read_frames(frames)
     clustering = params.cluster if job.needed else replace(params.cluster, method="none")
@@ -42,4 +41,4 @@ def cluster(job: Job, needs: Path, frames: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    cluster()
+    run(cluster, "needs", "frames")

@@ -6,10 +6,10 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from argparse import ArgumentParser
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,14 +22,12 @@ from tactile_viewgcn.files import atomic_write, md5, readable
 from tactile_viewgcn.names import shown
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import load
-from tactile_viewgcn.process import LOST, first_to_tell, launched, peak_mb, rank, seconds_since_start
+from tactile_viewgcn.process import LOST, launched, peak_mb, rank, seconds_since_start
 from tactile_viewgcn.provenance import changes_of, committed_params, origin, run_name
 from tactile_viewgcn.schema import flatten
 
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
-
-PATH = click.Path(path_type=Path)
 
 
 @dataclass
@@ -89,120 +87,86 @@ class Job:
         return hashlib.sha256(repr((self.params, self.md5s, code)).encode()).hexdigest()
 
 
-def stage(
-    *inputs: str, outputs: tuple[str, ...] = ("out",), echoed: tuple[str, ...] = (), row: bool = False
-) -> Callable[[Callable[..., None]], click.Command]:
-    """Make the command of a DVC stage of a function that takes a `Job` and the paths named here, each an option.
+def run(work: Callable[..., None], *inputs: str, outputs: tuple[str, ...] = ("out",), row: bool = False) -> None:
+    """Run a stage as its command line says; what a user can mend ends it with exit code 1 and one line.
+
+    Of the processes that `torchrun` starts, the first one prints, logs and writes the record.
 
     Args:
-        inputs: the files and folders that it reads. One named `needs` says whether the stage is needed.
-        echoed: options that change nothing: keys of a section that dvc.yaml hands on whole, read from the parameters.
+        work: takes a `Job` and, by name, the paths of inputs and outputs.
+        inputs: files and folders that it reads, each an option, but for `source`, which is the parameters' data.source.
+            `needs` says whether the stage is needed.
+        outputs: files that it writes, each an option.
         row: its run is the pipeline's row in MLflow, and carries every parameter; it takes `after` too, the records of
             the stages that made its inputs.
     """
-    return partial(_command, inputs=inputs, outputs=outputs, echoed=echoed, row=row)
-
-
-def _command(
-    work: Callable[..., None],
-    inputs: tuple[str, ...],
-    outputs: tuple[str, ...],
-    echoed: tuple[str, ...],
-    row: bool,
-) -> click.Command:
-    options: list[click.Parameter] = [
-        *(click.Option([f"--{name}"], type=PATH, required=True) for name in (*inputs, *outputs)),
-        *(click.Option([f"--{name}"], multiple=True, expose_value=False, hidden=True) for name in echoed),
-        click.Option(["--params", "params_path"], type=PATH, default="params.yaml", show_default=True),
-        click.Option(["--set", "changes"], multiple=True, metavar="KEY=VALUE", help="Put on top of params.yaml."),
-        click.Option(["--record"], type=PATH, help="Where costs and notes are written; without it no MLflow."),
-        click.Option(["--debug"], is_flag=True, help="Show the traceback of an error."),
-    ]
+    name, errors = work.__name__, sys.stderr
+    parser = ArgumentParser(f"python -m stages.{name}", description=work.__globals__["__doc__"], allow_abbrev=False)
+    for option in (each for each in (*inputs, *outputs) if each != "source"):
+        parser.add_argument(f"--{option}", type=Path, required=True)
     if row:
-        options.append(click.Option(["--after"], type=PATH, multiple=True))
-    text = sys.modules[work.__module__].__doc__
-    return click.Command(work.__name__, params=options, help=text, callback=partial(_run, work, inputs, row))
-
-
-def _run(work: Callable[..., None], inputs: tuple[str, ...], row: bool, **options: Any) -> None:
-    """Do a stage's work; an error that the user can mend ends it with exit code 1 and one line."""
-    signal.signal(signal.SIGTERM, _end)  # `dvc queue kill`: the run is closed as KILLED
-    debug, shared = options.pop("debug"), [options.pop(name) for name in ("params_path", "changes", "record")]
-    files = {name: options[name] for name in inputs} | {path.stem: path for path in options.get("after", ())}
+        parser.add_argument("--after", type=Path, action="append", default=[])
+    parser.add_argument("--params", type=Path, default="params.yaml")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="Put on top of params.yaml.")
+    parser.add_argument("--record", type=Path, help="Where costs and notes are written; without it no MLflow.")
+    parser.add_argument("--debug", action="store_true", help="Show the traceback of an error.")
+    asked = vars(parser.parse_args())
+    record = None if rank() else asked["record"]
+    if rank():
+        sys.stdout = sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115  # as long as the process lives
+    signal.signal(signal.SIGTERM, _end)
     try:
-        with _started(work.__name__, files, row, *shared) as job:
-            work(job, **options)
+        params, entry = load(asked["params"], asked["set"]), stages()[name]
+        committed = committed_params(asked["params"])
+        values, texts = flatten(params), {"model.system": params.model.system, "views": f"V={params.views}"}
+        if not row:
+            prefixes, texts = tuple(f"{key}." for key in entry["params"]), {"": name}
+            values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
+        paths = asked | {"source": Path(params.data.source)}
+        files = {each: paths[each] for each in inputs} | {path.stem: path for path in paths.get("after", ())}
+        job = Job(name, params_of(entry, params), {each: _md5(path) for each, path in files.items()})
+        if "needs" in inputs:
+            with readable(paths["needs"]):
+                job.needed = json.loads(paths["needs"].read_text())[name]
+        title = run_name(values, committed, texts)
+        logged = tracking.stage_run(name, title, row=row) if record and job.needed else nullcontext(tracking.Run())
+        with logged as job.run:
+            job.run.parameters(values)
+            work(job, **{each: paths[each] for each in (*inputs, *outputs, *["after"] * row)})
+            if record:
+                _write_record(record, job, files, {"values": values, "changed": changes_of(values, committed)}, row)
     except Exception as error:
-        line = _what_to_mend(error)
-        if debug or line is None:
+        line = what_to_mend(error)
+        if asked["debug"] or line is None:
             raise
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends already, and is to say why
-        if not first_to_tell():
-            sys.exit(1)
-        raise click.ClickException(line) from None
-
-
-@contextmanager
-def _started(
-    name: str, inputs: dict[str, Path], row: bool, params_path: Path, changes: tuple[str, ...], record: Path | None
-) -> Iterator[Job]:
-    """The run of a stage, whose record is written at the end; of several processes the first one logs and writes."""
-    params, committed = load(params_path, changes), committed_params(params_path)
-    values, entry = flatten(params), stages()[name]
-    if row:
-        texts = {"model.system": params.model.system, "views": f"V={params.views}"}
-        title = run_name(values, committed, texts)
-    else:
-        prefixes = tuple(f"{key}." for key in entry["params"])
-        values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
-        title = run_name(values, committed, {"": name})
-    job = Job(name, params_of(entry, params), _md5s(inputs))
-    if "needs" in inputs:
-        with readable(inputs["needs"]):
-            job.needed = json.loads(inputs["needs"].read_text())[name]
-    logged = record is not None and job.needed and not rank()
-    with (
-        _silent() if rank() else nullcontext(),
-        tracking.stage_run(name, title, row=row) if logged else nullcontext(tracking.Run()) as job.run,
-    ):
-        job.run.parameters(values)
-        yield job
-        if record and not rank():
-            _write_record(record, job, inputs, {"values": values, "changed": changes_of(values, committed)}, row)
-
-
-def _md5s(inputs: dict[str, Path]) -> dict[str, str]:
-    for path in inputs.values():
-        if not path.exists():
-            raise UserError(
-                f"{path}: no such file or folder; `dvc repro` makes what a stage reads, "
-                "and data.source in params.yaml names what ingest reads"
-            )
-    return {name: md5(path) for name, path in inputs.items()}
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
-        yield
+        print(f"Error: {line}", file=errors)
+        sys.exit(1)
 
 
 def _end(*_: object) -> None:
-    """End after SIGTERM; torchrun sends it to the other processes of a training when one has ended."""
-    if launched() and first_to_tell():
-        click.echo(f"Error: {LOST}", file=sys.__stderr__)  # also of a process that is silent else
-    sys.exit(143)
+    """End after SIGTERM, as of `dvc queue kill`; torchrun sends it to all when one process has ended."""
+    sys.exit(f"Error: {LOST}" if launched() else 143)
 
 
-def _what_to_mend(error: Exception) -> str | None:
-    """The line for a user who can mend it; None where it is a fault of ours."""
+def _md5(path: Path) -> str:
+    if not path.exists():
+        raise UserError(
+            f"{path}: no such file or folder; `dvc repro` makes what a stage reads, "
+            "and data.source in params.yaml names what ingest reads"
+        )
+    return md5(path)
+
+
+def what_to_mend(error: Exception) -> str | None:
+    """The line for a user who can mend an error; None where it is a fault of ours."""
     text = shown(" ".join(str(error).split()))
-    if isinstance(error, UserError | OSError | click.ClickException):
+    if isinstance(error, UserError | OSError):
         return text
     torch = sys.modules.get("torch")  # a stage that takes no torch does not meet its errors
     memory = isinstance(error, MemoryError) or "DefaultCPUAllocator: can't allocate memory" in text
     if memory or (torch and isinstance(error, torch.OutOfMemoryError)):
-        return f"out of memory: {text or 'no more to be had'}; lower `batch` or model.backbone.width, or free some"
+        return f"out of memory; lower `batch` or model.backbone.width, or close other programs ({text})"
     return None
 
 

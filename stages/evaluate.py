@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from stages.command import Job, stage
+from stages.command import Job, run
 from tactile_viewgcn.evaluation import report
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import predictions_of, write_predictions
@@ -13,36 +13,35 @@ from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
 
 
-@stage("frames", "classifier", row=True)
 def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], out: Path) -> None:
-    params, run, table, compute = job.params, job.run, read_frames(frames), job.compute()
+    params, row, table, compute = job.params, job.run, read_frames(frames), job.compute()
     model, content = load_classifier(classifier)
     records = report.read_records(after)
     temperatures = content["calibration"] and content["calibration"].by_frames
     evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
     metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side)
     write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
-    run.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
-    run.tags(report.row_tags(metrics, records))
-    run.parameters(report.row_constants(metrics, records))
-    if run.id:
+    row.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
+    row.tags(report.row_tags(metrics, records))
+    row.parameters(report.row_constants(metrics, records))
+    if row.id:
         from tactile_viewgcn.plots import confusions
 
         protocols = {f"{name} protocol, all trials": name for name in evaluation.protocols}
         counts = {title: evaluation.confusion(name, len(table.classes)) for title, name in protocols.items()}
-        run.figure("confusion.png", confusions(counts, table.classes))
+        row.figure("confusion.png", confusions(counts, table.classes))
     frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
-    address = run.model(classifier, {"classes": table.classes, "views": model.views} | frame, model.packages)
+    address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame, model.packages)
     timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
     report.write_results(out, metrics, timing, evaluation, table.classes)
     for path in (out, *after):
-        run.artifacts(path)
-    run.metrics(report.row_metrics(metrics, timing))
+        row.artifacts(path)
+    row.metrics(report.row_metrics(metrics, timing))
     for protocol, trials in evaluation.protocols.items():
         for trial, correct in enumerate(trials.correct, start=1):
-            run.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
+            row.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
         for views, error in report.errors_by_views(metrics, protocol).items():
-            run.metrics({f"views.error.{protocol}": error["mean"]}, int(views))
+            row.metrics({f"views.error.{protocol}": error["mean"]}, int(views))
     click.echo("\n".join(report.summary_lines(metrics, timing)))
     if address:
         click.echo(f"  in a program: mlflow.pyfunc.load_model({address!r})")
@@ -50,4 +49,4 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
 
 
 if __name__ == "__main__":
-    evaluate()
+    run(evaluate, "frames", "classifier", row=True)

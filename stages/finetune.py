@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import torch
 
-from stages.command import Job, stage
+from stages.command import Job, run
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.nn.network import ViewNetwork, count_weights
@@ -19,7 +19,6 @@ from tactile_viewgcn.training.checkpoint import training_checkpoint
 from tactile_viewgcn.training.distributed import process_group
 
 
-@stage("frames", "views", "backbone")
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> None:
     params, table, clusters, compute = job.params, read_frames(frames), read_views(views), job.compute()
     alone, pretrained = on_sensors(params.model.system), {}  # one process fits it
@@ -52,4 +51,4 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
 
 
 if __name__ == "__main__":
-    finetune()
+    run(finetune, "frames", "views", "backbone")

@@ -5,12 +5,11 @@ from pathlib import Path
 import click
 import numpy as np
 
-from stages.command import Job, stage
+from stages.command import Job, run
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.tables.recordings import Recordings, read_source
 
 
-@stage("source", echoed=("shape",))
 def ingest(job: Job, source: Path, out: Path) -> None:
     layout = None if job.params.data.shape == "auto" else job.params.data.shape
     read_source(source, out, job.md5s["source"], layout=layout)
@@ -25,4 +24,4 @@ def ingest(job: Job, source: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    ingest()
+    run(ingest, "source")

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import click
 
-from stages.command import Job, stage
+from stages.command import Job, run
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.systems import on_sensors
 
 
-@stage()
 def needs(job: Job, out: Path) -> None:
     launcher, system = job.params.launcher, job.params.model.system
     program = next(word for word in launcher.split() if "=" not in word)
@@ -26,4 +25,4 @@ def needs(job: Job, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    needs()
+    run(needs)

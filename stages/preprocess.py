@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from stages.command import Job, stage
+from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.account import frame_counts, kept_rows
 from tactile_viewgcn.frames.leak import leak_counts, leak_of_split
@@ -16,7 +16,6 @@ from tactile_viewgcn.tables.frames import SIDES, write_frames
 from tactile_viewgcn.tables.recordings import Recordings
 
 
-@stage("recordings", outputs=("out", "kept"))
 def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     table, leak = Recordings(recordings), None
     made = preprocess_recordings(table, job.params.preprocess, job.params.split)
@@ -48,4 +47,4 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
 
 
 if __name__ == "__main__":
-    preprocess()
+    run(preprocess, "recordings", outputs=("out", "kept"))

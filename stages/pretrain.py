@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from stages.command import Job, stage
+from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.tables.frames import read_frames
@@ -12,7 +12,6 @@ from tactile_viewgcn.tables.frames import read_frames
 LEFT_OUT = "pretrain: left out, model.system does not need it"
 
 
-@stage("needs", "frames")
 def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> None:
     if job.needed:
         _pretrain(job, frames, out)
@@ -42,4 +41,4 @@ def _pretrain(job: Job, frames: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    pretrain()
+    run(pretrain, "needs", "frames")

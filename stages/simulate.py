@@ -4,13 +4,12 @@ from pathlib import Path
 
 import click
 
-from stages.command import Job, stage
+from stages.command import Job, run
 from tactile_viewgcn.glove.recipe import VERSION, recipe_from_params
 from tactile_viewgcn.glove.writer import simulate as write_recordings
 from tactile_viewgcn.process import usable_cores
 
 
-@stage()
 def simulate(job: Job, out: Path) -> None:
     recipe = recipe_from_params(job.params.glove)
     cost = write_recordings(recipe, out, workers=usable_cores())
@@ -36,4 +35,4 @@ def simulate(job: Job, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    simulate()
+    run(simulate)

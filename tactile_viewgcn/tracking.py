@@ -165,7 +165,7 @@ def _open(uri: str) -> tuple[Any, list[str]]:
     name = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
     names, folder = (name, f"{name}/stages"), _database(uri).parent if uri.startswith(SQLITE) else None
     with FileLock(folder / "mlflow.db.lock", timeout=60) if folder else nullcontext():  # one process makes the tables
-        client, place = mlflow.MlflowClient(), folder and (folder / "mlruns").as_uri()
+        client, place = mlflow.MlflowClient(), (folder / "mlruns").as_uri() if folder else None
         for each in names:
             if not client.get_experiment_by_name(each):
                 with suppress(Exception):  # a process of another machine may be faster

@@ -2,13 +2,13 @@
 
 import os
 import re
+import runpy
 import shutil
 import signal
 import subprocess
 import sys
 import traceback
 from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout
-from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -43,21 +43,31 @@ def copy_pipeline(place) -> None:
 
 def run_stage(name, *words, cwd):
     """A stage as its command line runs it, in this process: exit code and what it prints."""
-    command, before = getattr(import_module(f"stages.{name}"), name), signal.getsignal(signal.SIGTERM)
-    code, out, err = 0, StringIO(), StringIO()
+    return captured(lambda: runpy.run_path(str(ROOT / "stages" / f"{name}.py"), run_name="__main__"), *words, cwd=cwd)
+
+
+def captured(call, *words, cwd):
+    """A call that reads these words from the command line: exit code and what it prints."""
+    before, code, out, err = signal.getsignal(signal.SIGTERM), 0, StringIO(), StringIO()
     with ExitStack() as stack:
-        stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": "disabled"}))
+        stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": "disabled", "DVC_ROOT": str(cwd)}))
+        stack.enter_context(patch.object(sys, "argv", ["stage", *map(str, words)]))
         for manager in (chdir(cwd), redirect_stdout(out), redirect_stderr(err)):
             stack.enter_context(manager)
         stack.callback(signal.signal, signal.SIGTERM, before)
         try:
-            command([str(word) for word in words], prog_name=name)
+            call()
         except SystemExit as end:
             code = end.code
         except Exception:
             code = 1
             traceback.print_exc()
     return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())
+
+
+def changed(*changes):
+    """Changes of parameters as words of a command line."""
+    return [word for change in changes for word in ("--set", change)]
 
 
 def refused(result) -> str:
@@ -71,13 +81,13 @@ def refused(result) -> str:
 def ingest(place, tree=None, source="metadata.mat"):
     if tree is not None:
         save_matlab5(place / source, tree)
-    return run_stage("ingest", "--source", source, "--out", "recordings.h5", "--record", "ingest.json", cwd=place)
+    words = ("--out", "recordings.h5", "--record", "ingest.json")
+    return run_stage("ingest", *words, *changed(f"data.source={source}"), cwd=place)
 
 
 def preprocess(place, *changes):
-    words = [word for change in changes for word in ("--set", change)]
     outputs = ("--out", "frames.h5", "--kept", "kept.csv", "--record", "preprocess.json")
-    return run_stage("preprocess", "--recordings", "recordings.h5", *outputs, *words, cwd=place)
+    return run_stage("preprocess", "--recordings", "recordings.h5", *outputs, *changed(*changes), cwd=place)
 
 
 def left(place) -> set[str]:

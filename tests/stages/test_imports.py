@@ -10,6 +10,7 @@ import pytest
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import write_frames
 from tests.small_tables import SMALL, recipe, table, trained
+from tests.stages.running import changed
 
 ROOT = Path(__file__).parents[2]
 
@@ -17,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 def test_the_virtual_glove_takes_no_torch_which_is_not_asked_for_its_errors_where_it_was_never_loaded():
     code = (
         "import sys, stages.simulate\n"
-        "from stages.command import _what_to_mend as line\n"
+        "from stages.command import what_to_mend as line\n"
         "assert 'out of memory' in line(MemoryError()) and line(RuntimeError('x')) is None\n"
         "assert not {'torch', 'mlflow', 'sklearn', 'matplotlib'} & set(sys.modules)"
     )
@@ -25,18 +26,19 @@ def test_the_virtual_glove_takes_no_torch_which_is_not_asked_for_its_errors_wher
 
 
 UNCLUSTERED = """
-import sys
-from stages.cluster import cluster
-from stages.evaluate import evaluate
-from stages.needs import needs
+import runpy, sys
 
-given = [*sys.argv[1:], "--frames", "frames.h5"]
-needs([*sys.argv[1:], "--out", "needs.json"], standalone_mode=False)
-cluster([*given, "--needs", "needs.json", "--out", "views.h5", "--record", "cluster.json"], standalone_mode=False)
-outputs = ["--classifier", "classifier.pt", "--out", "results", "--record", "evaluate.json"]
-evaluate([*given, *outputs], standalone_mode=False)
+for stage, words in {stages}.items():
+    sys.argv = [stage, *words, *sys.argv[1:]]
+    runpy.run_module(f"stages.{{stage}}", run_name="__main__")
+    del sys.argv[1 : len(words) + 1]
 print("imported", *sys.modules)
 """
+FILES = {
+    "needs": "--out needs.json",
+    "cluster": "--frames frames.h5 --needs needs.json --out views.h5 --record cluster.json",
+    "evaluate": "--frames frames.h5 --classifier classifier.pt --out results --record evaluate.json",
+}
 
 
 @pytest.mark.slow
@@ -45,9 +47,9 @@ def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow
     write_frames(place / "frames.h5", table())
     save_classifier(place / "classifier.pt", trained(), recipe().model, table())
     changes = (*SMALL, "cluster.method=none", "evaluate.trials=1", "evaluate.confidence_threshold=0", "device=cpu")
-    words = [word for change in changes for word in ("--set", change)]
+    program = UNCLUSTERED.format(stages={stage: words.split() for stage, words in FILES.items()})
     environment = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT)}
-    run = [sys.executable, "-c", UNCLUSTERED, *words]
+    run = [sys.executable, "-c", program, *changed(*changes)]
     done = subprocess.run(run, check=False, cwd=place, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     imported = done.stdout.split("imported")[-1].split()

@@ -47,7 +47,7 @@ def test_a_run_leaves_its_record(place):
     assert record["stage"] == "ingest" and record["seconds"] > 0 and record["peak_mb"] > 10
     assert record["inputs"] == {"source": {"path": "metadata.mat", "md5": md5(place / "metadata.mat")}}
     assert record["counts"]["frames"] == 90
-    assert record["params"]["values"] == {"data.source": "data/virtual/recordings", "data.shape": "auto"}
+    assert record["params"]["values"] == {"data.source": "metadata.mat", "data.shape": "auto"}
     assert record["origin"]["python"].startswith("3.") and int(record["origin"]["cores"]) >= 1
     assert "90 frames of 32 x 32, 548 sensors, 3 objects, 9 recordings, 1 session\n" in result.stdout
 

@@ -4,63 +4,49 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import get_args
 
 import pytest
-from click.testing import CliRunner
 
-from stages.cluster import cluster
-from stages.finetune import finetune
-from stages.needs import needs
 from tactile_viewgcn.systems import System
 from tactile_viewgcn.tables.frames import write_frames
 from tactile_viewgcn.tables.views import read_views
 from tests.small_tables import ROOT, SMALL, fewer_anchors, table
+from tests.stages.running import changed, refused, run_stage
 
 LEFT_OUT = "pretrain: left out, model.system does not need it\n"
 
 
-@pytest.fixture(autouse=True)
-def _within(place, monkeypatch):
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
-    monkeypatch.setenv("DVC_ROOT", str(place))
-    monkeypatch.chdir(place)
-
-
-def needs_of(system):
+def needs_of(system, place):
     """What the stage prints, and the file that it writes."""
-    result = CliRunner().invoke(needs, ["--set", f"model.system={system}", "--out", "needs.json"])
-    assert result.exit_code == 0, result.output
-    return result.output, Path("needs.json").read_text()
+    result = run_stage("needs", *changed(f"model.system={system}"), "--out", "needs.json", cwd=place)
+    assert result.returncode == 0, result.stderr
+    return result.stdout, (place / "needs.json").read_text()
 
 
-def test_all_systems_with_a_backbone_need_the_same_and_those_without_too():
+def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
     networks = set(get_args(System)) - {"sensors"}
-    assert {needs_of(name)[1] for name in networks} == {'{"cluster": true, "pretrain": true}\n'}
-    assert needs_of("sensors")[1] == '{"cluster": false, "pretrain": false}\n'
-    assert needs_of("view_gcn")[0] == "needs: view_gcn needs clusters and a pretrained backbone\n"
-    assert needs_of("sensors")[0] == "needs: sensors needs no clusters and no pretrained backbone\n"
+    assert {needs_of(name, place)[1] for name in networks} == {'{"cluster": true, "pretrain": true}\n'}
+    assert needs_of("sensors", place)[1] == '{"cluster": false, "pretrain": false}\n'
+    assert needs_of("view_gcn", place)[0] == "needs: view_gcn needs clusters and a pretrained backbone\n"
+    assert needs_of("sensors", place)[0] == "needs: sensors needs no clusters and no pretrained backbone\n"
 
 
 IMPORTS = """
-import sys
-from stages.needs import needs
-from stages.pretrain import pretrain
+import runpy, sys
 
-needs(["--set", "model.system=sensors", "--out", "needs.json"], standalone_mode=False)
-files = ["--needs", "needs.json", "--frames", "frames.h5", "--out", "backbone.pt", "--record", "pretrain.json"]
-pretrain(files, standalone_mode=False)
+runpy.run_module("stages.pretrain", run_name="__main__")
 print("imported", *{"torch", "mlflow", "sklearn", "scipy"} & set(sys.modules))
 """
 
 
-def test_a_pretraining_left_out_loads_no_torch_and_makes_no_run_but_a_record(place, monkeypatch):
-    monkeypatch.delenv("MLFLOW_TRACKING_URI")
+def test_a_pretraining_left_out_loads_no_torch_and_makes_no_run_but_a_record(place):
     (place / "frames.h5").write_text("not opened")
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    run = [sys.executable, "-c", IMPORTS]
-    done = subprocess.run(run, check=False, env=environment, capture_output=True, text=True)
+    needs_of("sensors", place)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place)}
+    files = ("--needs", "needs.json", "--frames", "frames.h5", "--out", "backbone.pt", "--record", "pretrain.json")
+    run = [sys.executable, "-c", IMPORTS, *files]
+    done = subprocess.run(run, check=False, env=environment, cwd=place, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "pretrain: left out, model.system does not need it\n" in done.stdout
     assert done.stdout.split("imported")[1].split() == []
@@ -74,30 +60,27 @@ def test_a_pretraining_left_out_loads_no_torch_and_makes_no_run_but_a_record(pla
 def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_and_no_other(place, system, fitted):
     write_frames(place / "frames.h5", fewer_anchors(table(), 4))
     (place / "backbone.pt").write_text(LEFT_OUT)
-    changes = (*SMALL, "precision=float32", "device=cpu", f"model.system={system}")
-    words = ["--frames", "frames.h5", *(word for change in changes for word in ("--set", change))]
-    needs_of(system)
-    result = CliRunner().invoke(cluster, ["--needs", "needs.json", *words, "--out", "views.h5"])
-    assert result.exit_code == 0, result.output
-    assert ("cluster: left out" in result.output) == fitted
-    assert read_views("views.h5").clustered != fitted
+    changes = changed(*SMALL, "precision=float32", "device=cpu", f"model.system={system}")
+    words = ("--frames", "frames.h5", *changes)
+    needs_of(system, place)
+    result = run_stage("cluster", "--needs", "needs.json", *words, "--out", "views.h5", cwd=place)
+    assert result.returncode == 0, result.stderr
+    assert ("cluster: left out" in result.stdout) == fitted
+    assert read_views(place / "views.h5").clustered != fitted
     files = ("--views", "views.h5", "--backbone", "backbone.pt", "--out", "classifier.pt")
-    result = CliRunner().invoke(finetune, [*words, *files, "--record", "finetune.json"])
-    assert result.exit_code == (0 if fitted else 1), result.output
+    result = run_stage("finetune", *words, *files, "--record", "finetune.json", cwd=place)
     assert (place / "classifier.pt").exists() == fitted
-    assert ("finetune: kernel + max_kernel fitted in " if fitted else "Error: backbone.pt: damaged") in result.output
     if fitted:
+        assert "finetune: kernel + max_kernel fitted in " in result.stdout
         assert json.loads((place / "finetune.json").read_text())["counts"] == {
             "weights.head": 0,
             "resolved.model.members": "kernel + max_kernel",
         }
+    else:
+        assert "backbone.pt: damaged" in refused(result)
 
 
-def test_a_launcher_that_starts_nothing_is_refused_before_the_trainings():
-    launcher, says = (
-        "OMP_NUM_THREADS=2 torchrn -m",
-        "launcher: no program 'torchrn' here; expected python -m, or torchrun",
-    )
-    result = CliRunner().invoke(needs, ["--set", f"launcher={launcher}", "--out", "needs.json"])
-    assert result.exit_code == 1 and result.output.startswith(f"Error: {says}") and result.output.count("\n") == 1
-    assert not Path("needs.json").exists()
+def test_a_launcher_that_starts_nothing_is_refused_before_the_trainings(place):
+    launcher = changed("launcher=OMP_NUM_THREADS=2 torchrn -m")
+    line = refused(run_stage("needs", *launcher, "--out", "needs.json", cwd=place))
+    assert "launcher" in line and "'torchrn'" in line and not (place / "needs.json").exists()

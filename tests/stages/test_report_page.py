@@ -27,7 +27,7 @@ from tests.stages.running import run_stage
 ROOT = Path(__file__).parents[2]
 RECORDS = [f"runs/{stage}.json" for stage in ("ingest", "preprocess", "cluster", "pretrain", "finetune")]
 FILES = {
-    "ingest": "--source metadata.mat --out data/recordings.h5",
+    "ingest": "--out data/recordings.h5",
     "preprocess": "--recordings data/recordings.h5 --out data/frames.h5 --kept data/kept.csv",
     "cluster": "--needs data/needs.json --frames data/frames.h5 --out data/views.h5",
     "pretrain": "--needs data/needs.json --frames data/frames.h5 --out models/backbone.pt",

@@ -65,7 +65,7 @@ def place(tmp_path_factory):
     (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     (place / "needs.json").write_text('{"cluster": true, "pretrain": true}')
     save_matlab5(place / "metadata.mat", metadata(objects=4, recordings=3, frames=12))
-    run(place, "ingest", "--source", "metadata.mat", "--out", "recordings.h5")
+    run(place, "ingest", "--set", "data.source=metadata.mat", "--out", "recordings.h5")
     run(place, "preprocess", "--recordings", "recordings.h5", "--out", "frames.h5", "--kept", "kept.csv")
     run(place, "cluster", "--needs", "needs.json", "--frames", "frames.h5", "--out", "views.h5")
     return place
