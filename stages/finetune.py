@@ -1,5 +1,6 @@
 """Train Tactile-ViewGCN, or another system, on view sets, from the pretrained backbone."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import click
@@ -30,7 +31,10 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         for note in noise_warnings(table, params.finetune.noise):
             job.note(note)
     key = job.checkpoint_key()
-    with process_group(compute, alone), training_checkpoint("finetune", key, compute) as checkpoint_path:
+    with (
+        nullcontext() if alone else process_group(compute),
+        training_checkpoint("finetune", key, compute) as checkpoint_path,
+    ):
         fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
         if rank():
             return

@@ -171,12 +171,8 @@ def check_is_file(path: Path) -> None:
 
 
 @contextmanager
-def locked(path: Path, seconds: float = -1) -> Iterator[None]:
-    """Hold the lock of a file, whose text names the process that has it; one that has to wait prints this first.
-
-    Args:
-        seconds: to wait at most; below 0 for ever.
-    """
+def locked(path: Path) -> Iterator[None]:
+    """Hold the lock of a file, whose text names the process that has it; one that has to wait prints this first."""
     lock = FileLock(path)
     holder = path.read_text(errors="replace").strip() if path.exists() else ""
     try:
@@ -184,7 +180,7 @@ def locked(path: Path, seconds: float = -1) -> Iterator[None]:
     except Timeout:
         remedy = "end it if a killed run has left it behind"
         print(f"waits for {holder or 'another process'}, which has {path}; {remedy}", file=sys.stderr, flush=True)
-        lock.acquire(timeout=seconds)
+        lock.acquire()
     try:
         path.write_text(f"process {os.getpid()} on {socket.gethostname()} ({' '.join(sys.orig_argv[1:])[:200]})\n")
         yield

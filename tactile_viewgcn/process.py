@@ -4,14 +4,13 @@ import os
 import platform
 import re
 import resource
+import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 LOADED = time.time()
-LOST = (  # said by one of several processes, see `first_to_tell`
-    "another process of this training has ended or does not answer, so all end; started again, the training goes on "
-    "after its last whole epoch"
-)
+LOST = "lost a process of this training; start it again: it goes on after its last whole epoch"
 
 
 def seconds_since_start() -> float:
@@ -34,17 +33,6 @@ def rank() -> int:
     return int(os.environ["RANK"]) if launched() else 0
 
 
-def first_to_tell() -> bool:
-    """Whether no other process that `torchrun` started with this one has asked this before, to tell why it ends."""
-    if not launched():
-        return True
-    try:  # a folder of theirs, which torchrun removes
-        (Path(os.environ["TORCHELASTIC_ERROR_FILE"]).parents[1] / "told").touch(exist_ok=False)
-    except FileExistsError:
-        return False
-    return True
-
-
 def processor() -> str:
     """The processor's name, as the system tells it."""
     info = Path("/proc/cpuinfo")
@@ -59,9 +47,7 @@ def usable_cores() -> int:
 
 def peak_mb() -> float:
     """The most memory that this process, or one that it started and that has ended, has held, in MB (10^6 bytes)."""
-    status = Path("/proc/self/status")
-    if status.exists():  # Linux, whose ru_maxrss would count the process that started this one
-        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
-        children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-        return max(int(line.split()[1]), children) * 1024 / 1e6
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    own, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    with suppress(OSError):  # on Linux ru_maxrss of this process counts the one that started it
+        own = int(re.findall(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[0])
+    return max(own, children) * (1 if sys.platform == "darwin" else 1024) / 1e6

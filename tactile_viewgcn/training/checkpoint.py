@@ -3,13 +3,14 @@
 import hashlib
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+import torch.distributed as dist
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, locked, readable, root
@@ -19,7 +20,6 @@ from tactile_viewgcn.threads import FIXED, used
 from tactile_viewgcn.training import distributed
 
 FOLDER = "checkpoints"
-LOCK_SECONDS = 300  # that several processes wait for another training of the same
 
 
 @contextmanager
@@ -30,16 +30,13 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
     first one writes and removes the file; all read it.
     """
     path = checkpoint_path(stage, key, compute)
-    if rank():
-        distributed.wait_for_all()
-        yield path
-        return
     path.parent.mkdir(parents=True, exist_ok=True)
-    patience = LOCK_SECONDS if distributed.size() > 1 else -1  # the others wait for this one, and not for ever
-    with locked(path.with_suffix(".lock"), patience):
-        distributed.wait_for_all()
+    with nullcontext() if rank() else locked(path.with_suffix(".lock")):
+        if dist.is_initialized():
+            dist.barrier()  # the others wait here for the lock
         yield path
-        path.unlink(missing_ok=True)
+        if not rank():
+            path.unlink(missing_ok=True)
 
 
 def checkpoint_path(stage: str, key: str, compute: Compute) -> Path:

@@ -1,8 +1,8 @@
-"""Training by the processes that `torchrun` starts: each computes the loss of its part of every batch.
+"""Training by the processes that `torchrun` starts: each computes the loss of its rows of every batch.
 
 Every process draws noise, shifts and view sets of the whole batch and takes its rows, and draws dropout for these. On
-CUDA batch normalisation is over the whole batch. On the processor it is over the part, and running moments are those of
-the first process. Where one process trains alone, nothing is communicated.
+CUDA batch normalisation is over the whole batch. On the processor it is over the rows, and running moments are those of
+the first process. One process communicates nothing.
 """
 
 import os
@@ -22,25 +22,21 @@ TIMEOUT = timedelta(minutes=10)  # for one process to wait for another, which th
 
 
 @contextmanager
-def process_group(compute: Compute, alone: bool = False) -> Iterator[None]:
-    """Context in which the processes of `torchrun` train together, unless `alone`, each on a CUDA device of its own.
+def process_group(compute: Compute) -> Iterator[None]:
+    """Context in which the processes of `torchrun` train together, each on a CUDA device of its own.
 
     Raises:
         UserError: more processes than CUDA devices; another process is lost.
     """
-    if alone or not launched():
+    if not launched():
         yield
         return
     backend, device = "gloo", None
     if compute.device.type == "cuda":
-        number, devices = int(os.environ["LOCAL_RANK"]), torch.cuda.device_count()
-        if number >= devices:
-            raise UserError(
-                f"launcher starts more than {number} processes here, and torch sees {devices} CUDA devices; "
-                f"expected --nproc-per-node {devices}, or device: cpu"
-            )
-        torch.cuda.set_device(number)
-        backend, device = "nccl", torch.device("cuda", number)
+        backend, device = "nccl", torch.device("cuda", int(os.environ["LOCAL_RANK"]))
+        if device.index >= torch.cuda.device_count():
+            raise UserError(f"launcher: {torch.cuda.device_count()} CUDA devices; lower --nproc-per-node to that")
+        torch.cuda.set_device(device)
     try:
         dist.init_process_group(backend, timeout=TIMEOUT, device_id=device)
         yield
@@ -56,58 +52,40 @@ def size() -> int:
     return dist.get_world_size() if dist.is_initialized() else 1
 
 
-def wait_for_all() -> None:
-    """Return once every process is here."""
-    if dist.is_initialized():
-        dist.barrier()
-
-
 def rows(count: int) -> slice:
-    """This process's part of a batch of `count` examples; parts differ by one example at most.
+    """This process's rows of a batch of `count` examples; the parts differ by one example at most.
 
     Raises:
         UserError: fewer than two examples for a process, which batch normalisation needs.
     """
-    if not dist.is_initialized():
-        return slice(0, count)
-    parts, number = dist.get_world_size(), dist.get_rank()
+    parts, number = size(), dist.get_rank() if dist.is_initialized() else 0
     if parts > 1 and count < 2 * parts:
-        raise UserError(
-            f"a batch holds {count} examples and launcher starts {parts} processes; expected two examples for each: "
-            "lower --nproc-per-node, or raise batch"
-        )
+        raise UserError(f"a batch of {count} for {parts} processes; expected two each: raise batch, or start fewer")
     return slice(count * number // parts, count * (number + 1) // parts)
 
 
 def weighted(loss: Tensor, count: int) -> Tensor:
-    """The mean loss of this process's part of a batch of `count`, scaled: its mean over processes is the batch's."""
+    """The mean loss of this process's rows of a batch of `count`, scaled: its mean over processes is the batch's."""
     part = rows(count)
-    return loss * ((part.stop - part.start) * size() / count) if dist.is_initialized() else loss
+    return loss * ((part.stop - part.start) * size() / count) if size() > 1 else loss
+
+
+def total(values: Tensor) -> Tensor:
+    """Sum over the processes, without a gradient."""
+    if size() == 1:
+        return values.detach()
+    values = values.detach().clone()
+    dist.all_reduce(values)
+    return values
 
 
 def gather(values: Tensor, count: int) -> Tensor:
     """Values (count, ...) of the whole batch, without a gradient, from each process's values of its `rows`."""
-    if not dist.is_initialized():
+    if size() == 1:
         return values.detach()
     whole = values.new_zeros((count, *values.shape[1:]))
     whole[rows(count)] = values.detach()
-    dist.all_reduce(whole)
-    return whole
-
-
-def take_first(values: Tensor) -> None:
-    """Replace the values by those of the first process."""
-    if dist.is_initialized():
-        dist.broadcast(values, 0)
-
-
-def mean(value: Tensor) -> Tensor:
-    """Mean over the processes."""
-    if dist.is_initialized():
-        value = value.clone()
-        dist.all_reduce(value)
-        value /= size()
-    return value
+    return total(whole)
 
 
 def parallel(loss: nn.Module, *, some_unused: bool = False) -> nn.Module:
@@ -117,7 +95,7 @@ def parallel(loss: nn.Module, *, some_unused: bool = False) -> nn.Module:
     """
     if not dist.is_initialized():
         return loss
-    if dist.get_rank():  # the dropout of each part is another
+    if dist.get_rank():  # each process draws its own dropout
         torch.manual_seed(torch.initial_seed() + dist.get_rank())
     if next(loss.parameters()).device.type == "cuda":
         loss = nn.SyncBatchNorm.convert_sync_batchnorm(loss)

@@ -1,6 +1,7 @@
 """Features of frames that view sets share between optimiser steps."""
 
 import torch
+import torch.distributed as dist
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
@@ -41,7 +42,8 @@ class FeatureBank:
         with self._compute.autocast():
             for index in torch.randperm(len(frames)).tensor_split(num_batches(len(frames), batch)):
                 self.values[self._compute.to_device(index)] = backbone(augment_frames(frames[index]))
-        distributed.take_first(self.values)
+        if dist.is_initialized():
+            dist.broadcast(self.values, 0)
 
     def nodes(self, sets: Tensor, fresh: Tensor, features: Tensor, first: Tensor) -> Tensor:
         """Features (b, k, ...) of this process's view sets: new in the columns `fresh`, from the bank in the others.

@@ -78,7 +78,7 @@ def _run_epoch(
 
     def mean(limit: float) -> float:
         """Mean loss so far. UserError where it is not finite, or above `limit` times the first loss, or `limit`."""
-        loss = float(distributed.mean(total)) / steps
+        loss = float(distributed.total(total)) / distributed.size() / steps
         progress.first_loss = loss if progress.first_loss is None else progress.first_loss
         if not math.isfinite(loss) or loss > limit * max(1.0, progress.first_loss):
             raise diverged(f"the loss is {loss:g}")
