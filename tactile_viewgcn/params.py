@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from annotated_types import Interval, MaxLen, MinLen
-from pydantic import Strict, StringConstraints, model_validator
+from pydantic import Strict, StrictBool, StrictFloat, StrictInt, StrictStr, StringConstraints, model_validator
 from pydantic.dataclasses import dataclass
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import several
-from tactile_viewgcn.schema import SECTION, Integer, Number, Text, Truth, Unique, as_change, build, read_yaml
+from tactile_viewgcn.schema import SECTION, Unique, as_change, build, read_yaml
 from tactile_viewgcn.systems import Member, System, on_sensors
 
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
@@ -26,14 +25,14 @@ MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in whic
 MOST = 1_000_000  # of what is counted
 PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
 
-Count = Annotated[Integer, Interval(ge=1, le=MOST)]
-Side = Annotated[Integer, Interval(ge=1, le=64)]  # as readers check
-Natural = Annotated[Integer, Interval(ge=0, le=MOST)]
-Positive = Annotated[Number, Interval(ge=1 / MAX_NUMBER, le=MAX_NUMBER)]
-NotNegative = Annotated[Number, Interval(ge=0, le=MAX_NUMBER)]
-Share = Annotated[Number, Interval(ge=0, lt=1)]
-Seed = Annotated[Integer, Interval(ge=0, le=2**32 - 1)]
-Batch = Annotated[Integer, Interval(ge=2, le=MOST)]  # batch normalisation learns nothing from one
+Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
+Side = Annotated[StrictInt, Interval(ge=1, le=64)]  # as readers check
+Natural = Annotated[StrictInt, Interval(ge=0, le=MOST)]
+Positive = Annotated[StrictFloat, Interval(ge=1e-30, le=MAX_NUMBER)]
+NotNegative = Annotated[StrictFloat, Interval(ge=0, le=MAX_NUMBER)]
+Share = Annotated[StrictFloat, Interval(ge=0, lt=1)]
+Seed = Annotated[StrictInt, Interval(ge=0, le=2**32 - 1)]
+Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation learns nothing from one
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Effect = Literal[  # of the virtual glove
@@ -44,19 +43,19 @@ Effect = Literal[  # of the virtual glove
 
 @dataclass(frozen=True, config=SECTION)
 class Data:
-    source: Annotated[Text, MinLen(1), "a path"]
-    shape: Literal["auto"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2), "[rows, columns], each 1 to 64"]
+    source: Annotated[StrictStr, MinLen(1)]
+    shape: Literal["auto"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)]
 
 
 @dataclass(frozen=True, config=SECTION)
 class PreprocessSection:
     baseline: Literal["auto", "empty_hand", "grasp", "none"]  # auto: see frames/choose.py
-    zero: Annotated[Number, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+    zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)]
     filter: Literal["auto", "flags", "contact", "none"]
     contact_sensors: Literal["auto"] | Count
     transform: Literal["clip", "log"]
     scale: Literal["auto"] | Positive
-    empty_hand_class: Truth
+    empty_hand_class: StrictBool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +74,7 @@ class Preprocess:
 @dataclass(frozen=True, config=SECTION)
 class Split:
     by: Literal["source", "recording", "grasp", "session", "frame"]
-    folds: Annotated[Integer, Interval(ge=2, le=MOST)]
+    folds: Annotated[StrictInt, Interval(ge=2, le=MOST)]
     fold: Natural
     deal: Seed
     validation: Share
@@ -92,7 +91,7 @@ class Cluster:
 
 @dataclass(frozen=True, config=SECTION)
 class AugmentParams:
-    shift: Annotated[Integer, Interval(ge=0, le=8)]
+    shift: Annotated[StrictInt, Interval(ge=0, le=8)]
 
 
 @dataclass(frozen=True, config=SECTION)
@@ -118,7 +117,7 @@ class Backbone:
 class Model:
     system: System
     backbone: Backbone
-    neighbours: Count | Annotated[list[Count], Strict(), MinLen(1), MaxLen(3), "a list of one to three"]
+    neighbours: Count | Annotated[list[Count], Strict(), MinLen(1), MaxLen(3)]
     selector: Literal["per_view", "joint"]
     edge_distance: Literal["squared", "plain"]
     view_loss: Literal["sum", "mean"]
@@ -141,7 +140,7 @@ class Finetune:
     resample_views: Literal["epoch", "never"]
     feature_reuse: Count
     num_views: Literal["full", "random"]
-    backbone_dropout: Truth
+    backbone_dropout: StrictBool
     moments: Literal["running", "clean"]
 
 
@@ -150,7 +149,7 @@ class Evaluate:
     trials: Count
     side: Literal["test", "validation"]
     confidence_threshold: Share
-    grasps: Literal["all"] | Annotated[Integer, Interval(ge=1, le=3)]
+    grasps: Literal["all"] | Annotated[StrictInt, Interval(ge=1, le=3)]
     protocols: Annotated[list[Literal["object", "recording"]], Strict(), MinLen(1), Unique]
 
 
@@ -159,10 +158,10 @@ class Glove:
     """The virtual glove."""
 
     scale: Literal["small", "stag"]
-    sessions: Annotated[Integer, Interval(ge=2, le=MOST)]
+    sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)]
     grasps: Count
     grasp_frames: Count
-    objects: Literal["all"] | Annotated[list[Text | dict], Strict(), MinLen(1)]
+    objects: Literal["all"] | Annotated[list[StrictStr | dict], Strict(), MinLen(1)]
     seed: Seed
     leave_out: Annotated[list[Effect], Strict(), Unique]
 
@@ -170,11 +169,11 @@ class Glove:
 @dataclass(frozen=True, config=SECTION)
 class Params:
     seed: Seed
-    views: Annotated[Integer, Interval(ge=1, le=1000)]
+    views: Annotated[StrictInt, Interval(ge=1, le=1000)]
     viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"]
     device: Literal["auto", "cpu", "cuda"]
     precision: Literal["auto", "float32", "bfloat16"]
-    launcher: Annotated[Text, StringConstraints(pattern=r"\S\s+-m\s*$"), "a text of several words that ends in -m"]
+    launcher: Annotated[StrictStr, StringConstraints(pattern=r"\S\s+-m\s*$")]
     data: Data
     preprocess: PreprocessSection
     split: Split
@@ -196,10 +195,7 @@ class Params:
         if self.evaluate.side == "validation" and not split.validation:
             wrong.append("evaluate.side is validation, and split.validation is 0: expected a share of the groups")
         if split.by == "frame" and split.validation:
-            wrong.append(
-                f"split.by is frame, which leaks, and split.validation is {split.validation:g}: expected 0, "
-                "or another split.by"
-            )
+            wrong.append(f"split.by is frame, which leaks, and split.validation is {split.validation:g}: expected 0")
         can_calibrate = split.validation or on_sensors(model.system)  # these need no groups for it
         if threshold and not (fewer_views and can_calibrate):
             wrong.append(
@@ -218,14 +214,10 @@ class Params:
         levels = sum(self.views >> level >= 2 for level in range(3))  # of the view-graph
         near = model.neighbours if isinstance(model.neighbours, list) else [0] * levels
         if model.system == "view_gcn" and len(near) < levels:
-            wrong.append(
-                f"model.neighbours {near} has {several(len(near), 'entry', 'entries')}: expected one number, or one "
-                f"for each of the {levels} levels of {self.views} views"
-            )
+            wrong.append(f"model.neighbours is {near}: expected one number, or one for each of {levels} levels")
         if self.preprocess.baseline == "none" and self.preprocess.filter == "contact":
             wrong.append(
-                "preprocess.filter is contact, which needs the baseline's noise: "
-                "expected preprocess.filter auto, or preprocess.baseline empty_hand or grasp"
+                "preprocess.filter is contact, which needs a baseline's noise: expected preprocess.filter auto"
             )
         if wrong:
             raise ValueError("; ".join(wrong))

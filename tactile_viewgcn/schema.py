@@ -1,32 +1,22 @@
-"""Typed objects from YAML: pydantic checks, every mistake is put in words; `key=value` changes to a mapping.
+"""Typed objects from YAML, every mistake listed in pydantic's words; `key=value` changes to a mapping."""
 
-A section is a frozen dataclass of pydantic; a key has one of the types below, a Literal, a list, or a union of these.
-"""
-
-import math
 import re
-from dataclasses import is_dataclass
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
+from functools import reduce
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any
 
 import yaml
-from annotated_types import Interval
-from pydantic import AfterValidator, ConfigDict, Strict, TypeAdapter, ValidationError
+from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import check_is_file
 
 SECTION = ConfigDict(extra="forbid", allow_inf_nan=False)
-Integer = Annotated[int, Strict()]
-Number = Annotated[float, Strict()]
-Text = Annotated[str, Strict()]
-Truth = Annotated[bool, Strict()]
-WORDS = {int: "an integer", float: "a number", bool: "true or false", str: "a text", dict: "a mapping"}
-MOST_BYTES = 2**20  # of a file
-MOST_VALUES = 10_000  # in a file, each counted as often as aliases repeat it
-DEEPEST = 30  # lists and mappings within each other
 MOST_SHOWN = 200  # characters of a wrong value
+MISSING: Any = object()
 
 
 def _unique(items: list[Any]) -> list[Any]:
@@ -38,8 +28,19 @@ def _unique(items: list[Any]) -> list[Any]:
 Unique = AfterValidator(_unique)
 
 
-class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # in C where it is built
-    """YAML in which 5e-4 is a number, though it has no point, and in which a key stands once."""
+class _Loader(yaml.SafeLoader):
+    """YAML in which 5e-4 is a number, though it has no point, a key stands once, and nothing is repeated by aliases."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise ValueError("an alias; write the value out")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        keys = [key.value for key, _ in node.value]
+        if twice := [key for key in keys if keys.count(key) > 1]:
+            raise ValueError(f"key {twice[0]} stands twice")
+        return super().construct_mapping(node, deep)
 
 
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
@@ -50,46 +51,12 @@ def parse(text: str | bytes) -> Any:
     """The values of a YAML text.
 
     Raises:
-        ValueError: it is not YAML, has a key twice, nests deeper than DEEPEST, or has more than MOST_VALUES values.
+        ValueError: it is not YAML, or too deep for Python, or has a key twice, or an alias.
     """
     try:
-        depth = 0
-        for number, event in enumerate(yaml.parse(text, Loader=_Loader)):
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > DEEPEST:  # composing recurses, in C without a limit
-                raise ValueError(f"values nested more than {DEEPEST} deep")
-            if number > MOST_VALUES:
-                raise ValueError(f"more than {MOST_VALUES:,} values")
-        loader = _Loader(text)
-        node = loader.get_single_node()
-        if node is not None and _count(node, {}) > MOST_VALUES:
-            raise ValueError(f"more than {MOST_VALUES:,} values, aliases written out")
-        return None if node is None else _constructed(loader, node)
-    except yaml.YAMLError as error:
-        raise ValueError(f"not YAML: {' '.join(str(error).split())}") from None
-
-
-def _constructed(loader: _Loader, node: yaml.Node) -> Any:
-    try:
-        return loader.construct_document(node)
-    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError):  # a tag that the value is not of
-        raise ValueError("not YAML: a value does not go with its tag") from None
-
-
-def _count(node: yaml.Node, counts: dict[int, float]) -> float:
-    """Number of values under a node, aliases written out; infinite where one contains itself."""
-    if id(node) not in counts:
-        counts[id(node)] = math.inf
-        children = node.value if isinstance(node, yaml.SequenceNode) else []
-        if isinstance(node, yaml.MappingNode):
-            children = [child for pair in node.value for child in pair]
-            keys: set[str] = set()
-            for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-                if key.value in keys:
-                    raise ValueError(f"key {key.value} stands twice, again in line {key.start_mark.line + 1}")
-                keys.add(key.value)
-        counts[id(node)] = 1 + sum(_count(child, counts) for child in children)
-    return counts[id(node)]
+        return yaml.load(text, Loader=_Loader)
+    except Exception as error:  # a value that does not go with its tag raises anything
+        raise ValueError(f"no plain YAML: {' '.join(str(error).split())[:MOST_SHOWN]}") from None
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -101,8 +68,6 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """
     check_is_file(path)
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise ValueError(f"more than {MOST_BYTES:,} bytes")
         tree = parse(path.read_bytes())
     except ValueError as error:
         raise UserError(f"{path}: {error}") from None
@@ -115,84 +80,46 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
     """An object of the dataclass `kind` from a mapping with `key=value` changes on top.
 
     Raises:
-        UserError: begins with `name` and lists every mistake, each with its key, the value, what is allowed, and the
-            nearest known name of a misspelt one.
+        UserError: begins with `name` and lists every mistake, each with its key, pydantic's message and the value; of a
+            misspelt key the nearest known one.
     """
     mistakes = [mistake for change in changes if (mistake := set_value(tree, change))]
     try:
         built = TypeAdapter(kind).validate_python(tree)
     except ValidationError as error:
-        errors = error.errors(include_url=False, include_input=False)
-        once = {(_place(kind, one["loc"]), one["type"] == "missing"): one for one in reversed(errors)}.values()
-        mistakes += sorted({_in_words(kind, tree, one["type"], one["loc"], one["msg"]) for one in once})
+        mistakes += _mistakes(kind, tree, error)
     if mistakes:
         raise UserError(f"{name}: " + "; ".join(mistakes))
     return built
 
 
-def _place(kind: Any, place: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """The keys of a place down to the value: what follows, in a list or a union, is named as a whole."""
-    for number, key in enumerate(place):
-        if not is_dataclass(kind):
-            return place[:number]
-        kind = get_type_hints(kind, include_extras=True).get(str(key))
-    return place
+def _mistakes(kind: Any, tree: dict[str, Any], error: ValidationError) -> list[str]:
+    """Pydantic's messages, each of a key with its value, those of one key together."""
+    known, mistakes = list(_keys(kind)), []
+    messages: dict[tuple[str, ...], dict[str, None]] = {}
+    for one in error.errors(include_url=False, include_input=False):
+        place = tuple(map(str, one["loc"]))
+        if one["type"] == "unexpected_keyword_argument":
+            near = get_close_matches(".".join(place), known, n=1)
+            mistakes.append(f"unknown key {'.'.join(place)}" + (f"; did you mean {near[0]}?" if near else ""))
+            continue
+        while place and ".".join(place) not in known:  # within a list or a union
+            place = place[:-1]
+        messages.setdefault(place, {})[one["msg"].removeprefix("Value error, ")] = None
+    for place, texts in messages.items():
+        text = " or ".join(texts).replace(" or Input should be ", " or ")
+        value = reduce(lambda section, key: section.get(key, MISSING), place, tree) if place else MISSING
+        shown = "" if value is MISSING else f" (got {repr(value)[:MOST_SHOWN]})"
+        mistakes.append(f"{'.'.join(place)}: {text}{shown}" if place else text)
+    return mistakes
 
 
-def _in_words(kind: Any, value: Any, error: str, place: tuple[int | str, ...], message: str) -> str:
-    """A mistake of pydantic at a place in a mapping; its message where it is about several keys."""
-    hint, path = kind, []
-    for key in place:
-        if not is_dataclass(hint):
-            break  # within a list or a union: the whole value is named
-        hints = get_type_hints(hint, include_extras=True)
-        path.append(str(key))
-        if key not in hints:
-            near = get_close_matches(str(key), hints, n=1, cutoff=0.5)
-            section = "".join(f"{part}." for part in path[:-1])
-            known = f"did you mean {section}{near[0]}?" if near else f"known here: {', '.join(hints)}"
-            return f"unknown key {'.'.join(path)}; {known}"
-        hint = hints[str(key)]
-        value = value.get(key) if error != "missing" else None
-    if not path:
-        return message.removeprefix("Value error, ")
-    if error == "missing":
-        return f"missing key {'.'.join(path)}; expected {describe(hint)}"
-    allowed = get_args(hint) if get_origin(hint) is Literal else ()
-    near = get_close_matches(_shown(value).strip("'"), allowed, n=1, cutoff=0.6)
-    meant = f" (did you mean {near[0]}?)" if near else ""
-    return f"{'.'.join(path)} is {_shown(value)}; expected {describe(hint)}{meant}"
-
-
-def _shown(value: Any) -> str:
-    try:
-        shown = repr(value)
-    except ValueError:  # Python writes no integer of more than 4,300 digits
-        return "a number of thousands of digits"
-    return shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}..."
-
-
-def describe(hint: Any) -> str:
-    """What a type allows, in words; of `Annotated` a text in it."""
-    origin, args = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        words = next((item for item in args[1:] if isinstance(item, str)), describe(args[0]))
-        return " ".join([words, *(_range(item) for item in args[1:] if isinstance(item, Interval))])
-    if origin is Literal:
-        return " | ".join(args)
-    if origin is list:
-        return f"a list of {describe(args[0])}"
-    if args and hint not in WORDS:
-        return " or ".join(map(describe, args))
-    return "a section with keys" if is_dataclass(hint) else WORDS[hint]
-
-
-def _range(interval: Interval) -> str:
-    low, high = (next((end for end in ends if end is not None), None) for ends in (
-        (interval.ge, interval.gt), (interval.le, interval.lt)))  # fmt: skip
-    left = "(-inf" if low is None else f"{'[' if interval.gt is None else '('}{low:.10g}"
-    right = "inf)" if high is None else f"{high:.10g}{']' if interval.lt is None else ')'}"
-    return f"in {left}, {right}"
+def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
+    """The dotted keys of a dataclass, sections too."""
+    for field in fields(kind):
+        yield prefix + field.name
+        if is_dataclass(field.type):
+            yield from _keys(field.type, f"{prefix}{field.name}.")
 
 
 def flatten(section: Any, prefix: str = "") -> dict[str, Any]:
@@ -210,16 +137,14 @@ def set_value(tree: dict[str, Any], change: str) -> str | None:
     if not equals:
         return f"--set {change!r}: expected key=value"
     *sections, name = key.split(".")
-    if len(sections) > DEEPEST:
-        return f"--set {key[:MOST_SHOWN]}: sections nested more than {DEEPEST} deep"
     for section in sections:
         tree = tree.setdefault(section, {})
         if not isinstance(tree, dict):
             return f"--set {key}: {section} is no section"
     try:
         tree[name] = parse(text)
-    except ValueError:
-        return f"--set {key}: {_shown(text)} is not YAML"
+    except ValueError as error:
+        return f"--set {key}: {text[:MOST_SHOWN]!r} is {error}"
     return None
 
 
@@ -232,9 +157,7 @@ def as_change(key: str, value: Any) -> str:
     try:
         return f"{key}={_written(value)}"
     except TypeError:
-        raise UserError(
-            f"{key} is {_shown(value)}; expected a text, a number, true, false, or a list of these"
-        ) from None
+        raise UserError(f"{key}: {value!r} cannot be written as YAML") from None
 
 
 def _written(value: Any) -> str:

@@ -32,7 +32,7 @@ def test_check_counts_the_values_and_looks_for_the_source(tmp_path):
     assert result.returncode == 0 and f"{len(flatten(load(ROOT / 'params.yaml')))} values" in result.stdout
     (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     assert "`dvc repro` simulates it" in call("check", cwd=tmp_path).stdout
-    for words, says in (("data.source=nowhere.mat", "data.source is nowhere.mat"), ("views=0", "views is 0; expected")):
+    for words, says in (("data.source=nowhere.mat", "data.source is nowhere.mat"), ("views=0", "views: ")):
         result = call("check", "--set", words)
         assert result.returncode == 1 and len(result.stderr.splitlines()) == 1 and says in result.stderr
 
@@ -80,7 +80,7 @@ def test_inspect_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
         assert load(ROOT / "params.yaml", (f"data.shape={shape}",)).data.shape == json.loads(shape)
     for wrong in ("[4]", "[4,65]", "4", "[4,4.0]"):
         result = call("check", "--set", f"data.shape={wrong}")
-        assert "expected auto or [rows, columns], each 1 to 64" in result.stderr
+        assert "data.shape: " in result.stderr
 
 
 def test_preset_prints_its_changes_as_options_of_dvc():
