@@ -60,7 +60,7 @@ IN_FIT = {
     "no such system": ({"system": "mvccn"}, "model.system: .*'mvcnn'.*got 'mvccn'"),
     "no views": ({"views": 0}, r"views: .*\(got 0\)"),
     "no such key": ({"params": {"preprocess.scal": 2}}, "preprocess.scal"),
-    "a value YAML has not": ({"params": {"preprocess.scale": object()}}, "preprocess.scale is <object"),
+    "a value YAML has not": ({"params": {"preprocess.scale": object()}}, "preprocess.scale: <object"),
     "params as a text": ({"params": "views=4"}, "params is 'views=4'; expected a mapping"),
     "a negative seed": ({"random_state": -1}, r"seed: .*\(got -1\)"),
     "a system that needs all views": ({"preset": "best", "system": "stag"}, "which needs all views"),
