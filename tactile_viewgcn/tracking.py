@@ -26,11 +26,9 @@ from tactile_viewgcn.files import root
 from tactile_viewgcn.provenance import run_tags
 
 EXPERIMENT = "tactile-viewgcn"
-DISABLED = "disabled"
-SQLITE = "sqlite:///"
+DISABLED, SQLITE = "disabled", "sqlite:///"
 NEEDS = "torch", "numpy", "h5py", "pyyaml", "filelock"  # packages that every logged model needs
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
-MOST_LETTERS = 300  # of a reason that is printed
 SETTINGS = {  # MLflow reads them when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default it tries a dead server for minutes
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # seconds
@@ -187,7 +185,7 @@ def _database(uri: str) -> Path:
 
 def _reason(error: Exception) -> str:
     """The store and what is wrong with it, in one line and without a password."""
-    text = " ".join(f"MLflow store {_address()}: {error}".split())[:MOST_LETTERS]
+    text = " ".join(f"MLflow store {_address()}: {error}".split())[:300]  # a server may answer with a page
     return re.sub(r"//[^/\s]*@", "//", text)
 
 
