@@ -17,7 +17,7 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     params, row, table, compute = job.params, job.run, read_frames(frames), job.compute()
     model, content = load_classifier(classifier)
     records = report.read_records(after)
-    temperatures = content["calibration"] and content["calibration"].by_frames
+    temperatures = content.calibration.by_frames if content.calibration else None
     evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
     metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side)
     write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
@@ -31,7 +31,7 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
         counts = {title: evaluation.confusion(name, len(table.classes)) for title, name in protocols.items()}
         row.figure("confusion.png", confusions(counts, table.classes))
     frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
-    address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame, model.packages)
+    address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
     timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
     report.write_results(out, metrics, timing, evaluation, table.classes)
     for path in (out, *after):

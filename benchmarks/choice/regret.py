@@ -9,7 +9,6 @@ from scipy.stats import t
 from tactile_viewgcn.intervals import OUTSIDE, percent_interval
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.choice import choose_members, set_logits
-from tactile_viewgcn.recognition.left_out import recording_sets
 from tactile_viewgcn.recognition.sequential import sequences
 from tactile_viewgcn.sensors.pipelines import MEMBERS
 from tactile_viewgcn.sensors.systems import added
@@ -48,7 +47,8 @@ def measure(table: Frames, views: int, candidates: list[list[Member]], seed: int
 
 def view_sets(table: Frames, index: np.ndarray, views: int, rng: np.random.Generator) -> np.ndarray:
     """View sets (M, V) of places in `index` (n,), equally many of each recording; one where V is 1."""
-    pool = recording_sets(table, index, views)[0]
+    places = np.stack([table.label[index], table.recording[index], table.group[index]])
+    pool = np.unique(places, axis=1, return_inverse=True)[1].ravel()
     count = SETS if views > 1 else 1
     anchors = [rng.choice(np.flatnonzero(pool == number), count) for number in range(pool.max() + 1)]
     return sequences(np.concatenate(anchors), pool, views, rng)

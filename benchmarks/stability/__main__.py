@@ -73,7 +73,7 @@ def read_subject(frames: Path, classifier: Path, changes: tuple[str, ...], folde
             raise UserError(f"{path}: no such file; run `dvc repro`, which makes it")
     params, table = load("params.yaml", changes), read_frames(frames)
     trained, content = load_classifier(classifier)
-    if (content["classes"], content["shape"]) != (table.classes, list(table.live.shape)):
+    if (content.classes, content.live.shape) != (table.classes, table.live.shape):
         raise UserError(f"{classifier}: of other classes or sensors than {frames}; train it on these frames")
     keep_freed_memory()
     return Subject(trained, table, params, select_device(params.device, params.precision), folder)

@@ -32,7 +32,6 @@ class ViewNetwork(nn.Module):
     """
 
     transform: str | None = None  # of frames: the table's
-    packages: tuple[str, ...] = ()  # that it needs besides torch and NumPy
     viewpoints: Tensor
 
     def __init__(

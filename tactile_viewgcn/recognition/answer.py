@@ -10,7 +10,6 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
-from tactile_viewgcn.recognition.contact import find_contact
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
@@ -99,7 +98,7 @@ def _answers(
         recogniser.preprocessing.check_counts(counts, str(recordings.path))
     recordings.live, columns = recogniser.preprocessing.live, recordings.columns
     answers, classified = [], []
-    baseline, contact = find_contact(recordings, recogniser.preprocessing)
+    baseline, contact = recogniser.preprocessing.find_contact(recordings)
     for index in _parts(recordings, window):
         pressed = index[contact[index]]
         excess = recordings.frames(pressed) - baseline.mean[baseline.of_frame[pressed]]
@@ -144,11 +143,12 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
     (spread,) = spread_sets(count, views)
     if stop_at is not None:
         index = bisecting(np.unique(spread))
-        probabilities, used = recogniser.sequential_above(excess[index], stop_at)
+        probabilities, used = recogniser.predict_sequential(excess[index], stop_at, "subtracted")
     else:
-        probabilities, used = recogniser.recording_above(excess)
-    known = recogniser.novelty if count >= views else None
-    novelty = known.score(excess[spread]) if known else float("nan")
+        probabilities, used = recogniser.of_recording(excess, "subtracted")
+    novelty = float("nan")
+    if recogniser.novelty and count >= views:
+        novelty = recogniser.novelty.score(excess[spread])
     again = stop_at is not None and bool(probabilities.max() < stop_at)
     return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty, grasp_again=again)
 

@@ -4,8 +4,7 @@ Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599). There
 frames, and for recordings of one object that are answered together.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 import torch
@@ -13,13 +12,12 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.left_out import left_out_parts, recording_sets, sampled_anchors
-from tactile_viewgcn.recognition.sequential import Calibration, logits_by_count, sequences
+from tactile_viewgcn.recognition.cross_validation import LeftOut
+from tactile_viewgcn.recognition.sequential import Calibration, logits_by_count
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import VALIDATION, Frames
+from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.training.inputs import FrameInputs
 
 MOST_RECORDINGS = 3  # of one object that are answered together
@@ -48,86 +46,52 @@ def fit_temperature(logits: Tensor, labels: Tensor, recordings: int) -> float:
     return float(np.exp(minimize_scalar(negative_log_likelihood, bounds=bounds, method="bounded").x))
 
 
-def calibrate_network(classifier: Classifier, table: Frames, params: Params, compute: Compute) -> Calibration | None:
-    """The calibration of a trained network on the validation side; None where it takes V frames alone, or has none."""
-    if params.finetune.num_views != "random" or not (table.anchor & (table.side == VALIDATION)).any():
-        return None
-    return _calibration([_answers(classifier, table, compute, params.seed)], classifier.views)
-
-
-def cross_calibrate(
-    fit: Callable[[Frames], SensorClassifier], table: Frames, views: int, compute: Compute, seed: int
-) -> Calibration | None:
-    """The calibration of a system on the sensors, which is fitted in seconds and so needs no validation side.
-
-    The training groups are dealt into parts; each is answered by a classifier that is fitted to the others.
+def calibrate(fits: Iterable[tuple[Classifier, Frames]], compute: Compute, seed: int) -> Calibration | None:
+    """The calibration of a classifier by its answers to groups that it was not fitted to.
 
     Args:
-        fit: a classifier fitted to the training side of a table, which answers up to 32 frames.
+        fits: a classifier, and the table whose validation side it has not met: a network alone; of a system on the
+            sensors, which is fitted in seconds, one for each of `left_out_parts`, for up to 32 frames.
 
     Returns:
-        None where no class has two training groups.
+        None without any.
     """
-    answers = [_answers(fit(part), part, compute, seed) for part in left_out_parts(table)]
-    return _calibration(answers, views) if answers else None
+    answers: dict[str, list[Tensor]] = {name: [] for name in ("by_count", "labels", "few", "whole", "classes")}
+    most_frames, views = 0, 0
+    for classifier, table in fits:
+        left = LeftOut(table, classifier.views, stream(seed, "touches.calibrate"))
+        classifier.prepare(compute)
+        with compute.autocast(), torch.inference_mode():
+            values = classifier.frame_values(FrameInputs(table, left.index, compute, classifier.transform))
+        whole = left.whole if isinstance(classifier, SensorClassifier) else left.few
+        with torch.inference_mode():
+            for name, sets in (("few", left.few), ("whole", whole)):
+                answers[name].append(classifier.logits(values, torch.from_numpy(sets).to(values.device)).cpu())
+        answers["by_count"].append(logits_by_count(classifier, values, left.drawn).cpu())
+        for name, sets in (("labels", left.drawn), ("classes", left.few)):
+            answers[name].append(torch.from_numpy(left.label[sets[:, 0]]))
+        most_frames, views = max(most_frames, whole.shape[1]), classifier.views
+    if not views:
+        return None
+    by_count = torch.cat(answers.pop("by_count"), dim=1)
+    labels, few, most, classes = (torch.cat(parts) for parts in answers.values())
+    wrong_few, wrong_most = ((logits.argmax(dim=1) != classes).sum() for logits in (few, most))
+    by_frames = [fit_temperature(logits, labels, len(classes)) for logits in by_count]
+    if wrong_most < wrong_few:
+        return Calibration(by_frames, together_temperatures(most, classes), most_frames)
+    return Calibration(by_frames, together_temperatures(few, classes), views)
 
 
-def calibration_warning(classifier: Classifier, calibration: Calibration | None) -> Note | None:
+def calibration_warning(classifier: Classifier, calibration: Calibration | None) -> list[Note]:
     """A warning where a temperature is above 0.9 of the largest there is: all classes are then about as probable."""
     if not calibration or max(calibration.by_frames) <= 0.9 * MAX_TEMPERATURE:
-        return None
+        return []
     remedy = "" if isinstance(classifier, SensorClassifier) else ", or raise finetune.epochs"
-    return Note(
+    text = (
         "answers on validation groups are no better than chance, so that no confidence threshold is ever reached; "
-        f"record each object more often{remedy}",
-        level="warning",
-        topic="calibration",
+        f"record each object more often{remedy}"
     )
-
-
-@dataclass(frozen=True)
-class _Answers:
-    """Logits on left-out groups.
-
-    Attributes:
-        by_count: (V, A, classes) after 1 to V frames of sequences; labels: (A,) their classes.
-        recordings: logits (P, classes) of recordings as a whole, from V frames and from most; classes: (P,) theirs.
-    """
-
-    by_count: Tensor
-    labels: Tensor
-    recordings: list[Tensor]
-    classes: Tensor
-    most_frames: int
-
-
-def _answers(classifier: Classifier, table: Frames, compute: Compute, seed: int) -> _Answers:
-    """Answers on the validation side."""
-    index = table.on(VALIDATION)
-    classifier.prepare(compute)
-    frames = FrameInputs(table, index, compute, classifier.transform)
-    with compute.autocast(), torch.inference_mode():
-        values = classifier.frame_values(frames)
-    pool, few, most = recording_sets(table, index, classifier.views)
-    kinds = (few, most if isinstance(classifier, SensorClassifier) else few)
-    drawn = sequences(sampled_anchors(table, index), pool, classifier.views, stream(seed, "touches.calibrate"))
-    label = torch.from_numpy(table.label[index].astype(np.int64))
-    with torch.inference_mode():
-        recordings = [classifier.logits(values, torch.from_numpy(sets).to(values.device)).cpu() for sets in kinds]
-    by_count = logits_by_count(classifier, values, drawn).cpu()
-    return _Answers(by_count, label[drawn[:, 0]], recordings, label[few[:, 0]], kinds[1].shape[1])
-
-
-def _calibration(answers: list[_Answers], views: int) -> Calibration:
-    labels, classes = (torch.cat([getattr(of, name) for of in answers]) for name in ("labels", "classes"))
-    by_count = torch.cat([of.by_count for of in answers], dim=1)
-    few, most = (torch.cat([of.recordings[way] for of in answers]) for way in (0, 1))
-    wrong_few, wrong_most = ((logits.argmax(dim=1) != classes).sum() for logits in (few, most))
-    whole = wrong_most < wrong_few
-    by_recordings = together_temperatures(most if whole else few, classes)
-    most_frames = max(of.most_frames for of in answers) if whole else views
-    by_frames = [fit_temperature(logits, labels, len(classes)) for logits in by_count]
-    return Calibration(by_frames, by_recordings, most_frames)
+    return [Note(text, level="warning", topic="calibration")]
 
 
 def together_temperatures(logits: Tensor, classes: Tensor) -> list[float]:

@@ -11,12 +11,11 @@ import numpy as np
 
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.left_out import left_out_parts, recording_sets, sampled_anchors
-from tactile_viewgcn.recognition.sequential import sequences
+from tactile_viewgcn.recognition.cross_validation import LeftOut, left_out_parts
 from tactile_viewgcn.sensors.pipelines import MEMBERS
 from tactile_viewgcn.sensors.systems import SensorSystem, added
 from tactile_viewgcn.systems import Member
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.sensor_fitting import training_frames
 
 FALLBACK: list[Member] = ["trees", "max_kernel"]  # where nothing can be compared
@@ -45,23 +44,18 @@ class Candidate:
 
 def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> list[Candidate]:
     """The candidates on the training side's groups, each group answered by fits to others; empty where none can be."""
-    import sklearn.linear_model  # here, so that no import is within the seconds of a fit
-    import sklearn.pipeline  # noqa: F401
-
-    from tactile_viewgcn.sensors import forest, kernels, support_vectors  # noqa: F401
+    import sklearn.ensemble  # here, so that no import is within the seconds of a fit
+    import sklearn.linear_model
+    import sklearn.svm  # noqa: F401
 
     names = list(dict.fromkeys(name for members in candidates for name in members))
     seconds, milliseconds = dict.fromkeys(names, 0.0), dict.fromkeys(names, np.inf)
     errors: list[list[np.ndarray]] = [[] for _ in candidates]
     for number, part in enumerate(left_out_parts(table)):
-        index, rng = part.on(VALIDATION), stream(seed, "choice", number)
-        pool, _, whole = recording_sets(part, index, views)
-        anchors = sampled_anchors(part, index)
-        data, unit = training_frames(part, views, (views, whole.shape[1]), seed, quick=True)
-        readings = part.inputs(index, "counts")[:, part.live] / np.float32(unit)
-        sets = [sequences(anchors, pool, views, rng), whole]
-        label, group = part.label[index], part.group[index]
-        answers = {}
+        left = LeftOut(part, views, stream(seed, "choice", number))
+        data, unit = training_frames(part, views, (views, left.whole.shape[1]), seed, quick=True)
+        readings = part.inputs(left.index, "counts")[:, part.live] / np.float32(unit)
+        sets, answers = [left.drawn, left.whole], {}
         for name in names:
             begin = time.perf_counter()
             system = MEMBERS[name]().fit(data)
@@ -73,8 +67,8 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
             by_group = []
             for kind, drawn in enumerate(sets):
                 answer = added([answers[name][kind] for name in members]).argmax(axis=1)
-                wrong = answer != label[drawn[:, 0]]
-                by_group.append(_by_group(wrong, group[drawn[:, 0]], np.unique(group)))
+                wrong = answer != left.label[drawn[:, 0]]
+                by_group.append(_by_group(wrong, left.group[drawn[:, 0]], np.unique(left.group)))
             parts.append(np.stack(by_group))
     if not errors[0]:
         return []

@@ -1,36 +1,98 @@
 """The file of a trained classifier: what it has learnt, and all that is needed to use it on raw counts.
 
-It runs no code when it is loaded. It holds tensors and plain values, read with `weights_only=True`; pipelines of
-scikit-learn lie in it as archives of skops, whose types are compared with a list before anything is built.
+It holds tensors and plain values, read with `weights_only=True`: loading runs no code and checks every value.
 """
 
 import io
+import math
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO, Literal, Self
 
 import numpy as np
 import torch
+from annotated_types import Interval, MaxLen, MinLen
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from torch import Tensor
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.names import EMPTY_HAND
-from tactile_viewgcn.params import Backbone, Model
-from tactile_viewgcn.recognition.archive import check_packed, packed, unpacked, values
-from tactile_viewgcn.recognition.fitted_preprocessing import STRONG_SHARE, read_fitted
-from tactile_viewgcn.recognition.model_content import check_content
-from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty
+from tactile_viewgcn.params import Model, PreprocessSection
+from tactile_viewgcn.recognition.novelty import fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration
+from tactile_viewgcn.schema import Unique
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 EXPECTED = "expected what `finetune` or `TactileClassifier.save` has written, such as models/classifier.pt"
-FORMAT = 5  # of the file; one written before formats had numbers has none
-STRONG_FRAMES = 2000
+FORMAT = 6  # of the file; one written before formats had numbers has none
 ARCHIVE_START = b"PK"  # of all that torch saves, of a classifier that was cut short too
+STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
+STRONG_FRAMES = 2000
+MOST_VIEWS, MOST_SIDE = 1000, 64  # as params.yaml allows
+CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+Unit = Annotated[float, Interval(gt=0, le=1e31)]  # counts
+
+
+class NoveltyContent(BaseModel):
+    """See `Novelty`."""
+
+    model_config = CHECKED
+    maps: Tensor
+    unit: Unit
+    threshold: Unit
+
+
+class Content(BaseModel):
+    """What a file holds, see `save_classifier`, each value in its range."""
+
+    model_config = CHECKED
+    format: int
+    learnt: dict[str, Any]
+    viewpoints: Tensor
+    model: Model
+    classes: Annotated[list[str], MinLen(2), MaxLen(2**15), Unique]
+    transform: Literal["clip", "log", "counts"]
+    scale: Unit
+    baseline_mean: Tensor
+    baseline_names: Annotated[list[str], MinLen(1)]
+    precision: Literal["float32", "bfloat16"]
+    calibration: Calibration | None
+    preprocess: PreprocessSection
+    kept_share: Annotated[float, Interval(ge=0, le=1)]
+    dtype: Literal["int16", "int32", "float32", "float64"]
+    live: Tensor
+    noise: Tensor
+    strong_readings: Annotated[list[float], MinLen(2), MaxLen(2)]
+    novelty: NoveltyContent | None
+
+    @model_validator(mode="after")
+    def _goes_together(self) -> Self:
+        views, shape, live = len(self.viewpoints), self.live.shape, self.live
+        temperatures = self.calibration and [*self.calibration.by_frames, *self.calibration.by_recordings]
+        rules = {
+            "preprocess": "auto" not in vars(self.preprocess).values(),
+            "viewpoints": 1 <= views <= MOST_VIEWS and self.viewpoints.shape == (views, 3),
+            "live": len(shape) == 2 and max(shape) <= MOST_SIDE and live.dtype == torch.bool and bool(live.any()),
+            "noise": self.noise.shape == shape,
+            "baseline_mean": self.baseline_mean.shape == (len(self.baseline_names), *shape),
+            "strong_readings": self.strong_readings == sorted(self.strong_readings),
+            "calibration": self.calibration is None
+            or (
+                len(self.calibration.by_frames) == views
+                and len(self.calibration.by_recordings) <= 3
+                and 1 <= self.calibration.most_frames <= MOST_VIEWS
+                and all(1e-6 <= temperature <= 1e6 for temperature in temperatures or [])
+            ),
+            "novelty": self.novelty is None or self.novelty.maps.shape[1:] == (int(live.sum()),),
+        }
+        if wrong := [name for name, right in rules.items() if not right]:
+            raise ValueError(f"{', '.join(wrong)}: out of range, or of another shape than the rest")
+        return self
 
 
 def save_classifier(
@@ -57,7 +119,6 @@ def save_classifier(
         "classes": frames.classes,
         "transform": classifier.transform or frames.transform,
         "scale": frames.scale,
-        "shape": list(frames.counts.shape[1:]),
         "baseline_mean": torch.from_numpy(baselines),
         "baseline_names": sessions,
         "precision": precision,
@@ -66,12 +127,13 @@ def save_classifier(
         "kept_share": frames.kept_share,
         "dtype": str(frames.counts.dtype),
         "live": torch.from_numpy(frames.live),
-        "noise": torch.from_numpy(frames.noise),
+        "noise": torch.from_numpy(frames.noise).nan_to_num(nan=-1),  # not measured
         "strong_readings": strong_readings(frames),
-        "novelty": novelty and {name: torch.as_tensor(value) for name, value in vars(novelty).items()},
+        "novelty": novelty
+        and {"maps": torch.from_numpy(novelty.maps), "unit": novelty.unit, "threshold": novelty.threshold},
     }
     with atomic_write(path) as part:
-        torch.save(packed(content), part)
+        torch.save(_packed(content), part)
 
 
 def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
@@ -95,8 +157,8 @@ def strong_readings(frames: Frames) -> list[float]:
     return [float(min(strong)), float(max(strong))]
 
 
-def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, Any]]:
-    """The classifier in evaluation mode, and the other content of the file that `save_classifier` wrote.
+def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
+    """The classifier in evaluation mode, and the content of the file that `save_classifier` wrote.
 
     Raises:
         UserError: the file is something else, damaged, altered, or of an earlier version.
@@ -106,39 +168,46 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, dict[str, 
         with _stream(path) as stream:
             if stream.read(2) != ARCHIVE_START:
                 raise UserError(f"{name}: no classifier; {EXPECTED}")
-            check_packed(stream, stream.seek(0, io.SEEK_END))
+            size = stream.seek(0, io.SEEK_END)
+            with zipfile.ZipFile(stream) as archive:
+                if sum(member.file_size for member in archive.infolist()) > size:
+                    raise ValueError("its archive is compressed, or names a part many times")
             stream.seek(0)
             content = torch.load(stream, map_location="cpu", weights_only=True)
         if not isinstance(content, dict) or not {"model", "classes"} <= content.keys():
             raise UserError(f"{name}: no classifier, but other weights or values; {EXPECTED}")
         if content.get("format") != FORMAT:
             raise UserError(f"{name}: no classifier of this version; train it again (`dvc repro`, or fit and save)")
-        check_content(content)
-        model = Model(**content["model"] | {"backbone": Backbone(**content["model"]["backbone"])})
-        learnt = unpacked(content.pop("learnt"))
-        parts = content["viewpoints"], len(content["classes"]), model, tuple(content["shape"])
-        with torch.device("meta"):  # where weights take no memory
-            _check_weights(build_classifier(*parts), learnt)
-        classifier = build_classifier(*parts)
-        counts = set(values(learnt, "classes"))
-        if not counts - {len(content["classes"])} and isinstance(answered := classifier.load_state_dict(learnt), int):
-            counts.add(answered)
-        if counts - {len(content["classes"])}:
-            raise ValueError("it has learnt another number of classes than it names")
-        content["preprocessing"] = read_fitted(content)
-        content["calibration"] = content["calibration"] and Calibration(**content["calibration"])
-        novelty = content["novelty"]
-        content["novelty"] = novelty and Novelty(**{name: value.numpy() for name, value in novelty.items()})
+        _check(content, set())
+        checked = Content(**content)
+        return _built(checked), checked
     except (UserError, FileNotFoundError, PermissionError):
         raise
     except Exception as error:  # of a file from outside anything may be wrong
         reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
+        if isinstance(error, ValidationError):
+            first = error.errors(include_url=False, include_input=False)[0]
+            reason = ": ".join(filter(None, (".".join(map(str, first["loc"])), first["msg"])))
         raise UserError(
             f"{name}: damaged, altered, or no classifier of this version ({reason}); train it again"
         ) from error
-    if isinstance(classifier, torch.nn.Module):
-        classifier.eval()
-    return classifier, content
+
+
+def _built(content: Content) -> Classifier:
+    """The classifier; a ValueError where it has learnt something else than its kind does."""
+    height, width = content.live.shape
+    parts = content.viewpoints, len(content.classes), content.model, (height, width)
+    with torch.device("meta"):  # where weights take no memory
+        expected = build_classifier(*parts)
+    if isinstance(expected, torch.nn.Module):
+        shapes = {name: weights.shape for name, weights in expected.state_dict().items()}
+        if {name: weights.shape for name, weights in content.learnt.items()} != shapes:
+            raise ValueError("its weights are those of another network")
+    elif not torch.equal(content.learnt["live"], content.live):
+        raise ValueError("it has learnt other sensors")
+    classifier = build_classifier(*parts)
+    classifier.load_state_dict(content.learnt)
+    return classifier.eval() if isinstance(classifier, torch.nn.Module) else classifier
 
 
 @contextmanager
@@ -151,19 +220,30 @@ def _stream(path: str | Path | BinaryIO) -> Iterator[BinaryIO]:
         yield path
 
 
-def _check_weights(classifier: Classifier, learnt: dict[str, Any]) -> None:
-    """A ValueError where weights are not finite, or of other names or shapes than the classifier's."""
-    if not all(weights.isfinite().all() for weights in _tensors(learnt)):
-        raise ValueError("a weight is no finite number")
-    if isinstance(classifier, torch.nn.Module):
-        expected = {name: weights.shape for name, weights in classifier.state_dict().items()}
-        if {name: weights.shape for name, weights in learnt.items()} != expected:
-            raise ValueError("its weights are those of another network")
+def _packed(value: Any) -> Any:
+    """Mappings and lists with their tensors contiguous on the processor."""
+    if isinstance(value, dict):
+        return {name: _packed(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_packed(part) for part in value]
+    return value.cpu().contiguous() if isinstance(value, Tensor) else value
 
 
-def _tensors(node: Any) -> Iterator[Tensor]:
-    """The tensors in dictionaries and lists."""
-    if isinstance(node, Tensor):
-        yield node
-    for part in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
-        yield from _tensors(part)
+def _check(value: Any, seen: set[int]) -> None:
+    """A ValueError for a number that is not finite, and where few bytes of a file stand for many numbers.
+
+    Such are a tensor that shows the same memory several times, and a list that stands in several places.
+    """
+    if isinstance(value, dict | list):
+        if id(value) in seen:
+            raise ValueError("a list or mapping stands in several places")
+        seen.add(id(value))
+        for part in value.values() if isinstance(value, dict) else value:
+            _check(part, seen)
+    elif isinstance(value, Tensor):
+        if not value.is_contiguous():
+            raise ValueError("a tensor is not stored number by number")
+        if not value.isfinite().all():
+            raise ValueError("a number is not finite")
+    elif not isinstance(value, int | float | str | None) or (isinstance(value, float) and not math.isfinite(value)):
+        raise ValueError(f"{value!r:.40} is no plain value")

@@ -1,8 +1,8 @@
 """The trained recogniser: class probabilities of raw counts."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 import numpy as np
 import torch
@@ -12,18 +12,25 @@ from torch import Tensor
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import several
+from tactile_viewgcn.params import Preprocess
 from tactile_viewgcn.recognition.array_input import check_finite
-from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, spread_sets
+from tactile_viewgcn.recognition.preprocessing import FittedPreprocessing
 from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.transform import network_input
 
 MOST_FRAMES = 1024  # that are classified at once; a request may hold any number
+Baseline = np.ndarray | Literal["subtracted"] | None
 
 
 class Recogniser:
     """A trained classifier for raw counts.
+
+    Methods take raw counts and a baseline: (H, W) counts of the empty hand in the same session; None for the mean of
+    the training's sessions; or "subtracted" where the counts are above their baseline already. They raise a UserError
+    for counts or a baseline of another shape, for values that are not finite or too large, and for fractions where the
+    training's counts are integers.
 
     Args:
         path: a file of `save_classifier`, or one that is open for reading.
@@ -32,19 +39,28 @@ class Recogniser:
         classes: names; shape: (H, W) of a frame.
         calibration: None for a classifier of V views alone; temperatures: its for 1 to V frames.
         system: name of the system, or of the members of `sensors`; preprocessing: that of the training.
-        novelty: tells frames that are unlike the training's; None where it could not be fitted.
+        novelty: says which frames are unlike the training's; None where it could not be fitted.
     """
 
     def __init__(self, path: str | Path | BinaryIO):
         self.classifier, content = load_classifier(path)
-        self.classes, self.shape = content["classes"], tuple(content["shape"])
-        self.calibration, model = content["calibration"], content["model"]
-        self.system = " + ".join(model["members"]) if on_sensors(model["system"]) else model["system"]
+        model, live, noise = content.model, content.live.numpy(), content.noise.numpy()
+        self.classes, self.shape, self.calibration = content.classes, live.shape, content.calibration
+        self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
         self.temperatures = self.calibration.by_frames if self.calibration else None
-        self._transform, self._scale = content["transform"], content["scale"]
-        self._compute = select_device("cpu", content["precision"])
-        self.preprocessing: FittedPreprocessing = content["preprocessing"]
-        self.novelty: Novelty | None = content["novelty"]
+        self._transform, self._scale = content.transform, content.scale
+        self._compute = select_device("cpu", content.precision)
+        self.preprocessing = FittedPreprocessing(
+            params=Preprocess(**vars(content.preprocess)),
+            kept_share=content.kept_share,
+            dtype=np.dtype(content.dtype),
+            strong_readings=content.strong_readings,
+            live=live,
+            noise=np.where(noise < 0, np.nan, noise),
+            baselines=dict(zip(content.baseline_names, content.baseline_mean.numpy(), strict=True)),
+        )
+        novelty = content.novelty
+        self.novelty = novelty and Novelty(novelty.maps.numpy(), novelty.unit, novelty.threshold, live)
 
     def baseline(self, name: str = "") -> np.ndarray:
         """Baseline (H, W) in counts of a session of the training data; without a name, the mean of all sessions.
@@ -63,19 +79,14 @@ class Recogniser:
             )
         return self.preprocessing.baselines[name]
 
-    def probabilities(self, counts: np.ndarray, baseline: np.ndarray | None = None) -> np.ndarray:
+    @torch.inference_mode()
+    def probabilities(self, counts: np.ndarray, baseline: Baseline = None) -> np.ndarray:
         """Class probabilities float32 (B, classes), a column for each of `classes`.
 
         Args:
-            counts: raw counts (B, V, H, W) of B view sets. Frame i of a set stands at viewpoint i; the systems that
-                read frames in the order of time (cnn_lstm, conv_lstm) take the earliest first. A classifier with
-                temperatures also takes fewer frames, (B, k, H, W); its probabilities are calibrated for random
-                frames of a recording.
-            baseline: of the empty hand in the same session, (H, W) counts; the mean of the known baselines if None.
-
-        Raises:
-            UserError: counts or baseline of another shape, values that are not finite or too large, or fractions
-                where the training's counts are integers.
+            counts: (B, V, H, W) of B view sets. Frame i of a set stands at viewpoint i; the systems that read frames
+                in the order of time (cnn_lstm, conv_lstm) take the earliest first. A classifier with temperatures also
+                takes fewer frames, (B, k, H, W); its probabilities are calibrated for random frames of a recording.
         """
         max_views, any_number = self.classifier.views, self.temperatures is not None
         fits = counts.ndim == 4 and counts.shape[2:] == self.shape
@@ -84,35 +95,27 @@ class Recogniser:
                 f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
                 f"(any, {f'1 to {max_views}' if any_number else max_views}, {', '.join(map(str, self.shape))})"
             )
-        step = max(1, MOST_FRAMES // counts.shape[1])
-        parts = [counts[start : start + step] for start in range(0, max(1, len(counts)), step)]
-        return np.concatenate([self.probabilities_above(self._excess(part, baseline)) for part in parts])
+        views, parts = counts.shape[1], [np.empty((0, len(self.classes)), dtype=np.float32)]
+        step = max(1, MOST_FRAMES // views)
+        for start in range(0, len(counts), step):
+            parts.append(self._of_sets(self._values(counts[start : start + step], baseline), views))
+        return np.concatenate(parts)
 
     @torch.inference_mode()
-    def probabilities_above(self, excess: np.ndarray) -> np.ndarray:
-        """The same as `probabilities` of counts above baseline (B, V, H, W), or (B, k, H, W)."""
-        count, views = excess.shape[:2]
-        if not count:
-            return np.empty((0, len(self.classes)), dtype=np.float32)
-        return self._probabilities(self._values(excess.reshape(-1, *self.shape)), views)
-
-    @torch.inference_mode()
-    def recording_above(self, excess: np.ndarray) -> tuple[np.ndarray, int]:
+    def of_recording(self, counts: np.ndarray, baseline: Baseline = None) -> tuple[np.ndarray, int]:
         """Class probabilities (classes,) of a recording as a whole, and the number of frames that were used.
 
         Args:
-            excess: (n, H, W) counts above baseline of its frames in contact, in the order of time.
+            counts: (n, H, W) of its frames in contact, in the order of time.
         """
         views, calibration = self.classifier.views, self.calibration
-        (index,) = spread_sets(len(excess), calibration.most_frames if calibration else views)
-        if calibration:
-            index = np.unique(index)
-        logits = self.classifier.logits(self._values(excess[index]), torch.arange(len(index))[None])
-        temperature = 1.0
-        if calibration:
-            few = len(index) < views or not calibration.by_recordings
-            temperature = calibration.by_frames[min(len(index), views) - 1] if few else calibration.by_recordings[0]
-        return (logits[0] / temperature).softmax(dim=-1).numpy(), len(np.unique(index))
+        (index,) = spread_sets(len(counts), calibration.most_frames if calibration else views)
+        used = np.unique(index)
+        if not calibration:
+            return self._of_sets(self._values(counts[index], baseline), views)[0], len(used)
+        short = len(used) < views or not calibration.by_recordings
+        temperature = calibration.by_frames[min(len(used), views) - 1] if short else calibration.by_recordings[0]
+        return self._of_sets(self._values(counts[used], baseline), len(used), temperature)[0], len(used)
 
     def together(self, answers: list[np.ndarray]) -> np.ndarray:
         """Class probabilities (classes,) of one object that was recorded several times: the answers' logarithms, added.
@@ -120,34 +123,12 @@ class Recogniser:
         They are calibrated for one to three recordings, if the training had as many of an object.
 
         Args:
-            answers: of `recording_above` to each.
+            answers: of `of_recording` to each.
         """
         temperatures = (self.calibration and self.calibration.by_recordings) or [1.0]
         first, last = temperatures[0], temperatures[min(len(answers), len(temperatures)) - 1]
         logarithms = np.log(np.maximum(answers, np.finfo(np.float32).tiny)).sum(axis=0)
         return softmax(logarithms * first / last)
-
-    def _excess(self, counts: np.ndarray, baseline: np.ndarray | None) -> np.ndarray:
-        """Counts above baseline float64 (..., H, W) of raw counts; UserError where they are not fit for it."""
-        baseline = self.baseline() if baseline is None else baseline
-        if baseline.shape != self.shape:
-            raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
-        check_finite(baseline, "baseline")
-        check_finite(counts, "counts")
-        self.preprocessing.check_counts(counts, "counts")
-        return np.subtract(counts, baseline, dtype=np.float64)
-
-    def _values(self, excess: np.ndarray) -> Tensor:
-        """The classifier's values (n, ...) of counts above baseline (n, H, W)."""
-        inputs = network_input(excess, self._transform, self._scale)
-        with self._compute.autocast():
-            return self.classifier.frame_values(self._compute.frames(torch.from_numpy(inputs)))
-
-    def _probabilities(self, values: Tensor, views: int) -> np.ndarray:
-        """Class probabilities (B, classes) of view sets of k `views` each, by the values (B k, ...) of their frames."""
-        logits = self.classifier.logits(values, torch.arange(len(values)).view(-1, views))
-        temperature = self.temperatures[views - 1] if self.temperatures is not None else 1.0
-        return (logits / temperature).softmax(dim=-1).numpy()
 
     def check_sequential(self, confidence_threshold: float) -> None:
         """Raise a UserError if the classifier takes V views alone, or the threshold is no probability."""
@@ -159,8 +140,9 @@ class Recogniser:
         if not 0 <= confidence_threshold <= 1:
             raise UserError(f"confidence threshold is {confidence_threshold:g}; expected a probability, 0 to 1")
 
+    @torch.inference_mode()
     def predict_sequential(
-        self, frames: Iterable[np.ndarray], confidence_threshold: float, baseline: np.ndarray | None = None
+        self, frames: Iterable[np.ndarray], confidence_threshold: float, baseline: Baseline = None
     ) -> tuple[np.ndarray, int]:
         """Class probabilities (classes,) and the number of frames used: as few as the confidence threshold needs.
 
@@ -168,32 +150,42 @@ class Recogniser:
         threshold is not reached, another grasp helps more than further frames, see `together`.
 
         Args:
-            frames: raw counts (H, W), one after another; none is asked for once the threshold is reached, or after V.
+            frames: (H, W), one after another; none is asked for once the threshold is reached, or after V.
             confidence_threshold: of the most probable class.
-            baseline: see `probabilities`.
 
         Raises:
-            UserError: see `check_sequential`; no frames, or of another shape, or not finite.
+            UserError: also see `check_sequential`; no frames.
         """
-
-        def above() -> Iterator[np.ndarray]:
-            for frame in frames:
-                if np.shape(frame) != self.shape:
-                    raise UserError(f"a frame has shape {np.shape(frame)}; expected {self.shape}")
-                yield self._excess(np.asarray(frame), baseline)
-
-        return self.sequential_above(above(), confidence_threshold)
-
-    @torch.inference_mode()
-    def sequential_above(self, frames: Iterable[np.ndarray], confidence_threshold: float) -> tuple[np.ndarray, int]:
-        """The same as `predict_sequential` of counts above baseline (H, W)."""
         self.check_sequential(confidence_threshold)
         values: list[Tensor] = []
         for frame in frames:
-            values.append(self._values(frame[None]))
-            (probabilities,) = self._probabilities(torch.cat(values), len(values))
+            if np.shape(frame) != self.shape:
+                raise UserError(f"a frame has shape {np.shape(frame)}; expected {self.shape}")
+            values.append(self._values(np.asarray(frame)[None], baseline))
+            (probabilities,) = self._of_sets(torch.cat(values), len(values))
             if probabilities.max() >= confidence_threshold or len(values) == self.classifier.views:
                 return probabilities, len(values)
         if not values:
             raise UserError("frames holds none; expected one frame or more")
         return probabilities, len(values)
+
+    def _values(self, counts: np.ndarray, baseline: Baseline) -> Tensor:
+        """The classifier's values (n, ...) of n frames of counts (..., H, W): the one place where raw counts enter."""
+        check_finite(counts, "counts")
+        if not isinstance(baseline, str):
+            baseline = self.baseline() if baseline is None else baseline
+            if baseline.shape != self.shape:
+                raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
+            check_finite(baseline, "baseline")
+            self.preprocessing.check_counts(counts, "counts")
+            counts = np.subtract(counts, baseline, dtype=np.float64)
+        inputs = network_input(counts.reshape(-1, *self.shape), self._transform, self._scale)
+        with self._compute.autocast():
+            return self.classifier.frame_values(self._compute.frames(torch.from_numpy(inputs)))
+
+    def _of_sets(self, values: Tensor, views: int, temperature: float | None = None) -> np.ndarray:
+        """Class probabilities (B, classes) of view sets of k `views` each, by the values (B k, ...) of their frames."""
+        logits = self.classifier.logits(values, torch.arange(len(values)).view(-1, views))
+        if temperature is None:
+            temperature = self.temperatures[views - 1] if self.temperatures else 1.0
+        return (logits / temperature).softmax(dim=-1).numpy()

@@ -1,5 +1,6 @@
-"""A system on the sensors as a classifier of view sets: it reads frames of counts above baseline."""
+"""One system on the sensors, or several together, as a classifier of view sets: it reads counts above baseline."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import Batched
-from tactile_viewgcn.sensors.systems import SensorSystem, TrainingFrames
+from tactile_viewgcn.sensors.systems import SensorSystem, TrainingFrames, added
 
 BATCH = 128  # frames
 MAX_SET_VALUES = 1 << 20  # numbers in the values of a batch of view sets
@@ -18,13 +19,15 @@ class SensorClassifier:
     """The classifier; what a frame or a view set is, see `ViewNetwork`, whose counterpart it is.
 
     Args:
-        viewpoints: (V, 3), of which only the number counts.
+        members: systems whose logarithms of probabilities are added.
+        viewpoints: (V, 3); only V is used.
+        classes: their number.
     """
 
     transform = "counts"
 
-    def __init__(self, system: SensorSystem, viewpoints: Tensor):
-        self.system, self.viewpoints = system, viewpoints.float()
+    def __init__(self, members: Sequence[SensorSystem], viewpoints: Tensor, classes: int):
+        self.members, self.viewpoints, self.classes = members, viewpoints.float(), classes
         self.live, self.unit = np.zeros((0, 0), dtype=bool), 1.0
 
     @property
@@ -35,49 +38,52 @@ class SensorClassifier:
     @property
     def takes_fewer(self) -> bool:
         """Whether it also answers fewer views than V."""
-        return self.system.takes_fewer
-
-    @property
-    def packages(self) -> tuple[str, ...]:
-        """What it needs besides torch and NumPy."""
-        return self.system.packages
+        return all(member.takes_fewer for member in self.members)
 
     def fit(self, data: TrainingFrames, unit: float) -> None:
-        """Fit the system to frames in a unit of counts."""
+        """Fit the members to frames in a unit of counts."""
         self.live, self.unit = data.live, unit
-        self.system.fit(data)
+        for member in self.members:
+            member.fit(data)
+        self._measure()
+
+    def _measure(self) -> None:
+        """Where the values of each member but the first begin in those of a frame."""
+        nothing = np.zeros((1, int(self.live.sum())), dtype=np.float32)
+        self._starts = np.cumsum([member.frame_values(nothing).shape[1] for member in self.members])[:-1]
 
     def prepare(self, compute: Compute) -> None:
         """Nothing: it computes on the processor, in single precision."""
 
     @torch.no_grad()
     def frame_values(self, frames: Batched) -> Tensor:
-        """The system's values (n, F) of frames (n, 1, H, W) of counts above baseline."""
+        """The members' values (n, F) of frames (n, 1, H, W) of counts above baseline."""
         parts = []
         for part in frames.split(BATCH):
             sensors = part[:, 0].float().cpu().numpy()[:, self.live] / np.float32(self.unit)
-            parts.append(torch.from_numpy(self.system.frame_values(sensors)))
-        return torch.cat(parts)
+            parts.append(np.concatenate([member.frame_values(sensors) for member in self.members], axis=1))
+        return torch.from_numpy(np.concatenate(parts))
 
     def logits(self, values: Tensor, sets: Tensor) -> Tensor:
         """Logits (A, classes) of view sets (A, k) of indices into values (n, F), in batches that fit memory."""
-        batch = max(1, MAX_SET_VALUES // (sets.shape[1] * values.shape[1]))
-        parts = [self.system.logits(values[part].numpy()) for part in sets.split(batch)]
+        batch, parts = max(1, MAX_SET_VALUES // (sets.shape[1] * values.shape[1])), []
+        for part in sets.split(batch):
+            of_members = zip(self.members, np.split(values[part].numpy(), self._starts, axis=-1), strict=True)
+            parts.append(added([member.logits(each) for member, each in of_members]))
         return torch.from_numpy(np.concatenate(parts))
 
     def state_dict(self) -> dict[str, Any]:
-        """What it has learnt: plain values, tensors and estimators of scikit-learn."""
-        return {"live": torch.from_numpy(self.live), "unit": self.unit, "fitted": self.system.fitted}
+        """All that it has learnt: tensors and plain values."""
+        members = [member.state_dict() for member in self.members]
+        return {"live": torch.from_numpy(self.live), "unit": self.unit, "members": members}
 
-    def load_state_dict(self, state: dict[str, Any]) -> int:
-        """Take the state over, and answer one frame with it: the number of classes.
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over what `state_dict` gave.
 
         Raises:
-            ValueError: the answer is none.
+            ValueError: parts that do not go together.
         """
-        self.live, self.unit, self.system.fitted = state["live"].numpy(), state["unit"], state["fitted"]
-        frame = torch.zeros(1, 1, *self.live.shape)
-        logits = self.logits(self.frame_values(frame), torch.zeros(1, 1, dtype=torch.int64))
-        if not logits.isfinite().all():
-            raise ValueError("its answer to an empty frame is not finite")
-        return logits.shape[1]
+        self.live, self.unit = state["live"].numpy(), state["unit"]
+        for member, of_member in zip(self.members, state["members"], strict=True):
+            member.load_state_dict(of_member, int(self.live.sum()), self.classes)
+        self._measure()

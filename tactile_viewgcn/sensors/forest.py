@@ -1,90 +1,94 @@
-"""Extremely randomised trees whose state is plain arrays, checked before a tree follows an index in them.
+"""Extremely randomised trees (Geurts et al. 2006), grown by scikit-learn and followed in plain arrays.
 
-scikit-learn's own state of 500 trees is 2,500 arrays, which skops reads in seconds, and its trees follow whatever a
-file says: a child that is its own parent never ends, one outside the tree reads foreign memory.
+scikit-learn's own trees follow whatever a file says: a child that is its own parent never ends, one outside the tree
+reads foreign memory. For a few points it also takes most of its time to call 500 trees one by one.
 """
 
-from typing import Any
+from typing import Annotated, Any, Self
 
 import numpy as np
-from sklearn.ensemble import ExtraTreesClassifier
-from sklearn.tree import ExtraTreeClassifier
-from sklearn.tree._tree import NODE_DTYPE, Tree
 
-LEAF = -1  # in place of a child
-ARRAYS = ("left_child", "right_child", "feature", "threshold")
+from tactile_viewgcn.sensors.estimators import Estimator, TrainingFrames
+
+TREES, FEWEST_TREES = 500, 100
+MOST_LEAF_VALUES = 60_000_000  # probabilities of classes in leaves: 0.25 GB
+MOST_PATHS = 1 << 16  # points times trees at once
 
 
-class Forest(ExtraTreesClassifier):
-    """ExtraTreesClassifier; what is kept of it is what `predict_proba` needs."""
+class Forest(Estimator):
+    """Fully grown trees: 500, or as few as 100 where their leaves would hold more than 60 million numbers.
 
-    def fit(self, X: np.ndarray, y: np.ndarray, sample_weight: np.ndarray | None = None) -> "Forest":
-        """Grow the trees on all cores; later one core answers, which takes less time for a few points."""
-        self.set_params(n_jobs=-1)
-        super().fit(X, y, sample_weight)
-        self.set_params(n_jobs=None)
+    The nodes of all trees stand in one row, a parent before its children. A leaf is its own child.
+
+    Attributes:
+        roots: (T,) node at which each tree begins.
+        left, right: (N,) child where the feature is at most the threshold, and where it is above.
+        shares: (L, K) of the training points' classes in each leaf, in the order of nodes.
+    """
+
+    roots: Annotated[np.ndarray, np.int64, "T"]
+    left: Annotated[np.ndarray, np.int64, "N"]
+    right: Annotated[np.ndarray, np.int64, "N"]
+    feature: Annotated[np.ndarray, np.int64, "N"]
+    threshold: Annotated[np.ndarray, np.float64, "N"]
+    shares: Annotated[np.ndarray, np.float32, "LK"]
+
+    def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
+        from sklearn.ensemble import ExtraTreesClassifier
+
+        fitting = MOST_LEAF_VALUES // (len(data.frames) * data.classes)
+        count = FEWEST_TREES if data.quick else int(np.clip(fitting, FEWEST_TREES, TREES))
+        grown = ExtraTreesClassifier(count, random_state=data.seed, n_jobs=-1).fit(points, labels)
+        trees = [each.tree_ for each in grown.estimators_]
+        sizes = np.array([tree.node_count for tree in trees])
+        roots, node = np.cumsum(sizes) - sizes, np.arange(sizes.sum())
+        start = np.repeat(roots, sizes)
+        left, right = (
+            np.concatenate([getattr(tree, f"children_{side}") for tree in trees]) for side in ("left", "right")
+        )
+        inner = left >= 0
+        return self.take(
+            classes=grown.classes_,
+            roots=roots,
+            left=np.where(inner, left + start, node),
+            right=np.where(inner, right + start, node),
+            feature=np.where(inner, np.concatenate([tree.feature for tree in trees]), 0),
+            threshold=np.where(inner, np.concatenate([tree.threshold for tree in trees]), 0),
+            shares=np.concatenate([tree.value[:, 0] for tree in trees])[~inner],
+        )
+
+    def take(self, **arrays: Any) -> Self:
+        super().take(**arrays)
+        self._leaf = np.cumsum(self.left == np.arange(len(self.left))) - 1  # row of shares
         return self
 
-    def __getstate__(self) -> dict[str, Any]:
-        if not hasattr(self, "estimators_"):
-            return super().__getstate__()
-        trees = [tree.tree_ for tree in self.estimators_]
-        nodes = np.concatenate([tree.__getstate__()["nodes"] for tree in trees])
-        state = {name: np.ascontiguousarray(nodes[name]) for name in ARRAYS}
-        leaf = state["left_child"] == LEAF
-        return state | {
-            "classes": self.classes_,
-            "features": self.n_features_in_,
-            "node_counts": np.array([tree.node_count for tree in trees]),
-            "leaf_values": np.concatenate([tree.value[:, 0] for tree in trees])[leaf],
-        }
+    def check(self, features: int) -> None:
+        node = np.arange(len(self.left))
+        for child in (self.left, self.right):
+            if not ((node <= child) & (child < len(node))).all():
+                raise ValueError("a tree's node has a child that is not below it")
+        if not ((self.roots >= 0) & (self.roots < len(node))).all():
+            raise ValueError("a tree begins outside its nodes")
+        if not ((self.feature >= 0) & (self.feature < features)).all():
+            raise ValueError("a tree's node asks for a feature that there is not")
+        leaf = self.left == node
+        if len(self.shares) != leaf.sum() or (leaf != (self.right == node)).any():
+            raise ValueError("a tree's leaves have other shares than their nodes")
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        if "node_counts" not in state:
-            super().__setstate__(state)
-            return
-        super().__init__(len(state["node_counts"]))
-        self.classes_, self.n_features_in_ = state["classes"], state["features"]
-        self.n_classes_, self.n_outputs_ = len(self.classes_), 1
-        check_trees(state)
-        ends = np.cumsum(state["node_counts"])
-        leaves = np.cumsum(state["left_child"] == LEAF)
-        self.estimators_ = []
-        for end, count in zip(ends, state["node_counts"], strict=True):
-            nodes, values = np.zeros(count, NODE_DTYPE), np.zeros((count, 1, self.n_classes_))
-            for name in ARRAYS:
-                nodes[name] = state[name][end - count : end]
-            leaf = nodes["left_child"] == LEAF
-            values[leaf, 0] = state["leaf_values"][leaves[end - 1] - leaf.sum() : leaves[end - 1]]
-            tree = ExtraTreeClassifier()
-            tree.n_features_in_, tree.n_outputs_ = self.n_features_in_, 1
-            tree.classes_, tree.n_classes_ = self.classes_, self.n_classes_
-            tree.tree_ = Tree(self.n_features_in_, np.array([self.n_classes_]), 1)
-            tree.tree_.__setstate__({"max_depth": 0, "node_count": count, "nodes": nodes, "values": values})
-            self.estimators_.append(tree)
+    def predict_proba(self, points: np.ndarray) -> np.ndarray:
+        points, total = np.ascontiguousarray(points, dtype=np.float32), np.zeros((len(points), len(self.classes)))
+        for roots in np.array_split(self.roots, max(1, -(-len(self.roots) * len(points) // MOST_PATHS))):
+            total += self.shares[self._leaf[self._ends(points, roots)]].sum(axis=0, dtype=np.float64)
+        return total / len(self.roots)
 
-
-def check_trees(state: dict[str, Any]) -> None:
-    """Raise a ValueError unless every path in the trees ends in a leaf, and every index lies inside its array.
-
-    Args:
-        state: `node_counts` (T,); of all trees' n nodes `left_child`, `right_child`, `feature`, `threshold` (n,);
-            `leaf_values` (leaves, classes); `features`; `classes`.
-    """
-    counts, left, right = (np.asarray(state[name]) for name in ("node_counts", "left_child", "right_child"))
-    arrays = [np.asarray(state[name]) for name in ARRAYS]
-    if counts.ndim != 1 or any(array.dtype.kind != "i" for array in (counts, *arrays[:3])) or not (counts > 0).all():
-        raise ValueError("a tree's nodes are no whole numbers")
-    if any(array.shape != (counts.sum(),) for array in arrays) or arrays[3].dtype != np.float64:
-        raise ValueError("a tree's arrays have other sizes than its nodes")
-    inner = left != LEAF
-    if state["leaf_values"].shape != ((~inner).sum(), len(state["classes"])):
-        raise ValueError("a tree's leaves have other values than its classes")
-    node = np.concatenate([np.arange(count) for count in counts])
-    size = np.repeat(counts, counts)
-    for child in (left, right):
-        if not ((node < child) & (child < size))[inner].all():
-            raise ValueError("a tree's node has a child that is not below it")
-    feature = arrays[2][inner]
-    if not isinstance(state["features"], int) or not ((feature >= 0) & (feature < state["features"])).all():
-        raise ValueError("a tree's node asks for a feature that there is not")
+    def _ends(self, points: np.ndarray, roots: np.ndarray) -> np.ndarray:
+        """The leaves (t, n) in which points (n, F) end that begin at the roots (t,) of trees; all walk down at once."""
+        ends = np.repeat(roots, len(points))
+        path, node = np.arange(len(ends)), ends
+        first = path % len(points) * points.shape[1]  # of the point's features
+        while len(path):
+            above = points.ravel()[first + self.feature[node]] > self.threshold[node]
+            child = np.where(above, self.right[node], self.left[node])
+            ends[path], moved = child, child != node
+            path, node, first = path[moved], child[moved], first[moved]
+        return ends.reshape(len(roots), -1)

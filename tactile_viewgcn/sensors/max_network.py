@@ -23,7 +23,6 @@ class MaxNetwork:
     AdamW, the learning rate in one cycle (Smith and Topin 2019). One network answers every number of frames.
     """
 
-    packages: tuple[str, ...] = ()
     takes_fewer = False  # each view set would pass the network once more
 
     def fit(self, data: TrainingFrames) -> SensorSystem:
@@ -47,17 +46,17 @@ class MaxNetwork:
         network.eval()
         return self
 
-    @property
-    def fitted(self) -> Any:
+    def state_dict(self) -> dict[str, Any]:
         """The network's weights, the live sensors (H, W), and the root mean square of the training values."""
         return {"weights": self._network.state_dict(), "live": self._live, "scale": self._scale}
 
-    @fitted.setter
-    def fitted(self, fitted: Any) -> None:
-        self._live, self._scale = fitted["live"], fitted["scale"]
+    def load_state_dict(self, state: dict[str, Any], sensors: int, classes: int) -> None:
+        self._live, self._scale = state["live"], state["scale"]
+        if self._live.dtype != torch.bool or self._live.ndim != 2 or self._live.sum() != sensors:
+            raise ValueError("a network on the maximum has other live sensors than the classifier")
         with torch.random.fork_rng(devices=[]):  # building a network draws weights
-            self._network = build_network(len(fitted["weights"]["2.bias"])).eval()
-        self._network.load_state_dict(fitted["weights"])
+            self._network = build_network(classes).eval()
+        self._network.load_state_dict(state["weights"])
 
     def frame_values(self, sensors: np.ndarray) -> np.ndarray:
         return above_dead_zone(sensors)

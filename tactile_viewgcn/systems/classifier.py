@@ -18,5 +18,5 @@ Classifier = ViewNetwork | SensorClassifier
 def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE) -> Classifier:
     """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator."""
     if on_sensors(model.system):
-        return load_system(model.system).build(viewpoints, model.members)
+        return load_system(model.system).build(viewpoints, classes, model.members)
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)

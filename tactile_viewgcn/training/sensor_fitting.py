@@ -1,4 +1,4 @@
-"""Fitting of the systems on the sensors to the training anchors."""
+"""Fitting of the systems on the sensors to the training anchors, or to an even sample of many."""
 
 import time
 
@@ -6,16 +6,17 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.params import Model
+from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.systems import TrainingFrames
 from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
 from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.checkpoint import Progress
-from tactile_viewgcn.training.thinning import thinned
 from tactile_viewgcn.views.sampling import powers_of_two
 
 MOST_FRAMES, QUICK_FRAMES = 20_000, 2500  # that a system is fitted to
+THINNING_SEED = 0  # so that the same recordings are taken for every value of `seed`
 
 
 def fit_sensors(
@@ -40,7 +41,8 @@ def fit_sensors(
     sizes = (views,) if num_views == "full" else powers_of_two(views)
     while sizes[-1] < (most_frames or views):
         sizes += (min(2 * sizes[-1], most_frames or views),)
-    classifier = load_system(model.system).build(torch.from_numpy(viewpoints), model.members)
+    build = load_system(model.system).build
+    classifier = build(torch.from_numpy(viewpoints), len(table.classes), model.members)
     classifier.fit(*training_frames(table, views, sizes, seed, quick=quick))
     return classifier, Progress(seconds=time.perf_counter() - begin)
 
@@ -65,3 +67,25 @@ def training_frames(
     if len(np.unique(pools)) == len(pools):
         sizes = (1,)  # frames that stand alone: more of one pool are the same frame again
     return TrainingFrames(frames, label, len(table.classes), pools, views, sizes, table.live, seed, quick), unit
+
+
+def thinned(table: Frames, index: np.ndarray, *, most: int, each: int) -> np.ndarray:
+    """At most `most` of the frames in `index` (n,), rising: of every recording equally many, evenly taken.
+
+    A recording counts once for each class and split group. Where fewer than `each` frames of every recording would be
+    left, `each` are taken of some recordings, drawn at random, of every class as many as can be.
+    """
+    if len(index) <= most:
+        return index
+    places = np.stack([table.label[index], table.recording[index], table.group[index]])
+    cells, recording, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)
+    recording = recording.ravel()
+    share = max(each, most // len(sizes))
+    order = by_turns(cells[0], stream(THINNING_SEED, "thinned"))
+    taken = np.zeros(len(sizes), dtype=bool)
+    taken[order] = np.minimum(sizes, share)[order].cumsum() <= most
+    rank, by_recording = np.empty(len(index), dtype=np.int64), np.argsort(recording, kind="stable")
+    rank[by_recording] = np.arange(len(index)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    size = sizes[recording]
+    even = rank * share // size > (rank - 1) * share // size
+    return index[even & taken[recording]]

@@ -10,16 +10,17 @@ from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.recognition.calibration import (
     MAX_TEMPERATURE,
     MIN_TEMPERATURE,
-    calibrate_network,
+    calibrate,
     calibration_warning,
-    cross_calibrate,
     fit_temperature,
     together_temperatures,
 )
+from tactile_viewgcn.recognition.cross_validation import left_out_parts
+from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.sequential import Calibration, sequential_trials
 from tactile_viewgcn.training.sensor_fitting import fit_sensors
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import CPU, recipe, table, trained
+from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
 
 
 @pytest.mark.parametrize("true", [0.3, 1.0, 4.0])
@@ -51,15 +52,15 @@ def test_labels_at_random_get_a_high_temperature_and_a_warning_with_a_remedy():
     temperature = fit_temperature(logits, labels, 4000)
     assert temperature > 0.9 * MAX_TEMPERATURE
     unsure, sure = (Calibration([1.0, last], [], 8) for last in (temperature, 0.8 * MAX_TEMPERATURE))
-    network, sensors = calibration_warning(trained(), unsure), fit_parts([])(table())
+    (network,), sensors = calibration_warning(trained(), unsure), fit(table())
     assert network.level == "warning" and "raise finetune.epochs" in network.text
-    assert "finetune.epochs" not in calibration_warning(sensors, unsure).text  # these have none
-    assert calibration_warning(trained(), sure) is calibration_warning(sensors, None) is None
+    assert "finetune.epochs" not in calibration_warning(sensors, unsure)[0].text  # these have none
+    assert calibration_warning(trained(), sure) == calibration_warning(sensors, None) == []
 
 
 def test_a_network_s_probabilities_are_as_often_right_as_they_say():
-    frames, params = table("split.validation=0.25"), recipe("finetune.num_views=random")
-    temperatures = calibrate_network(trained(), frames, params, CPU).by_frames
+    frames = table("split.validation=0.25")
+    temperatures = calibrate([(trained(), frames)], CPU, 0).by_frames
     assert len(temperatures) == 4
     index = frames.on(VALIDATION)
     with torch.inference_mode():
@@ -74,31 +75,28 @@ def test_a_network_s_probabilities_are_as_often_right_as_they_say():
     np.testing.assert_allclose(trials.confidence.mean(axis=(0, 2)), laplace, atol=0.12)
 
 
-def test_a_network_is_not_calibrated_without_a_validation_side_or_where_it_takes_all_views():
-    frames, random = table("split.validation=0.25"), recipe("finetune.num_views=random")
-    assert calibrate_network(trained(), table(), random, CPU) is None
-    assert calibrate_network(trained(), frames, recipe("finetune.num_views=full"), CPU) is None
+@pytest.mark.parametrize("validation, num_views", [("0", "random"), ("0.25", "full")])
+def test_a_network_is_not_calibrated_without_a_validation_side_or_where_it_takes_all_views(validation, num_views):
+    frames = fewer_anchors(table(f"split.validation={validation}"), 6)
+    params = recipe(f"finetune.num_views={num_views}")
+    assert fit_classifier(frames, views_of(frames, params), pretrained(), params, CPU).calibration is None
 
 
-def fit_parts(parts: list, system: str = "lda"):
-    """A function that fits a system to a table and remembers the table."""
+def fit(part, system: str = "lda"):
     params = recipe("model.system=sensors", f"model.members=[{system}]")
+    return fit_sensors(part, viewpoints(4), params.model, "random", params.seed)[0]
 
-    def fit(part):
-        parts.append(part)
-        return fit_sensors(part, viewpoints(4), params.model, "random", params.seed)[0]
 
-    return fit
+def cross_calibrate(frames, system: str = "lda"):
+    return calibrate(((fit(part, system), part) for part in left_out_parts(frames)), CPU, 0)
 
 
 @pytest.mark.parametrize("validation", ["0", "0.25"])
 def test_each_training_group_is_left_out_once_and_no_other_frame_is_used(validation):
     """Neither the test side nor a validation side that the table has is trained on or calibrated with."""
-    parts, frames = [], table("split.folds=6", f"split.validation={validation}")
+    frames = table("split.folds=6", f"split.validation={validation}")
     assert (frames.side == VALIDATION).any() == (validation != "0")
-    temperatures = cross_calibrate(fit_parts(parts), frames, 4, CPU, 0).by_frames
-    assert len(temperatures) == 4
-    assert all(MIN_TEMPERATURE < temperature < MAX_TEMPERATURE for temperature in temperatures)
+    parts = list(left_out_parts(frames))
     left_out = np.stack([part.side == VALIDATION for part in parts])
     assert (left_out.sum(axis=0) == (frames.side == TRAIN)).all()
     for part in parts:
@@ -107,16 +105,16 @@ def test_each_training_group_is_left_out_once_and_no_other_frame_is_used(validat
 
 
 def test_a_class_with_one_group_stays_and_without_two_nothing_is_left_out():
-    frames, parts = table(), []
+    frames = table()
     of_one = frames.label == 3
-    cross_calibrate(fit_parts(parts), replace(frames, group=np.where(of_one, 1000, frames.group)), 4, CPU, 0)
+    parts = left_out_parts(replace(frames, group=np.where(of_one, 1000, frames.group)))
     assert all((part.side[of_one] != VALIDATION).all() for part in parts)
-    assert cross_calibrate(fit_parts([]), replace(frames, group=frames.label.astype(np.int64)), 4, CPU, 0) is None
+    assert cross_calibrate(replace(frames, group=frames.label.astype(np.int64))) is None
 
 
 def test_groups_that_span_classes_are_left_out_as_a_whole():
-    frames, parts = table(), []
-    cross_calibrate(fit_parts(parts), replace(frames, group=frames.recording % 3), 4, CPU, 0)
+    frames = table()
+    parts = list(left_out_parts(replace(frames, group=frames.recording % 3)))
     assert parts
     assert not any(set(part.group[part.side == VALIDATION]) & set(part.group[part.side == TRAIN]) for part in parts)
 
@@ -126,7 +124,7 @@ def test_answers_that_are_random_are_made_unsure():
     frames = table("split.folds=6")
     dealt = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
     shuffled = replace(frames, label=dealt[frames.recording].astype(frames.label.dtype))
-    random, true = (cross_calibrate(fit_parts([], "kernel"), one, 4, CPU, 0).by_frames for one in (shuffled, frames))
+    random, true = (cross_calibrate(one, "kernel").by_frames for one in (shuffled, frames))
     assert min(random) > 2 * max(true) and np.isfinite(random).all()
 
 
@@ -143,9 +141,9 @@ def test_recordings_of_one_object_are_calibrated_together():
 @pytest.mark.parametrize("system", ["kernel", "lda"])
 def test_all_frames_of_a_recording_are_taken_only_where_they_err_less(system):
     frames = table("split.folds=6")
-    assert cross_calibrate(fit_parts([], system), frames, 4, CPU, 0).most_frames in (4, 32)
+    assert cross_calibrate(frames, system).most_frames in (4, 32)
     cut = replace(frames, side=np.where(frames.anchor, frames.side, TEST).astype(frames.side.dtype))
     first = np.unique(np.stack([cut.recording, cut.label]), axis=1, return_index=True)[1]
     few = np.isin(np.arange(len(cut)), first)
     alone = replace(cut, side=np.where(few, TRAIN, TEST).astype(cut.side.dtype), anchor=few)
-    assert cross_calibrate(fit_parts([], "kernel"), alone, 1, CPU, 0).most_frames == 1
+    assert cross_calibrate(alone, "kernel").most_frames == 4

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition import left_out
+from tactile_viewgcn.recognition import cross_validation
 from tactile_viewgcn.recognition.choice import FALLBACK, Candidate, choose, choose_members, compare
-from tactile_viewgcn.recognition.left_out import left_out_parts, recording_sets
+from tactile_viewgcn.recognition.cross_validation import LeftOut, left_out_parts
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tests.small_tables import table
 
@@ -71,8 +71,8 @@ def test_an_ensemble_has_the_answers_of_its_members_added():
 
 
 def test_of_many_recordings_and_frames_some_are_used_and_never_others_than_training_frames(monkeypatch):
-    monkeypatch.setattr(left_out, "MOST_FRAMES", 60)
-    monkeypatch.setattr(left_out, "LEAST_FRAMES", 5)
+    monkeypatch.setattr(cross_validation, "MOST_FRAMES", 60)
+    monkeypatch.setattr(cross_validation, "LEAST_FRAMES", 5)
     frames = table("split.folds=6")
     parts = list(left_out_parts(frames))
     used = np.any([part.side != TEST for part in parts], axis=0)
@@ -84,10 +84,10 @@ def test_of_many_recordings_and_frames_some_are_used_and_never_others_than_train
 
 
 def test_a_recording_as_a_whole_is_frames_of_it_alone():
-    frames = table()
-    index = frames.on(TRAIN)
-    pool, few, most = recording_sets(frames, index, 4)
-    assert few.shape[1] == 4 and most.shape[1] == left_out.WHOLE and len(few) == len(most) == pool.max() + 1
-    for sets in (few, most):
-        assert (pool[sets] == np.arange(len(sets))[:, None]).all()
-    assert len(np.unique(few[0])) == 4
+    part = next(left_out_parts(table()))
+    left = LeftOut(part, 4, np.random.default_rng(0))
+    recording = part.recording[left.index]
+    assert left.few.shape[1] == left.drawn.shape[1] == 4 and left.whole.shape[1] == cross_validation.WHOLE
+    for sets in (left.few, left.whole, left.drawn):
+        assert (recording[sets] == recording[sets[:, :1]]).all() and set(recording[sets[:, 0]]) == set(recording)
+    assert len(np.unique(left.few[0])) == 4 and len(left.few) == len(left.whole) == len(set(recording))

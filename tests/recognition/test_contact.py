@@ -5,9 +5,8 @@ import pytest
 
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
-from tactile_viewgcn.recognition.contact import find_contact
-from tactile_viewgcn.recognition.fitted_preprocessing import FittedPreprocessing
 from tactile_viewgcn.recognition.model_file import session_baselines, strong_readings
+from tactile_viewgcn.recognition.preprocessing import FittedPreprocessing
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tests.grips import FILE
 
@@ -40,12 +39,12 @@ def test_noise_that_is_cut_off_is_corrected_once(baseline):
         params=made.choice.params,
         kept_share=made.frames.kept_share,
         dtype=known.dtype,
-        strong_readings=tuple(strong_readings(made.frames)),
+        strong_readings=strong_readings(made.frames),
         live=known.live,
         noise=made.frames.noise,
         baselines=dict(zip(names, baselines, strict=True)),
     )
     new = table([8, 9], empty=False)
-    estimate, contact = find_contact(new, fitted)
+    estimate, contact = fitted.find_contact(new)
     np.testing.assert_allclose(np.median(estimate.noise[estimate.of_frame]), NOISE, rtol=0.25)
     np.testing.assert_array_equal(contact, np.tile(HELD, 2))

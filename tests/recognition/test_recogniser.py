@@ -40,10 +40,12 @@ def test_many_view_sets_are_classified_a_few_at_a_time(saved, monkeypatch):
     frames, recogniser = table(), Recogniser(saved)
     whole = recogniser.probabilities(frames.counts[some_sets()])
     monkeypatch.setattr(module, "MOST_FRAMES", 20)  # five view sets
-    shapes, above = [], recogniser.probabilities_above
-    monkeypatch.setattr(recogniser, "probabilities_above", lambda x: (shapes.append(len(x)), above(x))[1])
+    sizes, values = [], recogniser._values
+    monkeypatch.setattr(
+        recogniser, "_values", lambda counts, base: (sizes.append(len(counts)), values(counts, base))[1]
+    )
     np.testing.assert_allclose(recogniser.probabilities(frames.counts[some_sets()]), whole, rtol=1e-5)
-    assert shapes == [5, 5, 2]
+    assert sizes == [20, 20, 8]
 
 
 @pytest.mark.parametrize("transform", ["clip", "log"])

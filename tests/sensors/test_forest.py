@@ -1,36 +1,39 @@
 """Trees as arrays: the same answers as scikit-learn's, and no index is followed that leads outside."""
 
-import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from sklearn.ensemble import ExtraTreesClassifier
 
-from tactile_viewgcn.sensors.forest import LEAF, Forest
+from tactile_viewgcn.sensors import forest
+from tactile_viewgcn.sensors.forest import Forest
 
 RNG = np.random.default_rng(0)
 POINTS, LABELS = RNG.normal(size=(60, 7)).astype(np.float32), np.arange(60) % 3
+DATA = SimpleNamespace(frames=POINTS, classes=3, quick=True, seed=0)
 
 
-def forest() -> Forest:
-    return Forest(5, random_state=0).fit(POINTS, LABELS)
+def state() -> dict:
+    return Forest().fit(POINTS, LABELS, DATA).state_dict()
 
 
-def test_its_answers_are_scikit_learn_s_and_outlive_its_state():
-    expected = ExtraTreesClassifier(5, random_state=0).fit(POINTS, LABELS).predict_proba(POINTS + 0.1)
-    again = Forest.__new__(Forest)
-    again.__setstate__(forest().__getstate__())
-    for copy in (forest(), again, pickle.loads(pickle.dumps(again))):
-        assert (copy.predict_proba(POINTS + 0.1) == expected).all()
-    assert Forest(5, random_state=0).__getstate__()["n_estimators"] == 5  # before it is fitted
+@pytest.mark.parametrize("paths", [1 << 16, 300])  # all trees at once, a few at a time
+def test_its_answers_are_scikit_learn_s_and_outlive_a_file(monkeypatch, paths):
+    monkeypatch.setattr(forest, "MOST_PATHS", paths)
+    expected = ExtraTreesClassifier(100, random_state=0).fit(POINTS, LABELS).predict_proba(POINTS + 0.1)
+    again = Forest().load_state_dict(state(), 7, 3)
+    for copy in (Forest().fit(POINTS, LABELS, DATA), again):
+        np.testing.assert_allclose(copy.predict_proba(POINTS + 0.1), expected, rtol=1e-6)
+    assert again.predict_proba(POINTS[:0]).shape == (0, 3)
 
 
-def put(name: str, value: float, inner: bool = True):
-    """Another value in the first inner node, or the first leaf."""
+def put(name: str, value: int, *, inner: bool = True):
+    """A different value in the first inner node, or the first leaf."""
 
     def change(state: dict) -> None:
-        node = int(((state["left_child"] == LEAF) != inner).argmax())
-        state[name][node] = value
+        is_inner = state["left"].numpy() != np.arange(len(state["left"]))
+        state[name][int((is_inner == inner).argmax())] = value
 
     return change
 
@@ -39,27 +42,28 @@ def replaced(name: str, change):
     return lambda state: state.update({name: change(state[name])})
 
 
-#: what is wrong with the arrays of trees, and the line
+#: what is wrong with the arrays of trees
 ALTERED = {
-    "its own parent": (put("left_child", 0), "a child that is not below it"),
-    "a loop": (replaced("right_child", lambda right: np.where(right > 0, 1, right)), "a child that is not below it"),
-    "outside the tree": (put("right_child", 10**9), "a child that is not below it"),
-    "half a leaf": (put("right_child", LEAF), "a child that is not below it"),
-    "a feature outside": (put("feature", 10**9), "a feature that there is not"),
-    "a feature below 0": (put("feature", -2), "a feature that there is not"),
-    "features that are none": (replaced("features", str), "a feature that there is not"),
-    "fewer nodes": (replaced("threshold", lambda threshold: threshold[:-1]), "other sizes than its nodes"),
-    "more nodes": (replaced("node_counts", lambda counts: counts + 1), "other sizes than its nodes"),
-    "a tree without nodes": (replaced("node_counts", lambda counts: np.append(counts, 0)), "no whole numbers"),
-    "children as real numbers": (replaced("left_child", lambda left: left.astype(float)), "no whole numbers"),
-    "leaves without values": (replaced("leaf_values", lambda values: values[:-1]), "other values than its classes"),
-    "leaves of fewer classes": (replaced("leaf_values", lambda values: values[:, :2]), "other values than its classes"),
+    "a loop": replaced("right", lambda right: right.clamp(max=1)),
+    "outside the trees": put("right", 10**9),
+    "below 0": put("left", -1),
+    "half a leaf": put("right", 0),
+    "a leaf with a child": put("right", 3, inner=False),
+    "a feature outside": put("feature", 7),
+    "a feature below 0": put("feature", -2),
+    "a root outside": put("roots", 10**9),
+    "fewer nodes": replaced("threshold", lambda threshold: threshold[:-1]),
+    "children as real numbers": replaced("left", lambda left: left.double()),
+    "leaves without shares": replaced("shares", lambda shares: shares[:-1]),
+    "leaves of fewer classes": replaced("shares", lambda shares: shares[:, :2]),
+    "a class that there is not": replaced("classes", lambda classes: classes + 1),
+    "an array missing": lambda state: state.pop("roots"),
 }
 
 
-@pytest.mark.parametrize("change, line", ALTERED.values(), ids=ALTERED)
-def test_altered_trees_are_refused_before_they_are_built(change, line):
-    state = forest().__getstate__()
-    change(state)
-    with pytest.raises(ValueError, match=line):
-        Forest.__new__(Forest).__setstate__(state)
+@pytest.mark.parametrize("change", ALTERED.values(), ids=ALTERED)
+def test_altered_trees_are_refused_before_they_are_followed(change):
+    arrays = state()
+    change(arrays)
+    with pytest.raises(ValueError):
+        Forest().load_state_dict(arrays, 7, 3)

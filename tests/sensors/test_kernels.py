@@ -1,14 +1,18 @@
 """Kernel ridge regression and means over blocks, by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 from scipy.special import softmax
 
-from tactile_viewgcn.sensors import gaussian
-from tactile_viewgcn.sensors.gaussian import GaussianKernel, some_points
-from tactile_viewgcn.sensors.kernels import BLOCKS, KernelClassifier, block_weights
+from tactile_viewgcn.sensors import kernels
+from tactile_viewgcn.sensors.kernels import BLOCKS, Kernel, KernelRidge, block_weights, some_points
 from tactile_viewgcn.sensors.support_vectors import SupportVectors
+
+APART = np.arange(20).reshape(2, 10) % 2 + np.arange(2)[:, None] == 0  # five sensors, none with another in its block
+NO_BLOCKS = SimpleNamespace(live=APART, seed=0)
 
 
 def test_blocks_are_means_over_live_cells_and_half_empty_ones_are_left_out():
@@ -39,14 +43,14 @@ def test_kernel_ridge_regression_by_hand():
     between = cdist(points, points, "sqeuclidean")
     kernel, to_asked = (np.exp(-2 * d / between.mean()) for d in (between, cdist(asked, points, "sqeuclidean")))
     weights = np.linalg.solve(kernel + 0.3 * np.eye(20), labels[:, None] == [0, 2])
-    classifier = KernelClassifier().fit(points, labels)
+    classifier = KernelRidge().fit(points, labels, NO_BLOCKS)
     np.testing.assert_allclose(classifier.predict_proba(asked), softmax(8 * to_asked @ weights, axis=1), rtol=1e-5)
-    assert list(classifier.classes_) == [0, 2]
+    assert list(classifier.classes) == [0, 2]
 
 
 def test_points_that_are_all_equal_are_answered_by_their_share():
-    classifier = KernelClassifier().fit(np.ones((4, 3)), np.array([0, 1, 1, 1]))
-    (probabilities,) = classifier.predict_proba(np.ones((1, 3)))
+    classifier = KernelRidge().fit(np.ones((4, 5)), np.array([0, 1, 1, 1]), NO_BLOCKS)
+    (probabilities,) = classifier.predict_proba(np.ones((1, 5)))
     assert np.isfinite(probabilities).all() and probabilities[1] > probabilities[0]
 
 
@@ -55,18 +59,17 @@ def test_the_kernel_is_exact_where_points_lie_far_from_0(row):
     """In single precision the squares of points around 1,000 would leave nothing of distances around 1."""
     rng = np.random.default_rng(2)
     points, asked = (rng.normal(1000, 0.3, size=(count, 8)).astype(np.float32) for count in (30, 5))
-    kernel = GaussianKernel()
-    kernel.keep(points, 0.25)
+    kernel = Kernel().centred(points, 0.25)
     exact = np.exp(-0.25 * cdist(asked.astype(float), points.astype(float), "sqeuclidean"))
     assert 0.2 < exact.min() < exact.max() < 1
     row("Gaussian kernel of points around 1,000, difference", float(np.abs(kernel.kernel(asked) - exact).max()), 1e-4)
 
 
 def test_of_many_points_some_are_taken_and_of_every_class_one(monkeypatch):
-    monkeypatch.setattr(gaussian, "MOST_POINTS", 30)
-    points, labels = np.arange(300.0)[:, None], np.r_[np.zeros(298, int), 1, 2]
+    monkeypatch.setattr(kernels, "MOST_POINTS", 30)
+    points, labels = np.arange(300.0)[:, None] * np.ones(5), np.r_[np.zeros(298, int), 1, 2]
     some, of_some = some_points(points, labels, 0)
     assert 30 <= len(some) <= 33 and set(of_some) == {0, 1, 2} and (labels[some[:, 0].astype(int)] == of_some).all()
-    for classifier in (KernelClassifier(), SupportVectors()):
-        assert len(classifier.fit(points, labels).points_) <= 33
+    for classifier in (KernelRidge(), SupportVectors()):
+        assert len(classifier.fit(points, labels, NO_BLOCKS).points) <= 33
         assert classifier.predict_proba(points).shape == (300, 3)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.training.thinning import thinned
+from tactile_viewgcn.training.sensor_fitting import thinned
 from tests.small_tables import table
 
 

@@ -1,4 +1,8 @@
-"""Cross-validation inside the training side: parts of it that are left out, and what is answered of them."""
+"""Cross-validation on the training side: a third of its groups at a time is answered by fits to the others.
+
+The choice of members and the calibration ask the same: random frames of a recording, and recordings as a whole. They
+fit for themselves: a comparison's fit is quick, and temperatures of quick fits are others, twice as high for `trees`.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,8 +11,9 @@ import numpy as np
 
 from tactile_viewgcn.frames.split import fold_sides, spans_classes
 from tactile_viewgcn.recognition.novelty import spread_sets
+from tactile_viewgcn.recognition.sequential import sequences
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames
-from tactile_viewgcn.training.thinning import thinned
+from tactile_viewgcn.training.sensor_fitting import thinned
 
 FOLDS = 3
 MOST_FRAMES, LEAST_FRAMES = 20_000, 16  # that are used, of the anchors and of the others; of a recording
@@ -33,26 +38,28 @@ def left_out_parts(table: Frames) -> Iterator[Frames]:
             yield replace(table, side=side)
 
 
-def recording_sets(table: Frames, index: np.ndarray, views: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Recordings as a whole, of the frames in `index` (n,).
+class LeftOut:
+    """View sets of the validation side of a table.
 
-    Returns:
-        pool (n,): recording of each frame, counted from 0, and on its own for each class and split group.
-        few (P, V), most (P, k): places in `index` that stand for each of them, evenly spread. Where no recording has
-            more than V frames, k is V; else 32, or V where that is more.
+    Attributes:
+        index: (n,) of its frames; label, group: theirs.
+        drawn: (A, V) places of frames: an anchor, then others of its recording at random.
+        few: (P, V), whole: (P, k) places that stand for each recording, evenly spread. Where no recording has more than
+            V frames, k is V; else 32, or V where that is more.
     """
-    places = np.stack([table.label[index], table.recording[index], table.group[index]])
-    pool = np.unique(places, axis=1, return_inverse=True)[1].ravel()
-    members = [np.flatnonzero(pool == number) for number in range(pool.max(initial=-1) + 1)]
-    most = max(views, WHOLE) if max(map(len, members)) > views else views
-    few, whole = (np.stack([frames[spread_sets(len(frames), size)[0]] for frames in members]) for size in (views, most))
-    return pool, few, whole
 
-
-def sampled_anchors(table: Frames, index: np.ndarray) -> np.ndarray:
-    """Places in `index` (n,) of the anchors, each ten times, or some of them, 1,000 at most."""
-    anchors = np.repeat(np.flatnonzero(table.anchor[index]), DRAWS)
-    return anchors[:: -(-len(anchors) // MOST_SETS)]
+    def __init__(self, table: Frames, views: int, rng: np.random.Generator):
+        self.index = index = table.on(VALIDATION)
+        self.label, self.group = table.label[index].astype(np.int64), table.group[index]
+        places = np.stack([self.label, table.recording[index], self.group])
+        pool = np.unique(places, axis=1, return_inverse=True)[1].ravel()
+        members = [np.flatnonzero(pool == number) for number in range(pool.max(initial=-1) + 1)]
+        most = max(views, WHOLE) if max(map(len, members)) > views else views
+        self.few, self.whole = (
+            np.stack([frames[spread_sets(len(frames), size)[0]] for frames in members]) for size in (views, most)
+        )
+        anchors = np.repeat(np.flatnonzero(table.anchor[index]), DRAWS)
+        self.drawn = sequences(anchors[:: -(-len(anchors) // MOST_SETS)], pool, views, rng)
 
 
 def training_sample(table: Frames) -> np.ndarray:
