@@ -5,7 +5,8 @@ be left out of all that they learn.
 """
 
 import time
-from dataclasses import dataclass
+import timeit
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,7 @@ ANSWERED_AT_ONCE = 200  # view sets
 REPEATS = 3  # of an answer that is timed
 
 
-@dataclass(frozen=True)
-class Candidate:
+class Candidate(NamedTuple):
     """A candidate and its errors on groups that it was not fitted to.
 
     Attributes:
@@ -50,7 +50,7 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
 
     names = list(dict.fromkeys(name for members in candidates for name in members))
     seconds, milliseconds = dict.fromkeys(names, 0.0), dict.fromkeys(names, np.inf)
-    errors: list[list[np.ndarray]] = [[] for _ in candidates]
+    errors: list[list[np.ndarray]] = [[] for _ in candidates]  # of each part, of both kinds of view sets by group
     for number, part in enumerate(left_out_parts(table)):
         left = LeftOut(part, views, stream(seed, "choice", number))
         data, unit = training_frames(part, views, (views, left.whole.shape[1]), seed, quick=True)
@@ -140,9 +140,5 @@ def _by_group(wrong: np.ndarray, group: np.ndarray, groups: np.ndarray) -> np.nd
 
 def _milliseconds(system: SensorSystem, readings: np.ndarray) -> float:
     """Median time from readings (k, S) of one view set to its answer."""
-    taken = []
-    for _ in range(REPEATS):
-        begin = time.perf_counter()
-        system.logits(system.frame_values(readings)[None])
-        taken.append(1e3 * (time.perf_counter() - begin))
-    return float(np.median(taken))
+    taken = timeit.repeat(lambda: system.logits(system.frame_values(readings)[None]), number=1, repeat=REPEATS)
+    return 1e3 * float(np.median(taken))

@@ -6,8 +6,7 @@ It holds tensors and plain values, read with `weights_only=True`: loading runs n
 import io
 import math
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal, Self
@@ -110,11 +109,14 @@ def save_classifier(
         calibration: with it the classifier takes any number of views up to V.
     """
     sessions, baselines = session_baselines(frames)
+    learnt = classifier.state_dict()
+    if isinstance(classifier, torch.nn.Module):  # of any device, in channels-last order
+        learnt = {name: weights.cpu().contiguous() for name, weights in learnt.items()}
     novelty = fit_novelty(frames, classifier.views)
     content = {
         "format": FORMAT,
-        "learnt": classifier.state_dict(),
-        "viewpoints": classifier.viewpoints,
+        "learnt": learnt,
+        "viewpoints": classifier.viewpoints.cpu(),
         "model": asdict(model),
         "classes": frames.classes,
         "transform": classifier.transform or frames.transform,
@@ -133,7 +135,7 @@ def save_classifier(
         and {"maps": torch.from_numpy(novelty.maps), "unit": novelty.unit, "threshold": novelty.threshold},
     }
     with atomic_write(path) as part:
-        torch.save(_packed(content), part)
+        torch.save(content, part)
 
 
 def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
@@ -165,7 +167,7 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
     """
     name = path if isinstance(path, str | Path) else "the classifier"
     try:
-        with _stream(path) as stream:
+        with Path(path).open("rb") if isinstance(path, str | Path) else nullcontext(path) as stream:
             if stream.read(2) != ARCHIVE_START:
                 raise UserError(f"{name}: no classifier; {EXPECTED}")
             size = stream.seek(0, io.SEEK_END)
@@ -208,25 +210,6 @@ def _built(content: Content) -> Classifier:
     classifier = build_classifier(*parts)
     classifier.load_state_dict(content.learnt)
     return classifier.eval() if isinstance(classifier, torch.nn.Module) else classifier
-
-
-@contextmanager
-def _stream(path: str | Path | BinaryIO) -> Iterator[BinaryIO]:
-    """The file at a path, opened, or the open one itself."""
-    if isinstance(path, str | Path):
-        with Path(path).open("rb") as file:
-            yield file
-    else:
-        yield path
-
-
-def _packed(value: Any) -> Any:
-    """Mappings and lists with their tensors contiguous on the processor."""
-    if isinstance(value, dict):
-        return {name: _packed(part) for name, part in value.items()}
-    if isinstance(value, list):
-        return [_packed(part) for part in value]
-    return value.cpu().contiguous() if isinstance(value, Tensor) else value
 
 
 def _check(value: Any, seen: set[int]) -> None:

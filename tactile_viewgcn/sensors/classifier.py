@@ -83,7 +83,9 @@ class SensorClassifier:
         Raises:
             ValueError: parts that do not go together.
         """
-        self.live, self.unit = state["live"].numpy(), state["unit"]
+        self.live, self.unit = state["live"].numpy(), float(state["unit"])
+        if not self.unit > 0:
+            raise ValueError(f"unit is {self.unit:g} counts")
         for member, of_member in zip(self.members, state["members"], strict=True):
             member.load_state_dict(of_member, int(self.live.sum()), self.classes)
         self._measure()

@@ -51,7 +51,7 @@ class MaxNetwork:
         return {"weights": self._network.state_dict(), "live": self._live, "scale": self._scale}
 
     def load_state_dict(self, state: dict[str, Any], sensors: int, classes: int) -> None:
-        self._live, self._scale = state["live"], state["scale"]
+        self._live, self._scale = state["live"], float(state["scale"])
         if self._live.dtype != torch.bool or self._live.ndim != 2 or self._live.sum() != sensors:
             raise ValueError("a network on the maximum has other live sensors than the classifier")
         with torch.random.fork_rng(devices=[]):  # building a network draws weights

@@ -17,6 +17,8 @@ SETS, QUICK_SETS = 10, 4  # view sets of each pool of frames and size that an es
 MOST_VALUES = 1 << 24  # numbers of view sets that are pooled at once
 FLOOR = 0.01  # added to the probabilities of an ensemble's members, so that no member's zero is a veto
 
+Points = Callable[[np.ndarray], np.ndarray]
+
 
 class SensorSystem(Protocol):
     """See the module. It `takes_fewer` views than V where it is fitted to these too, and they cost little."""
@@ -35,54 +37,57 @@ class SensorSystem(Protocol):
     def logits(self, values: np.ndarray) -> np.ndarray: ...
 
 
-class SingleFrames:
-    """An estimator that classifies each frame alone; the probabilities of a view set are averaged.
+class EstimatorSystem:
+    """What the two below share: an estimator for each size of view set.
 
     Args:
         estimator: makes one, with nothing fitted yet.
-        points: readings (n, S) in units to what the estimator reads.
+        points: readings (n, S) in units to what is pooled.
+        pooled: points (B, k, F) of view sets to what the estimator reads, (B, F').
     """
 
-    takes_fewer = True
+    def __init__(self, estimator: Callable[[], Estimator], points: Points, pooled: Points):
+        self.estimator, self.points, self.pooled = estimator, points, pooled
+        self.fitted: dict[int, Estimator] = {}
 
-    def __init__(self, estimator: Callable[[], Estimator], points: Callable[[np.ndarray], np.ndarray]):
-        self.estimator, self.points = estimator, points
+    @property
+    def takes_fewer(self) -> bool:
+        return 1 in self.fitted
+
+    def state_dict(self) -> dict[str, Any]:
+        return {str(size): each.state_dict() for size, each in self.fitted.items()}
+
+    def load_state_dict(self, state: dict[str, Any], sensors: int, classes: int) -> None:
+        features = self.pooled(self.points(np.zeros((1, sensors)))[None]).shape[1]
+        self.classes = classes
+        self.fitted = {
+            int(size): self.estimator().load_state_dict(each, features, classes) for size, each in state.items()
+        }
+        if not self.fitted:
+            raise ValueError("a system has no estimator")
+
+
+class SingleFrames(EstimatorSystem):
+    """An estimator that classifies each frame alone; the probabilities of a view set are averaged."""
+
+    def __init__(self, estimator: Callable[[], Estimator], points: Points):
+        super().__init__(estimator, points, lambda of_set: of_set[:, 0])
 
     def fit(self, data: TrainingFrames) -> SensorSystem:
         self.classes = data.classes
-        self.fitted = self.estimator().fit(self.points(data.frames), data.labels, data)
+        self.fitted = {1: self.estimator().fit(self.points(data.frames), data.labels, data)}
         return self
 
-    def state_dict(self) -> dict[str, Any]:
-        return self.fitted.state_dict()
-
-    def load_state_dict(self, state: dict[str, Any], sensors: int, classes: int) -> None:
-        features = self.points(np.zeros((1, sensors))).shape[1]
-        self.classes, self.fitted = classes, self.estimator().load_state_dict(state, features, classes)
-
     def frame_values(self, sensors: np.ndarray) -> np.ndarray:
-        return probabilities(self.fitted, self.points(sensors), self.classes)
+        (fitted,) = self.fitted.values()
+        return probabilities(fitted, self.points(sensors), self.classes)
 
     def logits(self, values: np.ndarray) -> np.ndarray:
         return log_probabilities(values.mean(axis=1))
 
 
-class PooledSets:
-    """An estimator as in `SingleFrames`, for each size of view set, of what is pooled from the frames' points.
-
-    View sets of a size in between go to the next smaller one's.
-
-    Args:
-        pooled: points (B, k, F) of view sets to what the estimator reads.
-    """
-
-    def __init__(
-        self,
-        estimator: Callable[[], Estimator],
-        points: Callable[[np.ndarray], np.ndarray],
-        pooled: Callable[[np.ndarray], np.ndarray],
-    ):
-        self.estimator, self.points, self.pooled = estimator, points, pooled
+class PooledSets(EstimatorSystem):
+    """An estimator for each size of view set; a set of a size in between goes to the next smaller one's."""
 
     def fit(self, data: TrainingFrames) -> SensorSystem:
         sets, labels = data.view_sets(QUICK_SETS if data.quick else SETS)
@@ -93,25 +98,10 @@ class PooledSets:
         }
         return self
 
-    @property
-    def takes_fewer(self) -> bool:
-        return 1 in self.fitted
-
     def _pooled_sets(self, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
         """What the estimator reads of view sets (M, k) of indices into values (n, F), in parts that fit memory."""
         parts = -(-sets.size * values.shape[1] // MOST_VALUES)
         return np.concatenate([self.pooled(values[part]) for part in np.array_split(sets, max(1, parts))])
-
-    def state_dict(self) -> dict[str, Any]:
-        return {str(size): each.state_dict() for size, each in self.fitted.items()}
-
-    def load_state_dict(self, state: dict[str, Any], sensors: int, classes: int) -> None:
-        features = self.pooled(self.points(np.zeros((1, sensors)))[None]).shape[1]
-        self.classes, self.fitted = classes, {}
-        for size, each in state.items():
-            self.fitted[int(size)] = self.estimator().load_state_dict(each, features, classes)
-        if not self.fitted:
-            raise ValueError("a system has no estimator")
 
     def frame_values(self, sensors: np.ndarray) -> np.ndarray:
         return self.points(sensors)

@@ -75,9 +75,9 @@ def with_nan() -> dict:
     return tree
 
 
-def with_live(live: torch.Tensor) -> dict:
+def of_sensors(**changes) -> dict:
     tree = content()
-    return tree | {"learnt": tree["learnt"] | {"live": live}}
+    return tree | {"learnt": tree["learnt"] | changes}
 
 
 #: what was altered, and what the line names
@@ -96,7 +96,11 @@ ALTERED = {
     "a class that there is not": (lambda: put("classes", 7), "a class that there is not"),
     "another estimator": (lambda: changed(learnt=content("svm")["learnt"]), "half_squares"),
     "no estimator": (lambda: learnt(lambda state: state.clear(), "max_kernel"), "no estimator"),
-    "other sensors": (lambda: with_live(torch.ones(SHAPE, dtype=torch.bool).fill_diagonal_(False)), "other sensors"),
+    "other sensors": (
+        lambda: of_sensors(live=torch.ones(SHAPE, dtype=torch.bool).fill_diagonal_(False)),
+        "other sensors",
+    ),
+    "a unit of 0": (lambda: of_sensors(unit=0.0), "unit"),
     "a file of an earlier version": (lambda: changed(format=5), "train it again"),
     "a key missing": (lambda: {key: value for key, value in content().items() if key != "live"}, "live"),
     "a key too many": (lambda: changed(code="x"), "code"),

@@ -140,7 +140,7 @@ def test_trees_are_fewer_where_their_leaves_would_hold_too_much_and_in_a_compari
     frames = data()  # 72 of 3 classes
 
     def count(frames):
-        return len(MEMBERS["trees"]().fit(frames).fitted.roots)
+        return len(MEMBERS["trees"]().fit(frames).fitted[1].roots)
 
     for most, trees in ((150 * 72 * 3, 150), (50 * 72 * 3, 100), (10**9, 500)):
         monkeypatch.setattr(forest, "MOST_LEAF_VALUES", most)
