@@ -36,9 +36,9 @@ def content(system: str = "trees") -> dict:
 
 
 def learnt(change, system: str = "trees") -> dict:
-    """The content, and in it what the first member has learnt, changed."""
+    """The content, and in it the arrays of the first member's estimator of single frames, changed."""
     tree = content(system)
-    change(tree["learnt"]["members"][0])
+    change(tree["learnt"]["members"][0]["1"])
     return tree
 
 
@@ -95,11 +95,8 @@ ALTERED = {
     "a text as an array": (lambda: learnt(lambda state: state.update(roots="0")), "AttributeError"),
     "a class that there is not": (lambda: put("classes", 7), "a class that there is not"),
     "another estimator": (lambda: changed(learnt=content("svm")["learnt"]), "half_squares"),
-    "no estimator": (lambda: learnt(lambda state: state.clear(), "max_kernel"), "no estimator"),
-    "other sensors": (
-        lambda: of_sensors(live=torch.ones(SHAPE, dtype=torch.bool).fill_diagonal_(False)),
-        "other sensors",
-    ),
+    "no estimator": (lambda: of_sensors(members=[{}]), "no estimator"),
+    "other sensors": (lambda: of_sensors(live=torch.eye(*SHAPE, dtype=torch.bool)), "other sensors"),
     "a unit of 0": (lambda: of_sensors(unit=0.0), "unit"),
     "a file of an earlier version": (lambda: changed(format=5), "train it again"),
     "a key missing": (lambda: {key: value for key, value in content().items() if key != "live"}, "live"),
