@@ -45,7 +45,7 @@ def test_many_view_sets_are_classified_a_few_at_a_time(saved, monkeypatch):
         recogniser, "_values", lambda counts, base: (sizes.append(len(counts)), values(counts, base))[1]
     )
     np.testing.assert_allclose(recogniser.probabilities(frames.counts[some_sets()]), whole, rtol=1e-5)
-    assert sizes == [20, 20, 8]
+    assert sizes == [5, 5, 2]
 
 
 @pytest.mark.parametrize("transform", ["clip", "log"])
