@@ -78,12 +78,11 @@ class Run:
         """Log a picture of Matplotlib; draw one only where there is an `id`."""
         self._log(lambda mlflow: mlflow.log_figure(figure, name))
 
-    def model(self, checkpoint: Path, metadata: dict[str, Any], packages: tuple[str, ...] = ()) -> str | None:
+    def model(self, checkpoint: Path, metadata: dict[str, Any]) -> str | None:
         """Log the classifier as an MLflow model: view sets of raw counts (n, V, H, W) in, a column for each class out.
 
         Args:
             metadata: kept with the model; its `classes` name the columns.
-            packages: that the system needs besides; requirements name the installed versions.
 
         Returns:
             Its address, for `mlflow.pyfunc.load_model`; None where it is not logged.
@@ -105,7 +104,7 @@ class Run:
                     data_path=str(checkpoint),
                     code_paths=[str(Path(__file__).parent)],
                     signature=signature,
-                    pip_requirements=[f"{name}=={version(name).partition('+')[0]}" for name in (*NEEDS, *packages)],
+                    pip_requirements=[f"{name}=={version(name).partition('+')[0]}" for name in NEEDS],
                     metadata=metadata,
                 ).model_uri
 
