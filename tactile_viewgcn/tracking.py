@@ -43,7 +43,7 @@ SETTINGS = {  # MLflow reads them when it is imported
 class Run:
     """MLflow's run under way; without one, its `id` is None and every method does nothing.
 
-    A store that fails never fails a stage: a warning says so once, and nothing more is logged.
+    A store that fails later never fails a stage: a warning says so once, and nothing more is logged.
     """
 
     def __init__(self, mlflow: Any = None, run_id: str | None = None):
@@ -184,8 +184,8 @@ def _database(uri: str) -> Path:
 
 def _reason(error: Exception) -> str:
     """The store and what is wrong with it, in one line and without a password."""
-    text = " ".join(f"MLflow store {_address()}: {error}".split())[:300]  # a server may answer with a page
-    return re.sub(r"//[^/\s]*@", "//", text)
+    text = " ".join(f"MLflow store {_address()}: {error}".split())
+    return re.sub(r"//[^/\s]*@", "//", text)[:300]  # a server may answer with a page
 
 
 def read_artifact(run_id: str, name: str) -> bytes:

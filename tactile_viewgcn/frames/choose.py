@@ -83,13 +83,14 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
         take("contact_sensors", sensors_in_contact(live), reason, "contact")
     hand = find_open_hand(recordings, params.contact_sensors)
+    training = sides.training if sides.training.any() else np.ones(len(recordings), dtype=bool)
     if quietest_are_contact(recordings, hand, sides.training):
         hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
     errors, leaks = dict[str, QuickError](), dict[str, QuickError]()
     if asked.baseline == "auto":
-        zero = smallest_reading(hand)
+        zero = smallest_reading(hand, training)
         baselines = _baselines(recordings, hand, zero)
-        if sides.whole and not follows_paper(recordings):
+        if len(baselines) > 1 and sides.whole and not follows_paper(recordings):
             errors, leaks = measure(recordings, hand, baselines, sides)
         take("baseline", *_best_baseline(recordings, hand, errors, leaks), "baseline")
         baseline = baselines[params.baseline]
@@ -99,18 +100,19 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
     else:
         baseline = measure_baseline(recordings, params.baseline, hand, params.zero)
     if asked.filter == "auto":
-        take("filter", *_filter(recordings, hand, params.baseline), "filter")
+        take("filter", *_filter(recordings, hand, params.baseline, training), "filter")
     if asked.scale == "auto":
-        take("scale", *_scale(contact_readings(recordings, hand, baseline)), "scale")
+        take("scale", *_scale(contact_readings(recordings, hand, baseline, training)), "scale")
     return Choice(params, baseline, notes, hand, errors, leaks)
 
 
-def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline) -> np.ndarray:
-    """Counts (n,) above the baseline of the sensors in contact, in about 2,000 frames of contact."""
-    readings, empty, session = [np.zeros(0)], of_empty_hand(recordings), recordings.columns["session"]
+def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline, usable: np.ndarray) -> np.ndarray:
+    """Counts (n,) above the baseline of the sensors in contact, in about 2,000 usable (T,) frames of contact."""
+    readings, session = [np.zeros(0)], recordings.columns["session"]
+    usable = usable & hand.contact & ~of_empty_hand(recordings)
     recorded = frames_by_recording(recordings)
     for index in recorded:
-        sample = evenly(index[hand.contact[index] & ~empty[index]], max(1, SAMPLE // len(recorded)))
+        sample = evenly(index[usable[index]], max(1, SAMPLE // len(recorded)))
         excess = hand.counts[sample] - baseline.mean[baseline.of_frame[sample]][:, recordings.live]
         readings.append(excess[excess > CONTACT_SIGMAS * hand.noise[session[index[0]]]])
     return np.concatenate(readings)
@@ -193,11 +195,11 @@ def _first_of_lowest(errors: dict[str, QuickError]) -> str:
     return next(kind for kind, (mean, standard_error) in more.items() if mean <= CLEARLY * standard_error)
 
 
-def _filter(recordings: Recordings, hand: OpenHand, baseline: str) -> tuple[str, str]:
-    """Value and reason: flags where every object has some; else contact, where the baseline has noise to tell it."""
-    objects, of_object = recordings.columns["object"], ~of_empty_hand(recordings)
+def _filter(recordings: Recordings, hand: OpenHand, baseline: str, usable: np.ndarray) -> tuple[str, str]:
+    """Value and reason: flags where every object has some in usable frames (T,); else contact, above a baseline."""
+    objects, of_object = recordings.columns["object"], usable & ~of_empty_hand(recordings)
     with suppress(UserError):
-        if not len(np.setdiff1d(objects[of_object], objects[flagged(recordings)])):
+        if not len(np.setdiff1d(objects[of_object], objects[usable & flagged(recordings)])):
             return "flags", "the source says in which frames the object is held"
     if baseline == "none":
         return "none", "without a baseline contact cannot be found: every frame is kept"

@@ -23,9 +23,10 @@ def sensors_in_contact(live: int) -> int:
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 
-def smallest_reading(hand: OpenHand) -> float:
-    """The smallest reading of the sensors in counts, to three digits; 0 where that is near it."""
-    low, high = np.percentile(hand.counts[:: max(1, len(hand.counts) // SAMPLE)], [0.1, 99])
+def smallest_reading(hand: OpenHand, usable: np.ndarray) -> float:
+    """The smallest reading in usable frames (T,), in counts, to three digits; 0 where that is near it."""
+    index = np.flatnonzero(usable)
+    low, high = np.percentile(hand.counts[index[:: max(1, len(index) // SAMPLE)]], [0.1, 99])
     return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
 
 
@@ -33,8 +34,8 @@ def quietest_are_contact(recordings: Recordings, hand: OpenHand, training: np.nd
     """Whether even the quietest frames are contact, so that there is no open hand to take a baseline from.
 
     Without an empty hand in every session they are if hardly any frame is as quiet, or none reads more; or if they
-    differ between recordings by as much as contact, and a quick classifier tells the objects of the training side by
-    them. A baseline that drifts does not: sessions are held out where they can be, as it never comes again.
+    differ between recordings by as much as contact, and predict the objects of the training side. Drift alone does not
+    predict them: sessions are held out where they can be, as it never comes again.
 
     Args:
         training: bool (T,) frames whose objects may be looked at.

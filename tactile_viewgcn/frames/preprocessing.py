@@ -63,10 +63,10 @@ def preprocess_recordings(
     notes += _split_notes(recordings, keep, sides.side, split) if groups is None else []
     _require_classes(recordings, keep)
     if groups is None:
-        _require_sides(keep, sides.side, split)
-        notes += _drop_classes(recordings, keep, sides.side)
+        _require_sides(keep, sides, split)
+        notes += _drop_classes(recordings, keep, sides)
         _require_classes(recordings, keep)
-        _require_sides(keep, sides.side, split)
+        _require_sides(keep, sides, split)
     if published and choice.params.filter == "flags" and "balanced" in recordings.columns:
         anchors = published_anchors(recordings.columns["balanced"][keep], sides.side[keep])
         notes.append(Note("the source's balanced frames", topic="anchors"))
@@ -125,12 +125,12 @@ def _split_notes(recordings: Recordings, keep: np.ndarray, side: np.ndarray, spl
     return [Note(f"the published split has {several(len(shared), 'recording')} on both sides", topic="split")]
 
 
-def _drop_classes(recordings: Recordings, keep: np.ndarray, side: np.ndarray) -> list[Note]:
+def _drop_classes(recordings: Recordings, keep: np.ndarray, sides: Sides) -> list[Note]:
     """Remove classes without training frames from `keep`, and the empty hand where it has no test frames."""
     objects, notes = recordings.columns["object"], []
     for label, name in enumerate(recordings.objects):
         of_class = keep & (objects == label)
-        trains, tests = (of_class & (side == TRAIN)).any(), (of_class & (side == TEST)).any()
+        trains, tests = (of_class & sides.training).any(), (of_class & (sides.side == TEST)).any()
         if not of_class.any() or (trains and tests):
             continue
         if name == EMPTY_HAND:
@@ -146,7 +146,7 @@ def _drop_classes(recordings: Recordings, keep: np.ndarray, side: np.ndarray) ->
 
 
 def one_class(name: str, where: str = "the recordings have") -> str:
-    """The sentence on a single class, which nothing can be told from."""
+    """The sentence on a single class: there is nothing to choose between."""
     return f"{where} one class, {name}; expected two or more"
 
 
@@ -158,10 +158,10 @@ def _require_classes(recordings: Recordings, keep: np.ndarray) -> None:
         raise UserError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
 
 
-def _require_sides(keep: np.ndarray, side: np.ndarray, split: Split) -> None:
+def _require_sides(keep: np.ndarray, sides: Sides, split: Split) -> None:
     """Raise a UserError if a side that is needed has no frames."""
     needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
-    empty = [SIDES[code] for code in sorted(needed) if not (keep & (side == code)).any()]
+    empty = [SIDES[code] for code in sorted(needed) if not (keep & (sides.side == code) & ~sides.surplus).any()]
     if empty:
         raise UserError(
             f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has no "

@@ -28,7 +28,7 @@ class Sides:
         group: int64, split group.
         side: int8, TRAIN, VALIDATION or TEST.
         surplus: bool, of training groups beyond `split.train_groups`: not trained on.
-        whole: no group of the training side is partly on the test side, so that a choice may hold groups out.
+        whole: whole groups can be held out; False where single frames are.
     """
 
     group: np.ndarray

@@ -128,9 +128,11 @@ def _measured(overview: Overview) -> Table:
     by = overview.setting("split.by")
     remark = (
         "Errors of a quick classifier on held-out groups, with a standard error. Without contact: on frames of the "
-        "open hand, or on the first frame of a recording; an error below chance there is a leak. The baseline marked "
-        f"* is taken: it was chosen on the training side of split.by {by} alone, as preprocess does."
+        "open hand, or on the first frame of a recording; an error below chance there is a leak. All recordings: of "
+        "both sides, above the baseline that is taken."
     )
+    if choice.errors:
+        remark += f" The one marked * was chosen on the training side of split.by {by} alone, as preprocess does."
     return Table("Baseline", remark, ["", "error, %", "without contact, %", "chance", "leaks"], rows)
 
 
@@ -156,9 +158,9 @@ def warnings(overview: Overview) -> list[str]:
         f"Never in contact: {untouched}. Record these objects again, held firmly.": untouched,
         f"The object can be recognised before it is touched (baseline {baseline}): errors will say less about touch "
         "than they seem to. Record each object in several sessions, in another order in each.": leaks,
-        "The first frame of a recording, before anything is held, already tells the object: errors will say less about "
-        "touch than they seem to. Record the objects in another order in each session.": first_leaks,
-        "A quick classifier may tell the objects no better than guessing. Record more of each, held firmly.": at_chance,
+        "The first frame of a recording, before anything is held, already predicts the object: errors will say less "
+        "about touch than they seem to. Record the objects in another order in each session.": first_leaks,
+        "A quick classifier predicts the objects no better than guessing. Record more of each, held firmly.": at_chance,
         f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {once}. Nothing is left to test with. {TWICE}": once,
         f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable, and at the program that "
         "records.": overview.gaps > MANY_GAPS * of.frames.sum(),

@@ -1,4 +1,4 @@
-"""What to set for recordings of which nothing is known but what was inspected: split, preprocessing and preset."""
+"""Recommended split, preprocessing and preset for inspected recordings."""
 
 import numpy as np
 

@@ -119,7 +119,10 @@ def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Ove
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, layout=layout) as recordings:
-        return overview(recordings, load(DEFAULTS).preprocess)
+        asked = load(DEFAULTS).preprocess
+        return overview(
+            recordings, replace(asked, baseline="auto", filter="auto", contact_sensors="auto", scale="auto")
+        )
 
 
 def overview(recordings: Recordings, asked: PreprocessSection) -> Overview:
@@ -144,7 +147,7 @@ def overview(recordings: Recordings, asked: PreprocessSection) -> Overview:
     flags = [columns[name] for name in ("grasp_valid", "valid") if name in columns]
     interval, gaps, seconds = _sampling([columns["time"][index] for index in recorded])
     means, activity, in_contact = _means(recordings, choice, hand.contact & ~empty)
-    above = contact_readings(recordings, hand, choice.baseline)
+    above = contact_readings(recordings, hand, choice.baseline, np.ones(len(recordings), dtype=bool))
     sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
     smallest, largest, at_largest = _extremes(hand, recorded)
     spread, noise = sample.std(axis=0, dtype=np.float64), np.median(hand.noise[np.unique(session)], axis=0)
@@ -189,7 +192,7 @@ def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
     """See `Overview.groups`; of `source` the groups are its two sides."""
     columns = {name: values[~empty] for name, values in recordings.columns.items()}
     groups = {}
-    for by in ("source", "recording", "grasp", "session"):
+    for by in ("source", "recording", "grasp"):
         with suppress(UserError):  # no such column
             group = split_groups(columns, by)
             pairs = np.unique(np.stack([columns["object"], columns["split"] if by == "source" else group]), axis=1)

@@ -171,6 +171,10 @@ class Recogniser:
 
     def _values(self, counts: np.ndarray, baseline: Baseline) -> Tensor:
         """The classifier's values (n, ...) of n frames of counts (..., H, W): the one place where raw counts enter."""
+        if counts.shape[-2:] != self.shape:
+            raise UserError(f"counts has frames of {counts.shape[-2:]}; expected {self.shape}")
+        if isinstance(baseline, str) and baseline != "subtracted":
+            raise UserError(f"baseline is {baseline!r}; expected an array, None or 'subtracted'; see baseline(session)")
         check_finite(counts, "counts")
         if not isinstance(baseline, str):
             baseline = self.baseline() if baseline is None else baseline

@@ -67,7 +67,7 @@ class Forest(Estimator):
         for child in (self.left, self.right):
             if not ((node <= child) & (child < len(node))).all():
                 raise ValueError("a tree's node has a child that is not below it")
-        if not ((self.roots >= 0) & (self.roots < len(node))).all():
+        if not len(self.roots) or not ((self.roots >= 0) & (self.roots < len(node))).all():
             raise ValueError("a tree begins outside its nodes")
         if not ((self.feature >= 0) & (self.feature < features)).all():
             raise ValueError("a tree's node asks for a feature that there is not")

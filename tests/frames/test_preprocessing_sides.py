@@ -127,6 +127,16 @@ def test_each_object_is_trained_on_its_first_groups_alone(tmp_path):
         assert (frames.side == TEST).sum() == (all_of["all"].side == TEST).sum()
 
 
+def test_a_class_whose_only_used_group_the_filter_empties_is_dropped(tmp_path):
+    columns = COLUMNS | {"split": np.zeros_like(COLUMNS["split"])}
+    first = np.unique(COLUMNS["recording"][COLUMNS["object"] == 2])[1]  # the first of fold 0 is its test group
+    valid = COLUMNS["valid"] & (COLUMNS["recording"] != first)
+    changes = ("split.by=recording", "split.folds=3", "split.train_groups=1")
+    frames, made, _ = prepared(tmp_path, *changes, columns=columns | {"valid": valid})
+    assert frames.classes == ["empty_hand", "object1"]
+    assert any("object2 has no training frames" in note.text for note in made.notes)
+
+
 def test_sessions_are_held_out_for_all_objects_though_one_missed_the_first(tmp_path):
     there = (COLUMNS["object"] != 1) | (COLUMNS["session"] == 1)
     columns = {name: values[there] for name, values in COLUMNS.items()}
