@@ -19,6 +19,7 @@ from tactile_viewgcn.params import VIRTUAL, load
 
 BUSY = 300.0  # seconds for which other experiments may hold DVC's lock, or have params.yaml changed, when a cell starts
 REFUSED = re.compile(r"^ERROR: (Unable to acquire lock|.* is busy)", re.MULTILINE)
+ended: set[str] = set()  # calls of `run_cells` that were stopped: none of their cells is tried again
 one_reader = Lock()  # DVC's index of the cache is not made for threads
 
 
@@ -37,6 +38,8 @@ def run_cell(experiment: str, key: str, cell: Cell, run: str, commit: str = "") 
     tqdm.write(f"{cell} ...")
     begin, fault, busy = time.monotonic(), "", True
     while (revision := experiments().get(experiment)) is None:
+        if run in ended:
+            raise UserError("stopped")
         if not busy or time.monotonic() - begin > BUSY:
             raise UserError(f"{fault} ({place}/{log})")
         if key_of(cell, code_of_stages()) == key:
@@ -121,6 +124,7 @@ def tie(run: str) -> tuple[int, int]:
 
 def end_cells(run: str) -> None:
     """End the cells of one call of `run_cells` that this process runs."""
+    ended.add(run)
     os.close(tie(run)[1])
 
 
