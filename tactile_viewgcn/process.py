@@ -47,7 +47,7 @@ def usable_cores() -> int:
 
 def peak_mb() -> float:
     """The most memory that this process, or one that it started and that has ended, has held, in MB (10^6 bytes)."""
-    own, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    peak, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     with suppress(OSError):  # on Linux ru_maxrss of this process counts the one that started it
-        own = int(re.findall(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[0])
-    return max(own, children) * (1 if sys.platform == "darwin" else 1024) / 1e6
+        peak = int(re.findall(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[0])
+    return max(peak, children) * (1 if sys.platform == "darwin" else 1024) / 1e6
