@@ -18,6 +18,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 
 BUSY = 300.0  # seconds for which other experiments may hold DVC's lock, or have params.yaml changed, when a cell starts
+TIED_DVC = Path(__file__).with_name("tied_dvc.py")  # by path: a `studies` in the working folder may be another one
 REFUSED = re.compile(r"^ERROR: (Unable to acquire lock|.* is busy)", re.MULTILINE)
 ended: set[str] = set()  # calls of `run_cells` that were stopped: none of their cells is tried again
 one_reader = Lock()  # DVC's index of the cache is not made for threads
@@ -62,7 +63,7 @@ def attempt(experiment: str, cell: Cell, run: str, log: Path) -> tuple[str, bool
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("w") as stream:
         done = subprocess.run(
-            [sys.executable, "-m", "studies.tied_dvc", "exp", "run", "--temp", "--name", experiment, *words],
+            [sys.executable, "-P", TIED_DVC, "exp", "run", "--temp", "--name", experiment, *words],
             stdin=tie(run)[0],
             stdout=stream,
             stderr=subprocess.STDOUT,

@@ -1,4 +1,4 @@
-"""`python -m studies.tied_dvc exp run ...`: DVC that ends with the process that started it, even by `kill -9`.
+"""`python studies/tied_dvc.py exp run ...`: DVC that ends with the process that started it, even by `kill -9`.
 
 That process holds the other end of the pipe that is standard input here, which closes with it.
 """

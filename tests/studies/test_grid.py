@@ -133,9 +133,9 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
         (["nosuch"], "folds, sequential"),
         (["compare", "--jobs", "0"], "--jobs is 0"),
         (["compare", "--set", "views=4"], "--set without --out"),
-        (["compare", "--set", "vews=4", "--out", "/tmp/x"], "did you mean views?"),
-        (["compare", "--set", "seed=4", "--out", "/tmp/x"], "--set seed: every cell has its own"),
-        (["error_time", "--set", "views=8", "--out", "/tmp/x"], "the same training twice"),
+        (["compare", "--set", "vews=4", "--out", "elsewhere"], "did you mean views?"),
+        (["compare", "--set", "seed=4", "--out", "elsewhere"], "--set seed: every cell has its own"),
+        (["error_time", "--set", "views=8", "--out", "elsewhere"], "the same training twice"),
     ],
 )
 def test_a_mistake_on_the_command_line_ends_in_one_line(words, expected):
