@@ -29,10 +29,6 @@ def cluster(job: Job, needs: Path, frames: Path, out: Path) -> None:
         click.echo(f"cluster: none; view sets are drawn at random from each of {several(pools, 'pool')}")
     else:
         click.echo(f"cluster: {several(pools, 'pool')} in {several(count, 'cluster')} each")
-        if job.run.id:
-            from tactile_viewgcn.plots import cluster_means
-
-            job.run.figure("cluster_means.png", cluster_means(views.means(table), table.live, table.classes))
     if empty and job.needed:
         text = f"{empty} of {several(pools * count, 'view')}: no frame of its own, so one of its pool's is repeated"
         job.note(Note(text, topic="clusters"))

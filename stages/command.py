@@ -8,7 +8,7 @@ import signal
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,11 +23,13 @@ from tactile_viewgcn.names import shown
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import load
 from tactile_viewgcn.process import LOST, launched, peak_mb, rank, seconds_since_start
-from tactile_viewgcn.provenance import changes_of, committed_params, origin, run_name
+from tactile_viewgcn.provenance import changes_of, committed_params, origin, run_name, run_tags
 from tactile_viewgcn.schema import flatten
 
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
+
+LONG = 60.0  # seconds after which a training shows its epochs in MLflow
 
 
 @dataclass
@@ -37,6 +39,7 @@ class Job:
     Attributes:
         params: the parameters that `params` of the stage in dvc.yaml name, and no others.
         md5s: of each input, by name.
+        begin_run: begins the stage's run in MLflow, which a short stage leaves to `evaluate`.
         needed: whether `model.system` needs the stage.
         counts: single values for the record and MLflow; curves: a value per epoch; both by name.
         threads: the numbers of threads that it has computed with.
@@ -45,6 +48,7 @@ class Job:
     stage: str
     params: Any
     md5s: dict[str, str]
+    begin_run: Callable[[], tracking.Run] | None = None
     needed: bool = True
     run: tracking.Run = field(default_factory=tracking.Run)
     counts: dict[str, Any] = field(default_factory=dict)
@@ -68,14 +72,15 @@ class Job:
         follow_load()
         compute, self.threads = select_device(self.params.device, self.params.precision), used
         self.computed = {"device": str(compute.device), "precision": compute.precision}
-        self.run.tags(self.computed)
         return compute
 
     def epoch(self, epoch: int, values: dict[str, float]) -> None:
-        """Keep an epoch's values, and print them where no bar is shown."""
-        self.run.metrics(values, step=epoch)
+        """Keep an epoch's values, show them in MLflow in a long training, and print them where no bar is shown."""
         for name, value in values.items():
             self.curves.setdefault(name, []).append(value)
+        if self.begin_run and seconds_since_start() > LONG:
+            self.run, self.begin_run = self.begin_run(), None
+        self.run.metrics(values, epoch)
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
             epochs = getattr(self.params, self.stage).epochs
@@ -129,12 +134,15 @@ def run(work: Callable[..., None], *inputs: str, outputs: tuple[str, ...] = ("ou
             with readable(paths["needs"]):
                 job.needed = json.loads(paths["needs"].read_text())[name]
         title = run_name(values, committed, texts)
-        logged = tracking.stage_run(name, title, row=row) if record and job.needed else nullcontext(tracking.Run())
-        with logged as job.run:
-            job.run.parameters(values)
+        with ExitStack() as stack:
+            if record:
+                logged = tracking.stage_run(name, title, values, row=row)
+                job.begin_run = lambda: stack.enter_context(logged)
+                job.run = job.begin_run() if row else job.run
             work(job, **{each: paths[each] for each in (*inputs, *outputs, *["after"] * row)})
             if record:
-                _write_record(record, job, files, {"values": values, "changed": changes_of(values, committed)}, row)
+                changed = {"values": values, "changed": changes_of(values, committed)}
+                _write_record(record, job, title, files, changed, row)
     except Exception as error:
         line = what_to_mend(error)
         if asked["debug"] or line is None:
@@ -170,19 +178,19 @@ def what_to_mend(error: Exception) -> str | None:
     return None
 
 
-def _write_record(path: Path, job: Job, inputs: dict[str, Path], params: dict[str, dict], row: bool) -> None:
-    """Write what was done, from what, where and at what cost; to MLflow too, where the row does not carry it."""
+def _write_record(path: Path, job: Job, name: str, inputs: dict[str, Path], params: dict[str, dict], row: bool) -> None:
+    """Write what was done, from what, where and at what cost; to MLflow too, where the stage has a run of its own."""
     before = job.counts.pop("seconds_before_interruption", 0.0)
     costs = {"seconds": before + seconds_since_start(), "peak_mb": peak_mb()}
     if job.threads:
         costs |= {"threads.fewest": min(job.threads), "threads.most": max(job.threads)}
-    if not row:
-        job.run.tags({f"md5.{name}": digest for name, digest in job.md5s.items()})
-        job.run.parameters(job.counts)
-        job.run.metrics(costs)
-    files = {name: {"path": str(path), "md5": job.md5s[name]} for name, path in inputs.items()}
-    content: dict[str, Any] = {"stage": job.stage, "run_id": job.run.id, **costs, "inputs": files, "counts": job.counts}
-    content |= {"notes": [asdict(note) for note in job.notes], "curves": job.curves, "params": params}
+    files = {each: {"path": str(place), "md5": job.md5s[each]} for each, place in inputs.items()}
+    tags = run_tags(job.stage) | job.computed | {f"md5.{each}": digest for each, digest in job.md5s.items()}
+    content: dict[str, Any] = {"stage": job.stage, "needed": job.needed, "run_id": job.run.id, "name": name}
+    content |= {"tags": tags, **costs, "inputs": files, "counts": job.counts, "curves": job.curves, "params": params}
+    content |= {"notes": [asdict(note) for note in job.notes], "origin": origin() | job.computed}
     with atomic_write(path) as part:
-        part.write_text(json.dumps(content | {"origin": origin() | job.computed}, indent=2) + "\n")
-    job.run.artifacts(path)
+        part.write_text(json.dumps(content, indent=2) + "\n")
+    if row:
+        job.run.tags(tags)
+        job.run.artifacts(path)

@@ -34,8 +34,10 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
     timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
     report.write_results(out, metrics, timing, evaluation, table.classes)
-    for path in (out, *after):
+    row.artifacts(out)
+    for path in after:
         row.artifacts(path)
+        row.stage(path)
     row.metrics(report.row_metrics(metrics, timing))
     for protocol, trials in evaluation.protocols.items():
         for trial, correct in enumerate(trials.correct, start=1):

@@ -30,8 +30,6 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
         write_csv(file, [rows[0], *(row.values() for row in rows)])
     errors = leak_counts(leak) | {f"measured.baseline.{kind}": error.error for kind, error in choice.errors.items()}
     errors |= {f"measured.leak.{kind}": error.error for kind, error in choice.leaks.items()}
-    job.run.artifacts(kept)
-    job.run.metrics(errors)
     counts = frame_counts(frames)
     kept_of, classes = several(len(table), "frame"), several(len(frames.classes), "class", "classes")
     click.echo(f"preprocess: {len(frames):,} of {kept_of} kept, {classes}")

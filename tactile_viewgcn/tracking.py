@@ -1,11 +1,12 @@
 """The one module that knows MLflow, and imports it late.
 
 An evaluated pipeline is one row of the experiment `tactile-viewgcn`: the run of `evaluate`. The runs of the other
-stages lie in `tactile-viewgcn/stages`. The store is `mlflow.db` at the root of the repository, with `mlruns/` beside
-it. MLflow's own variables override it, and a relative `sqlite:///my.db` counts from the same root;
-MLFLOW_TRACKING_URI=disabled leaves MLflow out.
+stages lie in `tactile-viewgcn/stages`: a long training begins its own, `evaluate` makes the others from their records.
+The store is `mlflow.db` at the root of the repository, with `mlruns/` beside it. MLflow's own variables override it,
+and a relative `sqlite:///my.db` counts from the same root; MLFLOW_TRACKING_URI=disabled leaves MLflow out.
 """
 
+import json
 import os
 import re
 import sys
@@ -14,6 +15,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,12 +24,13 @@ import numpy as np
 from filelock import FileLock
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import root
+from tactile_viewgcn.files import md5, root
 from tactile_viewgcn.provenance import run_tags
 
 EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
 NEEDS = "torch", "numpy", "h5py", "pyyaml", "filelock"  # packages that every logged model needs
+COSTS = "seconds", "peak_mb", "threads.fewest", "threads.most"  # of a stage's record
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
 SETTINGS = {  # MLflow reads them when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default it tries a dead server for minutes
@@ -46,16 +49,16 @@ class Run:
     A store that fails later never fails a stage: a warning says so once, and nothing more is logged.
     """
 
-    def __init__(self, mlflow: Any = None, run_id: str | None = None):
-        self._mlflow, self.id = mlflow, run_id
+    def __init__(self, mlflow: Any = None, run_id: str | None = None, stages: str = ""):
+        self._mlflow, self.id, self._stages = mlflow, run_id, stages  # the last is an experiment's id
 
     def parameters(self, values: dict[str, Any]) -> None:
         """Log parameters, and counts that are no result, by name."""
-        self._log(lambda mlflow: mlflow.log_params(values))
+        self._log(lambda mlflow: mlflow.log_params(values, run_id=self.id))
 
     def metrics(self, values: dict[str, float], step: int = 0) -> None:
         """Log a value each, of a step such as an epoch or a trial."""
-        self._log(lambda mlflow: mlflow.log_metrics(values, step))
+        self._log(lambda mlflow: mlflow.log_metrics(values, step, run_id=self.id))
 
     def tags(self, values: dict[str, Any]) -> None:
         """Set tags by name."""
@@ -72,7 +75,36 @@ class Run:
 
     def artifacts(self, path: Path) -> None:
         """Log a file, or all files of a folder, as they are."""
-        self._log(lambda mlflow: (mlflow.log_artifacts if path.is_dir() else mlflow.log_artifact)(str(path)))
+        name = "log_artifacts" if path.is_dir() else "log_artifact"
+        self._log(lambda mlflow: getattr(mlflow, name)(str(path), run_id=self.id))
+
+    def stage(self, path: Path) -> None:
+        """Link an earlier stage's run to this one; it is completed, or made, from the stage's record, once."""
+
+        def log(mlflow: Any) -> None:
+            record, digest, client = json.loads(path.read_text()), md5(path), mlflow.MlflowClient()
+            if not record["needed"]:
+                return
+            if logged := client.search_runs([self._stages], f"tags.record = '{digest}'"):
+                mlflow.set_tag(f"stage.{record['stage']}", logged[0].info.run_id)
+                return
+            end = datetime.fromisoformat(record["origin"]["time"]).timestamp()
+            begin = round(1000 * (end - record["seconds"]))
+            run_id = record["run_id"] or client.create_run(self._stages, begin, {}, record["name"]).info.run_id
+            run, entities = Run(mlflow, run_id), mlflow.entities
+            run.parameters(record["params"]["values"] | record["counts"])
+            run.metrics({name: record[name] for name in COSTS if name in record})
+            for name, curve in record["curves"].items():
+                shown = {metric.step for metric in client.get_metric_history(run_id, name)}
+                epochs = [entities.Metric(name, value, begin, epoch) for epoch, value in enumerate(curve, start=1)]
+                client.log_batch(run_id, [each for each in epochs if each.step not in shown])
+            run.artifacts(path)
+            tags = record["tags"] | {"record": digest}
+            client.log_batch(run_id, tags=[entities.RunTag(*each) for each in tags.items()])
+            client.set_terminated(run_id, end_time=round(1000 * end))
+            mlflow.set_tag(f"stage.{record['stage']}", run_id)
+
+        self._log(log)
 
     def figure(self, name: str, figure: Any) -> None:
         """Log a picture of Matplotlib; draw one only where there is an `id`."""
@@ -121,11 +153,11 @@ class Run:
 
 
 @contextmanager
-def stage_run(stage: str, name: str = "", *, row: bool = False) -> Iterator[Run]:
+def stage_run(stage: str, name: str = "", params: dict[str, Any] | None = None, *, row: bool = False) -> Iterator[Run]:
     """The run of one stage: FINISHED when the block ends well, else FAILED or KILLED, with its traceback as artifact.
 
     Args:
-        name: shown to people; the stage's by default.
+        name: shown to people; the stage's by default. params: logged at once.
         row: an evaluated pipeline, a row of the experiment that people compare.
 
     Raises:
@@ -139,8 +171,9 @@ def stage_run(stage: str, name: str = "", *, row: bool = False) -> Iterator[Run]
         run = mlflow.start_run(experiment_id=rows if row else stages, run_name=name or stage, tags=run_tags(stage))
     except Exception as error:
         raise UserError(f"{_reason(error)}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}") from error
-    logged, status = Run(mlflow, run.info.run_id), "FINISHED"
+    logged, status = Run(mlflow, run.info.run_id, stages), "FINISHED"
     try:
+        logged.parameters(params or {})
         yield logged
     except BaseException as error:
         status = "FAILED" if isinstance(error, Exception) else "KILLED"

@@ -1,5 +1,6 @@
 """Runs in MLflow, seen from its own client: rows and stages, what they log, how they end, and stores that fail."""
 
+import json
 import os
 import sqlite3
 import subprocess
@@ -54,6 +55,36 @@ def test_an_evaluated_pipeline_is_a_row_with_its_dataset_and_its_trials_as_steps
     assert (logged.dataset.name, logged.dataset.digest) == ("data/virtual/recordings", "0123abcd")
     history = client.get_metric_history(row.info.run_id, "trials.error.object")
     assert [(metric.step, metric.value) for metric in history] == [(1, 0.25), (2, 0.5)]
+
+
+def test_a_stage_before_it_is_logged_from_its_record_once_and_one_that_began_its_own_run_is_completed(
+    store, client, tmp_path
+):
+    with tracking.stage_run("finetune") as begun:
+        begun.metrics({"loss": 3.0}, step=1)
+    record = {"needed": True, "run_id": None, "name": "pretrain.lr=0.01", "tags": {"md5.frames": "ab"}, "seconds": 9.0}
+    record |= {"peak_mb": 50.5, "counts": {"weights.backbone": 7}, "curves": {"loss": [3.0, 2.0]}}
+    record |= {"params": {"values": {"pretrain.lr": 0.01}}, "origin": {"time": "2026-01-02T03:04:05+00:00"}}
+    changes = {"pretrain": {}, "finetune": {"run_id": begun.id}, "cluster": {"needed": False}}
+    paths = [tmp_path / f"{stage}.json" for stage in changes]
+    for path, (stage, changed) in zip(paths, changes.items(), strict=True):
+        path.write_text(json.dumps(record | {"stage": stage} | changed))
+    for _ in range(2):
+        with tracking.stage_run("evaluate", row=True) as row:
+            for path in paths:
+                row.stage(path)
+    runs = {run.info.run_id: run for run in runs_of(client)}
+    for evaluated in runs_of(client, tracking.EXPERIMENT):
+        links = {name: value for name, value in evaluated.data.tags.items() if name.startswith("stage.")}
+        assert links["stage.finetune"] == begun.id and set(links.values()) == set(runs) and len(runs) == 2
+    for run_id, run in runs.items():
+        history = client.get_metric_history(run_id, "loss")
+        assert sorted((metric.step, metric.value) for metric in history) == [(1, 3.0), (2, 2.0)]
+        assert run.data.params == {"pretrain.lr": "0.01", "weights.backbone": "7"}
+        assert run.data.metrics == {"loss": 2.0, "seconds": 9.0, "peak_mb": 50.5}
+        assert run.data.tags["md5.frames"] == "ab" and run.info.status == "FINISHED"
+    made = runs[links["stage.pretrain"]].info
+    assert made.run_name == "pretrain.lr=0.01" and made.end_time - made.start_time == 9000
 
 
 @pytest.mark.parametrize(
@@ -127,7 +158,7 @@ def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_works
 
 
 def test_a_store_that_fails_under_way_costs_the_row_and_one_warning(store, client, monkeypatch, capsys):
-    def log_metrics(*_):
+    def log_metrics(*_, **__):
         raise OSError(28, "No space left on device")
 
     with tracking.stage_run("ingest") as run:
