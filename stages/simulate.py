@@ -6,7 +6,7 @@ import click
 
 from stages.command import Job, run
 from tactile_viewgcn.glove.recipe import VERSION, recipe_from_params
-from tactile_viewgcn.glove.writer import simulate as write_recordings
+from tactile_viewgcn.glove.simulation import simulate as write_recordings
 from tactile_viewgcn.process import usable_cores
 
 

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.contact import Layer, Mechanics
-from tactile_viewgcn.glove.drive import Drive
+from tactile_viewgcn.glove.contact import Drive, Layer, Mechanics
 from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, Hand, Hands, Pose, stag_hand
 from tactile_viewgcn.glove.objects import OBJECTS, GraspObject, select_objects
 from tactile_viewgcn.glove.recipe import EFFECTS, Recipe

@@ -9,7 +9,7 @@ from sklearn.datasets import load_digits
 
 from benchmarks.choice.foreign import Drawn, dense_array, finger_forces
 from tactile_viewgcn.glove.recipe import LAYER, recipe_from_params
-from tactile_viewgcn.glove.writer import simulate
+from tactile_viewgcn.glove.simulation import simulate
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings

@@ -18,7 +18,7 @@ from tactile_viewgcn.device import Compute, select_device
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.glove.recipe import TRAINING_SESSIONS, recipe_from_params
-from tactile_viewgcn.glove.writer import simulate
+from tactile_viewgcn.glove.simulation import simulate
 from tactile_viewgcn.params import Params, load, preset_changes
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.formats import open_source

@@ -6,16 +6,13 @@ moves a little, and let go without opening wholly. The numbers below belong to t
 `recipe.py`.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.collision import collisions
-from tactile_viewgcn.glove.contact import GRAVITY
-from tactile_viewgcn.glove.drive import Drive
+from tactile_viewgcn.glove.contact import GRAVITY, Drive
 from tactile_viewgcn.glove.hand import Hands
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids
@@ -41,29 +38,15 @@ PINCHED = 0.3  # share of these of an object between the fingertips
 SQUEEZE = (0.04, 0.60)  # N m of a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
 PHASES = {"arrive": 1, "close": 4, "squeeze": 2, "hold": 0, "release": 2}  # frames; `hold` fills the grasp
+HOLD = list(PHASES).index("hold")  # number of the steady phase
 LOOSE = 0.4  # closure between two grasps, of what the next one closes to
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The scenes of B recordings of T frames, before their mechanics are solved.
-
-    Attributes:
-        drive: at T + 1 knots; frame t ends at knot t + 1.
-        steady: (T,) bool, the steady part of a grasp.
-        grasp: (T,) number of the grasp.
-    """
-
-    drive: Drive
-    steady: np.ndarray
-    grasp: np.ndarray
 
 
 def plan(
     grasp_objects: list[GraspObject], hands: Hands, solids: Solids, habits: list[np.random.Generator],
     rngs: list[np.random.Generator], *, frames: int, grasps: int, effects: frozenset[str],
-) -> Plan:  # fmt: skip
-    """Scenes of B recordings, each drawn from its own generator.
+) -> Drive:  # fmt: skip
+    """Drive of B recordings at T + 1 knots, each drawn from its own generator; frame t ends at knot t + 1.
 
     Raises:
         UserError: grasps too short for their phases.
@@ -96,8 +79,7 @@ def plan(
         load[..., 2] = -1e-3 * GRAVITY * np.array([[one.weight] for one in grasp_objects]) * loaded
     opposition = ASIDE + (opposition - ASIDE) * near
     frames_of = (posture, squeeze, opposition, position, rotation, load)
-    drive = Drive(*(np.concatenate([values[:, :1], values], axis=1) for values in frames_of))
-    return Plan(drive, hold, grasp)
+    return Drive(*(np.concatenate([values[:, :1], values], axis=1) for values in frames_of))
 
 
 def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,21 +1,27 @@
-"""Simulation of a recipe: plan the scenes, solve the mechanics, read the sensors, block by block."""
+"""Simulation of a recipe: plan the scenes, solve the mechanics, read the sensors, and write, block by block."""
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
 
+import h5py
 import numpy as np
+from joblib import Parallel, delayed
+from tqdm import tqdm
 
-from tactile_viewgcn.glove.contact import Mechanics
-from tactile_viewgcn.glove.drive import Drive
+from tactile_viewgcn.files import atomic_folder
+from tactile_viewgcn.glove.contact import Drive, Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hand, Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.recipe import Cell, Recipe
-from tactile_viewgcn.glove.scene import OPEN, plan
+from tactile_viewgcn.glove.recipe import VERSION, Cell, Recipe
+from tactile_viewgcn.glove.scene import HOLD, OPEN, plan, schedule
 from tactile_viewgcn.glove.sensor import Sensors
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.randomness import stream
 
 BLOCK = 96  # frames solved before they are read
+MIN_RECORDINGS_PER_WORKER = 20  # with fewer, starting a process takes longer than it saves
 SLIP_STD, SCALE_STD = 0.002, 0.02  # m and share: how the fit of the glove varies from session to session
 
 
@@ -23,7 +29,7 @@ class Simulation:
     """Simulates recordings of a recipe side by side: all of them, or some `cells`.
 
     Attributes:
-        plan: scenes of the B recordings.
+        drive: what the scenes of the B recordings prescribe.
         statistics: cost of the integration so far, see `ImplicitIntegrator`; and `beyond_thickness`, the number of
             contacts that compressed the layer by more than its thickness.
     """
@@ -36,7 +42,7 @@ class Simulation:
         self.names = [one.name for one in objects]
         self.solids = Solids([list(one.parts) for one in objects])
         self.stiffness = np.array([one.stiffness for one in objects])
-        self.plan = plan(
+        self.drive = plan(
             objects, self.hands, self.solids,
             [stream(recipe.seed, f"glove habit {name}") for name in self.names], self._streams("scene"),
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
@@ -69,7 +75,7 @@ class Simulation:
 
     def mechanics(self, start: int, stop: int) -> Mechanics:
         """The equation of frames `start` to `stop`; its first knot is the moment before them."""
-        drive = Drive(**{name: values[:, start : stop + 1] for name, values in vars(self.plan.drive).items()})
+        drive = Drive(**{name: values[:, start : stop + 1] for name, values in vars(self.drive).items()})
         return Mechanics(
             self.hands, self.solids, self.stiffness, drive, self.recipe.layer,
             motion="motion" in self.recipe.effects, names=self.names,
@@ -110,3 +116,61 @@ class Simulation:
             stream(self.recipe.seed, f"glove {purpose} {name}", session, 0)
             for name, (session, _) in zip(self.names, self.cells, strict=True)
         ]
+
+
+def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter[str]:
+    """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5, all of them or none.
+
+    They do not depend on the number of worker processes. Memory holds a block of pressures and about 300 bytes a frame
+    of every recording.
+
+    Returns:
+        The cost, see `Simulation.statistics`.
+
+    Raises:
+        UserError: grasps too short for their phases, or an object that starts inside the palm.
+    """
+    workers = max(1, min(workers, len(recipe.cells) // MIN_RECORDINGS_PER_WORKER))
+    with atomic_folder(folder) as part:
+        for session in range(recipe.sessions):
+            (part / f"{session:03d}").mkdir()
+        shares = (recipe.cells[worker::workers] for worker in range(workers))
+        write = delayed(_write)
+        costs = Parallel(n_jobs=workers)(write(recipe, cells, part, bar=not n) for n, cells in enumerate(shares))
+    return sum(costs, Counter())
+
+
+def _write(recipe: Recipe, cells: list[Cell], folder: Path, *, bar: bool) -> Counter[str]:
+    """Simulate the recordings of one process into a folder of sessions; a `bar` shows the progress on a terminal."""
+    simulation, start = Simulation(recipe, cells), 0
+    progress = tqdm(total=recipe.frames, desc="simulate", unit="frame", disable=None if bar else True)
+    with ExitStack() as stack, progress:
+        files = [stack.enter_context(_create_file(folder, simulation, b)) for b in range(len(cells))]
+        for block in simulation.blocks():
+            for file, counts in zip(files, block, strict=True):
+                file["pressure"][start : start + len(counts)] = counts
+            start += block.shape[1]
+            progress.update(block.shape[1])
+    return simulation.statistics
+
+
+def _create_file(folder: Path, simulation: Simulation, b: int) -> h5py.File:
+    """File of recording b with everything in it but the counts."""
+    recipe, (session, number) = simulation.recipe, simulation.cells[b]
+    grasp_object = recipe.objects[number]
+    name = f"{number:03d}-{grasp_object.name}"
+    file = h5py.File(folder / f"{session:03d}" / f"{name}.h5", "w")
+    file.create_dataset(
+        "pressure", (recipe.frames, 32, 32), np.int16, chunks=(min(BLOCK, recipe.frames), 32, 32),
+        compression="gzip", compression_opts=1, shuffle=True,
+    )  # fmt: skip
+    file["time"] = np.arange(recipe.frames) / recipe.rate
+    phase, _, grasp = schedule(recipe.frames, recipe.grasps)
+    file["valid"], file["grasp"] = phase == HOLD, grasp.astype(np.int16)
+    file.attrs.update({
+        "object": grasp_object.name, "session": f"{session:03d}", "weight": float(grasp_object.weight),
+        "split": recipe.side(session),
+        "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
+        "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": recipe.tolerance,
+    })  # fmt: skip
+    return file

@@ -7,8 +7,7 @@ import pytest
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove import integrator
-from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON, Mechanics
-from tactile_viewgcn.glove.drive import Drive
+from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON, Drive, Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator, _Steps
 from tactile_viewgcn.glove.newton import StageSolver

@@ -1,25 +1,29 @@
-"""Simulation: what the counts depend on, that each effect is felt, and that blocks and other recordings are not."""
+"""Simulation: what the counts depend on, that each effect is felt, and what is written, which is whole or nothing."""
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.files import md5
 from tactile_viewgcn.glove import contact, scene, simulation
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.recipe import EFFECTS
-from tactile_viewgcn.glove.scene import OPEN
-from tactile_viewgcn.glove.simulation import Simulation
+from tactile_viewgcn.glove.recipe import EFFECTS, VERSION
+from tactile_viewgcn.glove.scene import HOLD, OPEN, schedule
+from tactile_viewgcn.glove.simulation import Simulation, simulate
+from tactile_viewgcn.readers.formats import open_source
 from tests.gloves import LAYER, recipe, simulated_counts
 
 HAND = stag_hand()
 
 
-def test_a_recording_is_the_same_whatever_other_objects_are_simulated():
+def test_a_recording_is_the_same_whatever_other_objects_and_sessions_are_simulated():
     more, _ = simulated_counts(recipe(["pen", "coin"]))
-    fewer, _ = simulated_counts(recipe(["coin"], sessions=1))  # and whatever other sessions
+    fewer, _ = simulated_counts(recipe(["coin"], sessions=1))
     np.testing.assert_array_equal(more[[0, 2]], fewer)
 
 
@@ -60,10 +64,10 @@ def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
 
 def test_sensor_inputs_are_force_per_area_where_the_skin_faces_it_and_the_joints_flexion():
     run = Simulation(recipe(["ball"], sessions=1))
-    mechanics = Mechanics(run.hands, run.solids, run.stiffness, run.plan.drive, LAYER, motion=True)
+    mechanics = Mechanics(run.hands, run.solids, run.stiffness, run.drive, LAYER, motion=True)
     states = ImplicitIntegrator(mechanics, 1 / 7.35, 0.05).run(mechanics.initial_state(), 22)
     pressure, flexion = run.sensor_inputs(mechanics, states)
-    frame = 1 + int(np.flatnonzero(run.plan.steady)[0])
+    frame = 1 + int(np.flatnonzero(schedule(22, 1)[0] == HOLD)[0])
     balance = mechanics.evaluate(np.arange(2), np.full(2, frame + 1.0), states[:, frame], palm=True)
     naive = np.zeros((2, 548))
     for entry in range(len(balance.force)):
@@ -98,7 +102,7 @@ def test_without_any_effect_a_sensor_reads_its_baseline_and_what_presses_it():
     baseline = np.rint(run.sensors.baseline)[:, None]
     np.testing.assert_array_equal(counts[[0, 2]], np.broadcast_to(baseline[[0, 2]], (2, 28, 548)))
     assert (counts >= baseline).all() and (counts[[1, 3]] > baseline[[1, 3]]).any()
-    held = np.flatnonzero(run.plan.steady)
+    held = np.flatnonzero(schedule(28, 1)[0] == HOLD)
     assert np.ptp(counts[:, held[6:]], axis=1).max() <= 1  # once the fingers rest, nothing moves
 
 
@@ -106,5 +110,41 @@ def test_without_any_effect_a_sensor_reads_its_baseline_and_what_presses_it():
 def test_readings_beyond_a_soft_layers_thickness_are_counted_and_finite(stiffness):
     counts, run = simulated_counts(recipe(["ball"], sessions=1, layer=replace(LAYER, stiffness=stiffness)))
     assert run.statistics["beyond_thickness"] > 25 and counts.min() >= 0 and counts.max() <= 1023
-    _, firm = simulated_counts(recipe(["ball"], sessions=1, layer=replace(LAYER, stiffness=1e9)))
-    assert firm.statistics["beyond_thickness"] == 0
+
+
+def test_the_files_hold_each_object_of_each_session_with_the_last_session_on_the_test_side(tmp_path):
+    folder, names = tmp_path / "recordings", ["000-empty_hand", "001-ball", "002-coin"]
+    assert simulate(recipe(frames=45, grasps=2, seed=7), folder)["steps"] > 6 * 45
+    files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
+    assert files == [f"{session}/{name}.h5" for session in ("000", "001") for name in names]
+    phase, _, grasp = schedule(45, 2)
+    for path, split, weight in zip(files, ["train"] * 3 + ["test"] * 3, [0, 55, 14] * 2, strict=True):
+        with h5py.File(folder / path) as file:
+            assert dict(file.attrs) == {
+                "object": path[8:-3], "session": path[:3], "weight": weight, "split": split,
+                "simulated": f"virtual glove, version {VERSION}, seed 7",
+                "effects": " ".join(sorted(EFFECTS)), "layer": str(LAYER), "tolerance": 0.02,
+            }  # fmt: skip
+            assert file["pressure"].shape == (45, 32, 32) and file["pressure"].dtype == np.int16
+            np.testing.assert_allclose(file["time"], np.arange(45) / 7.35)
+            np.testing.assert_array_equal(file["grasp"], grasp)
+            np.testing.assert_array_equal(file["valid"], phase == HOLD)
+    source = open_source(folder)
+    assert source.objects == ["empty_hand", "ball", "coin"] and source.sessions == ["000", "001"]
+
+
+def test_one_seed_gives_the_same_files_whatever_the_number_of_processes_and_another_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(simulation, "MIN_RECORDINGS_PER_WORKER", 1)
+    for name, seed, workers in (("a", 0, 1), ("b", 0, 2), ("c", 1, 1)):
+        simulate(recipe(["coin"], seed=seed), tmp_path / name, workers=workers)
+    assert md5(tmp_path / "a") == md5(tmp_path / "b") != md5(tmp_path / "c")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_object_that_starts_inside_the_palm_ends_in_a_line_and_leaves_nothing(tmp_path, monkeypatch, workers):
+    monkeypatch.setattr(simulation, "MIN_RECORDINGS_PER_WORKER", 1)
+    ball = {"name": "ball", "weight": 55, "stiffness": 2e7, "parts": [{"sphere": {"radius": 0.034}}]}
+    inside = recipe([ball | {"position": [0.05, 0, -0.03]}])  # below the palm, where it starts, AWAY above, too
+    with pytest.raises(UserError, match=r"object ball starts .* mm inside the palm"):
+        simulate(inside, tmp_path / "recordings", workers=workers)
+    assert list(tmp_path.iterdir()) == []
