@@ -5,29 +5,53 @@ shapes and materials are ours. The z axis of an object is its long or round axis
 palm's axes, see `hand.py`.
 """
 
-import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from difflib import get_close_matches
 from math import pi
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
+from pydantic import BeforeValidator, StringConstraints, ValidationError
+from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.glove.shapes import BOX, Primitive, box, capsule, check_vector, cylinder, sphere, torus, tube
+from tactile_viewgcn.glove.shapes import BOX, Primitive, Vector, box, capsule, cylinder, sphere, torus, tube
+from tactile_viewgcn.schema import SECTION, build
 
 # Stiffness of surfaces, Pa/m: pressure per depth.
 PLUSH, FOAM, RUBBER, SOFT, CARD, PLASTIC, STEEL = 1e6, 4e6, 2e7, 5e7, 2e8, 2e9, 5e10
 ACROSS = (pi / 2, 0.0, 0.0)  # the long axis lies across the palm, the fingers close around it
 FACING = (0.0, 0.0, 0.0)  # the long axis stands on the palm
-SOFTEST, HARDEST = 1e3, 1e12  # Pa/m: as of the skin
-HEAVIEST = 1e5  # g
-NAME = re.compile(r"\w[\w .-]*")
+EMPTY_HAND = "empty_hand"
+SHAPES: dict[str, Callable[..., Primitive]] = {
+    shape.__name__: shape for shape in (sphere, box, cylinder, capsule, torus, tube)
+}
+
+Name = Annotated[str, StringConstraints(pattern=r"^\w[\w .-]*$")]  # of a file, too
+Stiffness = Annotated[float, Interval(ge=1e3, le=1e12)]
+Weight = Annotated[float, Interval(ge=0, le=1e5)]
 
 
-@dataclass(frozen=True)
+def _primitive(part: Any) -> Any:
+    """The primitive of a description such as {sphere: {radius: 0.03}}; anything else as it is.
+
+    Raises:
+        ValueError: not one shape with its sizes.
+    """
+    if not isinstance(part, dict):
+        return part
+    try:
+        ((shape, sizes),) = part.items()
+        return SHAPES[shape](**sizes)
+    except (KeyError, TypeError, ValueError) as error:
+        reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+        reason = reason.removeprefix("Value error, ")
+        raise ValueError(f"{reason} in {part}; expected one of {', '.join(SHAPES)} with its sizes in m") from None
+
+
+@dataclass(frozen=True, config=SECTION)
 class GraspObject:
     """An object to grasp.
 
@@ -39,34 +63,15 @@ class GraspObject:
         orientation: rotation vector (rad) from its axes to the palm's, as it is usually held.
         pinch: whether it is held between fingertips, not against the palm.
         position: (x, y, z) m in the palm's axes where it is held; None: where `pinch` says.
-
-    Raises:
-        UserError: a name that no file can have, a stiffness or weight out of range, or an orientation or position that
-            is not three numbers in range.
     """
 
-    name: str
-    weight: float
-    stiffness: float
-    parts: tuple[Primitive, ...]
-    orientation: tuple[float, float, float] = ACROSS
+    name: Name
+    weight: Weight
+    stiffness: Stiffness
+    parts: tuple[Annotated[Primitive, BeforeValidator(_primitive)], ...]
+    orientation: Vector = ACROSS
     pinch: bool = False
-    position: tuple[float, float, float] | None = None
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not NAME.fullmatch(self.name):
-            raise UserError(
-                f"object {self.name}: expected a name of letters, digits, '_', '-', '.' and spaces: it names files"
-            )
-        if not SOFTEST <= self.stiffness <= HARDEST:
-            raise UserError(
-                f"object {self.name}: stiffness is {self.stiffness} Pa/m; expected {SOFTEST:g} to {HARDEST:g}"
-            )
-        if not 0 <= self.weight <= HEAVIEST:
-            raise UserError(f"object {self.name}: weight is {self.weight} g; expected 0 to {HEAVIEST:g}")
-        check_vector(f"object {self.name}: orientation", self.orientation, 3)
-        if self.position is not None:
-            check_vector(f"object {self.name}: position", self.position, 3)
+    position: Vector | None = None
 
     def lowest(self, rotation: np.ndarray) -> float:
         """How far (m) it reaches below its origin, along -z, after a rotation (3, 3). Ignores cuts."""
@@ -90,7 +95,7 @@ def _at(
 
 
 OBJECTS = (
-    GraspObject("empty_hand", 0, STEEL, ()),
+    GraspObject(EMPTY_HAND, 0, STEEL, ()),
     GraspObject("allen_key_set", 350, STEEL, (
         box(0.024, 0.036, 0.105, 0.005), capsule(0.004, 0.07, **_at(0.016, 0.008, 0.02)),
         capsule(0.003, 0.06, **_at(0.016, -0.004, -0.02)))),
@@ -144,9 +149,6 @@ OBJECTS = (
     GraspObject("tape", 30, CARD, (tube(0.026, 0.034, 0.020, 0.0035),), (pi / 2, 0.0, pi / 2)),
     GraspObject("tea_box", 188, CARD, (box(0.068, 0.074, 0.130, 0.005),)),
 )  # fmt: skip
-SHAPES: dict[str, Callable[..., Primitive]] = {
-    shape.__name__: shape for shape in (sphere, box, cylinder, capsule, torus, tube)
-}
 
 
 def select_objects(selection: str | list[str | dict[str, Any]]) -> tuple[GraspObject, ...]:
@@ -157,48 +159,27 @@ def select_objects(selection: str | list[str | dict[str, Any]]) -> tuple[GraspOb
             {name: cup, weight: 90, stiffness: 1e9, parts: [{tube: {inner: 0.03, outer: 0.034, length: 0.08}}]}.
 
     Raises:
-        UserError: an unknown name, or a description that does not fit `GraspObject` and the shapes.
+        UserError: an unknown name, a name that stands twice, no object but the empty hand, or a description that is not
+            of a `GraspObject` with a part.
     """
     if selection == "all":
         return OBJECTS
     known = {grasp_object.name: grasp_object for grasp_object in OBJECTS}
-    selected = {"empty_hand": known["empty_hand"]}
+    selected = {EMPTY_HAND: known[EMPTY_HAND]}
     for entry in selection:
         if isinstance(entry, str) and entry not in known:
             near = get_close_matches(entry, known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
             raise UserError(f"unknown object {entry!r}; {hint}")
-        grasp_object = known[entry] if isinstance(entry, str) else _from_description(entry)
-        if grasp_object.name in selected and grasp_object.name != "empty_hand":
-            raise UserError(f"object {grasp_object.name}: named twice; give each a name of its own")
+        if entry == EMPTY_HAND:
+            continue
+        if isinstance(entry, str):
+            grasp_object = known[entry]
+        else:
+            grasp_object = build(GraspObject, entry, f"object {entry.get('name')!r}")
+        if grasp_object.name in selected or not grasp_object.parts:
+            raise UserError(f"object {grasp_object.name}: expected a name that stands once, and a part or more")
         selected[grasp_object.name] = grasp_object
     if len(selected) == 1:
         raise UserError("no object besides the empty hand; name at least one")
     return tuple(selected.values())
-
-
-def _from_description(entry: dict[str, Any]) -> GraspObject:
-    """An object from its description in params.yaml."""
-    name = entry.get("name", "without a name")
-    try:
-        parts = []
-        for part in entry["parts"]:
-            ((shape, sizes),) = part.items()
-            parts.append(SHAPES[shape](**_with_tuples(sizes)))
-        grasp_object = GraspObject(**_with_tuples(entry | {"parts": parts}))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise UserError(
-            f"object {name}: not understood ({error}); expected name, weight, stiffness and parts, "
-            f"each part one of {', '.join(SHAPES)} with its sizes in metres"
-        ) from None
-    except ValueError as error:
-        raise UserError(f"object {name}: {str(error).removeprefix(f'object {name}: ')}") from None
-    if name == OBJECTS[0].name:
-        raise UserError(f"object {name}: that name is taken, for a hand that holds nothing; expected another")
-    if not parts:
-        raise UserError(f"object {name}: no parts; name at least one of {', '.join(SHAPES)}")
-    return grasp_object
-
-
-def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}

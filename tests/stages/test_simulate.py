@@ -46,7 +46,7 @@ def test_recordings_are_written_with_what_they_cost(place):
 def test_a_glove_that_cannot_be_is_refused_in_one_line_and_nothing_is_left(place):
     cup = {"name": "cup", "weight": 90, "stiffness": 1e9, "parts": [{"sphere": {"radius": 0}}]}
     line = refused(simulate(place, f"glove.objects={json.dumps([cup])}"))
-    assert "object cup: shape with half sizes (0, 0) and rounding 0 m is too thin; expected at least 1e-05 m" in line
+    assert "object 'cup': parts: thinner than 1e-05 m" in line
     assert [path.name for path in place.iterdir()] == ["params.yaml"]
 
 
