@@ -39,20 +39,12 @@ class Layer:
         thickness: m; contacts compressed further are counted.
         joint_damping: N m s / rad.
         object_damping: N s / m.
-
-    Raises:
-        UserError: a value that is not positive and finite.
     """
 
     stiffness: float
     thickness: float
     joint_damping: float
     object_damping: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0 < value < np.inf:
-                raise UserError(f"{name} is {value}; expected more than 0, and finite")
 
     def series(self, stiffness: np.ndarray) -> np.ndarray:
         """Stiffness (B,) Pa/m of the layer in series with objects of `stiffness` (B,) Pa/m."""
@@ -150,7 +142,7 @@ class Mechanics:
             UserError: an object that starts inside the palm.
         """
         count = len(self.stiffness)
-        rows, start = np.arange(count), {name: values[:, 0] for name, values in vars(self.drive).items()}
+        rows, start = np.arange(count), self.drive.at(np.arange(count), np.zeros(count))
         contacts, _, _ = self._contacts(rows, start["posture"], start["position"], start, palm=True)
         if (contacts.patch >= LINK_PATCHES).any():  # it could be pushed out on the palm's far side
             worst = np.where(contacts.patch >= LINK_PATCHES, contacts.depth, 0).argmax()

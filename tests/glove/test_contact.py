@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.collision import collisions
 from tactile_viewgcn.glove.contact import HOLDING, Mechanics
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
@@ -133,31 +132,19 @@ def test_facing_is_the_cosine_between_the_skin_and_the_pressure():
     assert len(under.facing) == len(balance.facing) and not under.facing.any()
 
 
-@pytest.mark.stability("damping")
-@pytest.mark.parametrize("name", ["stiffness", "thickness", "joint_damping", "object_damping"])
-def test_a_layer_that_cannot_be_is_refused(row, name):
-    for value in (0.0, -1.0, np.inf, np.nan):
-        pattern = rf"{name} is {value}; expected more than 0, and finite"
-        row.refused(f"{name} of {value}", lambda value=value: replace(LAYER, **{name: value}), pattern)
-
-
 @pytest.mark.stability("deep at first")
 def test_an_object_that_starts_inside_the_palm_is_refused(row):
-    grasp_objects = [OBJECTS_BY_NAME["ball"]] * 2
-    hands, inside = Hands([stag_hand()] * 2), np.array([[0.05, 0, 0.06], [0.05, 0, 0.031]])
-    mechanics = Mechanics(
-        hands, solids(*grasp_objects), np.ones(2), constant_drive(inside), LAYER, motion=True, names=["ball", "cup"]
+    inside, outside = np.array([[[0.05, 0, 0.06], [0.05, 0, height]] for height in (0.031, 0.051)])
+
+    def start(position):
+        balls = solids(*[OBJECTS_BY_NAME["ball"]] * 2)  # of a radius of 34 mm
+        drive, hands = constant_drive(position), Hands([stag_hand()] * 2)
+        return Mechanics(hands, balls, np.ones(2), drive, LAYER, motion=True, names=["ball", "cup"]).initial_state()
+
+    row.refused(
+        "a ball inside the palm", lambda: start(inside), r"object cup starts (2\.[789]|3)\d* mm inside the palm"
     )
-    deepest = 34 - 31  # mm: nearly, the sensors are a pitch apart
-    pattern = r"object cup starts .* mm inside the palm; expected it outside"
-    row.refused("a ball inside the palm", mechanics.initial_state, pattern)
-    with pytest.raises(UserError, match=pattern) as refusal:
-        mechanics.initial_state()
-    assert float(str(refusal.value).split()[3]) == pytest.approx(deepest, abs=0.3)
-    outside = Mechanics(
-        hands, solids(*grasp_objects), np.ones(2), constant_drive(inside + np.array([0, 0, 0.02])), LAYER, motion=True
-    )
-    np.testing.assert_array_equal(outside.initial_state()[:, 10:], inside + np.array([0, 0, 0.02]))
+    np.testing.assert_array_equal(start(outside)[:, 10:], outside)
 
 
 def test_finer_beds_come_ever_closer_to_the_closed_form():
