@@ -51,15 +51,6 @@ def test_the_residual_is_the_slope_of_the_energy(motion):
         np.testing.assert_allclose(balance.residual[:, unknown], slope, rtol=2e-5, atol=2e-6)
 
 
-def test_a_contacts_force_is_layer_and_object_in_series_times_area_and_depth():
-    mechanics, y = gripping_hands(motion=False)
-    balance = balanced(mechanics, y)
-    row, sensor = balance.contacts.row, balance.contacts.sensor
-    stiff = 1 / (1 / LAYER.stiffness + 1 / np.array([grasp_object.stiffness for grasp_object in HELD])[row])
-    expected = stiff * mechanics.hands.area[row, sensor] * balance.contacts.depth
-    np.testing.assert_allclose(balance.force, expected, rtol=1e-12)
-
-
 def test_the_hessian_is_the_sum_over_contacts_and_springs():
     mechanics, y = gripping_hands(motion=True)
     balance, far = balanced(mechanics, y), y.copy()
@@ -165,7 +156,7 @@ def test_finer_beds_come_ever_closer_to_the_closed_form():
         found = np.stack([
             np.bincount(row, -balance.force * balance.contacts.normal[:, 2]) / load,
             np.bincount(row, balance.force) / total,
-            np.sqrt(np.bincount(row) / np.pi) * pitch / edge,  # the radius of a disc of so many sensors' area
+            np.sqrt(np.bincount(row) / np.pi) * pitch / edge,  # the radius of a disc of the same area
         ])  # fmt: skip
         errors.append(np.sqrt(((found - 1) ** 2).mean(axis=1)))
     assert (np.array(errors[0]) < 0.05).all() and (np.array(errors[-1]) < 1e-3).all()

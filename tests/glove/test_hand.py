@@ -56,13 +56,3 @@ def test_every_sensor_is_where_its_own_chain_of_rotations_takes_it(q, opposition
     np.testing.assert_allclose(points(hand, pose, 0), places, atol=1e-14)
     turned = np.array([pose.axes[0, n] @ normal for n, normal in zip(hand.patch, hand.normal, strict=True)])
     np.testing.assert_allclose(turned, normals, atol=1e-14)
-
-
-def test_frames_hold_the_values_at_the_sensors_cells_and_the_filling_elsewhere():
-    values = np.arange(2 * 3 * 548, dtype=np.int16).reshape(2, 3, 548)
-    frames = HAND.frame(values, 510)
-    assert frames.shape == (2, 3, 32, 32) and frames.dtype == np.int16
-    for s in range(548):
-        assert frames[1, 2, HAND.row[s], HAND.column[s]] == values[1, 2, s]
-    empty = set(np.ndindex(32, 32)) - stag_cells()
-    assert all((frames[:, :, row, column] == 510).all() for row, column in empty)

@@ -7,6 +7,7 @@ up, though on the way to rest they fade; so TOLERANCE for a whole grasp asks for
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from tests.glove.scenes import (
     DEFAULT,
     FRAME,
     GRASPS,
+    RATE,
     around_a_ball,
     energies,
     forces,
@@ -39,34 +41,78 @@ from tests.glove.scenes import (
 
 TOLERANCE = 0.02  # of params.yaml
 HALF_CLOSED = np.full((5, 2), 0.7)  # rad
-WEDGE = (0.083, 0.027, 0.071)  # m: amid the tips of thumb and index finger, which lean towards each other
 
 
-def solved(mechanics, y, frames, **options):
+def solved(mechanics, y, frames, *, frame=FRAME, **options):
     """States (B, frames, n), and a remark on the integrator's work."""
-    integrator = ImplicitIntegrator(mechanics, FRAME, **options)
-    return integrator.run(y, frames), work_of(integrator)
-
-
-def work_of(integrator):
-    """A remark on the integrator's work."""
+    integrator = ImplicitIntegrator(mechanics, frame, **options)
+    states = integrator.run(y, frames)
     names = {"steps": "steps", "rejected": "rejected", "unsolved": "stages unsolved", "forced": "forced"}
-    return ", ".join(f"{integrator.statistics[name]} {text}" for name, text in names.items())
+    return states, ", ".join(f"{integrator.statistics[name]} {text}" for name, text in names.items())
 
 
-def against_radau(mechanics, y, states):
+def against_radau(mechanics, y, states, frame=FRAME):
     """Error of the sensors' forces at states (1, T, n)."""
-    return rel_norm_error(forces(mechanics, states), forces(mechanics, radau(mechanics, y, states.shape[1])))
+    exact = radau(mechanics, y, states.shape[1], frame=frame)
+    return rel_norm_error(forces(mechanics, states), forces(mechanics, exact))
 
 
-@pytest.mark.slow
-@pytest.mark.stability("stiffness of a grasp")
-@pytest.mark.parametrize("setting", GRASPS, ids=lambda setting: f"{setting[0]:g}")
-def test_fingers_close_on_a_ball_squeeze_and_hold_it(row, setting):
-    mechanics = grasp(setting, seed=3000, frames=6)  # beyond lambda h = 1e6 Radau takes minutes
+def rod(damping):
+    """Fingers, with a `damping` in N m s/rad, that would close behind a rod within a frame."""
+    across = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0))
+    layer = replace(DEFAULT, joint_damping=damping)
+    mechanics = held([across], [[0.105, 0, 0.05]], np.full((5, 2), 0.1), layer=layer, knots=3, motion=False)
+    mechanics.drive.posture[0, 2:] = 1.5
+    return mechanics
+
+
+def wedge(setting):
+    """A ball amid the tips of thumb and index finger, which lean towards each other and squeeze ever harder."""
+    posture, layer = np.array([[0.1, 0.1]] * 3 + [[0.8, 0.64], [0.3, 0.24]]), skin(setting)
+    place = [[0.083, 0.027, 0.071]]  # m
+    mechanics = held([sphere(0.03)], place, posture, layer=layer, stiffness=setting[1], knots=6, opposition=0.95)
+    mechanics.drive.squeeze[..., 3:] = 0.05 * np.arange(6)[:, None]  # N m
+    return mechanics
+
+
+def end(*setting, rate):
+    """Six frames of a grasp of a ball, at an end of a range: skin and object Pa/m, joints' and object's damping."""
+    return ball_grasp(*setting, rate=rate, seed=3000).mechanics(9, 15)
+
+
+def scene(check, name, make, frames, *, rate=RATE, slow=True):
+    """A case of the test below; a scene without a name is named by its stiffness."""
+    marks = [pytest.mark.stability(check), *[pytest.mark.slow] * slow]
+    return pytest.param(name, make, frames, rate, marks=marks, id=f"{check}-{name}")
+
+
+def at_an_end(name, *setting, rate=RATE, slow=True):
+    return scene("ends of the solver's ranges", name, partial(end, *setting, rate=rate), 6, rate=rate, slow=slow)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "frames", "rate"),
+    [
+        # Beyond lambda h = 1e6 Radau takes minutes.
+        *(scene("stiffness of a grasp", "", partial(grasp, one, seed=3000, frames=6), 6) for one in GRASPS),
+        *(scene("fingers stopped by a rod", "", partial(rod, damping), 2) for damping in (1e-3, 1e-4)),
+        *(scene("wedged between two fingers", "", partial(wedge, one), 5) for one in GRASPS[3:6]),
+        at_an_end("1,000 frames a second", 2.5e7, 2e7, 0.02, 60.0, rate=1000.0, slow=False),
+        at_an_end("all damped by 1e6", 2.5e7, 2e7, 1e6, 1e6, slow=False),
+        at_an_end("a skin of 1e9 Pa/m", 1e9, 1e9, 0.02, 60.0),
+        at_an_end("0.1 frames a second", 2.5e7, 2e7, 0.02, 60.0, rate=0.1),
+        at_an_end("joints damped by 1e6", 2.5e7, 2e7, 1e6, 60.0),
+        at_an_end("joints damped by 1e-6", 2.5e7, 2e7, 1e-6, 60.0),
+        at_an_end("an object damped by 1e6", 2.5e7, 2e7, 0.02, 1e6),
+        at_an_end("an object damped by 1e-6", 2.5e7, 2e7, 0.02, 1e-6),
+    ],
+)
+def test_the_sensors_forces_are_radau_s(row, name, make, frames, rate):
+    mechanics = make()
     y = mechanics.initial_state()
-    states, work = solved(mechanics, y, 6)
-    row(f"forces against Radau's, {lambda_h(mechanics, states)}", against_radau(mechanics, y, states), TOLERANCE, work)
+    states, work = solved(mechanics, y, frames, frame=1 / rate)
+    error = against_radau(mechanics, y, states, 1 / rate)
+    row(f"forces against Radau's, {name or lambda_h(mechanics, states)}", error, TOLERANCE, work)
 
 
 @pytest.mark.slow
@@ -80,32 +126,6 @@ def test_a_ball_rolls_from_one_sensor_to_the_next(row):
     remark = f"{lambda_h(mechanics, tight)}; at {TOLERANCE:g}: {against_radau(mechanics, y, usual):.2g}; {work}"
     quantity = f"forces against Radau's, rolling, solved to {TOLERANCE / 4:g}"
     row(quantity, against_radau(mechanics, y, tight), TOLERANCE, remark)
-
-
-ENDS = {  # of the ranges in params.py: skin Pa/m, object Pa/m, joints N m s/rad, object N s/m, and frames a second
-    "a skin of 1e9 Pa/m": (1e9, 1e9, 0.02, 60.0, 7.35),
-    "0.1 frames a second": (2.5e7, 2e7, 0.02, 60.0, 0.1),
-    "joints damped by 1e6": (2.5e7, 2e7, 1e6, 60.0, 7.35),
-    "joints damped by 1e-6": (2.5e7, 2e7, 1e-6, 60.0, 7.35),
-    "an object damped by 1e6": (2.5e7, 2e7, 0.02, 1e6, 7.35),
-    "an object damped by 1e-6": (2.5e7, 2e7, 0.02, 1e-6, 7.35),
-}
-QUICK_ENDS = {
-    "1,000 frames a second": (2.5e7, 2e7, 0.02, 60.0, 1000.0),
-    "all damped by 1e6": (2.5e7, 2e7, 1e6, 1e6, 7.35),
-}
-
-
-@pytest.mark.stability("ends of the solver's ranges")
-@pytest.mark.parametrize("name", [*QUICK_ENDS, *(pytest.param(name, marks=pytest.mark.slow) for name in ENDS)])
-def test_at_the_ends_of_the_ranges_a_grasp_has_radau_s_forces(row, name):
-    *setting, rate = (QUICK_ENDS | ENDS)[name]
-    mechanics = ball_grasp(*setting, rate=rate, seed=3000).mechanics(9, 15)
-    y, integrator = mechanics.initial_state(), ImplicitIntegrator(mechanics, 1 / rate, TOLERANCE)
-    states = integrator.run(y, 6)
-    exact = radau(mechanics, y, 6, frame=1 / rate)
-    error = rel_norm_error(forces(mechanics, states), forces(mechanics, exact))
-    row(f"forces against Radau's, {name}", error, TOLERANCE, work_of(integrator))
 
 
 @pytest.mark.stability("stiffness of a plate")
@@ -149,36 +169,6 @@ def test_a_ball_that_flies_past_the_fingers_between_two_frames_bends_them(row, m
         bent = np.abs(exact[..., :10] - 0.6).max()
         quantity = f"angles at the frames, {'drawn' if motion else 'prescribed'} to {end} m"
         row(quantity, error, TOLERANCE, f"fingers bent by {bent:.2g} rad; {work}")
-
-
-@pytest.mark.slow
-@pytest.mark.stability("fingers stopped by a rod")
-@pytest.mark.parametrize("damping", [1e-3, 1e-4])  # N m s/rad
-def test_fingers_that_would_close_behind_a_rod_within_a_frame_are_stopped(row, damping):
-    rod = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0))  # across the fingers
-    layer = replace(DEFAULT, joint_damping=damping)
-    mechanics = held([rod], [[0.105, 0, 0.05]], np.full((5, 2), 0.1), layer=layer, knots=3, motion=False)
-    mechanics.drive.posture[0, 2:] = 1.5
-    y = mechanics.initial_state()
-    states, work = solved(mechanics, y, 2)
-    remark = f"stopped at {states[0, -1, :8:2].max():.2g} rad of 1.5; {work}"
-    quantity = f"forces against Radau's, {lambda_h(mechanics, states)}"
-    row(quantity, against_radau(mechanics, y, states), TOLERANCE, remark)
-
-
-@pytest.mark.slow
-@pytest.mark.stability("wedged between two fingers")
-@pytest.mark.parametrize("setting", GRASPS[3:6], ids=lambda setting: f"{setting[0]:g}")
-def test_a_ball_between_thumb_and_index_finger_is_squeezed_ever_harder(row, setting):
-    posture = np.array([[0.1, 0.1]] * 3 + [[0.8, 0.64], [0.3, 0.24]])
-    mechanics = held(
-        [sphere(0.03)], [WEDGE], posture, layer=skin(setting), stiffness=setting[1], knots=6, opposition=0.95
-    )
-    mechanics.drive.squeeze[..., 3:] = 0.05 * np.arange(6)[:, None]  # N m
-    y = mechanics.initial_state()
-    states, work = solved(mechanics, y, 5)
-    quantity = f"forces against Radau's, {lambda_h(mechanics, states)}"
-    row(quantity, against_radau(mechanics, y, states), TOLERANCE, work)
 
 
 @pytest.mark.stability("damping")
@@ -247,5 +237,4 @@ def test_in_the_default_layer_no_step_is_kept_in_spite_of_its_error(row):
     mechanics = grasp(GRASPS[3], seed=3000, frames=8)
     integrator = ImplicitIntegrator(mechanics, FRAME, TOLERANCE)
     integrator.run(mechanics.initial_state(), 8)
-    work = work_of(integrator)
-    row("steps kept in spite of their error, default layer", integrator.statistics["forced"], 0, work)
+    row("steps kept in spite of their error, default layer", integrator.statistics["forced"])

@@ -14,20 +14,17 @@ from tactile_viewgcn.glove.tunnelling import SAMPLE_DISTANCE, tunnels
 from tests.gloves import LAYER, bed, constant_drive, solids
 
 FRAME, RADIUS, MM = 0.1, 0.05, 1e-3  # s, m, m
+BALL = GraspObject("ball", 1, 1e9, (sphere(RADIUS),))
 
 
-def over_a_bed(paths):
-    """Whether balls on paths (B, 2, 3) m tunnel through a bed of sensors at z = 0, and the number of evaluations."""
-    paths = np.asarray(paths, dtype=float)
-    ball = GraspObject("ball", 1, 1e9, (sphere(RADIUS),))
-    hands, rows = Hands([bed(20, 0.04)] * len(paths)), np.arange(len(paths))
-    drive = constant_drive(paths[:, 0])
-    mechanics = Mechanics(hands, solids(*[ball] * len(paths)), np.full(len(paths), 1e9), drive, LAYER, motion=True)
-    before, after = (
-        np.concatenate([np.zeros((len(paths), 10)), position], axis=1) for position in paths.swapaxes(0, 1)
-    )
-    zeros = np.zeros(len(paths))
-    return tunnels(mechanics, rows, zeros, before, zeros + 1, after)
+def over_a_bed(paths, objects=None):
+    """Whether balls, or objects, on paths (B, 2, 3) m tunnel through a bed at z = 0, and the number of evaluations."""
+    paths, count = np.asarray(paths, dtype=float), len(paths)
+    held, hands, drive = solids(*objects or [BALL] * count), Hands([bed(20, 0.04)] * count), constant_drive(paths[:, 0])
+    mechanics = Mechanics(hands, held, np.full(count, 1e9), drive, LAYER, motion=True)
+    before, after = np.concatenate([np.zeros((2, count, 10)), paths.swapaxes(0, 1)], axis=2)
+    tunnelling, evaluations = tunnels(mechanics, np.arange(count), np.zeros(count), before, np.ones(count), after)
+    return tunnelling.tolist(), evaluations
 
 
 def test_what_is_deeper_between_its_ends_than_at_them_tunnels():
@@ -41,35 +38,25 @@ def test_what_is_deeper_between_its_ends_than_at_them_tunnels():
         [[0, 0, deep], [0, 0, 0.2]],  # out of it
         [[0, 0, 0.2], [0, 0, 0.2 - 0.9 * SAMPLE_DISTANCE]],  # nowhere
     ])  # fmt: skip
-    assert tunnelling.tolist() == [True, True, False, False, False, False, False]
+    assert tunnelling == [True, True, False, False, False, False, False]
     assert evaluations == sum(
         int(np.ceil(length / SAMPLE_DISTANCE)) + 1 for length in (0.4, 0.4, 0.4, 0.4, 0.2 - deep, 0.2 - deep)
     )
 
 
 def test_an_empty_hand_never_tunnels_and_is_not_evaluated():
-    ball = GraspObject("ball", 1, 1e9, (sphere(RADIUS),))
-    drive = constant_drive([[0, 0, 0.2]] * 2)
-    for grasp_objects, expected in (((ball, OBJECTS[0]), [True, False]), ((OBJECTS[0], OBJECTS[0]), [False, False])):
-        hands = Hands([bed(20, 0.04)] * 2)
-        mechanics = Mechanics(hands, solids(*grasp_objects), np.full(2, 1e9), drive, LAYER, motion=True)
-        before, after = np.zeros((2, 2, 13))
-        before[:, 12], after[:, 12] = 0.2, -0.2
-        tunnelling, evaluations = tunnels(mechanics, np.arange(2), np.zeros(2), before, np.ones(2), after)
-        assert tunnelling.tolist() == expected and evaluations == 26 * sum(expected)
-
-
-def closed_on_a_rod():
-    """Hardly damped fingers, three of which a rod stops on their way."""
-    drive = constant_drive([0.105, 0, 0.05], posture=np.full((5, 2), 0.1), knots=3)
-    drive.posture[0, 2:] = 1.5
-    rod = GraspObject("rod", 1, 2e7, (capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)),))
-    layer = replace(LAYER, joint_damping=1e-4)
-    return Mechanics(Hands([stag_hand()]), solids(rod), np.array([2e7]), drive, layer, motion=False)
+    through = [[[0, 0, 0.2], [0, 0, -0.2]]] * 2
+    assert over_a_bed(through, [BALL, OBJECTS[0]]) == ([True, False], 26)
+    assert over_a_bed(through, [OBJECTS[0]] * 2) == ([False, False], 0)
 
 
 def test_steps_that_would_tunnel_are_rejected(monkeypatch):
-    mechanics, frames = closed_on_a_rod(), 2
+    """Of hardly damped fingers, three of which a rod stops on their way."""
+    drive, frames = constant_drive([0.105, 0, 0.05], posture=np.full((5, 2), 0.1), knots=3), 2
+    drive.posture[0, 2:] = 1.5
+    rod = solids(GraspObject("rod", 1, 2e7, (capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)),)))
+    layer = replace(LAYER, joint_damping=1e-4)
+    mechanics = Mechanics(Hands([stag_hand()]), rod, np.array([2e7]), drive, layer, motion=False)
     y = mechanics.initial_state()
     exact = ImplicitIntegrator(mechanics, FRAME, step=FRAME / 128).run(y, frames)[0, 1]
     solver = ImplicitIntegrator(mechanics, FRAME)
