@@ -3,33 +3,35 @@
 import numpy as np
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.frames.baseline import evenly
-from tactile_viewgcn.pages import html, inspection_facts
+from tactile_viewgcn.frames.baseline import evenly, of_empty_hand
+from tactile_viewgcn.frames.open_hand import frames_by_recording
+from tactile_viewgcn.pages import html, inspection_text
 from tactile_viewgcn.pages.html import Picture, picture
-from tactile_viewgcn.pages.source_inspection import SATURATED, Overview
+from tactile_viewgcn.pages.source_inspection import Overview
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.schema import as_change
 
 MOST_LINES = 12  # recordings whose time lines are drawn
 MOST_OBJECTS = 48  # whose mean frames are drawn
+POINTS = 100  # of a time line, at most
 STATES = ["varies", "does not vary", "hardly varies", "often at the largest reading"]
 
 
 def inspection_page(overview: Overview) -> str:
     """The page as HTML."""
-    warnings = inspection_facts.warnings(overview)
-    noise = plots.mean_frames(overview.noise[None], overview.live, [""], "counts")
+    path, warnings = overview.recordings.path, inspection_text.warnings(overview)
+    noise = plots.mean_frames(overview.noise[None], overview.recordings.live, [""], "counts")
     return html.render(
         "inspection.html",
-        title=f"Recordings: {overview.path.name}",
-        path=overview.path,
-        simulated=str(overview.path) == VIRTUAL,
-        verdict=inspection_facts.verdict(overview, warnings),
-        facts=inspection_facts.facts(overview),
-        command="\n".join(inspection_facts.command_lines(overview)),
+        title=f"Recordings: {path.name}",
+        path=path,
+        simulated=str(path) == VIRTUAL,
+        verdict=inspection_text.verdict(overview, warnings),
+        facts=inspection_text.facts(overview),
+        command="\n".join(inspection_text.command_lines(overview)),
         settings=[(as_change(note.key, note.value), note.text) for note in overview.settings],
         warnings=warnings,
-        tables=inspection_facts.tables(overview),
+        tables=inspection_text.tables(overview),
         pictures={
             "Objects": [_mean_frames(overview)],
             "Sessions": [_time_lines(overview)],
@@ -41,12 +43,26 @@ def inspection_page(overview: Overview) -> str:
     )
 
 
+def _excess(overview: Overview, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Counts (n, S) above the baseline of the frames in an index (n,), and which of them are in contact."""
+    recordings, baseline = overview.recordings, overview.choice.baseline
+    excess = overview.hand.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
+    return excess, overview.hand.contact[index] & ~of_empty_hand(recordings)[index]
+
+
 def _mean_frames(overview: Overview) -> Picture:
     """Mean frame of each object with frames in contact; an empty one where there is none."""
-    of, means = overview, overview.mean_frame
-    drawn = [label for label in np.unique(of.label) if np.isfinite(means[label][of.live]).all()][:MOST_OBJECTS]
-    frames, names = (means[drawn], [of.objects[label] for label in drawn]) if drawn else (0 * means[:1], ["no contact"])
-    figure = plots.mean_frames(frames, of.live, names, "counts above baseline", columns=5)
+    recordings, label = overview.recordings, overview.label
+    sums, number = np.zeros((len(recordings.objects), *recordings.shape)), np.zeros(len(recordings.objects))
+    for of_object, index in zip(label, frames_by_recording(recordings), strict=True):
+        excess, contact = _excess(overview, index)
+        sums[of_object, recordings.live] += excess[contact].sum(axis=0)
+        number[of_object] += contact.sum()
+    drawn = np.flatnonzero(number)[:MOST_OBJECTS]
+    frames, names = sums[drawn] / number[drawn, None, None], [recordings.objects[label] for label in drawn]
+    if not len(drawn):
+        frames, names = sums[:1], ["no contact"]
+    figure = plots.mean_frames(frames, recordings.live, names, "counts above baseline", columns=5)
     return picture(
         figure,
         "Mean of the frames in contact. All objects have the same colours. Grey: no sensor, or one that does not vary. "
@@ -56,23 +72,23 @@ def _mean_frames(overview: Overview) -> Picture:
 
 def _time_lines(overview: Overview) -> Picture:
     """The load of the first recording of each object over time."""
-    of = overview
-    rows = evenly(np.unique(of.label, return_index=True)[1], MOST_LINES)
-    figure = plots.time_lines(
-        [overview.activity[row] for row in rows],
-        [overview.in_contact[row] for row in rows],
-        [float(overview.seconds[row]) for row in rows],
-        [of.objects[of.label[row]] for row in rows],
-    )
+    rows = evenly(np.unique(overview.label, return_index=True)[1], MOST_LINES)
+    recorded, lines, in_contact = frames_by_recording(overview.recordings), [], []
+    for row in rows:
+        excess, contact = _excess(overview, recorded[row])
+        points = min(POINTS, len(contact))
+        lines.append(np.array([part.mean() for part in np.array_split(excess.mean(axis=1), points)]))
+        in_contact.append(np.array([part.mean() for part in np.array_split(contact, points)]))
+    names = [overview.recordings.objects[overview.label[row]] for row in rows]
+    figure = plots.time_lines(lines, in_contact, overview.seconds[rows].tolist(), names)
     return picture(figure, "Mean over all sensors in the first recording of some objects. Filled: in contact.")
 
 
 def _sensor_states(overview: Overview) -> Picture:
     """Sensors that are dead, stuck or saturated, on the layout."""
-    live = overview.live
-    states = np.where(live, 0, 1)
-    states[live & overview.stuck] = 2
-    states[live & (overview.saturated > SATURATED)] = 3
+    states = np.where(overview.recordings.live, 0, 1)
+    states[overview.stuck] = 2
+    states[overview.saturated] = 3
     numbers = np.bincount(states.ravel(), minlength=len(STATES))
     names = [f"{name}: {number:,}" for name, number in zip(STATES, numbers, strict=True)]
     return picture(plots.sensor_states(states, names), "What the sensors do. A place without one does not vary either.")

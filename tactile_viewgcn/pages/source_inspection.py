@@ -25,80 +25,57 @@ from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 
 PERCENTILES = (0, 1, 50, 99, 100)
 SAMPLE = 2000  # frames of which percentiles are computed
-POINTS = 100  # of a time line, at most
 STUCK = 0.1  # of the median sensor's noise
 SATURATED = 0.01  # share of frames at the largest reading there is
 GAP = 2.5  # median intervals: frames are missing
-ALWAYS = ("object", "recording", "session", "frame", "time")  # columns that every source has
 
 
 @dataclass(frozen=True)
 class Overview:
-    """What is shown of R recordings with frames, S sensors that vary, O objects.
+    """What is shown of R recordings with frames, of O objects.
 
     Attributes:
-        path: of the source.
-        shape, dtype: of a frame; of the stored counts.
-        columns: optional columns that the source has, such as `valid`, `grasp`, `split`.
-        objects, sessions: names.
-        live: bool (H, W) sensors that vary.
-        label, session: (R,) index of each recording's object and session.
-        frames, contact, open: (R,) number of frames, of those in contact, and of those of the open hand.
-        flagged: (R,) frames with the source's flag that an object is held, or None.
-        empty: (sessions,) frames of the empty hand.
-        groups: (O,) number of each object's groups by `split.by`, 0 of the empty hand's.
+        recordings: the table; its frames stay mapped after its file is gone.
         choice: what `preprocess` chooses with the recommended split.
+        settings: recommended values with reasons, of level `choice`.
+        label, session: (R,) index of each recording's object and session.
+        counts: (R,) numbers of each recording's frames by their kind: `frames`, `in contact`, `open hand` and, where
+            the source flags that an object is held, `flagged`; `recordings` are ones.
+        empty: (sessions,) frames of the empty hand.
+        groups: by `split.by`, each object's number of groups (O,), 0 of the empty hand's.
         error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
             where no whole groups can be held out.
-        settings: recommended values with reasons, of level `choice`.
+        first_frame: error on the first frame of each recording; None where all frames are contact.
         seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: intervals of more than 2.5 times that.
         drift: (R,) largest change of the open hand, see `_drift`.
-        first_frame: error on the first frame of each recording; None where it was not checked, as where all frames are
-            contact.
-        percentiles: (5,) of all readings, in counts: 0, 1, 50, 99 and 100.
-        above: (5,) of the readings of sensors in contact, in counts above the baseline; NaN without any.
+        readings: percentiles (5,) 0, 1, 50, 99 and 100 of `all` readings in counts, and of those of sensors in contact
+            `above the baseline`; NaN without any.
         stuck: bool (H, W) sensors that vary by less than a tenth of the median sensor's noise.
-        saturated: (H, W) share of frames in which a sensor reads the largest number that any does; 0 everywhere where
-            only one reading is that large.
+        saturated: bool (H, W) sensors that read the largest number that any does in more than 1 % of the frames; none
+            where only one reading is that large.
         noise: (H, W) standard deviation of a sensor without contact, the median of the sessions.
-        mean_frame: (O, H, W) mean counts above the baseline in frames of contact, NaN of an object without any.
-        activity: for each recording, up to 100 means over the sensors, in counts above the baseline, in order.
-        in_contact: for each of these, the share of its frames that are in contact.
     """
 
-    path: Path
-    shape: tuple[int, int]
-    dtype: str
-    columns: list[str]
-    objects: list[str]
-    sessions: list[str]
-    live: np.ndarray
+    recordings: Recordings
+    choice: Choice
+    settings: list[Note]
     label: np.ndarray
     session: np.ndarray
-    frames: np.ndarray
-    contact: np.ndarray
-    open: np.ndarray
-    flagged: np.ndarray | None
+    counts: dict[str, np.ndarray]
     empty: np.ndarray
     groups: dict[str, np.ndarray]
-    choice: Choice
     error: QuickError | None
     leak: QuickError | None
-    settings: list[Note]
+    first_frame: QuickError | None
     seconds: np.ndarray
     interval: float | None
     gaps: int
     drift: np.ndarray
-    first_frame: QuickError | None
-    percentiles: np.ndarray
-    above: np.ndarray
+    readings: dict[str, np.ndarray]
     stuck: np.ndarray
     saturated: np.ndarray
     noise: np.ndarray
-    mean_frame: np.ndarray
-    activity: list[np.ndarray]
-    in_contact: list[np.ndarray]
 
     @property
     def hand(self) -> OpenHand:
@@ -142,49 +119,42 @@ def overview(recordings: Recordings, asked: PreprocessSection) -> Overview:
     assert hand  # all is `auto`
     everything = replace(sides, side=np.full_like(sides.side, TRAIN))
     errors, leaks = measure(recordings, hand, {kind: choice.baseline}, everything) if sides.whole else ({}, {})
-    label, session = columns["object"][first], columns["session"][first]
-    contact, opened = (np.array([mask[index].sum() for index in recorded]) for mask in (hand.contact, hand.open))
-    flags = [columns[name] for name in ("grasp_valid", "valid") if name in columns]
+    kinds = {"frames": np.ones(len(recordings), dtype=bool), "in contact": hand.contact, "open hand": hand.open}
+    if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
+        kinds["flagged"] = flags[0]
+    counts = {name: np.array([mask[index].sum() for index in recorded]) for name, mask in kinds.items()}
     interval, gaps, seconds = _sampling([columns["time"][index] for index in recorded])
-    means, activity, in_contact = _means(recordings, choice, hand.contact & ~empty)
     above = contact_readings(recordings, hand, choice.baseline, np.ones(len(recordings), dtype=bool))
     sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
     smallest, largest, at_largest = _extremes(hand, recorded)
-    spread, noise = sample.std(axis=0, dtype=np.float64), np.median(hand.noise[np.unique(session)], axis=0)
-    first_frame = None if hand.all_contact else check_first_frames(recordings, hand, stream(0, "first frame"))
+    noise = np.median(hand.noise[np.unique(columns["session"][first])], axis=0)
+    stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
+    saturated = (at_largest / len(recordings) > SATURATED) & (at_largest.sum() > 1)
     return Overview(
-        path=recordings.path,
-        shape=recordings.shape,
-        dtype=str(recordings.dtype),
-        columns=[name for name in columns if name not in ALWAYS],
-        objects=recordings.objects,
-        sessions=recordings.sessions,
-        live=recordings.live,
-        label=label,
-        session=session,
-        frames=np.array([len(index) for index in recorded]),
-        contact=contact,
-        open=opened,
-        flagged=np.array([flags[0][index].sum() for index in recorded]) if flags else None,
+        recordings=recordings,
+        choice=choice,
+        settings=[*preprocess_settings(recordings, choice), *settings],
+        label=columns["object"][first],
+        session=columns["session"][first],
+        counts={"recordings": np.ones(len(recorded), dtype=np.int64)} | counts,
         empty=np.bincount(columns["session"][empty], minlength=len(recordings.sessions)),
         groups=groups,
-        choice=choice,
         error=errors.get(kind),
         leak=leaks.get(kind),
-        settings=[*preprocess_settings(recordings, choice), *settings],
+        first_frame=None if hand.all_contact else check_first_frames(recordings, hand, stream(0, "first frame")),
         seconds=seconds,
         interval=interval,
         gaps=gaps,
-        drift=_drift(hand, recorded, session),
-        first_frame=first_frame,
-        percentiles=np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
-        above=np.percentile(above, PERCENTILES) if len(above) else np.full(len(PERCENTILES), np.nan),
-        stuck=_on_layout(spread < STUCK * np.median(noise), recordings.live),
-        saturated=_on_layout(at_largest / len(recordings) * (at_largest.sum() > 1), recordings.live),
+        drift=_drift(hand, recorded, columns["session"][first]),
+        readings={
+            "all": np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
+            "above the baseline": np.percentile(above, PERCENTILES)
+            if len(above)
+            else np.full(len(PERCENTILES), np.nan),
+        },
+        stuck=_on_layout(stuck, recordings.live),
+        saturated=_on_layout(saturated, recordings.live),
         noise=_on_layout(noise, recordings.live),
-        mean_frame=np.stack([_on_layout(mean, recordings.live) for mean in means]),
-        activity=activity,
-        in_contact=in_contact,
     )
 
 
@@ -230,23 +200,6 @@ def _drift(hand: OpenHand, recorded: list[np.ndarray], session: np.ndarray) -> n
         changes = np.stack([last - first, first - medians[row], last - medians[row]]) / hand.noise[session[row]]
         drift[row] = np.sqrt((changes**2).mean(axis=1)).max()
     return drift
-
-
-def _means(
-    recordings: Recordings, choice: Choice, contact: np.ndarray
-) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
-    """Mean frame (O, S) of each object in contact (T,), and `activity` and `in_contact` of an `Overview`."""
-    counts, baseline = recordings.live_counts(), choice.baseline
-    sums, number = np.zeros((len(recordings.objects), counts.shape[1])), np.zeros((len(recordings.objects), 1))
-    activity, in_contact = [], []
-    for index in frames_by_recording(recordings):
-        excess = counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
-        label, held, points = recordings.columns["object"][index[0]], contact[index], min(POINTS, len(index))
-        sums[label] += excess[held].sum(axis=0)
-        number[label] += held.sum()
-        activity.append(np.array([part.mean() for part in np.array_split(excess.mean(axis=1), points)]))
-        in_contact.append(np.array([part.mean() for part in np.array_split(held, points)]))
-    return np.where(number > 0, sums / np.maximum(number, 1), np.nan), activity, in_contact
 
 
 def _extremes(hand: OpenHand, recorded: list[np.ndarray]) -> tuple[float, float, np.ndarray]:

@@ -1,7 +1,6 @@
 """What inspect finds in recordings of gloves that it does not know, and what it recommends for them."""
 
 import shlex
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +29,8 @@ def shown(recordings, *changes):
 def test_recordings_that_are_all_contact_are_taken_as_they_are(tmp_path):
     page = inspect_source(all_contact(tmp_path / "glove"))
     settings = chosen(page)
-    assert page.hand.all_contact and (page.contact == 10).all()
-    assert page.contact.sum() == 10 * OBJECTS * RECORDINGS
+    assert page.hand.all_contact and (page.counts["in contact"] == 10).all()
+    assert page.counts["in contact"].sum() == 10 * OBJECTS * RECORDINGS
     assert (settings["baseline"], settings["zero"], settings["filter"]) == ("none", 0, "none")
     assert (settings["split.by"], settings["split.folds"], settings["preset"]) == ("recording", RECORDINGS, "best")
     assert page.first_frame is None and page.leak is None  # that the first frame tells the object is touch
@@ -68,7 +67,7 @@ def test_flags_of_the_steady_part_of_a_grasp_are_counted_and_not_those_of_all_of
     closed = ~glove.open
     steady = closed & (np.arange(len(closed)) % 2 == 0)
     recordings = written(tmp_path / "t", glove.counts, **glove.columns, valid=closed, grasp_valid=steady)
-    flagged = shown(recordings).flagged
+    flagged = shown(recordings).counts["flagged"]
     assert flagged.tolist() == [steady[glove.columns["recording"] == number].sum() for number in range(3)]
 
 
@@ -78,8 +77,8 @@ def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path,
     settings = chosen(page)
     assert (settings["baseline"], settings["filter"]) == ("grasp", "contact") and "zero" not in settings
     assert "scale" not in settings  # which the preset `best` does not read
-    assert sorted(page.objects) == sorted(NAMES) and page.sessions == ["Übung 1", "Übung 2"]
-    assert (np.abs(page.contact - 40) <= 1).all() and (page.open >= 15).all()
+    assert sorted(page.recordings.objects) == sorted(NAMES) and page.recordings.sessions == ["Übung 1", "Übung 2"]
+    assert (np.abs(page.counts["in contact"] - 40) <= 1).all() and (page.counts["open hand"] >= 15).all()
     assert page.interval == pytest.approx(0.05) and page.gaps == 0
     assert np.median(page.hand.noise) == pytest.approx(0.015, rel=0.4)
     np.testing.assert_allclose(page.choice.baseline.mean, open_hand, atol=0.03)
@@ -116,7 +115,8 @@ def test_inspect_is_a_rehearsal_of_preprocess(tmp_path, in_test, baseline):
 def test_a_dense_array_has_its_open_hand_found_and_one_baseline_a_grasp(tmp_path):
     page = inspect_source(dense(tmp_path / "glove"))
     settings = chosen(page)
-    assert not page.hand.all_contact and (page.contact == 40).all() and (page.open == 38).all()
+    assert not page.hand.all_contact
+    assert (page.counts["in contact"] == 40).all() and (page.counts["open hand"] == 38).all()
     assert (settings["baseline"], settings["filter"]) == ("grasp", "contact")
     assert page.choice.errors["grasp"].error == 0 and "grasp *" in "\n".join(inspection_lines(page))
 
@@ -130,8 +130,8 @@ def test_stuck_and_saturated_sensors_and_gaps_in_time_are_found(tmp_path):
     recordings = written(tmp_path / "t", counts, time=time, object=np.arange(200) % 2)
     page = shown(recordings, "preprocess.contact_sensors=auto")
     assert np.argwhere(page.stuck).tolist() == [[0, 0]]
-    assert np.argwhere(page.saturated > 0.01).tolist() == [[1, 1]] and page.saturated[1, 1] == 0.5
-    assert not page.live[2, 2] and page.live.sum() == 19
+    assert np.argwhere(page.saturated).tolist() == [[1, 1]]
+    assert not page.recordings.live[2, 2] and page.recordings.live.sum() == 19
     assert (page.interval, page.gaps) == (pytest.approx(0.1), 1)
 
 
@@ -162,7 +162,8 @@ def test_one_object_is_no_task(tmp_path):
 
 @pytest.mark.parametrize("write", [all_contact, floats, drifting_array])
 def test_the_text_is_80_columns_and_ends_with_a_command_that_params_yaml_takes(tmp_path, write):
-    page = replace(inspect_source(write(tmp_path / "my glöve")), path=Path("data/my glöve"))
+    page = inspect_source(write(tmp_path / "my glöve"))
+    page.recordings.path = Path("data/my glöve")
     lines = inspection_lines(page)
     assert max(map(len, lines)) <= WIDTH
     words = shlex.split(" ".join(lines[lines.index("") + 1 :]).replace("\\ ", ""))
