@@ -7,7 +7,7 @@ import click
 from stages.command import Job, run
 from tactile_viewgcn.evaluation import report
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.evaluation.predictions import predictions_of, write_predictions
+from tactile_viewgcn.evaluation.predictions import write_predictions
 from tactile_viewgcn.process import peak_mb, seconds_since_start
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
@@ -19,8 +19,8 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     records = report.read_records(after)
     temperatures = content.calibration.by_frames if content.calibration else None
     evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
-    metrics = report.metrics_tree(evaluation, table, model.views, params.evaluate.side)
-    write_predictions(out / "predictions.npz", predictions_of(evaluation, table, params.evaluate.side))
+    metrics, predictions = evaluation.metrics, evaluation.predictions
+    write_predictions(out / "predictions.npz", predictions)
     row.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
     row.tags(report.row_tags(metrics, records))
     row.parameters(report.row_constants(metrics, records))
@@ -28,12 +28,12 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
         from tactile_viewgcn.plots import confusions
 
         protocols = {f"{name} protocol, all trials": name for name in evaluation.protocols}
-        counts = {title: evaluation.confusion(name, len(table.classes)) for title, name in protocols.items()}
+        counts = {title: predictions.confusion(name) for title, name in protocols.items()}
         row.figure("confusion.png", confusions(counts, table.classes))
     frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
     address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
     timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
-    report.write_results(out, metrics, timing, evaluation, table.classes)
+    report.write_results(out, evaluation, timing)
     row.artifacts(out)
     for path in after:
         row.artifacts(path)

@@ -117,7 +117,7 @@ def error_of(table: Frames, compute: Compute, *changes: str) -> float:
     evaluation = evaluate_table(
         fitted.classifier, table, params.cluster, params.evaluate, compute, params.seed, timed=False
     )
-    return 100 * evaluation.scores["recording"]["error"]["mean"]
+    return 100 * evaluation.metrics["recording"]["error"]["mean"]
 
 
 if __name__ == "__main__":

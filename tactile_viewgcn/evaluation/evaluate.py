@@ -14,7 +14,8 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts, median_and_p95
+from tactile_viewgcn.evaluation.predictions import Predictions, predictions_of
+from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_p95
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials, check_grasps, unit_of_grasps
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.params import Cluster, Evaluate
@@ -37,23 +38,19 @@ class Evaluation:
 
     Attributes:
         protocols: trials by protocol.
-        labels, groups: (A,) class and split group of the anchors.
-        scores: of each protocol, see `scores_of`, and of `recording` how many grasps are `joined`, if not all; of
-            `sequential` prediction, if asked for, see `sequential_scores`.
+        predictions: their answers.
+        metrics: sizes and scores, equal on every run with one seed; errors are fractions. Of each protocol, see
+            `scores_of`, and of `recording` how many grasps are `joined`, if not all; of `sequential` prediction, if
+            asked for, see `sequential_scores`.
         seconds: of all trials, including features and clustering.
         latency_ms: see `latency`; empty if it was not measured.
     """
 
     protocols: dict[str, Trials]
-    labels: np.ndarray
-    groups: np.ndarray
-    scores: dict[str, dict]
+    predictions: Predictions
+    metrics: dict[str, Any]
     seconds: float
     latency_ms: dict[str, dict]
-
-    def confusion(self, protocol: str, classes: int) -> np.ndarray:
-        """Counts int64 (classes, classes) over all trials: row the true class, column the predicted one."""
-        return confusion_counts(self.labels, self.protocols[protocol].predicted, classes)
 
 
 def evaluate_table(
@@ -89,23 +86,31 @@ def evaluate_table(
     classifier.prepare(compute)
     with compute.autocast():
         features = classifier.frame_values(frames)
-    groups = table.group[index][anchors]
     protocols = all_trials(classifier, features, table, cluster, evaluate, seed, temperatures)
-    scores = {
-        protocol: scores_of(trials, groups, stream(seed, "interval", PROTOCOLS.index(protocol)), classifier.views)
-        for protocol, trials in protocols.items()
+    groups = table.group[index][anchors]
+    sides = {name: table.on(SIDES.index(name)) for name in ("train", evaluate.side)}
+    kept = {f"kept_{name}": len(side) for name, side in sides.items()}
+    metrics: dict[str, Any] = {
+        "views": classifier.views,
+        "classes": len(table.classes),
+        "trials": evaluate.trials,
+        "frames": {name: int(table.anchor[side].sum()) for name, side in sides.items()} | kept,
+        "groups": {evaluate.side: len(np.unique(groups))},
     }
-    if evaluate.grasps != "all" and "recording" in scores:
-        scores["recording"]["joined"] = {unit_of_grasps(table): evaluate.grasps}
+    for protocol, trials in protocols.items():
+        rng = stream(seed, "interval", PROTOCOLS.index(protocol))
+        metrics[protocol] = scores_of(trials, groups, rng, classifier.views)
+    if evaluate.grasps != "all" and "recording" in protocols:
+        metrics["recording"]["joined"] = {unit_of_grasps(table): evaluate.grasps}
     if evaluate.confidence_threshold and temperatures:
         recording = pool_ids(table, index, "recording")
         rngs = (stream(seed, "touches.trial", trial) for trial in range(evaluate.trials))
-        trials = sequential_trials(classifier, temperatures, features, table.label[index], recording, anchors, rngs)
+        answers = sequential_trials(classifier, temperatures, features, table.label[index], recording, anchors, rngs)
         rng = stream(seed, "touches.interval")
-        scores["sequential"] = sequential_scores(trials, evaluate.confidence_threshold, groups, rng)
+        metrics["sequential"] = sequential_scores(answers, evaluate.confidence_threshold, groups, rng)
     seconds = time.perf_counter() - begin
     latency_ms = latency(classifier, frames, compute) if timed else {}
-    return Evaluation(protocols, table.label[index][anchors], groups, scores, seconds, latency_ms)
+    return Evaluation(protocols, predictions_of(protocols, table, evaluate.side), metrics, seconds, latency_ms)
 
 
 def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> dict[str, float | None]:

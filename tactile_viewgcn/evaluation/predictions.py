@@ -6,7 +6,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from tactile_viewgcn.evaluation.evaluate import Evaluation
+from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.tables.frames import SIDES, Frames
 
@@ -30,18 +30,24 @@ class Predictions:
     mean_frames: np.ndarray
     live: np.ndarray
 
+    def confusion(self, protocol: str) -> np.ndarray:
+        """Counts int64 (C, C) over all trials: row the true class, column the predicted one."""
+        classes, predicted = len(self.classes), self.predicted[protocol]
+        cells = np.broadcast_to(self.labels.astype(np.int64), predicted.shape) * classes + predicted
+        return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
 
-def predictions_of(evaluation: Evaluation, table: Frames, side: str) -> Predictions:
-    """The answers of an evaluation on one side of the table."""
+
+def predictions_of(protocols: dict[str, Trials], table: Frames, side: str) -> Predictions:
+    """The answers of the trials of each protocol on one side of the table."""
     index = table.on(SIDES.index(side))
     anchors = index[table.anchor[index]]
     mean_frames = np.zeros((len(table.classes), *table.live.shape), dtype=np.float32)
     for label in np.unique(table.label[index]):
         mean_frames[label] = table.mean_input(index[table.label[index] == label])
     return Predictions(
-        {protocol: trials.predicted.astype(np.int16) for protocol, trials in evaluation.protocols.items()},
-        evaluation.labels,
-        evaluation.groups,
+        {protocol: trials.predicted.astype(np.int16) for protocol, trials in protocols.items()},
+        table.label[anchors],
+        table.group[anchors],
         np.array(table.recordings)[table.recording[anchors]],
         np.array(table.classes),
         mean_frames,

@@ -5,8 +5,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP
 from tactile_viewgcn.files import atomic_write, readable
@@ -14,26 +12,10 @@ from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.names import write_csv
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.schema import flatten
-from tactile_viewgcn.tables.frames import SIDES, Frames
 
 RECORD = ("stage", "run_id", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
 DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest
 Records = dict[str, dict[str, Any]]  # of the earlier stages, by stage
-
-
-def metrics_tree(evaluation: Evaluation, table: Frames, views: int, side: str) -> dict[str, Any]:
-    """Sizes and scores of an evaluation on a side, equal on every run with one seed; errors are fractions."""
-    sides = {name: table.on(SIDES.index(name)) for name in ("train", side)}
-    frames = {name: int(table.anchor[index].sum()) for name, index in sides.items()}
-    frames |= {f"kept_{name}": len(index) for name, index in sides.items()}
-    return {
-        "views": views,
-        "classes": len(table.classes),
-        "trials": len(next(iter(evaluation.protocols.values())).correct),
-        "frames": frames,
-        "groups": {side: len(np.unique(evaluation.groups))},
-        **evaluation.scores,
-    }
 
 
 def read_records(paths: Iterable[Path]) -> Records:
@@ -66,40 +48,42 @@ def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: flo
     }
 
 
-def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, Any]:
-    """The few numbers that runs are compared by: errors as fractions, seconds of all stages, ms per view set."""
+def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
+    """The numbers that runs are compared by: errors as fractions, seconds of all stages, ms per view set."""
     scores = {name: metrics[name] for name in ("recording", "object", "sequential") if name in metrics}
     return {
-        "error": {name: score["error"]["mean"] for name, score in scores.items()},
-        "top3_error": {name: score["top3_error"] for name, score in scores.items() if "top3_error" in score},
-        "seconds": {"total": timing["seconds"]["total"]},
+        **{f"error.{name}": score["error"]["mean"] for name, score in scores.items()},
+        **{f"top3_error.{name}": score["top3_error"] for name, score in scores.items() if "top3_error" in score},
+        "seconds.total": timing["seconds"]["total"],
         "ms_per_view_set": timing["latency_ms"]["single"]["median"],
     }
 
 
-def write_results(folder: Path, metrics: dict, timing: dict, evaluation: Evaluation, classes: list[str]) -> None:
+def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) -> None:
     """Write metrics.json and the tables of trials, views, confusion and classes, equal with one seed; and the costs.
 
     The costs are timing.json and those in summary.json, which DVC shows.
     """
-    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", flatten(summary(metrics, timing)))):
+    metrics, classes = evaluation.metrics, evaluation.predictions.classes.tolist()
+    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", summary(metrics, timing))):
         with atomic_write(folder / f"{name}.json") as part:
             part.write_text(json.dumps(tree, indent=2) + "\n")
-    trials: list[list] = [["protocol", "trial", "error", "top3_error"]]
-    views: list[list] = [["protocol", "views", "error", "low", "high"]]
-    confusion: list[list] = [["protocol", "object", "predicted", "count"]]
-    per_class: list[list] = [["protocol", "object", "view_sets", "error"]]
-    for protocol, each in evaluation.protocols.items():
-        for number, (correct, in_top3) in enumerate(zip(each.correct, each.in_top3, strict=True)):
-            trials.append([protocol, number, float(1 - correct.mean()), float(1 - in_top3.mean())])
+    tables: dict[str, list[list]] = {
+        "trials": [["protocol", "trial", "error", "top3_error"]],
+        "views": [["protocol", "views", "error", "low", "high"]],
+        "confusion": [["protocol", "object", "predicted", "count"]],
+        "per_class": [["protocol", "object", "view_sets", "error"]],
+    }
+    for protocol, trials in evaluation.protocols.items():
+        for number, shares in enumerate(zip(trials.correct.mean(axis=1), trials.in_top3.mean(axis=1), strict=True)):
+            tables["trials"].append([protocol, number, *(float(1 - share) for share in shares)])
         for count, error in errors_by_views(metrics, protocol).items():
-            views.append([protocol, count, error["mean"], error["low"], error["high"]])
-        counts = evaluation.confusion(protocol, len(classes))
-        for label, (name, row) in enumerate(zip(classes, counts, strict=True)):
-            confusion += [[protocol, name, other, int(count)] for other, count in zip(classes, row, strict=True)]
-            if view_sets := int(row.sum()):
-                per_class.append([protocol, name, view_sets, float(1 - row[label] / view_sets)])
-    tables = {"trials": trials, "views": views, "confusion": confusion, "per_class": per_class}
+            tables["views"].append([protocol, count, error["mean"], error["low"], error["high"]])
+        for label, counts in enumerate(evaluation.predictions.confusion(protocol).tolist()):
+            name, view_sets = classes[label], sum(counts)
+            tables["confusion"] += [[protocol, name, *answers] for answers in zip(classes, counts, strict=True)]
+            if view_sets:
+                tables["per_class"].append([protocol, name, view_sets, 1 - counts[label] / view_sets])
     for name, rows in tables.items():
         with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
             write_csv(file, rows)
@@ -113,7 +97,7 @@ def errors_by_views(metrics: dict[str, Any], protocol: str) -> dict[str, dict[st
 
 def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
     """The summary, the seconds of each stage and the peak memory, by dotted key."""
-    return flatten(summary(metrics, timing)) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
+    return summary(metrics, timing) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
 
 
 def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
@@ -123,16 +107,18 @@ def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
         f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()
     }
     runs = {f"stage.{name}": record["run_id"] for name, record in records.items() if record["run_id"]}
-    counts = {name: str(value) for record in records.values() for name, value in record["counts"].items()}
-    chosen = {name: value for name, value in counts.items() if name.startswith("resolved.")}
-    return errors | runs | chosen
+    return errors | runs | {name: str(value) for name, value in _counts(records, "resolved.").items()}
 
 
 def row_constants(metrics: dict[str, Any], records: Records) -> dict[str, float]:
     """Numbers of classes, of frames and groups on each side, and of weights: constants, not results."""
-    sizes = flatten({name: metrics[name] for name in ("classes", "frames", "groups")})
-    weights = {name: value for record in records.values() for name, value in record["counts"].items()}
-    return sizes | {name: value for name, value in weights.items() if name.startswith("weights.")}
+    return flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | _counts(records, "weights.")
+
+
+def _counts(records: Records, prefix: str) -> dict[str, Any]:
+    """What the stages counted under names that begin so."""
+    counts = {name: value for record in records.values() for name, value in record["counts"].items()}
+    return {name: value for name, value in counts.items() if name.startswith(prefix)}
 
 
 def dataset(records: Records, frames: str, md5: str) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Median and tail, confusion, calibration error."""
+"""Median and tail, calibration error."""
 
 import numpy as np
 
@@ -8,16 +8,6 @@ BINS = 15  # of Guo et al.
 def median_and_p95(values: np.ndarray) -> dict[str, float]:
     """Median and 95th percentile of values (n,), n at least 1, interpolated between neighbours."""
     return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
-
-
-def confusion_counts(labels: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarray:
-    """int64 (classes, classes): how often each class, a row, was answered with each, a column.
-
-    Args:
-        labels: (A,) true classes; predicted: (..., A).
-    """
-    cells = np.broadcast_to(labels.astype(np.int64), predicted.shape) * classes + predicted
-    return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
 
 
 def calibration_error(confidence: np.ndarray, correct: np.ndarray) -> float:

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactile_viewgcn.evaluation.report import joined_text
-from tactile_viewgcn.evaluation.statistics import confusion_counts
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.pages.finished_run import FinishedRun
 from tactile_viewgcn.pages.html import Verdict, percent
@@ -70,8 +69,7 @@ class Outcome:
     @cached_property
     def counts(self) -> np.ndarray:
         """Counts (C, C) over all trials: row the true class, column the answer."""
-        predictions = self.run.predictions
-        return confusion_counts(predictions.labels, predictions.predicted[self.protocol], len(predictions.classes))
+        return self.run.predictions.confusion(self.protocol)
 
     @property
     def chance(self) -> float:

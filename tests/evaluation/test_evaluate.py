@@ -107,14 +107,14 @@ def test_as_many_grasps_of_one_object_are_joined_as_asked_and_by_object_nothing_
         assert {len(set(row)) for row in grasp[sets].tolist()} == {grasps}
         of_anchor = (grasp[sets] == grasp[:, None]).sum(axis=1)
         assert (of_anchor == -(-4 // grasps)).all()
-    assert result.scores["recording"]["joined"] == {"grasp": grasps} and "joined" not in result.scores["object"]
+    assert result.metrics["recording"]["joined"] == {"grasp": grasps} and "joined" not in result.metrics["object"]
 
 
 def test_recordings_are_joined_where_grasps_are_not_numbered_and_too_few_are_refused(drawn):
     result = evaluated("evaluate.grasps=2", "evaluate.protocols=[recording]")
     recording = table().recording[table().on(TEST)]
     assert all(len(set(row)) == 2 for sets in drawn for row in recording[sets].tolist())
-    assert result.scores["recording"]["joined"] == {"recording": 2}
+    assert result.metrics["recording"]["joined"] == {"recording": 2}
     with pytest.raises(UserError, match=r"grasps is 3, and the test side has 2 recordings of .*; expected 3 of every"):
         evaluated("evaluate.grasps=3")
     evaluated("evaluate.grasps=3", "evaluate.protocols=[object]")
@@ -136,15 +136,15 @@ def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
 
 def test_a_result_repeats_in_whatever_mode_the_classifier_comes_and_is_far_above_chance():
     first, again = evaluated(), evaluated(classifier=trained().train())
-    assert first.scores == again.scores
+    assert first.metrics == again.metrics
     for protocol in ("object", "recording"):
         np.testing.assert_array_equal(first.protocols[protocol].predicted, again.protocols[protocol].predicted)
-        assert first.scores[protocol]["error"]["mean"] < 0.4  # chance: 0.75
+        assert first.metrics[protocol]["error"]["mean"] < 0.4  # chance: 0.75
 
 
 def test_a_protocol_s_result_does_not_depend_on_the_other():
     both, alone = evaluated("evaluate.trials=1"), evaluated("evaluate.trials=1", "evaluate.protocols=[recording]")
-    assert list(alone.protocols) == ["recording"] and both.scores["recording"] == alone.scores["recording"]
+    assert list(alone.protocols) == ["recording"] and both.metrics["recording"] == alone.metrics["recording"]
 
 
 def test_scores_by_hand():

@@ -7,10 +7,10 @@ import pytest
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.evaluate import Evaluation, scores_of
+from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.evaluation.report import (
     costs,
     dataset,
-    metrics_tree,
     read_records,
     row_constants,
     row_metrics,
@@ -19,8 +19,6 @@ from tactile_viewgcn.evaluation.report import (
     write_results,
 )
 from tactile_viewgcn.evaluation.trials import Trials
-from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tests.small_tables import fewer_anchors, table
 
 CLASSES = ["cup", "pen, red", "tape"]
 LABELS = np.array([0, 0, 1, 1], dtype=np.int16)
@@ -46,27 +44,23 @@ def made_up():
         ),
     }
     groups = np.array([0, 0, 1, 1])
-    scores = {protocol: scores_of(runs, groups, np.random.default_rng(0), 4) for protocol, runs in protocols.items()}
-    return Evaluation(protocols, LABELS, groups, scores, 7.65432, LATENCY)
+    predicted = {protocol: runs.predicted for protocol, runs in protocols.items()}
+    predictions = Predictions(
+        predicted, LABELS, groups, groups, np.array(CLASSES), np.zeros((3, 1, 1)), np.ones((1, 1))
+    )
+    metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}, "groups": {"test": 2}}
+    metrics |= {protocol: scores_of(runs, groups, np.random.default_rng(0), 4) for protocol, runs in protocols.items()}
+    return Evaluation(protocols, predictions, metrics, 7.65432, LATENCY)
 
 
 def numbers(records=RECORDS):
     """The metrics and costs of an evaluation."""
-    return metrics_tree(made_up(), table(), 4, "test"), costs(made_up(), records, 50.0, 1000.0)
+    return made_up().metrics, costs(made_up(), records, 50.0, 1000.0)
 
 
 def rows(path):
     with path.open(newline="") as file:
         return list(csv.reader(file))[1:]
-
-
-def test_metrics_count_anchors_and_kept_frames_of_both_sides():
-    frames = fewer_anchors(table(), 5)
-    counts = metrics_tree(made_up(), frames, 4, "test")["frames"]
-    for name, side in (("train", TRAIN), ("test", TEST)):
-        assert counts[name] == (frames.anchor & (frames.side == side)).sum()
-        assert counts[f"kept_{name}"] == (frames.side == side).sum()
-    assert counts["test"] < counts["kept_test"] == 96
 
 
 def test_costs_name_each_stage_and_the_hungriest_one_s_memory():
@@ -86,7 +80,7 @@ def test_a_damaged_record_is_named(tmp_path, content):
 
 
 def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tmp_path):
-    write_results(tmp_path, *numbers(), made_up(), CLASSES)
+    write_results(tmp_path, made_up(), numbers()[1])
     assert [
         (name, number, float(error), float(top3)) for name, number, error, top3 in rows(tmp_path / "trials.csv")
     ] == [
@@ -150,7 +144,7 @@ def test_the_row_has_errors_and_costs_as_metrics_and_constants_beside_them():
         }
     )
     constants = row_constants(metrics, RECORDS)
-    assert (constants["classes"], constants["frames.test"], constants["weights.backbone"]) == (4, 96, 7)
+    assert (constants["classes"], constants["frames.test"], constants["weights.backbone"]) == (4, 4, 7)
     assert not constants.keys() & row.keys()
 
 

@@ -1,14 +1,12 @@
 """The error of a calibration; the median and the tail."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.stability.rows import max_rel_error
-from tactile_viewgcn.evaluation.statistics import calibration_error, confusion_counts, median_and_p95
+from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_p95
 
 DIGITS = 1e-12  # of double precision
 
@@ -59,12 +57,3 @@ def test_the_median_and_the_tail_of_few_values_by_hand(row, times, median, p95):
     values = median_and_p95(np.random.default_rng(0).permutation(times))
     row(f"median of {len(times)}", max_rel_error(values["median"], median), DIGITS)
     row(f"p95 of {len(times)}", max_rel_error(values["p95"], p95), DIGITS)
-
-
-def test_the_confusion_is_that_of_a_loop():
-    rng = np.random.default_rng(0)
-    labels, predicted = rng.integers(0, 4, 30).astype(np.int16), rng.integers(0, 5, (6, 30))
-    expected = np.zeros((5, 5), dtype=int)
-    for trial, anchor in product(range(6), range(30)):
-        expected[labels[anchor], predicted[trial, anchor]] += 1
-    np.testing.assert_array_equal(confusion_counts(labels, predicted, 5), expected)

@@ -94,11 +94,11 @@ def evaluated(confidence_threshold, temperatures):
 
 
 def test_evaluation_reports_sequential_trials_where_asked_and_all_else_unchanged():
-    plain, sequential = evaluated(0, None).scores, evaluated(0.9, [1.0] * 4).scores
+    plain, sequential = evaluated(0, None).metrics, evaluated(0.9, [1.0] * 4).metrics
     assert set(sequential) - set(plain) == {"sequential"}
     assert plain["object"] == sequential["object"]
     assert 1 <= sequential["sequential"]["frames"] <= 4
-    assert evaluated(0.999999, [50.0] * 4).scores["sequential"]["frames"] == 4
+    assert evaluated(0.999999, [50.0] * 4).metrics["sequential"]["frames"] == 4
 
 
 def test_sequential_trials_of_a_classifier_that_is_not_calibrated_are_refused():
