@@ -1,13 +1,12 @@
 """What the answers of a run are worth: errors beside guessing, by object and by pair, and a verdict."""
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.evaluation.report import joined_text
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.notes import several
 from tactile_viewgcn.pages.finished_run import FinishedRun
 from tactile_viewgcn.pages.html import Verdict, percent
 
@@ -26,118 +25,47 @@ class ObjectAnswers(NamedTuple):
     taken_for: str
 
 
-@dataclass(frozen=True)
 class Outcome:
-    """The result of a run in the protocol that its page speaks of: `recording`, where that was evaluated."""
+    """The result of a run in the protocol that its page speaks of: `recording`, where that was evaluated.
 
-    run: FinishedRun
+    Attributes:
+        score: its numbers in metrics.json; ends: of the error's 95 % interval, None with one split group.
+        counts: int64 (C, C) over all trials, row the true class, column the answer.
+        chance: error of always naming the object that most view sets are of.
+        guesses: whether the error cannot be told from that.
+        uncertain: whether too little was tested to say how large the error is.
+        side, groups: test or validation, and its number of split groups.
+        joined: the words ` of 2 grasps` where a view set joins as many, else nothing; undivided: what one is of then.
+        objects: those tested, the one with the highest error first; tested: their recordings, in words.
+        only: the one object that every answer named, or "".
+        candidates: of the comparison that `model.members: auto` made, the lowest error first, see `recognition.choice`.
+        members: of `sensors`, also where that took them.
+        warnings: notes of the stages.
+    """
 
-    @property
-    def protocol(self) -> str:
-        return "recording" if "recording" in self.run.metrics else "object"
-
-    @property
-    def error(self) -> float:
-        return self.run.metrics[self.protocol]["error"]["mean"]
-
-    @property
-    def ends(self) -> tuple[float, float] | None:
-        """Of the error's 95 % interval; None with one split group."""
-        error = self.run.metrics[self.protocol]["error"]
-        return (error["low"], error["high"]) if error["low"] is not None else None
-
-    @property
-    def joined(self) -> str:
-        """The words ` of 2 grasps` where the view sets of its protocol join so many; else nothing."""
-        return joined_text(self.run.metrics[self.protocol])
-
-    @property
-    def undivided(self) -> str:
-        """What a view set is of where it joins nothing: of what the split divides, one grasp or one recording."""
-        return "one grasp" if self.run.params["split.by"] == "grasp" else "one recording"
-
-    @property
-    def side(self) -> str:
-        """Test, or validation."""
-        return next(iter(self.run.metrics["groups"]))
-
-    @property
-    def groups(self) -> int:
-        """Split groups that were tested."""
-        return self.run.metrics["groups"][self.side]
-
-    @cached_property
-    def counts(self) -> np.ndarray:
-        """Counts (C, C) over all trials: row the true class, column the answer."""
-        return self.run.predictions.confusion(self.protocol)
-
-    @property
-    def chance(self) -> float:
-        """Error of always naming the object that most view sets are of."""
-        return float(1 - self.counts.sum(axis=1).max() / self.counts.sum())
-
-    @property
-    def only(self) -> str:
-        """The one object that every answer named, or ""."""
-        answered = np.flatnonzero(self.counts.sum(axis=0))
-        return str(self.run.predictions.classes[answered[0]]) if len(answered) == 1 else ""
-
-    @property
-    def warnings(self) -> list[Note]:
-        return self.run.notes("warning")
-
-    @property
-    def members(self) -> list[str]:
-        """Of `sensors`, also where `model.members: auto` took them."""
-        taken = [note.value for note in self.run.notes("choice") if note.key == "model.members"]
-        return taken[0] if taken else self.run.params["model.members"]
-
-    @property
-    def candidates(self) -> list[dict[str, Any]]:
-        """Of the comparison that `model.members: auto` made, see `recognition.choice`, the lowest error first."""
-        return [note.value for note in self.run.notes("info") if note.topic == "candidates" and note.value]
-
-    @property
-    def beside_candidates(self) -> str:
-        """The error of the candidate that was taken beside those of the others, or ""."""
-        taken = [one["error"] for one in self.candidates if one["taken"]]
-        others = [one["error"] for one in self.candidates if not one["taken"]]
-        if not others:
-            return ""
-        range_of = f"{percent(min(others))} to {percent(max(others))}"
-        other = several(len(others), "other candidate")
-        return f"On left-out training groups it erred in {percent(taken[0])}, {other} in {range_of}."
-
-    @property
-    def guesses(self) -> bool:
-        """Whether the error cannot be told from that of guessing."""
-        return not self.ends or self.ends[1] >= self.chance - ROUNDING
-
-    @property
-    def uncertain(self) -> bool:
-        """Whether too little was tested to say how large the error is."""
-        return not self.ends or self.groups < FEW or self.ends[1] - self.ends[0] > WIDE
-
-    @property
-    def tested(self) -> str:
-        """12 recordings, 2 of each object."""
-        each = [one.recordings for one in self.objects]
-        of = f"{min(each)}" if min(each) == max(each) else f"{min(each)} to {max(each)}"
-        return f"{several(sum(each), 'recording')}, {of} of each object"
-
-    @cached_property
-    def objects(self) -> list[ObjectAnswers]:
-        """The objects that were tested, the one with the highest error first."""
-        predictions, objects = self.run.predictions, []
-        for label in np.flatnonzero(self.counts.sum(axis=1)):
-            answers = self.counts[label].sum()
-            others = np.where(np.arange(len(self.counts)) == label, 0, self.counts[label])
-            other = others.argmax()
-            taken_for = f"{predictions.classes[other]} ({percent(others[other] / answers)})" if others[other] else ""
-            recordings = len(np.unique(predictions.recordings[predictions.labels == label]))
-            name, error = str(predictions.classes[label]), float(others.sum() / answers)
-            objects.append(ObjectAnswers(name, recordings, int(answers), error, taken_for))
-        return sorted(objects, key=lambda each: -each.error)
+    def __init__(self, run: FinishedRun):
+        metrics, choices = run.metrics, {note.key: note.value for note in run.notes("choice")}
+        self.run = run
+        self.protocol = "recording" if "recording" in metrics else "object"
+        self.score: dict[str, Any] = metrics[self.protocol]
+        error = self.score["error"]
+        self.ends = (error["low"], error["high"]) if error["low"] is not None else None
+        self.counts = run.predictions.confusion(self.protocol)
+        self.chance = float(1 - self.counts.sum(axis=1).max() / self.counts.sum())
+        ((self.side, self.groups),) = metrics["groups"].items()
+        self.guesses = not self.ends or self.ends[1] >= self.chance - ROUNDING
+        self.uncertain = not self.ends or self.groups < FEW or self.ends[1] - self.ends[0] > WIDE
+        self.joined = joined_text(self.score)
+        self.undivided = "one grasp" if run.params["split.by"] == "grasp" else "one recording"
+        self.objects = _objects(run.predictions, self.counts)
+        each = sorted({one.recordings for one in self.objects})
+        number = several(sum(one.recordings for one in self.objects), "recording")
+        self.tested = f"{number}, {' to '.join(map(str, dict.fromkeys((each[0], each[-1]))))} of each object"
+        answered = run.predictions.classes[self.counts.any(axis=0)]
+        self.only = str(answered[0]) if len(answered) == 1 else ""
+        self.candidates = [note.value for note in run.notes("info") if note.topic == "candidates" and note.value]
+        self.members = choices.get("model.members", run.params["model.members"])
+        self.warnings = run.notes("warning")
 
     def worst_pairs(self, most: int) -> list[tuple[int, int]]:
         """Classes with most mistakes in both directions, the worst pair first; ties to the lowest numbers."""
@@ -162,8 +90,29 @@ class Outcome:
         if self.guesses:
             answer = "No: this result cannot be told from guessing."
             return Verdict("bad", answer, ["The interval reaches the error of guessing.", *reasons])
-        below = ["The whole interval lies below the error of guessing."]
-        below += [self.beside_candidates] if self.beside_candidates else []
+        below = ["The whole interval lies below the error of guessing.", *self._beside_candidates()]
         if reasons:
             return Verdict("unsure", "It is better than guessing, but not yet to be relied on.", below + reasons)
         return Verdict("good", "Yes: it is better than guessing, and no stage gave a warning.", below)
+
+    def _beside_candidates(self) -> list[str]:
+        """The error of the candidate that was taken beside those of the others, if there are some."""
+        taken = [one["error"] for one in self.candidates if one["taken"]]
+        others = [one["error"] for one in self.candidates if not one["taken"]]
+        if not others:
+            return []
+        other = f"{several(len(others), 'other candidate')} in {percent(min(others))} to {percent(max(others))}"
+        return [f"On left-out training groups it erred in {percent(taken[0])}, {other}."]
+
+
+def _objects(predictions: Predictions, counts: np.ndarray) -> list[ObjectAnswers]:
+    objects = []
+    for label in np.flatnonzero(counts.any(axis=1)):
+        answers, others = counts[label].sum(), counts[label].copy()
+        others[label] = 0
+        other = others.argmax()
+        taken_for = f"{predictions.classes[other]} ({percent(others[other] / answers)})" if others[other] else ""
+        recordings = len(np.unique(predictions.recordings[predictions.labels == label]))
+        name, error = str(predictions.classes[label]), float(others.sum() / answers)
+        objects.append(ObjectAnswers(name, recordings, int(answers), error, taken_for))
+    return sorted(objects, key=lambda each: -each.error)

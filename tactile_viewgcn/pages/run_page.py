@@ -21,19 +21,18 @@ PAIRS = 4
 
 def run_page(run: FinishedRun) -> str:
     """The page as HTML."""
-    outcome, metrics, params, predictions = Outcome(run), run.metrics, run.params, run.predictions
+    outcome, metrics, params = Outcome(run), run.metrics, run.params
     origin = run.records["evaluate"]["origin"]
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
-    uncommitted, commit = _uncommitted(origin), origin.get("mlflow.source.git.commit")
-    protocols = {
-        "recording": f"all frames of an answer come from {outcome.undivided}, as in use",
+    commit = origin.get("mlflow.source.git.commit")
+    meanings = {
+        "recording": f"the frames of an answer are{outcome.joined} of one object"
+        if outcome.joined
+        else f"all frames of an answer come from {outcome.undivided}, as in use",
         "object": "the frames come from any test recording of the object, as in the paper",
     }
-    if outcome.joined:
-        protocols["recording"] = f"the frames of an answer are{outcome.joined} of one object"
-    protocols = {name: what for name, what in protocols.items() if name in metrics}
-    errors = {f"{name} protocol": metrics[name]["error"] for name in protocols}
-    by_views = {f"{name} protocol": metrics[name]["by_views"] for name in protocols if "by_views" in metrics[name]}
+    scores = {f"{name} protocol": metrics[name] for name in meanings if name in metrics}
+    by_views = {name: score["by_views"] for name, score in scores.items() if "by_views" in score}
     counts = {f"{outcome.protocol} protocol, all trials": outcome.counts}
     return html.render(
         "report.html",
@@ -41,11 +40,11 @@ def run_page(run: FinishedRun) -> str:
         run=run,
         date=date,
         outcome=outcome,
-        steps=next_steps(run, outcome),
-        protocols=protocols,
+        steps=next_steps(outcome),
+        protocols={name: (meanings[name.split()[0]], score) for name, score in scores.items()},
         error_text=error_text,
         error_bars=picture(
-            plots.error_intervals(errors, outcome.chance),
+            plots.error_intervals({name: score["error"] for name, score in scores.items()}, outcome.chance),
             "Dot: error. Bar: its 95 % interval, which resamples the split groups that were tested. Dashed: guessing.",
         ),
         by_views=by_views
@@ -54,7 +53,7 @@ def run_page(run: FinishedRun) -> str:
             "Line: error. Band: its 95 % interval. Of each view set above, only so many frames, drawn at random.",
         ),
         confusion=picture(
-            plots.confusions(counts, predictions.classes.tolist()),
+            plots.confusions(counts, run.predictions.classes.tolist()),
             "Each row is an object that was held, each column an answer. What lies on the diagonal is right.",
         ),
         pairs=[_pair(outcome, first, second) for first, second in outcome.worst_pairs(PAIRS)],
@@ -63,7 +62,7 @@ def run_page(run: FinishedRun) -> str:
         remarks=[note for note in run.notes("info") if note.topic != "candidates"],
         choices=[(as_change(note.key, note.value), note.text) for note in run.notes("choice")],
         again="\n".join([*([f"git checkout {commit}"] if commit else []), again(run.changed)]),
-        uncommitted=uncommitted,
+        uncommitted=_uncommitted(origin),
         lineage=_lineage(run, date),
     )
 
