@@ -21,6 +21,7 @@ from tactile_viewgcn.notes import several
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+GLOSSARY = "index.md"  # a link to the manual's first page
 NARROWEST = 0.7  # of its width that a picture keeps on a phone; it scrolls sideways then
 PIXELS = 96 / 72  # of a point
 
@@ -73,6 +74,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
         finalize=_finalize,
     )
+    made.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", loader.get_source(made, GLOSSARY)[0], re.MULTILINE)[1:]
     made.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent}
     made.filters |= {"duration": duration, "lines": _lines}
     return made
