@@ -26,40 +26,20 @@ class MadeUp(ViewSystem):
         return self.answer(views)
 
 
-def run_made_up(
-    answer,
-    *,
-    labels,
-    views,
-    features,
-    anchors=None,
-    changes=(),
-    trials=2,
-    in_time_order=False,
-    takes_fewer=False,
-):
-    head = MadeUp(answer, in_time_order)
-    return run_trials(
-        SimpleNamespace(views=views, logits=partial(view_set_logits, head), takes_fewer=takes_fewer),
-        features,
-        np.random.default_rng(0).random((len(labels), 5)),
-        labels,
-        labels,
-        np.arange(len(labels)) if anchors is None else anchors,
-        recipe(*changes).cluster,
-        [np.random.default_rng(number) for number in range(trials)],
-        tqdm(disable=True),
-    )
+def run_made_up(answer, labels, features, *changes, anchors=None, trials=2, in_time_order=False, **classifier):
+    """Trials of a classifier with these attributes, such as `views`, on pools that are the labels."""
+    attributes = {"logits": partial(view_set_logits, MadeUp(answer, in_time_order)), "takes_fewer": False} | classifier
+    points = np.random.default_rng(0).random((len(labels), 5))
+    anchors = np.arange(len(labels)) if anchors is None else anchors
+    rngs = [np.random.default_rng(number) for number in range(trials)]
+    system, cluster = SimpleNamespace(**attributes), recipe(*changes).cluster
+    return run_trials(system, features, points, labels, labels, anchors, cluster, rngs, tqdm(disable=True))
 
 
 def test_correct_and_in_top3_follow_the_logits_and_ties_go_to_the_lowest_class():
     labels = np.array([0, 1, 2, 3, 4])
-    result = run_made_up(
-        lambda nodes: (torch.tensor([[1.0, 1, 1, 1, 2]]).expand(len(nodes), 5), []),
-        labels=labels,
-        views=2,
-        features=torch.zeros(5, 3),
-    )
+    scores = torch.tensor([[1.0, 1, 1, 1, 2]])
+    result = run_made_up(lambda nodes: (scores.expand(len(nodes), 5), []), labels, torch.zeros(5, 3), views=2)
     assert result.predicted.tolist() == [[4] * 5] * 2
     assert result.correct.tolist() == [[False, False, False, False, True]] * 2
     assert result.in_top3.tolist() == [[True, True, False, False, True]] * 2
@@ -67,13 +47,8 @@ def test_correct_and_in_top3_follow_the_logits_and_ties_go_to_the_lowest_class()
 
 def test_the_head_sees_the_features_of_each_view_set():
     labels = np.repeat([2, 0, 1], 8)
-    result = run_made_up(
-        lambda nodes: (nodes.mean(dim=1), []),
-        labels=labels,
-        views=4,
-        features=torch.eye(3)[labels],
-        anchors=np.arange(0, 24, 5),
-    )
+    features, anchors = torch.eye(3)[labels], np.arange(0, 24, 5)
+    result = run_made_up(lambda nodes: (nodes.mean(dim=1), []), labels, features, anchors=anchors, views=4)
     assert result.predicted.tolist() == [labels[::5].tolist()] * 2
     assert result.correct.all()
 
@@ -118,11 +93,11 @@ def test_a_system_in_time_order_sees_the_earliest_frame_first():
         sets = []
         run_made_up(
             lambda nodes: (sets.append(nodes[..., 0].int()) or torch.zeros(len(nodes), 3), []),
-            labels=np.zeros(24, dtype=int),
-            views=4,
-            features=torch.arange(24.0)[:, None],
-            changes=["cluster.assignment=random"],
+            np.zeros(24, dtype=int),
+            torch.arange(24.0)[:, None],
+            "cluster.assignment=random",
             in_time_order=in_time_order,
+            views=4,
         )
         return torch.cat(sets)
 
@@ -143,8 +118,8 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
             right = (frames[:, 0] < 5 * count) | (count == 6)
             return torch.eye(2)[torch.where(right, frames[:, 0] // 12, 1 - frames[:, 0] // 12)], []
 
-        features, changes = torch.arange(24.0)[:, None], [f"cluster.assignment={assignment}"]
-        return run_made_up(answer, labels=labels, views=6, features=features, changes=changes, takes_fewer=takes_fewer)
+        features, change = torch.arange(24.0)[:, None], f"cluster.assignment={assignment}"
+        return run_made_up(answer, labels, features, change, views=6, takes_fewer=takes_fewer)
 
     asked, alone = run(True), run(False)
     assert [correct.mean(axis=1).tolist() for correct in asked.fewer.values()] == [[k * 5 / 24] * 2 for k in (1, 2, 4)]
@@ -162,12 +137,7 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
 
 @pytest.mark.parametrize("method", ["kmeans", "none"])
 def test_clusters_without_frames_are_counted_over_the_trials(method):
-    result = run_made_up(
-        lambda nodes: (torch.zeros(len(nodes), 2), []),
-        labels=np.array([0, 0, 0, 1, 1, 1, 1, 1, 1, 1]),
-        views=5,
-        features=torch.zeros(10, 3),
-        changes=[f"cluster.method={method}"],
-        trials=3,
-    )
+    labels, change = np.repeat([0, 1], [3, 7]), f"cluster.method={method}"
+    alike = torch.zeros(10, 3)
+    result = run_made_up(lambda nodes: (torch.zeros(len(nodes), 2), []), labels, alike, change, trials=3, views=5)
     assert result.empty == 3 * 2

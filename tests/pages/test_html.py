@@ -55,6 +55,11 @@ def parsed(text):
     return parser
 
 
+def text_of(page):
+    """What a reader sees of a page, in one line."""
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", page.partition("<body>")[2])))
+
+
 def drawn(title="a", caption="b"):
     figure = Figure(figsize=(2, 1))
     figure.add_subplot().set_title(title, parse_math=False)

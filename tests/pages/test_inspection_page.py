@@ -1,8 +1,6 @@
 """The page of an inspection, of a glove made so that everything on it is known."""
 
-import re
 from dataclasses import replace
-from html import unescape
 
 import h5py
 import numpy as np
@@ -12,7 +10,7 @@ from tactile_viewgcn.pages.inspection_page import inspection_page
 from tactile_viewgcn.pages.inspection_text import facts, tables, verdict, warnings
 from tactile_viewgcn.pages.settings import split_settings
 from tactile_viewgcn.pages.source_inspection import inspect_source
-from tests.pages.test_html import parsed
+from tests.pages.test_html import parsed, text_of
 
 NAMES = ["Öl & <b>", "mug", "$x$"]
 
@@ -32,10 +30,6 @@ def overview(tmp_path_factory):
                 file["pressure"] = pressure.astype(np.float32)
                 file.attrs.update({"object": name, "session": f"s{repeat % 2}"})
     return inspect_source(folder)
-
-
-def text_of(page):
-    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", page)))
 
 
 def test_the_page_says_what_the_inspection_found(overview):
