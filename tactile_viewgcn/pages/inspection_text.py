@@ -129,7 +129,9 @@ def _session(of: Overview, number: int) -> list[str]:
 
 def _measured(of: Overview) -> Table:
     errors, leaks, taken = of.choice.errors, of.choice.leaks, of.choice.params.baseline
-    measured = {kind + " *" * (kind == taken): (error, leaks.get(kind)) for kind, error in errors.items()}
+    measured: dict[str, tuple[QuickError | None, QuickError | None]] = {
+        kind + " *" * (kind == taken): (error, leaks.get(kind)) for kind, error in errors.items()
+    }
     measured |= {"all recordings": (of.error, of.leak), "first frame": (None, of.first_frame)}
     remark = (
         "Errors of a quick classifier on held-out groups, with a standard error. Without contact: on frames of the "
