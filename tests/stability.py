@@ -1,7 +1,8 @@
 """Rows of the stability table from tests: the fixture `row`, and where the rows are written and printed.
 
 A test with the marker `stability("name of the check")` takes the fixture `row`: `row(quantity, error, tolerance)`
-asserts error <= tolerance and records the row, `row.refused(quantity, call, pattern)` that a call is refused.
+asserts error <= tolerance and records the row, `row.refused(quantity, call, pattern)` that a call is refused. The
+fixture `subject` is the trained network of the checks: small, or the pipeline's where the command names its files.
 """
 
 import json
@@ -9,11 +10,15 @@ import re
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from benchmarks.stability.rows import WRONG, Quantity, no_outcome
+
+if TYPE_CHECKING:
+    from tests.trained_network import Subject
 
 TESTS = Path(__file__).parent
 ROWS = pytest.StashKey[list[dict]]()
@@ -61,6 +66,24 @@ def row(request: pytest.FixtureRequest, tmp_path: Path) -> Rows:
     return rows
 
 
+@pytest.fixture(scope="session")
+def subject(request: pytest.FixtureRequest) -> "Subject":
+    """The classifier and frames that the options name, else those of a small training."""
+    from benchmarks.trained import read_trained  # here, for these load torch
+    from tactile_viewgcn.device import keep_freed_memory, select_device
+    from tactile_viewgcn.params import load
+    from tests import small_tables
+    from tests.trained_network import Subject
+
+    option = request.config.getoption
+    if not option("--stability-classifier"):
+        return Subject(small_tables.trained(), small_tables.table(), small_tables.recipe(), small_tables.CPU)
+    params = load(TESTS.parent / "params.yaml", option("--stability-set"))
+    trained = read_trained(option("--stability-frames"), option("--stability-classifier"))
+    keep_freed_memory()
+    return Subject(*trained, params, select_device(params.device, params.precision))
+
+
 def part_of(path: Path) -> str:
     """The part of the table for the rows of a test's file: its folder, or its name where that is tests/ itself."""
     return path.stem.removeprefix("test_") if path.parent == TESTS else path.parent.name
@@ -68,6 +91,9 @@ def part_of(path: Path) -> str:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--stability-rows", type=Path, help="File for the rows of the stability table, one JSON a line.")
+    parser.addoption("--stability-frames", type=Path, help="Frames of the checks of a trained network.")
+    parser.addoption("--stability-classifier", type=Path, help="The network; without it a small one.")
+    parser.addoption("--stability-set", action="append", default=[], help="Put on top of params.yaml.")
 
 
 @pytest.hookimpl(wrapper=True)

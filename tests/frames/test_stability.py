@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.stability.network import unusual_counts
 from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.frames.baseline import ROUNDING_SD, empty_hand_baseline, trimmed_moments
 from tactile_viewgcn.frames.filtering import pressed_frames
@@ -18,6 +17,7 @@ from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import recipe, table
 from tests.sources import written
+from tests.trained_network import unusual_counts
 
 ROUNDING = 2.0**-22  # of single precision, twice over
 BASELINE = 500

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.stability.logits import SINGLE, odds, with_the_same_views
 from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest, squared_distances
 from tactile_viewgcn.nn.message_passing import NonLocalMessagePassing
@@ -20,6 +19,7 @@ from tactile_viewgcn.systems.gcn import normalised_adjacency
 from tactile_viewgcn.systems.view_gcn import shape_and_view_loss
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import recipe
+from tests.trained_network import SINGLE, odds, with_the_same_views
 
 ROUNDING = 2.0**-21  # of single precision, after a few sums
 EVEN = torch.from_numpy(viewpoints(8, "sphere"))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.stability.logits import rms, some_sets, without_dropout
 from benchmarks.stability.rows import Quantity, max_rel_error, share_not_finite
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.systems.classifier import build_classifier
@@ -17,6 +16,7 @@ from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
+from tests.trained_network import rms, some_sets, without_dropout
 
 STEP = 1e-8  # of a finite difference, in sizes of what it moves: hardly a ReLU changes sides within it
 SLOPES = 1e-5  # of a slope: of the 16 digits of a loss such a step leaves 8, and a few less where slopes are small

@@ -1,4 +1,4 @@
-"""What must not change an answer: the number of threads, the size of a batch, the order of frames, a second time.
+"""What must not change a trained network's answer: threads, the size of a batch, the order of frames, a second time.
 
 Logits may differ by rounding, 1e-5 of the largest; view sets and answers not at all.
 """
@@ -8,49 +8,53 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from threadpoolctl import threadpool_limits
 
-from benchmarks.stability.logits import SINGLE
-from benchmarks.stability.rows import Quantity, max_rel_error, share_different
-from benchmarks.stability.subject import Subject
+from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.evaluation.trials import all_trials
 from tactile_viewgcn.tables.frames import TEST
+from tests.stability import Rows
+from tests.trained_network import SINGLE, Subject
 
 MOST = 200  # test frames
 
 
-def threads(subject: Subject) -> Iterator[Quantity]:
-    """Everything of an evaluation but its clock with one thread, with two, and with two again."""
+@pytest.mark.stability("threads")
+def test_one_thread_two_and_two_again_answer_alike(row, subject):
+    """Everything of an evaluation but its clock."""
     for precision in subject.precisions:
         results = {}
         for name, count in (("one", 1), ("two", 2), ("two again", 2)):
             with only(count):
-                results[name] = _evaluated(subject, precision)
+                results[name] = evaluated(subject, precision)
         two_scores, two_answers = results["two"]
         for name in ("one", "two again"):
             scores, answers = results[name]
-            yield Quantity(f"logits, {name} against two, {precision}", max_rel_error(scores, two_scores), SINGLE)
-            different = share_different(answers, two_answers)
-            yield Quantity(f"answers of the trials, {name} against two, {precision}", different)
+            row(f"logits, {name} against two, {precision}", max_rel_error(scores, two_scores), SINGLE)
+            row(f"answers of the trials, {name} against two, {precision}", share_different(answers, two_answers))
 
 
-def batches(subject: Subject) -> Iterator[Quantity]:
-    """Frames through the backbone in batches of another size, view sets through the system one by one."""
+@pytest.mark.stability("batches")
+def test_batches_of_frames_and_view_sets_of_other_sizes_answer_alike(row, subject):
     inputs, head = subject.table.inputs(subject.table.on(TEST)[:MOST]), subject.classifier.head
-    sets = subject.sets(inputs, 24)
+    sets = np.sort(subject.sets(inputs, 24), axis=1)  # in the order of time
     for precision in subject.precisions:
         nodes = subject.features(inputs, precision)
         parts = np.array_split(inputs, 1 + len(inputs) // 20)
         split_nodes = torch.cat([subject.features(part, precision) for part in parts])
         whole, split = (subject.head_logits(head, given, sets, precision) for given in (nodes, split_nodes))
-        yield Quantity(f"logits, batches of 20 frames, {precision}", max_rel_error(split, whole), SINGLE)
+        row(f"logits, batches of 20 frames, {precision}", max_rel_error(split, whole), SINGLE)
         alone = torch.cat([subject.head_logits(head, nodes, one[None], precision) for one in sets])
-        yield Quantity(f"logits, view set by view set, {precision}", max_rel_error(alone, whole), SINGLE)
+        row(f"logits, view set by view set, {precision}", max_rel_error(alone, whole), SINGLE)
+    first = [subject.logits(inputs[one], np.arange(len(one))[None], "float32") for one in sets[:5]]
+    together = subject.logits(inputs, sets[:5], "float32")
+    row("logits, a view set's frames alone, float32", max_rel_error(torch.cat(first), together), SINGLE)
 
 
-def shuffled_rows(subject: Subject) -> Iterator[Quantity]:
-    """The same frames in another order, and the same view sets."""
+@pytest.mark.stability("shuffled rows")
+def test_frames_in_another_order_answer_alike(row, subject):
     if subject.classifier.head.in_time_order:
         return  # the order of frames is what such a system goes by
     inputs = subject.table.inputs(subject.table.on(TEST)[:MOST])
@@ -58,13 +62,13 @@ def shuffled_rows(subject: Subject) -> Iterator[Quantity]:
     for precision in subject.precisions:
         straight = subject.logits(inputs, sets, precision)
         shuffled = subject.logits(inputs[order], np.argsort(order)[sets], precision)
-        yield Quantity(f"logits, {precision}", max_rel_error(shuffled, straight), SINGLE)
-        yield Quantity(f"answers, {precision}", share_different(shuffled.argmax(dim=1), straight.argmax(dim=1)))
+        row(f"logits, {precision}", max_rel_error(shuffled, straight), SINGLE)
+        row(f"answers, {precision}", share_different(shuffled.argmax(dim=1), straight.argmax(dim=1)))
 
 
 @contextmanager
 def only(count: int) -> Iterator[None]:
-    """So many threads for torch and for the libraries under NumPy and scikit-learn."""
+    """A number of threads for torch and for the libraries under NumPy and scikit-learn."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
@@ -74,7 +78,7 @@ def only(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _evaluated(subject: Subject, precision: str) -> tuple[torch.Tensor, np.ndarray]:
+def evaluated(subject: Subject, precision: str) -> tuple[torch.Tensor, np.ndarray]:
     """Logits of some view sets, and the answers of two trials of both protocols, clustering included.
 
     The anchors are at most MOST of those on the test side, evenly.
@@ -91,4 +95,10 @@ def _evaluated(subject: Subject, precision: str) -> tuple[torch.Tensor, np.ndarr
     return subject.head_logits(classifier.head, nodes, subject.sets(inputs, 100), precision), answers
 
 
-CHECKS = (threads, batches, shuffled_rows)
+def test_a_network_that_answers_by_its_threads_is_noticed(subject, monkeypatch):
+    def threaded(_, head, nodes, sets, precision):
+        return nodes[torch.from_numpy(sets)].sum() * torch.get_num_threads()
+
+    monkeypatch.setattr(Subject, "head_logits", threaded)
+    with pytest.raises(AssertionError, match="logits, one against two"):
+        test_one_thread_two_and_two_again_answer_alike(Rows(), subject)

@@ -1,0 +1,26 @@
+"""The pipeline's trained classifier and its frames, which the benchmarks of speed and stability measure."""
+
+from pathlib import Path
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.recognition.model_file import load_classifier
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.frames import Frames, read_frames
+
+FRAMES, CLASSIFIER = Path("data/frames.h5"), Path("models/classifier.pt")  # as `dvc repro` leaves them
+
+
+def read_trained(frames: Path = FRAMES, classifier: Path = CLASSIFIER) -> tuple[Classifier, Frames]:
+    """The classifier, in evaluation mode and float32, and the frames that it was trained and is tested on.
+
+    Raises:
+        UserError: a file is missing, or the classifier is of other classes or sensors than the frames.
+    """
+    for path in (frames, classifier):
+        if not path.exists():
+            raise UserError(f"{path}: no such file; run `dvc repro`, which makes it")
+    table = read_frames(frames)
+    trained, content = load_classifier(classifier)
+    if (content.classes, content.live.shape) != (table.classes, table.live.shape):
+        raise UserError(f"{classifier}: of other classes or sensors than {frames}; train it on these frames")
+    return trained, table
