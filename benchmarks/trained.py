@@ -1,8 +1,10 @@
 """The pipeline's trained classifier and its frames, which the benchmarks of speed and stability measure."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.params import Params
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames, read_frames
@@ -10,8 +12,8 @@ from tactile_viewgcn.tables.frames import Frames, read_frames
 FRAMES, CLASSIFIER = Path("data/frames.h5"), Path("models/classifier.pt")  # as `dvc repro` leaves them
 
 
-def read_trained(frames: Path = FRAMES, classifier: Path = CLASSIFIER) -> tuple[Classifier, Frames]:
-    """The classifier, in evaluation mode and float32, and the frames that it was trained and is tested on.
+def read_trained(frames: Path, classifier: Path, params: Params) -> tuple[Classifier, Frames, Params]:
+    """The classifier in evaluation mode, the frames it was trained and is tested on, and parameters with its `model`.
 
     Raises:
         UserError: a file is missing, or the classifier is of other classes or sensors than the frames.
@@ -23,4 +25,4 @@ def read_trained(frames: Path = FRAMES, classifier: Path = CLASSIFIER) -> tuple[
     trained, content = load_classifier(classifier)
     if (content.classes, content.live.shape) != (table.classes, table.live.shape):
         raise UserError(f"{classifier}: of other classes or sensors than {frames}; train it on these frames")
-    return trained, table
+    return trained, table, replace(params, model=content.model, views=trained.views)

@@ -79,9 +79,9 @@ def subject(request: pytest.FixtureRequest) -> "Subject":
     if not option("--stability-classifier"):
         return Subject(small_tables.trained(), small_tables.table(), small_tables.recipe(), small_tables.CPU)
     params = load(TESTS.parent / "params.yaml", option("--stability-set"))
-    trained = read_trained(option("--stability-frames"), option("--stability-classifier"))
     keep_freed_memory()
-    return Subject(*trained, params, select_device(params.device, params.precision))
+    compute = select_device(params.device, params.precision)
+    return Subject(*read_trained(option("--stability-frames"), option("--stability-classifier"), params), compute)
 
 
 def part_of(path: Path) -> str:

@@ -11,14 +11,14 @@ import torch
 
 from benchmarks.command import Result, benchmark, markdown
 from benchmarks.speed import measurements
-from benchmarks.speed.agreement import WITHIN, agreement
-from benchmarks.speed.fits import fits
-from benchmarks.speed.sample import take_sample
+from benchmarks.speed.plain import WITHIN, agreement
+from benchmarks.speed.sample import Sample, anchors_of
+from benchmarks.trained import CLASSIFIER, FRAMES, read_trained
 from tactile_viewgcn.device import keep_freed_memory, select_device
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.process import processor
-from tactile_viewgcn.tables.frames import read_frames
+from tactile_viewgcn.tables.frames import TEST
 
 MEASUREMENTS = (
     partial(measurements.time_step, batch=160),
@@ -26,14 +26,13 @@ MEASUREMENTS = (
     measurements.time_finetuning,
     measurements.time_evaluation,
 )
-FULL, QUICK = {"per_class": 24, "rounds": 3}, {"per_class": 12, "rounds": 1}
 #: passes and anchors of STAG's `classification`, the paper's numbers; evaluation is ten trials of two protocols
 PRETRAINING, FINETUNING, EVALUATION = (30, 36_531), (15, 36_531), (20, 16_119)
 TEXT = f"""# What the fast paths gain
 
 {{machine}}, torch {torch.__version__} with {{threads}} threads; fast path in {{precision}}.
 
-One network of a short training on the same view sets, against plain float32: `difference` is what the logits of
+The trained network on the same view sets, against plain float32: `difference` is what the logits of
 {WITHIN:.0%} of the view sets stay within, as a share of the largest logit, and `largest` that of all view sets.
 
 {{agreement}}
@@ -49,19 +48,22 @@ pipeline is (median of the rounds' ratios)."""
 
 
 @benchmark
-@click.option("--frames", type=click.Path(exists=True, path_type=Path), default="data/frames.h5", show_default=True)
-def speed(params: Params, quick: bool, frames: Path) -> Result:
+@click.option("--frames", type=click.Path(path_type=Path), default=FRAMES, show_default=True)
+@click.option("--classifier", type=click.Path(path_type=Path), default=CLASSIFIER, show_default=True)
+def speed(params: Params, quick: bool, frames: Path, classifier: Path) -> Result:
     """Time each fast path and its plain counterpart, round by round, and see that they agree.
 
-    Reads the frames of `dvc repro preprocess`. Takes up to ten minutes on two cores; --quick is one round on less data.
+    Reads what `dvc repro` made. Takes up to ten minutes on two cores; --quick is one round on less data.
     """
     keep_freed_memory()
+    trained, table, params = read_trained(frames, classifier, params)
     if params.model.system != "view_gcn":
         raise UserError(f"model.system is {params.model.system}; expected view_gcn, which alone has plain counterparts")
     compute = select_device(params.device, params.precision)
+    small = anchors_of(table, 12 if quick else 24)
+    sample = Sample(trained.to(compute.device), small, params, compute, 1 if quick else 3)
     with redirect_stderr(StringIO()):  # the progress of trainings that are run many times
-        sample = take_sample(read_frames(frames), params, compute, **(QUICK if quick else FULL))
-        agreed = agreement(sample)
+        agreed = agreement(sample.classifier, sample.tensors(TEST)[0], sample.view_sets(TEST))
         rows = [row for measurement in MEASUREMENTS for row in measurement(sample)]
     cards = [torch.cuda.get_device_name()] if compute.device.type == "cuda" else []
     about = {"machine": ", ".join([processor(), *cards]), "precision": compute.precision}
@@ -91,4 +93,4 @@ def recipe_rows(rows: list[dict]) -> list[dict]:
 
 
 if __name__ == "__main__":
-    click.Group(commands={"paths": speed, "fits": fits})()
+    speed()

@@ -82,6 +82,8 @@ def time_finetuning(sample: Sample) -> list[dict]:
     slow, sets = plain.plain_classifier(sample.classifier).train(), sample.view_sets(TRAIN)[:PLAIN_SETS]
     optimiser = build_optimiser(config, [{"params": slow.parameters()}])
     plan = [(part, np.indices(part.shape)[1]) for part in np.split(sets, range(plain.SETS, len(sets), plain.SETS))]
+    linear = nn.Linear(slow.backbone.features, len(sample.table.classes))
+    pretrained = {"backbone": sample.classifier.backbone.state_dict(), "classifier": linear.state_dict()}
     compute = Compute(sample.compute.device, "float32")
     loss_of = SetLoss(slow, None, sample.augmentation(config), compute)
 
@@ -91,7 +93,7 @@ def time_finetuning(sample: Sample) -> list[dict]:
     def fast(reuse: int) -> None:
         finetune = replace(config, epochs=EPOCHS, feature_reuse=reuse, num_views="full")
         params = replace(sample.params, finetune=finetune)
-        finetune_classifier(sample.table, sample.views, sample.pretrained, params, sample.compute)
+        finetune_classifier(sample.table, sample.views, pretrained, params, sample.compute)
 
     variants = {f"reuse {reuse}": partial(fast, reuse) for reuse in REUSES} | {"plain": plainly}
     seconds = interleaved(variants, sample.rounds)

@@ -1,4 +1,4 @@
-"""What is measured on: some anchors of each class, their views, and networks trained on them for a short while."""
+"""What is measured on: some anchors of each class, and the pipeline's trained network."""
 
 from dataclasses import dataclass, replace
 
@@ -14,29 +14,27 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames
 from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.augmentation import Augmentation
-from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tactile_viewgcn.views.clustering import cluster_frames
-from tactile_viewgcn.views.sampling import ViewSets, random_clusters
-from tactile_viewgcn.views.viewpoints import viewpoints
+from tactile_viewgcn.views.sampling import random_clusters, sets_of
 
-PRETRAIN_EPOCHS, FINETUNE_EPOCHS = 8, 4  # of the short training, for logits that mean something
+PER_FRAME = ("counts", "label", "recording", "session", "grasp", "group", "side", "anchor", "baseline", "time")
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A small table of anchors alone, its views, and networks trained on it; `rounds` of each timing.
+    """A small table of anchors alone, and a network in evaluation mode; `rounds` of each timing."""
 
-    `pretrained` are the weights that fine-tuning starts with, `classifier` is in evaluation mode.
-    """
-
+    classifier: Classifier
+    table: Frames
     params: Params
     compute: Compute
     rounds: int
-    table: Frames
-    views: Views
-    pretrained: dict[str, dict[str, Tensor]]
-    classifier: Classifier
+
+    @property
+    def views(self) -> Views:
+        """Random clusters of the frames of an object on one side."""
+        pool = np.unique(np.stack([self.table.side, self.table.label]), axis=1, return_inverse=True)[1].ravel()
+        clusters = random_clusters(pool, self.classifier.views, stream(self.params.seed, "speed.clusters"))
+        return Views(clusters, pool, self.classifier.viewpoints.cpu().numpy())
 
     def tensors(self, side: int) -> tuple[Tensor, Tensor]:
         """Network input (n, 1, H, W) of a side's frames, contiguous, and their classes (n,), on the device."""
@@ -44,15 +42,10 @@ class Sample:
         frames = torch.from_numpy(self.table.inputs(index)).unsqueeze(1)
         return frames.to(device), torch.from_numpy(self.table.label[index].astype(np.int64)).to(device)
 
-    def pool(self, side: int) -> np.ndarray:
-        """Pool (n,) of a side's frames: their object."""
-        return np.unique(self.table.label[self.table.on(side)], return_inverse=True)[1]
-
     def view_sets(self, side: int) -> np.ndarray:
         """A view set of indices into a side's frames around each of them, (n, V), in random order."""
-        pool, rng = self.pool(side), stream(self.params.seed, "speed.sets")
-        sets = ViewSets(random_clusters(pool, self.params.views, rng), pool, self.params.views)
-        return sets.draw(rng.permutation(len(pool)), rng)
+        index, rng = self.table.on(side), stream(self.params.seed, "speed.sets")
+        return sets_of(self.views, index, rng).draw(rng.permutation(len(index)), rng)
 
     def augmentation(self, training: Pretrain | Finetune) -> Augmentation:
         """The changes of a training's frames."""
@@ -60,21 +53,8 @@ class Sample:
         return Augmentation(noise, self.params.augment, torch.Generator(self.compute.device))
 
 
-def take_sample(table: Frames, params: Params, compute: Compute, *, per_class: int, rounds: int) -> Sample:
-    """The sample of a table."""
-    table = anchors_of(table, per_class)
-    places = viewpoints(params.views, params.viewpoints, params.seed)
-    views = cluster_frames(table, places, params.cluster, stream(params.seed, "cluster"))
-    pretrain = replace(params.pretrain, epochs=PRETRAIN_EPOCHS)
-    short = replace(params, pretrain=pretrain, finetune=replace(params.finetune, epochs=FINETUNE_EPOCHS))
-    backbone, linear, _ = pretrain_backbone(table, short, compute)
-    pretrained = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
-    classifier, _ = finetune_classifier(table, views, pretrained, short, compute)
-    return Sample(params, compute, rounds, table, views, pretrained, classifier.eval())
-
-
 def anchors_of(table: Frames, per_class: int) -> Frames:
-    """The table of at most so many training and test anchors of each class, spread evenly over all of its anchors."""
+    """The table of at most `per_class` training and test anchors of each class, spread evenly over its anchors."""
     chosen = []
     for side in (TRAIN, TEST):
         for label in range(len(table.classes)):
@@ -82,5 +62,4 @@ def anchors_of(table: Frames, per_class: int) -> Frames:
             count = min(per_class, len(index))
             chosen.append(index[np.linspace(0, len(index), count, endpoint=False).astype(int)])
     index = np.sort(np.concatenate(chosen))
-    per_frame = ("counts", "label", "recording", "session", "group", "side", "anchor", "baseline", "time")
-    return replace(table, **{name: getattr(table, name)[index] for name in per_frame})
+    return replace(table, **{name: getattr(table, name)[index] for name in PER_FRAME})

@@ -57,8 +57,8 @@ def about(frames: Path, classifier: Path, changes: tuple[str, ...]) -> str:
     Raises:
         UserError: `changes` are wrong, or as `read_trained` does.
     """
-    params = load(ROOT / "params.yaml", changes)
-    (trained, table), compute = read_trained(frames, classifier), select_device(params.device, params.precision)
+    trained, table, params = read_trained(frames, classifier, load(ROOT / "params.yaml", changes))
+    compute = select_device(params.device, params.precision)
     (height, width), source = table.live.shape, params.data.source
     return (
         f"{'Simulated by the virtual glove' if source == VIRTUAL else source}. {params.model.system} for "
