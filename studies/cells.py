@@ -39,14 +39,20 @@ def key_of(cell: Cell, code: str) -> str:
     """
     params, content = flatten(load("params.yaml", cell.changes, f"variant {cell.variant}")), ""
     if params["data.source"] != VIRTUAL:  # which its parameters describe; files may lie elsewhere on another machine
-        content = _md5(params.pop("data.source"))
+        content = content_of(params.pop("data.source"))
     return hashlib.sha256(repr((sorted(params.items()), code, content)).encode()).hexdigest()[:16]
 
 
-@cache
-def _md5(source: str) -> str:
+def content_of(source: str) -> str:
+    """md5 of a source, computed again once a file in it has another size or time."""
     if not Path(source).exists():
         raise UserError(f"data.source is {source}; expected a file or folder that is there")
+    files = [path for path in [Path(source), *Path(source).rglob("*")] if path.is_file()]
+    return _md5(source, frozenset((path, path.stat().st_size, path.stat().st_mtime_ns) for path in files))
+
+
+@cache
+def _md5(source: str, stamps: frozenset[tuple[Path, int, int]]) -> str:
     return md5(source)
 
 

@@ -17,7 +17,8 @@ from studies.grid import Cell
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 
-BUSY = 300.0  # seconds for which other experiments may hold DVC's lock, or have params.yaml changed, when a cell starts
+BUSY = 300.0  # seconds for which other experiments may hold DVC's lock, or have params.yaml changed
+REFUSAL = 30.0  # seconds that DVC takes to refuse its lock, at most; an attempt that takes longer trained
 TIED_DVC = Path(__file__).with_name("tied_dvc.py")  # by path: a `studies` in the working folder may be another one
 REFUSED = re.compile(r"^ERROR: (Unable to acquire lock|.* is busy)", re.MULTILINE)
 ended: set[str] = set()  # calls of `run_cells` that were stopped: none of their cells is tried again
@@ -37,17 +38,19 @@ def run_cell(experiment: str, key: str, cell: Cell, run: str, commit: str = "") 
     if not (head := git("rev-parse", "HEAD")).startswith(commit):
         raise UserError(f"{place} is at commit {head[:9]}; expected {commit[:9]}, the study's")
     tqdm.write(f"{cell} ...")
-    begin, fault, busy = time.monotonic(), "", True
+    waited, fault, busy = 0.0, "", True
     while (revision := experiments().get(experiment)) is None:
         if run in ended:
             raise UserError("stopped")
-        if not busy or time.monotonic() - begin > BUSY:
+        if not busy or waited > BUSY:
             raise UserError(f"{fault} ({place}/{log})")
+        begin = time.monotonic()
         if key_of(cell, code_of_stages()) == key:
             fault, busy = attempt(experiment, cell, run, log)
         else:  # for good, or for the seconds in which DVC changes params.yaml to start another cell
             fault = "code, params.yaml or data are not those that the study began with"
             time.sleep(1)
+        waited += min(time.monotonic() - begin, REFUSAL)
     log.unlink(missing_ok=True)
     return results(experiment, revision)
 

@@ -111,6 +111,8 @@ def test_a_cell_is_the_same_on_a_machine_whose_source_lies_elsewhere_and_is_youn
         os.utime(tmp_path / place / "mug" / "1.h5", (len(keys), len(keys)))
         keys.append(key_of(cell_of(f"data.source={tmp_path / place}"), "code"))
     assert keys[0] == keys[1] != keys[2]
+    (tmp_path / "here" / "mug" / "1.h5").write_bytes(b"2")  # while the study runs
+    assert key_of(cell_of(f"data.source={tmp_path / 'here'}"), "code") == keys[2]
 
 
 def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(tmp_path, monkeypatch, capsys):

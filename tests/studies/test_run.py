@@ -9,6 +9,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from itertools import count
 from pathlib import Path
 from socket import socket
 
@@ -192,7 +193,9 @@ def test_a_refused_lock_is_tried_again_and_counts_for_nothing_once_the_experimen
 
 
 def test_a_lock_is_waited_for_no_longer_than_its_bound_and_an_error_not_at_all(dvc, monkeypatch):
-    dvc += [("Error: views is 0", False, False), LOCK, LOCK]
+    dvc += [LOCK, ("done", True, True), ("Error: views is 0", False, False), LOCK, LOCK]
+    monkeypatch.setattr(experiment_module.time, "monotonic", count(0, 1000).__next__)
+    run_cell("trained for long", KEYS[0], CELLS[KEYS[0]], "run")  # which is no wait for the lock
     with pytest.raises(UserError, match="views is 0"):
         run_cell("made", KEYS[0], CELLS[KEYS[0]], "run")
     monkeypatch.setattr(experiment_module, "BUSY", 0)
