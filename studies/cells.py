@@ -4,13 +4,14 @@ import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
+from operator import getitem
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 from stages.pipeline import code_of, stages
-from studies.grid import FOLDER, Cell
+from studies.grid import COLUMNS, FOLDER, Cell
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import atomic_folder, md5
@@ -83,13 +84,7 @@ def seconds_per_cell(keys: Iterable[str]) -> float | None:
 def read_answers(cell: Cell, key: str) -> Answers:
     """The stored results of a cell."""
     metrics, timing = (json.loads((STORE / key / f"{name}.json").read_text()) for name in ("metrics", "timing"))
-    costs = {
-        "pretrain s": timing["seconds"]["pretrain"],
-        "finetune s": timing["seconds"]["finetune"],
-        "ms alone": timing["latency_ms"]["single"]["median"],
-        "ms in batches": timing["latency_ms"]["batch"]["median"],
-        "peak MB": timing["peak_mb"],
-    }
+    costs = {name: reduce(getitem, keys, timing) for name, keys in COLUMNS.items()}
     sequential = metrics.get("sequential")
     if sequential:
         sequential["by_views"] = metrics.get("recording", {}).get("by_views", {})

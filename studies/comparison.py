@@ -183,18 +183,16 @@ def sequential_rows(variants: list[Variant]) -> pd.DataFrame:
 
 def power(rows: pd.DataFrame, groups: int) -> str:
     """A sentence on the smallest difference that could have been seen: half of the widest interval of each kind."""
-    protocol = rows["protocol"].iloc[-1]
-    heads = [name.removesuffix("more") for name in rows if name.endswith(" more")]
-    widest = {}
-    for kind, weighting, ends in (
-        ("per frame", "frame", ""),
-        ("per group", "group", ""),
-        ("over trainings", "frame", "seeds_"),
+    protocol, widest = rows["protocol"].iloc[-1], {}
+    for kind, weighting, end in (
+        ("per frame", "frame", " "),
+        ("per group", "group", " "),
+        ("over trainings", "frame", " seeds_"),
     ):
         chosen = rows[(rows["protocol"] == protocol) & (rows["weighting"] == weighting)]
-        widths = [chosen[f"{head}{ends}high"] - chosen[f"{head}{ends}low"] for head in heads]
-        if widths and not np.isnan(widths).all():
-            widest[kind] = np.nanmax(widths) / 2
+        low, high = (chosen.filter(regex=f"{end}{side}$").to_numpy() for side in ("low", "high"))
+        if not np.isnan(high - low).all():
+            widest[kind] = np.nanmax(high - low) / 2
     most = max(widest.values(), default=0)
     if not most:
         why = "What is compared here answered alike" if widest else "Nothing is compared in pairs here"

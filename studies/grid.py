@@ -12,7 +12,13 @@ from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.schema import as_change, read_yaml
 
 FOLDER = Path("studies")
-COLUMNS = ("pretrain s", "finetune s", "ms alone", "ms in batches", "peak MB")
+COLUMNS = {  # costs, and where results/timing.json has them
+    "pretrain s": ("seconds", "pretrain"),
+    "finetune s": ("seconds", "finetune"),
+    "ms alone": ("latency_ms", "single", "median"),
+    "ms in batches": ("latency_ms", "batch", "median"),
+    "peak MB": ("peak_mb",),
+}
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
 #: of every rehearsal: three objects and the empty hand of a small glove, trainings of one epoch
 QUICK = {
@@ -55,7 +61,7 @@ class Study(BaseModel):
     reference: str | list[str] | None
     seeds: Annotated[list[Seed], Field(min_length=1)]
     folds: Literal["all"] | Annotated[list[Fold], Field(min_length=1)]
-    columns: list[Literal["pretrain s", "finetune s", "ms alone", "ms in batches", "peak MB"]]
+    columns: list[Literal[tuple(COLUMNS)]]
     deals: Annotated[list[Seed], Field(min_length=1)] = [0]
     set: dict[str, Any] = {}
     cross: list[Variants] = []

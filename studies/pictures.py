@@ -68,25 +68,18 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
     rows = rows.join(rows["variant"].str.extract(r"(?P<name>.*) / (?P<number>\d+) ?(?P<unit>.*)"))
     rows["number"] = rows["number"].astype(int)
     figure = Figure(figsize=(16, 6), layout="constrained")
-    sizes, seconds, latencies = figure.subplots(1, 3, sharey=True)
-    for count, (name, curve) in enumerate(rows.groupby("name", sort=False)):
-        style = "o-" if count < 10 else "s--"  # there are ten colours
-        bars = _bars(curve)
-        sizes.errorbar(curve["number"], curve["error"], yerr=bars, fmt=style, ms=4, elinewidth=0.8, label=name)
-        seconds.plot(curve["seconds"], curve["error"], style, ms=4)
-        latencies.plot(curve["ms alone"], curve["error"], style, ms=4)
-    for axes, label, cost in (
-        (seconds, "seconds of both trainings", "seconds"),
-        (latencies, "ms per view set, alone", "ms alone"),
-    ):
-        axes.set_xlabel(label)
-        _log_axis(axes, rows[cost].to_numpy())
     unit = rows.loc[rows["number"].idxmax(), "unit"]  # in the plural
-    sizes.set(xscale="log", xlabel=unit, ylabel=f"error, % ({rows['protocol'].iloc[0]} protocol)")
+    panels = {"number": unit, "seconds": "seconds of both trainings", "ms alone": "ms per view set, alone"}
+    for axes, (column, label) in zip(figure.subplots(1, 3, sharey=True), panels.items(), strict=True):
+        for count, (name, curve) in enumerate(rows.groupby("name", sort=False)):
+            style = "o-" if count < 10 else "s--"  # there are ten colours
+            axes.errorbar(curve[column], curve["error"], _bars(curve), fmt=style, ms=4, elinewidth=0.8, label=name)
+        axes.set_xlabel(label)
+        _log_axis(axes, rows[column].to_numpy())
+    sizes = figure.axes[0]
+    sizes.set_ylabel(f"error, % ({rows['protocol'].iloc[0]} protocol)")
     sizes.set_xticks(rows["number"].unique(), rows["number"].unique().astype(str))
-    sizes.minorticks_off()
-    sizes.grid(alpha=0.3)
-    figure.legend(loc="outside lower center", ncols=7, fontsize=8)
+    figure.legend(*sizes.get_legend_handles_labels(), loc="outside lower center", ncols=7, fontsize=8)
     figure.suptitle(title, fontsize=10)
     return figure
 
