@@ -8,6 +8,7 @@ import socket
 import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from pickle import UnpicklingError
 from zipfile import BadZipFile
@@ -20,6 +21,7 @@ LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 PART, OLD = ".unfinished", ".replaced"  # endings of what is written, and of a folder while it is replaced
 HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv")  # endings of recordings
 READ = (*HDF5, *ARRAYS, ".mat")
+_md5 = partial(hashlib.md5, usedforsecurity=False)
 VIDEO_SUFFIX = ".jpg"  # STAG's folders also hold gigabytes of video frames, which no reader reads
 
 
@@ -98,23 +100,13 @@ def readable(path: object) -> Iterator[None]:
     """
     of_values = AttributeError, LookupError, TypeError, ValueError
     damages = (*of_values, OSError, RuntimeError, EOFError, UnpicklingError, BadZipFile)
-    with _in_one_line(damages, path, "damaged, or not written by this version", "delete it and run `dvc repro` again"):
+    with in_one_line(damages, path, "damaged, or not written by this version", "delete it and run `dvc repro` again"):
         yield
 
 
 @contextmanager
-def readable_source(path: object, what: str, remedy: str) -> Iterator[None]:
-    """Context for reading a file from outside: what is wrong with it where a library fails, and the remedy.
-
-    Raises:
-        UserError: whatever a library raises but MemoryError: a damaged file fails in many ways.
-    """
-    with _in_one_line((Exception,), path, what, remedy):
-        yield
-
-
-@contextmanager
-def _in_one_line(errors: tuple[type[Exception], ...], path: object, what: str, remedy: str) -> Iterator[None]:
+def in_one_line(errors: tuple[type[Exception], ...], path: object, what: str, remedy: str) -> Iterator[None]:
+    """Turn a library's errors at a file into a UserError that says what is wrong with it, the reason and the remedy."""
     try:
         yield
     except UserError:
@@ -164,6 +156,11 @@ def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
     return [file for file, out in zip(files, hidden, strict=True) if not out and file.suffix.lower() in suffixes]
 
 
+def stag_files(path: Path) -> list[Path]:
+    """STAG's raw recordings in a folder, in the order of their paths; hidden folders are left out."""
+    return sorted(path.glob("[!.]*/[!.]*/pressuredata.mat"))
+
+
 def check_is_file(path: Path) -> None:
     """Raise a UserError for a named pipe, a socket or a device, which would be waited for, or never ends."""
     if path.exists() and not path.is_file():
@@ -191,13 +188,11 @@ def locked(path: Path) -> Iterator[None]:
 def md5(path: str | Path) -> str:
     """md5 of a file, or of a folder: over paths and md5s of its files, sorted, video frames excepted."""
     path = Path(path)
-    digest = hashlib.md5(usedforsecurity=False)
     if path.is_dir():
+        digest = _md5()
         for file in sorted(file for file in path.rglob("*") if file.suffix != VIDEO_SUFFIX and file.is_file()):
             digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode())
         return digest.hexdigest()
     check_is_file(path)
     with path.open("rb") as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(stream, _md5).hexdigest()

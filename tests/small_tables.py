@@ -12,7 +12,7 @@ import torch
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import Params, load
-from tactile_viewgcn.readers.stag_metadata import read_metadata
+from tactile_viewgcn.readers.stag import read_metadata
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings

@@ -1,4 +1,4 @@
-"""Work on a file of recordings in a child process, with limits on memory and time.
+"""Work on files of recordings in a child process, with limits on memory and time.
 
 SciPy and HDF5 are not hardened: a damaged file may crash them, take all memory or never end. The process is the
 boundary.
@@ -6,18 +6,21 @@ boundary.
 
 import faulthandler
 import os
+import pickle
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing import current_process, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
+from traceback import format_exc
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import READ, files_below
-from tactile_viewgcn.readers.stag_folder import stag_files
+from tactile_viewgcn.files import READ, check_is_file, files_below, in_one_line, stag_files
 
 MEMORY, MEMORY_TIMES = 2**30, 20  # bytes beyond what the program holds; times the bytes that are stored, on top
 SECONDS, SECONDS_PER_MB = 10, 2  # of the processor
+_parents: list[Connection] = []  # in the child: where it says which file it reads
 
 
 def run_apart(work: Callable[[], None], path: Path) -> None:
@@ -29,34 +32,48 @@ def run_apart(work: Callable[[], None], path: Path) -> None:
     if not hasattr(os, "fork") or current_process().daemon:
         work()
         return
-    stored = stored_bytes(path)
     context = get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
-    child = context.Process(target=_limited, args=(work, stored, sender), daemon=True)
+    child = context.Process(target=_limited, args=(work, stored_bytes(path), sender), daemon=True)
     child.start()
     sender.close()
-    error: BaseException | None
     try:
-        error = receiver.recv()
+        while isinstance(message := receiver.recv(), Path):
+            path = message
     except EOFError:
         child.join()
         what = "took too long" if child.exitcode == -signal.SIGXCPU else "crashed"
-        error = UserError(f"{path}: reading it {what}; record or download again what is damaged")
+        message = UserError(f"{path}: reading it {what}; record or download again what is damaged")
     finally:
         child.kill()
         child.join()
-    if isinstance(error, MemoryError):
-        raise UserError(
-            f"{path}: reading it takes more memory than its size lets expect ({error}); save it uncompressed"
+    if isinstance(message, MemoryError):
+        message = UserError(
+            f"{path}: reading it takes more memory than its size lets expect ({message}); save it uncompressed"
         )
-    if error is not None:
-        raise error
+    if message is not None:
+        raise message
 
 
-def _limited(work: Callable[[], None], stored: int, sender: Connection) -> None:
+@contextmanager
+def reading(file: Path) -> Iterator[None]:
+    """Context for reading a file from outside, which names it where a library fails, or the process ends.
+
+    Raises:
+        UserError: it is no file; or whatever a library raises but MemoryError: a damaged file fails in many ways.
+    """
+    for parent in _parents:
+        parent.send(file)
+    check_is_file(file)
+    with in_one_line((Exception,), file, "damaged, cut short or of another form", "record, save or download it again"):
+        yield
+
+
+def _limited(work: Callable[[], None], stored: int, parent: Connection) -> None:
     """Run `work` within the limits for so many bytes stored, and send the exception that ends it, or None."""
     import resource  # here: Windows has none
 
+    _parents.append(parent)
     faulthandler.disable()  # a crash is told in one line
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_DFL)
@@ -70,9 +87,18 @@ def _limited(work: Callable[[], None], stored: int, sender: Connection) -> None:
     try:
         work()
     except Exception as error:
-        sender.send(error)
+        error.add_note(format_exc())
+        parent.send(_sendable(error))
     else:
-        sender.send(None)
+        parent.send(None)
+
+
+def _sendable(error: Exception) -> Exception:
+    """The error itself, or its text where it cannot be pickled."""
+    try:
+        return pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
 
 
 def stored_bytes(path: Path) -> int:

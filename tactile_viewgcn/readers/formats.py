@@ -6,13 +6,13 @@ from pathlib import Path
 import h5py
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import ARRAYS, HDF5, check_is_file, files_below
-from tactile_viewgcn.readers.array_folder import PLACES, read_arrays
+from tactile_viewgcn.files import ARRAYS, HDF5, files_below, stag_files
+from tactile_viewgcn.readers.arrays import PLACES, read_arrays
+from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import read_hdf5
-from tactile_viewgcn.readers.hdf5_file import attribute_names
+from tactile_viewgcn.readers.hdf5_file import open_hdf5
 from tactile_viewgcn.readers.source import SOURCE_MD5, Source
-from tactile_viewgcn.readers.stag_folder import read_folder, stag_files
-from tactile_viewgcn.readers.stag_metadata import read_metadata
+from tactile_viewgcn.readers.stag import read_folder, read_metadata
 
 EXPECTED = (
     f"expected a STAG metadata.mat, a STAG folder, HDF5 recordings, or a folder of {PLACES}.npy, .npz or .csv "
@@ -51,16 +51,15 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
         raise UserError(
             f"{path}: neither [batch]/[recording]/pressuredata.mat, nor .h5 recordings, nor arrays in it; {EXPECTED}"
         )
-    check_is_file(path)
-    if not path.stat().st_size:
-        raise UserError(f"{path}: an empty file; {EXPECTED}")
     if files_below(path, ARRAYS):
         return read_arrays(path, layout, labelled=labelled)
-    attributes = attribute_names(path)
-    if SOURCE_MD5 in attributes:
-        raise UserError(f"{path}: the table that ingest writes, not what it reads; {EXPECTED}")
-    if path.suffix.lower() in HDF5 or "object" in attributes:  # which no MATLAB 7.3 file has
+    with reading(path):
+        stored, is_hdf5 = path.stat().st_size, h5py.is_hdf5(path)
+        names = set(open_hdf5(path).attrs) if is_hdf5 else set()
+    if not stored:
+        raise UserError(f"{path}: an empty file; {EXPECTED}")
+    if path.suffix.lower() in HDF5 or {"object", SOURCE_MD5} & names:  # which no MATLAB 7.3 file has
         return read_hdf5(path, labelled=labelled)
-    if path.suffix.lower() == ".mat" or h5py.is_hdf5(path):
+    if path.suffix.lower() == ".mat" or is_hdf5:
         return read_metadata(path)
     raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {EXPECTED}")

@@ -1,8 +1,9 @@
 """What every reader returns, and the checks that every source passes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from tactile_viewgcn.notes import several
 
 UNLABELLED = ""  # in the place of an object's name, of recordings whose object is asked for
 TRAIN, TEST = 0, 1  # codes of the published split
+SPLITS = {"train": TRAIN, "test": TEST}
 MAX_SIDE = 64  # rows and columns of a frame
 BLOCK_FRAMES = 4096  # read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
@@ -20,6 +22,7 @@ MIN_SPREAD = 1e-30  # of the readings of some sensor, likewise
 MAX_LISTED = 10  # mistakes or names in one message
 MOST_NAMES = 2**15  # of one kind: ids are int16
 MOST_LETTERS = 1000  # of a name
+NUMBERS = "biuf"  # kinds of dtype
 SOURCE_MD5 = "source_md5"  # attribute that only the table of recordings has: md5 of its source
 
 #: Type of each column, one value per frame. The first five are always there, the others if the source has them.
@@ -36,6 +39,7 @@ COLUMNS = {
     "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
 }
 Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames
+Values = Mapping[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or what is read when it is sliced
 
 
 @dataclass(frozen=True)
@@ -66,15 +70,14 @@ class Source:
         for kind, names in self.names.items():
             if len(names) > MOST_NAMES:
                 raise UserError(f"{self.path}: {len(names):,} {kind}s; expected at most {MOST_NAMES:,}")
-            if kind == "object" and len(set(names)) < len(names):
-                twice = next(name for name in names if names.count(name) > 1)
-                raise UserError(f"{self.path}: two objects are named {twice!r}; expected each name once")
             for name in names:
                 if len(name) > MOST_LETTERS or "\0" in name or name != name.encode(errors="ignore").decode():
                     raise UserError(
                         f"{self.path}: the name of {kind} {name[:MOST_LETTERS]!r} is no text; expected UTF-8 without "
                         f"NUL, up to {MOST_LETTERS:,} letters"
                     )
+        if twice := [name for name in self.objects if self.objects.count(name) > 1]:
+            raise UserError(f"{self.path}: two objects are named {twice[0]!r}; expected each name once")
 
     @property
     def names(self) -> dict[str, list[str]]:
@@ -94,7 +97,7 @@ def storage_type(dtype: np.dtype, where: str) -> np.dtype:
         UserError: another type; `where` begins the message.
     """
     if dtype.kind in "iu":
-        return np.dtype(np.int16 if dtype.itemsize < 2 or dtype == np.int16 else np.int32)
+        return np.dtype(np.int16 if dtype.itemsize < 2 or dtype.newbyteorder("=") == np.int16 else np.int32)
     if dtype.kind == "f":
         return np.dtype(np.float32 if dtype.itemsize <= 4 else np.float64)
     raise UserError(f"{where}: pressure is of type {dtype}; expected integer counts or real numbers")
@@ -122,6 +125,13 @@ def raise_mistakes(mistakes: list[str]) -> None:
         raise UserError("; ".join(mistakes[:MAX_LISTED] + more))
 
 
+def sliced(values: Values, frames: int) -> Iterator[Block]:
+    """Pressure and columns in blocks; frames without numbers are numbered, and times that are missing are NaN."""
+    values = {"frame": np.arange(frames), "time": np.full(frames, np.nan), **values}
+    for start in range(0, frames, BLOCK_FRAMES):
+        yield {name: column[start : start + BLOCK_FRAMES] for name, column in values.items()}
+
+
 def checked_blocks(source: Source) -> Iterator[Block]:
     """The blocks of a source that hold frames, each checked; none after the first mistake.
 
@@ -133,7 +143,7 @@ def checked_blocks(source: Source) -> Iterator[Block]:
     try:
         for block in source.blocks:
             if len(block["pressure"]):
-                mistakes += _mistakes_of_block(block, source, total)
+                mistakes += _mistakes_of_block(block, source)
                 total += len(block["pressure"])
                 if not mistakes:
                     yield block
@@ -148,47 +158,38 @@ def checked_blocks(source: Source) -> Iterator[Block]:
     raise_mistakes(mistakes)
 
 
-def _mistakes_of_block(block: Block, source: Source, start: int) -> list[str]:
-    """Ids, columns and pressure out of range; `start` is the number of the first frame."""
-    counts, path, mistakes = block["pressure"], source.path, []
-    if source.dtype.kind == "i" and not np.can_cast(counts.dtype, source.dtype):
-        limits = np.iinfo(source.dtype)
-        if counts.min() < limits.min or counts.max() > limits.max:
-            mistakes.append(
-                f"{path}: pressure from {counts.min()} to {counts.max()}; "
-                f"expected counts from {limits.min} to {limits.max}"
-            )
-    names = source.names
-    for column, kind in COLUMNS.items():
-        if column not in block:
+def _mistakes_of_block(block: Block, source: Source) -> list[str]:
+    """Ids, columns and pressure out of range."""
+    mistakes = []
+    for column, values in block.items():
+        kind = source.dtype if column == "pressure" else np.dtype(COLUMNS[column])
+        if column == "pressure" and kind.kind == "i" and np.can_cast(values.dtype, kind):
             continue
-        low: float = 0
-        high: float = 1
-        remark = "in whole numbers"
-        if kind is np.float64:
-            low, high, remark = -MOST_SECONDS, MOST_SECONDS, "seconds"
-        if column in names:
-            high, remark = len(names[column]) - 1, f"({len(names[column])} {column}s)"
-        elif kind is not np.bool_ and kind is not np.float64:
-            low, high = np.iinfo(kind).min, np.iinfo(kind).max
-        values = block[column]
-        if kind is np.float64:
-            inside = np.isnan(values) | (np.abs(values) <= high)  # NaN: not known
-        else:
-            inside = (values >= low) & (values <= high) & (values == np.floor(values))
+        low, high = _limits(column, kind, source)
+        inside = (values >= low) & (values <= high)
+        if kind.kind != "f":
+            inside &= values == np.floor(values)
+        elif column == "time":
+            inside |= np.isnan(values)  # not known
         if not inside.all():
-            at, what = int(inside.argmin()), f"{column} id" if column in names else column
+            at = int(inside.reshape(len(values), -1).all(axis=1).argmin())
+            number, value = block["recording"][at], np.extract(~inside[at], values[at])[0]
+            named = 0 <= number < len(source.recordings)
             mistakes.append(
-                f"{path}: {what} {values[at]} of frame {start + at} is out of range; expected {low:.10g} to "
-                f"{high:.10g} {remark}"
+                f"{source.path}: {column} of frame {block['frame'][at]}"
+                f"{f' of recording {source.recordings[int(number)]}' if named else ''} is {value:.10g}; "
+                f"expected {'real' if kind.kind == 'f' else 'whole'} numbers from {low:.10g} to {high:.10g}"
             )
-    wide = counts.astype(np.float32) if counts.dtype == np.float16 else counts  # in which the limit is infinite
-    if not mistakes and counts.dtype.kind == "f" and not (inside := np.abs(wide) <= MAX_PRESSURE).all():
-        bad = int(inside.all(axis=(1, 2)).argmin())
-        value, recording = counts[bad][~inside[bad]][0], source.recordings[int(block["recording"][bad])]
-        remedy = ": rescale the readings" if np.isfinite(value) else ""
-        mistakes.append(
-            f"{path}: pressure of frame {block['frame'][bad]} of recording {recording} is {value:g}; expected a number "
-            f"from every sensor, up to {MAX_PRESSURE:g}{remedy}"
-        )
     return mistakes
+
+
+def _limits(column: str, kind: np.dtype, source: Source) -> tuple[np.float64, np.float64]:
+    """Least and largest value of a column, or of pressure, stored as `kind`."""
+    if column in source.names:
+        low, high = 0.0, len(source.names[column]) - 1
+    elif kind.kind == "f":
+        high = MOST_SECONDS if column == "time" else MAX_PRESSURE
+        low = -high
+    else:
+        low, high = (0, 1) if kind.kind == "b" else (np.iinfo(kind).min, np.iinfo(kind).max)
+    return np.float64(low), np.float64(high)  # in half precision they would be infinite

@@ -6,7 +6,7 @@ import pytest
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
-from tactile_viewgcn.readers.stag_metadata import read_metadata
+from tactile_viewgcn.readers.stag import read_metadata
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.drifting import drifting

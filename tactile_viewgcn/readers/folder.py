@@ -1,0 +1,111 @@
+"""Joining recordings, each in a file of its own, to one source."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers.child import reading
+from tactile_viewgcn.readers.source import (
+    Block,
+    Source,
+    Values,
+    check_shape,
+    numbered,
+    raise_mistakes,
+    sliced,
+    storage_type,
+)
+
+Names = dict[str, str]  # of a recording and of its object and session, by COLUMNS
+
+
+@dataclass(frozen=True)
+class Header:
+    """One recording before its frames are read: pressure (T, H, W) and the names of its columns."""
+
+    file: Path
+    names: Names
+    frames: int
+    shape: tuple[int, int]
+    dtype: np.dtype
+    columns: tuple[str, ...]
+
+
+def joined(
+    path: Path, files: list[Path], opened: Callable[[Path], AbstractContextManager[tuple[Names, Values]]]
+) -> Source:
+    """The source of recordings in the order of their files, one in memory at a time.
+
+    Args:
+        path: that the files lie in.
+        opened: context of a file with its names, and its pressure and columns; times may begin anywhere.
+
+    Raises:
+        UserError: lists the mistakes of all files, and where they do not agree in shape, columns or name.
+    """
+    headers: list[Header] = []
+    mistakes: list[str] = []
+    for file in files:
+        try:
+            with reading(file), opened(file) as (names, values):
+                headers.append(_header(file, names, values))
+        except UserError as error:
+            mistakes.append(str(error))
+    raise_mistakes(mistakes + _disagreements(headers, path))
+    ids = {
+        "object": numbered([header.names["object"] for header in headers]),
+        "recording": [header.names["recording"] for header in headers],
+        "session": sorted({header.names["session"] for header in headers}),
+    }
+
+    def blocks() -> Iterator[Block]:
+        for number, header in enumerate(headers):
+            with reading(header.file), opened(header.file) as (names, values):
+                own = {name: ids[name].index(names[name]) for name in ("object", "session")} | {"recording": number}
+                columns = {name: np.full(header.frames, value) for name, value in own.items()}
+                if "time" in values and header.frames:
+                    time = values["time"][:].astype(np.float64)
+                    columns["time"] = time - (0 if np.isinf(time[0]) else time[0])
+                yield from sliced({**values, **columns}, header.frames)
+
+    dtype = np.result_type(*{header.dtype for header in headers})
+    frames = sum(header.frames for header in headers)
+    return Source(path, ids["object"], ids["recording"], ids["session"], headers[0].shape, dtype, frames, blocks())
+
+
+def _header(file: Path, names: Names, values: Values) -> Header:
+    shape, frames = check_shape(values["pressure"].shape, str(file)), values["pressure"].shape[0]
+    columns = tuple(name for name in values if name != "pressure")
+    raise_mistakes(
+        [
+            f"{file}: {name} has shape {values[name].shape}; expected ({frames},), a value for each frame"
+            for name in columns
+            if values[name].shape != (frames,)
+        ]
+    )
+    return Header(file, names, frames, shape, storage_type(values["pressure"].dtype, str(file)), columns)
+
+
+def _disagreements(headers: list[Header], path: Path) -> list[str]:
+    """Mistakes of files that are good alone and do not go together; what most files have is expected."""
+    mistakes = []
+    for what in ("shape", "columns") if headers else ():
+        values = [getattr(header, what) for header in headers]
+        expected = Counter(values).most_common(1)[0][0]
+        like = headers[values.index(expected)].file
+        mistakes += [
+            f"{header.file}: {what} {value}; expected {expected} as in {like}"
+            for header, value in zip(headers, values, strict=True)
+            if value != expected
+        ]
+    return mistakes + [
+        f"{path}: {count} recordings are named {name!r}; expected a name for each: of its file without the ending, or "
+        "in HDF5 the attribute `recording`"
+        for name, count in Counter(header.names["recording"] for header in headers).items()
+        if count > 1
+    ]
