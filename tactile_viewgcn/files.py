@@ -122,8 +122,7 @@ def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
     """Raise a UserError for outputs that cannot be written, or that are inputs, before any work."""
     taken = {os.path.realpath(path) for path in inputs}
     for path in outputs:
-        if (path.exists() and not path.is_file()) or not path.absolute().parent.is_dir():
-            raise UserError(f"{path}: not a file in a folder that exists; name another")
+        check_is_file(path)
         real, part = os.path.realpath(path), path.with_name(path.name + PART)
         within = path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken)
         if within:

@@ -35,10 +35,8 @@ Seed = Annotated[StrictInt, Interval(ge=0, le=2**32 - 1)]
 Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation learns nothing from one
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
-Effect = Literal[  # of the virtual glove
-    "motion", "weight", "shift", "tremor", "fit",
-    "bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects",
-]  # fmt: skip
+Mechanics = Literal["motion", "weight", "shift", "tremor", "fit"]  # effects of the virtual glove
+Reading = Literal["bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects"]
 
 
 @dataclass(frozen=True, config=SECTION)
@@ -163,7 +161,7 @@ class Glove:
     grasp_frames: Count
     objects: Literal["all"] | Annotated[list[StrictStr | dict], Strict(), MinLen(1)]
     seed: Seed
-    leave_out: Annotated[list[Effect], Strict(), Unique]
+    leave_out: Annotated[list[Mechanics | Reading], Strict(), Unique]
 
 
 @dataclass(frozen=True, config=SECTION)

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.glove.recipe import EFFECTS
-from tactile_viewgcn.params import Effect, load, preset_changes, presets
+from tactile_viewgcn.params import load, preset_changes, presets
 from tactile_viewgcn.schema import as_change, flatten, set_value
 from tactile_viewgcn.systems import System, on_sensors, system_class
 
@@ -31,12 +30,12 @@ def refusal(*changes):
 
 
 def refusal_of(tmp_path, content):
-    """What `load` says of a file, in at most one second."""
+    """What `load` says of a file, in at most one second of the processor."""
     (tmp_path / "p.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(UserError, match=r"p\.yaml: ") as caught:
         load(tmp_path / "p.yaml")
-    assert time.perf_counter() - begin < 1 and len(str(caught.value)) < 2000 and "\n" not in str(caught.value)
+    assert time.process_time() - begin < 1 and len(str(caught.value)) < 2000 and "\n" not in str(caught.value)
     return str(caught.value)
 
 
@@ -71,42 +70,36 @@ def test_a_number_may_be_written_with_or_without_a_point(text):
 def test_every_key_refuses_a_value_of_another_type(key):
     """A mapping is allowed nowhere; a text that is no choice only where any text is; true is no number."""
     assert f"{key}: " in (text := refusal(f"{key}={{a: 1}}")) and "(got {'a': 1})" in text
-    if key == "data.source":
-        assert params(f"{key}=zzz").data.source == "zzz"
-    else:
+    if key != "data.source":
         assert f"{key}: " in (text := refusal(f"{key}=zzz")) and "(got 'zzz')" in text
     if flatten(params())[key] is not True:
         assert f"{key}: " in (text := refusal(f"{key}=true")) and "(got True)" in text
 
 
 @pytest.mark.parametrize(
-    ("change", "key", "rest"),
+    ("change", "parts"),
     [
-        ("seed=-1", "seed", "greater than or equal to 0 (got -1)"),
-        (f"pretrain.lr={'9' * 400}", "pretrain.lr", "(got 9"),
-        ("pretrain.lr=.nan", "pretrain.lr", "finite number (got nan)"),
-        ("pretrain.lr=.inf", "pretrain.lr", "finite number (got inf)"),
-        ("preprocess.scale=-1", "preprocess.scale", "'auto' or greater than"),
-        ("model.system=view_gnc", "model.system", "'view_gcn'"),
-        ("model.neighbours=[3, 0]", "model.neighbours", "(got [3, 0])"),
-        ("model.neighbours=[4,4,4,4]", "model.neighbours", "at most 3 items"),
-        (f"seed=1{':1' * 300}.5", "--set seed", "no plain YAML"),
-        ("data.source=''", "data.source", "(got '')"),
-        ("split.folds=1e30", "split.folds", "valid integer (got 1e+30)"),
-        ("glove.leave_out=[moton]", "glove.leave_out", "'motion'"),
-        ("model.members=[lda, lda]", "model.members", "(got ['lda', 'lda'])"),
-        ("launcher=-m", "launcher", "(got '-m')"),
-        ("model=3", "model", "(got 3)"),
-        ("cluster.scop=recording", "unknown key cluster.scop", "cluster.scope?"),
-        ("views.count=3", "--set views.count", "views is no section"),
-        ("views", "'views'", "key=value"),
-        ("views=[1", "--set views", "'[1'"),
+        ("seed=-1", "seed: |0 (got -1)"),
+        (f"pretrain.lr={'9' * 400}", "pretrain.lr: |(got 9"),
+        ("pretrain.lr=.nan", "pretrain.lr: |(got nan)"),
+        ("preprocess.scale=-1", "preprocess.scale: |'auto'|(got -1)"),
+        ("model.system=view_gnc", "model.system: |'view_gcn'"),
+        ("model.neighbours=[4,0,4,4]", "model.neighbours: |3 items|(got [4, 0, 4, 4])"),
+        (f"seed=1{':1' * 300}.5", "--set seed: "),
+        ("data.source=''", "data.source: |(got '')"),
+        ("split.folds=1e30", "split.folds: |(got 1e+30)"),
+        ("glove.leave_out=[moton]", "glove.leave_out: |'motion'|'noise'|(got ['moton'])"),
+        ("model.members=[lda, lda]", "model.members: |(got ['lda', 'lda'])"),
+        ("launcher=-m", "launcher: |(got '-m')"),
+        ("cluster.scop=recording", "unknown key cluster.scop|cluster.scope?"),
+        ("views.count=3", "--set views.count: "),
+        ("views", "'views'"),
+        ("views=[1", "--set views: |'[1'"),
     ],
 )
-def test_a_mistake_names_its_key_its_value_and_what_is_allowed(change, key, rest):
+def test_a_mistake_names_its_key_its_value_and_what_is_allowed(change, parts):
     text = refusal(change)
-    assert f"{key}: " in text or f"{key}; " in text or key == "'views'", text
-    assert rest in text
+    assert [part for part in parts.split("|") if part not in text] == []
 
 
 def test_all_mistakes_are_listed_at_once():
@@ -175,10 +168,6 @@ def test_a_preset_is_allowed_and_changes_the_values_it_names(name):
     assert {key for key in values if values[key] != default[key]} <= expected.keys()
     assert values != default and path.read_text().startswith("# ")
     assert all(len(change.split()) == 1 for change in changes)  # a shell does not split them
-
-
-def test_the_effects_are_those_of_the_glove():
-    assert get_args(Effect) == EFFECTS
 
 
 def test_missing_keys_and_files_are_named(tmp_path):

@@ -1,13 +1,14 @@
 """What to simulate: objects, sessions, grasps, skin and effects."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.contact import Layer
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import OPENING
 from tactile_viewgcn.notes import several
+from tactile_viewgcn.params import Mechanics, Reading
 
 #: Version of the constants in this package, which every file carries. They are set against published and measured facts
 #: of STAG alone, on glove seed 7, and frozen: another value is another version.
@@ -15,8 +16,7 @@ VERSION = 2
 LAYER = Layer(stiffness=1e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
 RATE = 7.35  # frames a second, as STAG's
 TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solver
-MECHANICS = ("motion", "weight", "shift", "tremor", "fit")
-READING = ("bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects")
+MECHANICS, READING = get_args(Mechanics), get_args(Reading)
 EFFECTS = MECHANICS + READING
 STAG_SIZE = {"sessions": 3, "frames": 1667, "grasps": 82}  # 81 recordings, 135,027 frames
 TRAINING_SESSIONS = 2  # as in STAG; the others are the test side

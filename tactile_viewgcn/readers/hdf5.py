@@ -45,12 +45,12 @@ def _opened(path: Path, root: Path, labelled: bool) -> Iterator[tuple[Names, Val
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
         if "pressure" not in (names := list(file)):
             raise UserError(f"{path}: no dataset /pressure; found {listed(names) or 'nothing'}")
-        values = {name: dataset(file, name) for name in DATASETS if name in names}
+        values = {name: dataset(file, name, "numbers") for name in DATASETS if name in names}
         texts = {
             name: attribute(file, name) for name in ("object", "session", "recording", "split") if name in file.attrs
         }
         if labelled and (missing := [name for name in ("object", "session") if not texts.get(name)]):
-            raise UserError(f"{path}: no attribute {', '.join(missing)}; expected texts on the file's root")
+            raise UserError(f"{path}: no attribute {', '.join(map(repr, missing))}; expected texts on the file's root")
         if "split" in texts:
             if texts["split"] not in SPLITS:
                 raise UserError(f"{path}: attribute split is {texts['split']!r}; expected train or test")

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.readers.hdf5_file import OBJECTS, check_dataset, dataset, open_hdf5
+from tactile_viewgcn.readers.hdf5_file import check_dataset, dataset, kind_of, open_hdf5
 from tactile_viewgcn.readers.source import NUMBERS
 
 
@@ -43,22 +43,20 @@ def _of_matlab5(value: Any, where: str) -> Any:
     value = np.asarray(value)
     if value.dtype.kind in NUMBERS:
         return value
-    if value.dtype.kind == OBJECTS and all(getattr(cell, "dtype", value.dtype).kind == "U" for cell in value.flat):
+    if value.dtype.kind == "O" and all(getattr(cell, "dtype", value.dtype).kind == "U" for cell in value.flat):
         return [str(cell.ravel()[0]) if cell.size else "" for cell in value.ravel(order="F")]
     raise UserError(f"{where} is of type {value.dtype}; expected numbers, or a cell array of texts")
 
 
 def _of_hdf5(file: h5py.File, name: str) -> Any:
     """Numbers, or the texts of a cell array, which holds references to arrays of character codes."""
-    values, where = dataset(file, name, NUMBERS + OBJECTS), f"{file.filename}: /{name}"
-    if values.dtype.kind in NUMBERS:
+    values = dataset(file, name, "numbers", "references")
+    if kind_of(values.dtype) == "numbers":
         return Reversed(values)
-    if h5py.check_ref_dtype(values.dtype) is not h5py.Reference:
-        raise UserError(f"{where} is of type {values.dtype}; expected numbers, or a cell array of texts")
     texts = []
     for reference in values[()].ravel():
         codes = file[reference]
-        check_dataset(codes, f"{where}: a cell")
+        check_dataset(codes, f"{file.filename}: a cell of /{name}", "numbers")
         letters = "".join(map(chr, codes[()].ravel()))  # those outside the first 65,536 are stored as two
         texts.append(letters.encode("utf-16", "surrogatepass").decode("utf-16"))
     return texts

@@ -9,7 +9,6 @@ import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.names import EMPTY_HAND
-from tactile_viewgcn.notes import several
 
 UNLABELLED = ""  # in the place of an object's name, of recordings whose object is asked for
 TRAIN, TEST = 0, 1  # codes of the published split
@@ -112,17 +111,16 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     return shape[1], shape[2]
 
 
-def listed(names: list[str]) -> str:
-    """The first ten names, and how many more there are."""
-    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return ", ".join(names[:MAX_LISTED]) + more
+def listed(texts: list[str], mark: str = ", ") -> str:
+    """The first ten texts, and how many more there are."""
+    more = [f"and {len(texts) - MAX_LISTED} more"] if len(texts) > MAX_LISTED else []
+    return mark.join(texts[:MAX_LISTED] + more)
 
 
 def raise_mistakes(mistakes: list[str]) -> None:
-    """Raise a UserError that lists the first ten mistakes, if there are any, and counts the others."""
+    """Raise a UserError that lists the first ten mistakes, if there are any."""
     if mistakes:
-        more = [f"and {len(mistakes) - MAX_LISTED} more"] if len(mistakes) > MAX_LISTED else []
-        raise UserError("; ".join(mistakes[:MAX_LISTED] + more))
+        raise UserError(listed(mistakes, "; "))
 
 
 def sliced(values: Values, frames: int) -> Iterator[Block]:
@@ -136,23 +134,19 @@ def checked_blocks(source: Source) -> Iterator[Block]:
     """The blocks of a source that hold frames, each checked; none after the first mistake.
 
     Raises:
-        UserError: at the end, with the mistakes of all blocks: no frames or not as many as `source.frames`, a damaged
-            file, an id out of range, or pressure that cannot be stored.
+        UserError: at the end, with the mistakes of all blocks: no frames, a damaged file, an id out of range, or
+            pressure that cannot be stored.
     """
-    total, mistakes = 0, []
+    mistakes, is_empty = [], True
     try:
         for block in source.blocks:
             if len(block["pressure"]):
+                is_empty = False
                 mistakes += _mistakes_of_block(block, source)
-                total += len(block["pressure"])
                 if not mistakes:
                     yield block
-        if not total:
+        if is_empty:
             mistakes.append(f"{source.path}: no frames; expected at least one recording with frames in it")
-        elif total != source.frames:
-            mistakes.append(
-                f"{source.path}: {total} of {several(source.frames, 'frame')}; expected all, download it again"
-            )
     except UserError as error:  # of the reader
         mistakes.append(str(error))
     raise_mistakes(mistakes)

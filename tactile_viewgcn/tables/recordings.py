@@ -20,7 +20,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.readers.child import run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.hdf5_file import OBJECTS, dataset
+from tactile_viewgcn.readers.hdf5_file import dataset
 from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
     COLUMNS,
@@ -133,12 +133,12 @@ class Recordings:
         self.path = Path(path)
         with readable(path), h5py.File(path, "r") as file:
             self.objects, self.recordings, self.sessions = (
-                [text.decode() for text in dataset(file, name, OBJECTS)[()]]
+                [text.decode() for text in dataset(file, name, "texts")[()]]
                 for name in ("objects", "recordings", "sessions")
             )
-            self.columns = {name: dataset(file, name)[()] for name in COLUMNS if name in file}
-            self.live = dataset(file, "live")[()]
-            self._pressure = mapped(path, dataset(file, "pressure"))
+            self.columns = {name: dataset(file, name, "numbers")[()] for name in COLUMNS if name in file}
+            self.live = dataset(file, "live", "numbers")[()]
+            self._pressure = mapped(path, dataset(file, "pressure", "numbers"))
             self._check()
 
     def _check(self) -> None:

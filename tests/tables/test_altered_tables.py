@@ -17,7 +17,7 @@ ALTERED = {
     "a column of another type": ("time", np.zeros(4, bool), "/time is of type bool; expected float64"),
     "names in two rows": ("objects", NAMES, "no attribute 'decode'"),
     "a short column": ("frame", np.arange(3, dtype=np.int32), "the columns have other lengths than /pressure"),
-    "sequences as names": ("sessions", SEQUENCES, "/sessions is of type object; expected integers or real numbers"),
+    "sequences as names": ("sessions", SEQUENCES, "/sessions is of type object; expected texts"),
     "another layout": ("live", np.ones((5, 8), bool), "/live does not have the shape of a frame"),
 }
 
