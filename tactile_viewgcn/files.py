@@ -7,11 +7,9 @@ import shutil
 import socket
 import sys
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
-from pickle import UnpicklingError
-from zipfile import BadZipFile
 
 from filelock import FileLock, Timeout
 
@@ -91,29 +89,29 @@ def _room_for(path: Path) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def readable(path: object) -> Iterator[None]:
+def readable(path: object) -> AbstractContextManager[None]:
     """Context for reading what an earlier stage wrote.
 
     Raises:
         UserError: the file is damaged, or of another version of the project.
     """
-    of_values = AttributeError, LookupError, TypeError, ValueError
-    damages = (*of_values, OSError, RuntimeError, EOFError, UnpicklingError, BadZipFile)
-    with in_one_line(damages, path, "damaged, or not written by this version", "delete it and run `dvc repro` again"):
-        yield
+    return in_one_line(path, "damaged, or not written by this version", "delete it and run `dvc repro` again")
 
 
 @contextmanager
-def in_one_line(errors: tuple[type[Exception], ...], path: object, what: str, remedy: str) -> Iterator[None]:
-    """Turn a library's errors at a file into a UserError that says what is wrong with it, the reason and the remedy."""
+def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
+    """Turn what a library raises at a file into a UserError: what is wrong with it, the reason and the remedy.
+
+    Raises:
+        MemoryError: names the path.
+    """
     try:
         yield
     except UserError:
         raise
     except MemoryError as error:
         raise MemoryError(f"{path}: {error}") from error
-    except errors as error:
+    except Exception as error:  # a damaged file fails in many ways
         reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
         raise UserError(f"{path}: {what} ({reason}); {remedy}") from error
 
@@ -124,8 +122,7 @@ def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
     for path in outputs:
         check_is_file(path)
         real, part = os.path.realpath(path), path.with_name(path.name + PART)
-        within = path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken)
-        if within:
+        if path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken):
             raise UserError(f"{path}: it would be read as a recording; name a file in another folder")
         if {real, os.path.realpath(part)} & taken:
             raise UserError(f"{path}: it is read here, or named twice; name another file")
@@ -151,8 +148,8 @@ def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
     except RecursionError:
         raise UserError(f"{path}: folders lie too deep within each other; expected a few levels") from None
-    hidden = [any(part.startswith(".") for part in file.relative_to(path).parts) for file in files]
-    return [file for file, out in zip(files, hidden, strict=True) if not out and file.suffix.lower() in suffixes]
+    files = [file for file in files if file.suffix.lower() in suffixes]
+    return [file for file in files if not any(part.startswith(".") for part in file.relative_to(path).parts)]
 
 
 def stag_files(path: Path) -> list[Path]:
@@ -170,12 +167,12 @@ def check_is_file(path: Path) -> None:
 def locked(path: Path) -> Iterator[None]:
     """Hold the lock of a file, whose text names the process that has it; one that has to wait prints this first."""
     lock = FileLock(path)
-    holder = path.read_text(errors="replace").strip() if path.exists() else ""
     try:
         lock.acquire(timeout=0)
     except Timeout:
+        holder = path.read_text(errors="replace").strip() or "another process"
         remedy = "end it if a killed run has left it behind"
-        print(f"waits for {holder or 'another process'}, which has {path}; {remedy}", file=sys.stderr, flush=True)
+        print(f"waits for {holder}, which has {path}; {remedy}", file=sys.stderr, flush=True)
         lock.acquire()
     try:
         path.write_text(f"process {os.getpid()} on {socket.gethostname()} ({' '.join(sys.orig_argv[1:])[:200]})\n")

@@ -1,5 +1,6 @@
 """Typed objects from YAML, every mistake listed in pydantic's words; `key=value` changes to a mapping."""
 
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -166,14 +167,6 @@ def _written(value: Any) -> str:
         return f"[{','.join(map(_written, value))}]"
     if isinstance(value, dict):
         return f"{{{', '.join(f'{name}: {_written(one)}' for name, one in value.items())}}}"
-    if isinstance(value, str):
-        if re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(parse(value), str):
-            return value
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | float):
-        return repr(value).removesuffix(".0")
-    if value is None:
-        return "null"
-    raise TypeError(value)
+    if isinstance(value, str) and re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(parse(value), str):
+        return value
+    return json.dumps(value, ensure_ascii=False).removesuffix(".0")

@@ -60,12 +60,12 @@ def reading(file: Path) -> Iterator[None]:
     """Context for reading a file from outside, which names it where a library fails, or the process ends.
 
     Raises:
-        UserError: it is no file; or whatever a library raises but MemoryError: a damaged file fails in many ways.
+        UserError: it is no file, or damaged.
     """
     for parent in _parents:
         parent.send(file)
     check_is_file(file)
-    with in_one_line((Exception,), file, "damaged, cut short or of another form", "record, save or download it again"):
+    with in_one_line(file, "damaged, cut short or of another form", "record, save or download it again"):
         yield
 
 

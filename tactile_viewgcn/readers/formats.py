@@ -36,30 +36,20 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
-    if path.is_dir():
-        if stag_files(path):
-            return read_folder(path)
-        recordings, arrays = files_below(path, HDF5), files_below(path, ARRAYS)
-        if recordings and arrays:
-            raise UserError(
-                f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); keep one form elsewhere"
-            )
-        if recordings:
-            return read_hdf5(path, labelled=labelled)
-        if arrays:
-            return read_arrays(path, layout, labelled=labelled)
-        raise UserError(
-            f"{path}: neither [batch]/[recording]/pressuredata.mat, nor .h5 recordings, nor arrays in it; {EXPECTED}"
-        )
-    if files_below(path, ARRAYS):
+    if stag_files(path):
+        return read_folder(path)
+    arrays, recordings = files_below(path, ARRAYS), files_below(path, HDF5)
+    if arrays and recordings:
+        raise UserError(f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); keep one form elsewhere")
+    if arrays:
         return read_arrays(path, layout, labelled=labelled)
-    with reading(path):
-        stored, is_hdf5 = path.stat().st_size, h5py.is_hdf5(path)
-        names = set(open_hdf5(path).attrs) if is_hdf5 else set()
-    if not stored:
-        raise UserError(f"{path}: an empty file; {EXPECTED}")
-    if path.suffix.lower() in HDF5 or {"object", SOURCE_MD5} & names:  # which no MATLAB 7.3 file has
+    is_hdf5, attributes = False, set()
+    if not path.is_dir():
+        with reading(path):
+            if is_hdf5 := h5py.is_hdf5(path):
+                attributes = set(open_hdf5(path).attrs)
+    if recordings or {"object", SOURCE_MD5} & attributes:  # which no MATLAB 7.3 file has
         return read_hdf5(path, labelled=labelled)
-    if path.suffix.lower() == ".mat" or is_hdf5:
+    if is_hdf5 or path.suffix.lower() == ".mat":
         return read_metadata(path)
-    raise UserError(f"{path}: neither a MAT-file by its name (.mat) nor an HDF5 file; {EXPECTED}")
+    raise UserError(f"{path}: no recordings in it; {EXPECTED}")

@@ -75,8 +75,8 @@ class Source:
                         f"{self.path}: the name of {kind} {name[:MOST_LETTERS]!r} is no text; expected UTF-8 without "
                         f"NUL, up to {MOST_LETTERS:,} letters"
                     )
-        if twice := [name for name in self.objects if self.objects.count(name) > 1]:
-            raise UserError(f"{self.path}: two objects are named {twice[0]!r}; expected each name once")
+        if len(set(self.objects)) < len(self.objects):
+            raise UserError(f"{self.path}: two objects have one name; expected each once: {listed(self.objects)}")
 
     @property
     def names(self) -> dict[str, list[str]]:

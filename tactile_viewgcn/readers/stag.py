@@ -79,12 +79,8 @@ def read_metadata(path: Path) -> Source:
         with reading(path):
             yield from sliced(values, frames)
 
-    pressure = values["pressure"]
-    shape, frames, dtype = (
-        check_shape(pressure.shape, str(path)),
-        len(values["object"]),
-        storage_type(pressure.dtype, str(path)),
-    )
+    shape, frames = check_shape(values["pressure"].shape, str(path)), len(values["object"])
+    dtype = storage_type(values["pressure"].dtype, str(path))
     return Source(path, fields["objects"], fields["recordings"], fields["batches"], shape, dtype, frames, blocks())
 
 
@@ -100,8 +96,8 @@ def _values(
     if wrong := [name for name, field in fields.items() if isinstance(field, list) != (name in NAMES)]:
         what = "a cell array of names" if wrong[0] in NAMES else "an array of numbers"
         raise UserError(f"{path}: {wrong[0]}: expected {what}")
-    frames = (*fields["pressure"].shape, 0)[0]
-    values = {"pressure": fields["pressure"]}
+    check_shape(fields["pressure"].shape, str(path))
+    values, frames = {"pressure": fields["pressure"]}, fields["pressure"].shape[0]
     for name, column in columns.items():
         if name in fields:
             if (size := math.prod(fields[name].shape)) != frames:

@@ -70,7 +70,6 @@ def test_hdf5_recordings_do_not_hide_arrays(tmp_path):
     ("name", "content"),
     [
         ("nowhere.mat", None),
-        ("metadata.mat", b""),
         ("photos/000000.jpg", b"\xff\xd8"),
         ("table.txt", b"time,pressure\n0,513\n" * 50),
     ],
@@ -87,6 +86,7 @@ def test_what_is_no_source_is_refused(tmp_path, name, content):
 @pytest.mark.parametrize(
     ("save", "name", "last"),
     [
+        (save_matlab5, "cut.mat", "."),
         (save_matlab73, "cut.mat", "."),
         (save_folder, "raw", "001/011-object2/pressuredata.mat"),
         (save_hdf5, "lab", "011-object2.h5"),

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.hdf5 import read_hdf5
 from tactile_viewgcn.readers.source import TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
@@ -105,15 +104,6 @@ def test_grasps_and_flags_are_columns(tmp_path):
     assert columns["grasp_valid"].tolist() == [False, True, False, True]
     assert columns["valid"].tolist() == [False, True, True, True]
     assert columns["time"].tolist() == [0, 0.25, 0.5, 0.75]  # from the first frame on
-
-
-def test_a_long_recording_comes_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "BLOCK_FRAMES", 3)
-    blocks = list(read_hdf5(record(tmp_path / "a.h5", time=np.arange(4.0))).blocks)
-    assert [len(block["pressure"]) for block in blocks] == [3, 1]
-    np.testing.assert_array_equal(np.concatenate([block["pressure"] for block in blocks]), COUNTS)
-    assert [block["frame"].tolist() for block in blocks] == [[0, 1, 2], [3]]
-    assert [block["time"].tolist() for block in blocks] == [[0, 1, 2], [3]]
 
 
 BAD = {

@@ -210,7 +210,7 @@ REFUSED = {
     **{f"pipe {name}": partial(pipe, name=name) for name in ("mug/1.h5", "mug/1.npy", "mug/1.csv", "metadata.mat")},
     **{f"pipe below {name}": partial(pipe, name=name, below=True) for name in ("1.h5", "mug/1.npy", "mug/1.csv")},
     "pipe in STAG's folder": partial(pipe, name="000/003-mug/pressuredata.mat", below=True),
-    "zip bomb": partial(array, size=1500 * 2**20, shape=(15 * 2**20, 10, 10)),
+    "zip bomb": partial(array, size=400 * 2**20, shape=(4 * 2**20, 10, 10)),
     "declared array": partial(array, size=0, shape=(2**40, 64, 64)),
     "long line": long_line,
     "inflating element": lambda folder: matlab5(folder, more=[matrix(b"pressure", 10, (1, 1), bytes(80 * 2**20))]),
@@ -234,6 +234,7 @@ EITHER = {  # read as what they are, or refused
 @pytest.mark.parametrize("name", [*REFUSED, *EITHER])
 def test_a_hostile_source_ends_in_one_line_in_time_and_leaves_nothing(tmp_path, monkeypatch, name):
     monkeypatch.setattr(child, "SECONDS", 3)  # what never ends takes that long
+    monkeypatch.setattr(child, "MEMORY", 2**28)
     (tmp_path / "in").mkdir()
     path = (REFUSED | EITHER)[name](tmp_path / "in")
     line = refusal(path, tmp_path)

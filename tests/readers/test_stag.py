@@ -1,11 +1,7 @@
 """Reading STAG's metadata.mat, and folders of its raw recordings."""
 
-import struct
-
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 from scipy import io
 
 from tactile_viewgcn.errors import UserError
@@ -64,7 +60,7 @@ def test_pressure_may_be_real_and_frame_numbers_and_times_missing(tmp_path, save
 BAD = {
     "no pressure": ({"pressure": None}, "no field pressure; found .*objectId"),
     "two fields missing": ({"objects": None, "batchId": None}, "no field objects, batchId"),
-    "pressure of rank 4": ({"pressure": TREE["pressure"][None]}, "pressure|objectId has 240 values"),
+    "pressure of rank 4": ({"pressure": TREE["pressure"][None]}, "pressure has shape"),
     "complex pressure": ({"pressure": TREE["pressure"] * 1j}, "pressure is of type "),
     "no number": (
         {"pressure": np.where(np.arange(TOTAL)[:, None, None] == 17, np.nan, TREE["pressure"])},
@@ -99,26 +95,6 @@ def test_another_kind_of_file_is_refused(tmp_path, content):
     (tmp_path / "a.mat").write_bytes(content)
     with pytest.raises(UserError, match=r"a\.mat: damaged"):
         read_metadata(tmp_path / "a.mat")
-
-
-@pytest.fixture(scope="module")
-def complete(tmp_path_factory):
-    tree = metadata(objects=2, recordings=1, frames=3)
-    return save_matlab5(tmp_path_factory.mktemp("cut") / "whole.mat", tree)
-
-
-@settings(max_examples=40, deadline=None)
-@given(share=st.floats(0, 1, exclude_max=True))
-def test_a_matlab_5_file_cut_anywhere_inside_an_array_is_refused(complete, share):
-    content, ends = complete.read_bytes(), [128]
-    while ends[-1] < len(content):
-        ends.append(ends[-1] + 8 + struct.unpack_from("<I", content, ends[-1] + 4)[0])
-    cut = int(share * len(content))
-    assume(cut not in ends)
-    path = complete.with_name("cut.mat")
-    path.write_bytes(content[:cut])
-    with pytest.raises(UserError, match=r"cut\.mat: (damaged|no field)"):
-        read_metadata(path)
 
 
 def raw(folder, name, **fields):
