@@ -2,7 +2,6 @@
 
 import os
 import struct
-import time
 import zipfile
 import zlib
 from collections import deque
@@ -24,16 +23,21 @@ from tests.stag_files import metadata, save_matlab5, save_matlab73
 TREE = metadata(objects=2, recordings=1, frames=4)
 
 
+def processor_seconds():
+    """Of this process and of those that have ended."""
+    return sum(os.times()[:4])
+
+
 def refusal(path, place):
     """The line that ends the reading of a source, "" if it is read; of what is refused nothing is left."""
     (out := place / "out").mkdir()
-    begin, line = time.perf_counter(), ""
+    begin, line = processor_seconds(), ""
     try:
         read_source(path, out / "table")
     except UserError as error:
         line = str(error)
         assert list(out.iterdir()) == []
-    assert time.perf_counter() - begin < 60 and "\n" not in line
+    assert processor_seconds() - begin < 20 and "\n" not in line
     return line
 
 
@@ -133,7 +137,7 @@ def array(folder, size, shape):
 
 def long_line(folder):
     (folder / "mug").mkdir()
-    (folder / "mug/1.csv").write_text("1," * 10_000_000)
+    (folder / "mug/1.csv").write_text("1," * 1_000_000)
     return folder
 
 
