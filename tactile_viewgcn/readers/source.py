@@ -179,11 +179,12 @@ def _mistakes_of_block(block: Block, source: Source) -> list[str]:
 
 def _limits(column: str, kind: np.dtype, source: Source) -> tuple[np.float64, np.float64]:
     """Least and largest value of a column, or of pressure, stored as `kind`."""
+    low, high = 0.0, 1.0  # of flags
     if column in source.names:
-        low, high = 0.0, len(source.names[column]) - 1
+        high = len(source.names[column]) - 1
     elif kind.kind == "f":
         high = MOST_SECONDS if column == "time" else MAX_PRESSURE
         low = -high
-    else:
-        low, high = (0, 1) if kind.kind == "b" else (np.iinfo(kind).min, np.iinfo(kind).max)
+    elif kind.kind != "b":
+        low, high = float(np.iinfo(kind).min), float(np.iinfo(kind).max)
     return np.float64(low), np.float64(high)  # in half precision they would be infinite
