@@ -69,7 +69,7 @@ def test_a_number_that_is_fixed_stays_and_is_told(monkeypatch):
 
 
 def test_a_training_goes_on_by_the_same_fixed_number_and_remembers_those_of_before(tmp_path, monkeypatch):
-    saved = Checkpoint(tmp_path / "training.pt", {}, {}, {}, CPU.device)
+    saved = Checkpoint(tmp_path / "training.pt", {})
     threads.used.update({1, 2})
     saved.save(Progress(epoch=1))
     threads.used.clear()  # another process

@@ -17,9 +17,10 @@ from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.nn.backbone import Backbone
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.losses import FrameLoss, SetLoss, frame_losses, set_losses
 from tactile_viewgcn.training.optim import build_optimiser
+from tactile_viewgcn.training.pretraining import FrameLoss
 from tactile_viewgcn.training.replay import Replay
+from tactile_viewgcn.training.set_loss import SetLoss
 
 REUSES = (1, 2, 4, 8)  # `finetune.feature_reuse`
 EPOCHS = 5  # of the fine-tunings that are timed; what the first one does once is shared out
@@ -64,8 +65,7 @@ def training_step(
     augment = sample.augmentation(config)
     loss = FrameLoss(copy, linear, augment, compute)
     loss_of = loss if launched else Replay(loss, loss.parameters(), [augment.rng])
-    one_batch = {"batch": len(frames), "compute": compute, "order": torch.Generator()}
-    return lambda: descend(optimiser, frame_losses(loss_of, frames, labels, **one_batch))
+    return lambda: descend(optimiser, [loss_of(frames, labels)])
 
 
 def descend(optimiser: torch.optim.Optimizer, losses: Iterable[Tensor]) -> None:
@@ -81,14 +81,13 @@ def time_finetuning(sample: Sample) -> list[dict]:
     config, (frames, labels) = sample.params.finetune, sample.tensors(TRAIN)
     slow, sets = plain.plain_classifier(sample.classifier).train(), sample.view_sets(TRAIN)[:PLAIN_SETS]
     optimiser = build_optimiser(config, [{"params": slow.parameters()}])
-    plan = [(part, np.indices(part.shape)[1]) for part in np.split(sets, range(plain.SETS, len(sets), plain.SETS))]
+    parts = torch.from_numpy(sets).to(frames.device).split(plain.SETS)
     linear = nn.Linear(slow.backbone.features, len(sample.table.classes))
     pretrained = {"backbone": sample.classifier.backbone.state_dict(), "classifier": linear.state_dict()}
-    compute = Compute(sample.compute.device, "float32")
-    loss_of = SetLoss(slow, None, sample.augmentation(config), compute)
+    loss_of = SetLoss(slow, None, sample.augmentation(config), Compute(sample.compute.device, "float32"))
 
-    def plainly() -> None:
-        descend(optimiser, set_losses(loss_of, frames, labels, plan, in_time_order=False, compute=compute))
+    def plainly() -> None:  # every column is fresh; without a bank nothing else of `sets`, `fresh` and `first` counts
+        descend(optimiser, (loss_of(frames[p].flatten(0, 1), labels[p[:, 0]], p, p, p) for p in parts))
 
     def fast(reuse: int) -> None:
         finetune = replace(config, epochs=EPOCHS, feature_reuse=reuse, num_views="full")

@@ -13,7 +13,7 @@ from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames
 from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.tables.views import Views
-from tactile_viewgcn.training.augmentation import Augmentation
+from tactile_viewgcn.training.inputs import Augmentation
 from tactile_viewgcn.views.sampling import random_clusters, sets_of
 
 PER_FRAME = ("counts", "label", "recording", "session", "grasp", "group", "side", "anchor", "baseline", "time")

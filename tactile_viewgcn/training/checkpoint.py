@@ -72,19 +72,11 @@ class Checkpoint:
 
     Args:
         path: the file; None saves nothing.
-        state: what has a `state_dict`: modules, optimiser, feature bank.
-        generators, rngs: torch's, besides its default one, and NumPy's that are drawn from.
+        parts: by name: modules, the optimiser, tensors, and generators besides torch's default one.
     """
 
-    def __init__(
-        self,
-        path: Path | None,
-        state: dict[str, Any],
-        generators: dict[str, torch.Generator],
-        rngs: dict[str, np.random.Generator],
-        device: torch.device,
-    ):
-        self.path, self._state, self._generators, self._rngs, self._device = path, state, generators, rngs, device
+    def __init__(self, path: Path | None, parts: dict[str, Any]):
+        self.path, self._parts = path, parts
 
     def save(self, progress: Progress) -> None:
         """Save the state as it is now; of several processes the first one writes the file."""
@@ -92,14 +84,12 @@ class Checkpoint:
             return
         content = {
             "progress": vars(progress),
-            "state": {name: item.state_dict() for name, item in self._state.items()},
-            "generators": {name: generator.get_state() for name, generator in self._generators.items()},
-            "rngs": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
+            "parts": {name: _state(part) for name, part in self._parts.items()},
             "torch": torch.get_rng_state(),
             "threads": sorted(used),
         }
-        if self._device.type == "cuda":
-            content["cuda"] = torch.cuda.get_rng_state(self._device)
+        if torch.cuda.is_initialized():
+            content["cuda"] = torch.cuda.get_rng_state()
         with atomic_write(self.path) as part:
             torch.save(content, part)
 
@@ -113,17 +103,32 @@ class Checkpoint:
             return Progress()
         with readable(self.path):
             content = torch.load(self.path, map_location="cpu", weights_only=True, mmap=True)
-            for name, item in self._state.items():
-                item.load_state_dict(content["state"][name])
-            for name, generator in self._generators.items():
-                generator.set_state(content["generators"][name])
-            for name, rng in self._rngs.items():
-                rng.bit_generator.state = content["rngs"][name]
+            for name, part in self._parts.items():
+                _restore(part, content["parts"][name])
             if not rank():  # the other processes draw another dropout
                 torch.set_rng_state(content["torch"])
-            if self._device.type == "cuda":
-                torch.cuda.set_rng_state(content["cuda"], self._device)
+            if "cuda" in content:
+                torch.cuda.set_rng_state(content["cuda"])
             used.update(content["threads"])
         progress = Progress(**content["progress"])
         progress.resumed = progress.epoch, progress.seconds
         return progress
+
+
+def _state(part: Any) -> Any:
+    if isinstance(part, torch.Generator):
+        return part.get_state()
+    if isinstance(part, np.random.Generator):
+        return part.bit_generator.state
+    return part if isinstance(part, torch.Tensor) else part.state_dict()
+
+
+def _restore(part: Any, state: Any) -> None:
+    if isinstance(part, torch.Generator):
+        part.set_state(state)
+    elif isinstance(part, np.random.Generator):
+        part.bit_generator.state = state
+    elif isinstance(part, torch.Tensor):
+        part.copy_(state)
+    else:
+        part.load_state_dict(state)

@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.nn.backbone import extract_features
-from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
 from tactile_viewgcn.systems import system_class
@@ -18,40 +17,42 @@ from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training import distributed
-from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
-from tactile_viewgcn.training.feature_bank import FeatureBank
-from tactile_viewgcn.training.inputs import FrameInputs
-from tactile_viewgcn.training.loop import OnEpoch, fit
-from tactile_viewgcn.training.losses import SetLoss, error_rate, set_losses
+from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
+from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
 from tactile_viewgcn.training.moments import measure_moments
-from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
+from tactile_viewgcn.training.optim import build_optimiser, num_batches
 from tactile_viewgcn.training.replay import Replay
+from tactile_viewgcn.training.set_loss import FeatureBank, SetLoss
 from tactile_viewgcn.views.sampling import anchor_first, sets_of
 
 
 class SideViewSets:
-    """The frames of one side as tensors, and the view sets drawn from their clusters `views`."""
+    """The frames of one side, and the view sets drawn from their clusters `views`."""
 
     def __init__(self, side: int, table: Frames, views: Views, compute: Compute, seed: int, assignment: str):
-        self._index, self._views, self._assignment = table.on(side), views, assignment
+        self._index, self._views, self._assignment, self._compute = table.on(side), views, assignment, compute
         self.rng = stream(seed, "finetune.draw", side)
         self.anchors = np.flatnonzero(table.anchor[self._index])
         self.frames = FrameInputs(table, self._index, compute)
-        self.labels = torch.from_numpy(table.label[self._index].astype(np.int64)).to(compute.device)
 
     def draw(self) -> np.ndarray:
         """View sets (A, V) of indices into `frames`, one per anchor."""
         return sets_of(self._views, self._index, self.rng).draw(self.anchors, self.rng, self._assignment)
 
-    def batches(self, drawn: np.ndarray, config: Finetune) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def batches(
+        self, drawn: np.ndarray, config: Finetune, *, in_time_order: bool = False
+    ) -> Iterator[tuple[Tensor, ...]]:
         """Batches of the drawn view sets (A, V) in random order; their sizes differ by one at most.
 
+        Args:
+            in_time_order: frames of a set are sorted; they are numbered in the order of time inside a recording.
+
         Yields:
-            sets (B, k): with `num_views: full` all V frames of each set; with `random` one k for the whole batch, from
-                1 to V, the anchor first where k < V.
-            fresh (B, f): the columns whose frames pass through the backbone, k / `feature_reuse` of them, rounded up;
-                sorted, the anchor's always among them.
+            The arguments of `SetLoss.forward`. Its `sets` (B, k) are with `num_views: full` all V frames of each set;
+            with `random` one k for the whole batch, from 1 to V, the anchor first where k < V. Its `fresh` (B, f) are
+            the columns whose frames pass through the backbone, k / `feature_reuse` of them, rounded up; sorted, the
+            anchor's always among them.
         """
         order = self.rng.permutation(len(drawn))
         for index in np.array_split(order, num_batches(len(order), config.batch)):
@@ -60,7 +61,26 @@ class SideViewSets:
             if config.num_views == "random" and (fewer := int(self.rng.integers(1, views + 1))) < views:
                 sets = np.take_along_axis(sets, columns[:, :fewer], axis=1)
                 columns, views = np.broadcast_to(np.arange(fewer), sets.shape), fewer
-            yield sets, np.sort(columns[:, : math.ceil(views / config.feature_reuse)], axis=1)
+            fresh = np.sort(columns[:, : math.ceil(views / config.feature_reuse)], axis=1)
+            if in_time_order:
+                sets, fresh = sort_by_time(sets, fresh)
+            passing = np.take_along_axis(sets, fresh, axis=1).ravel()
+            labels = self._compute.gather(self.frames.labels, torch.from_numpy(sets[:, 0]))
+            places = (torch.from_numpy(each) for each in (sets, fresh, first_places(passing)))
+            yield self.frames[torch.from_numpy(passing)], labels, *map(self._compute.to_device, places)
+
+
+def first_places(index: np.ndarray) -> np.ndarray:
+    """For each entry of `index` (n,) the first place with that value."""
+    _, first, place = np.unique(index, return_index=True, return_inverse=True)
+    return first[place]
+
+
+def sort_by_time(sets: np.ndarray, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """View sets (B, k) sorted by index, and where their columns `fresh` (B, f) are then, sorted too."""
+    order = np.argsort(sets, axis=1, kind="stable")
+    place = np.argsort(order, axis=1)
+    return np.take_along_axis(sets, order, axis=1), np.sort(np.take_along_axis(place, fresh, axis=1), axis=1)
 
 
 def finetune_classifier(
@@ -131,21 +151,17 @@ def _train(
     loss_of = Replay(parallel_loss, network.parameters(), [on_device])
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
     optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
-    checkpoint = Checkpoint(
-        checkpoint_path,
-        {"classifier": network, "optimiser": optimiser} | ({"bank": bank} if bank else {}),
-        {"noise": on_device},
-        {"draw": train.rng},
-        compute.device,
-    )
+    parts = {"classifier": network, "optimiser": optimiser, "noise": on_device, "draw": train.rng}
+    if bank is not None:
+        parts["bank"] = bank.values
+    checkpoint = Checkpoint(checkpoint_path, parts)
 
-    def losses(epoch: int) -> Iterator[Tensor]:
+    def batches(epoch: int) -> Iterator[tuple[Tensor, ...]]:
         network.train()
         if bank is not None and epoch == 0:
             bank.fill(network.backbone, train.frames, batch=config.batch, augment_frames=augment_frames)
-        plan = train.batches(first_sets if config.resample_views == "never" or epoch == 0 else train.draw(), config)
-        in_time_order = network.head.in_time_order
-        return set_losses(loss_of, train.frames, train.labels, plan, in_time_order=in_time_order, compute=compute)
+        drawn = first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
+        return train.batches(drawn, config, in_time_order=network.head.in_time_order)
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:
@@ -153,9 +169,9 @@ def _train(
             return {}
         network.eval()
         with compute.autocast():
-            features = extract_features(network.backbone, validation.frames)
-        logits = view_set_logits(network.head, features, validation_sets.to(compute.device))
-        return {"validation_error": error_rate(logits, validation.labels[validation.anchors])}
+            features = network.frame_values(validation.frames)
+        logits = network.logits(features, validation_sets.to(compute.device))
+        return {"validation_error": error_rate(logits, validation.frames.labels[validation.anchors])}
 
-    steps, factor = num_batches(len(train.anchors), config.batch), lr_lambda(config)
-    return fit("finetune", config.epochs, steps, optimiser, factor, losses, validate, checkpoint, on_epoch)
+    steps = num_batches(len(train.anchors), config.batch)
+    return fit("finetune", config, steps, optimiser, loss_of, batches, validate, checkpoint, on_epoch)

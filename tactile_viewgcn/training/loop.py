@@ -1,42 +1,50 @@
 """The loop over epochs that both trainings share.
 
-A training has diverged where its mean loss is not finite, or many times the first loss, or a weight is not finite.
+A training has diverged where the mean loss of an epoch is not finite, or ten times the first loss, or a weight is not
+finite.
 """
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.params import Finetune, Pretrain
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
+from tactile_viewgcn.training.optim import lr_lambda
 
-MAX_BATCH_LOSS, MAX_EPOCH_LOSS = 100.0, 10.0  # times the first loss, or these where it is below 1
+MAX_LOSS = 10.0  # mean of an epoch, in times the first loss, or this where that is below 1
 CHECK_EVERY = 16  # steps between checks of the loss, each of which waits for the device
 
 OnEpoch = Callable[[int, dict[str, float]], None]
 
 
+def error_rate(logits: Tensor, labels: Tensor) -> float:
+    """Share of rows whose largest logit is not the label's."""
+    return float((logits.argmax(dim=-1) != labels).float().mean())
+
+
 def fit(
     name: str,
-    epochs: int,
+    config: Pretrain | Finetune,
     steps: int,
     optimiser: torch.optim.Optimizer,
-    factor: Callable[[int], float],
-    losses: Callable[[int], Iterator[Tensor]],
+    loss_of: Callable[..., Tensor],
+    batches: Callable[[int], Iterable[tuple[Tensor, ...]]],
     validate: Callable[[], dict[str, float]],
     checkpoint: Checkpoint,
     on_epoch: OnEpoch | None = None,
 ) -> Progress:
-    """Run the epochs: a step down each loss, with the learning rates times `factor(epoch)`.
+    """Run the epochs: a step down the loss of each batch, at the learning rates of the schedule.
 
     Args:
-        name: of the stage; steps: of an epoch.
-        losses: epoch -> the losses of its batches, one by one.
+        name: of the stage; config: its epochs and schedule; steps: of an epoch.
+        loss_of: the loss of a batch's arguments; batches: epoch -> the arguments of each batch.
         validate: values to note after an epoch besides the mean loss.
         checkpoint: saved after every epoch; a saved training is continued.
         on_epoch: called with the number, from 1, and the values of every epoch, those of the checkpoint too.
@@ -44,6 +52,7 @@ def fit(
     Raises:
         UserError: it diverges.
     """
+    epochs, factor = config.epochs, lr_lambda(config)
     rates = [group["lr"] for group in optimiser.param_groups]
     progress = checkpoint.restore()
     begin = time.perf_counter() - progress.seconds
@@ -55,7 +64,16 @@ def fit(
             for group, rate in zip(optimiser.param_groups, rates, strict=True):
                 group["lr"] = rate * factor(epoch)
             bar.set_description(f"{name} epoch {epoch + 1}/{epochs}")
-            values = {"loss": _run_epoch(name, losses(epoch), optimiser, progress, bar)} | validate()
+            loss = _run_epoch(loss_of, batches(epoch), optimiser, progress, bar)
+            weights = (weight for group in optimiser.param_groups for weight in group["params"])
+            finite = all(weight.isfinite().all() for weight in weights)  # the last step's, after which there is no loss
+            if not finite or not math.isfinite(loss) or loss > MAX_LOSS * max(1.0, progress.first_loss or 1.0):
+                at = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
+                found = f"the loss is {loss:g}" + ("" if finite else ", and a weight is not finite")
+                raise UserError(
+                    f"{name} diverged in epoch {epoch + 1} at a learning rate of {at}: {found}; lower {name}.lr"
+                )
+            values = {"loss": loss} | validate()
             for key, value in values.items():
                 progress.curves.setdefault(key, []).append(value)
             progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
@@ -67,37 +85,27 @@ def fit(
 
 
 def _run_epoch(
-    name: str, losses: Iterator[Tensor], optimiser: torch.optim.Optimizer, progress: Progress, bar: tqdm
+    loss_of: Callable[..., Tensor],
+    batches: Iterable[tuple[Tensor, ...]],
+    optimiser: torch.optim.Optimizer,
+    progress: Progress,
+    bar: tqdm,
 ) -> float:
-    """A step down each loss; the mean loss.
+    """A step down the loss of each batch; the mean loss, before all batches where it is not finite."""
+    total, step = torch.zeros(()), 0
 
-    Raises:
-        UserError: it diverges.
-    """
-    total, steps = torch.zeros(()), 0
+    def mean() -> float:
+        return float(distributed.total(total)) / distributed.size() / step
 
-    def mean(limit: float) -> float:
-        """Mean loss so far. UserError where it is not finite, or above `limit` times the first loss, or `limit`."""
-        loss = float(distributed.total(total)) / distributed.size() / steps
-        progress.first_loss = loss if progress.first_loss is None else progress.first_loss
-        if not math.isfinite(loss) or loss > limit * max(1.0, progress.first_loss):
-            raise diverged(f"the loss is {loss:g}")
-        return loss
-
-    def diverged(found: str) -> UserError:
-        rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
-        epoch = progress.epoch + 1
-        return UserError(f"{name} diverged in epoch {epoch} at a learning rate of {rates}: {found}; lower {name}.lr")
-
-    for steps, loss in enumerate(losses, start=1):
+    for step, arguments in enumerate(batches, start=1):
+        loss = loss_of(*arguments)
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
         total = total + loss.detach()
         bar.update()
-        if steps == 1 or steps % CHECK_EVERY == 0:
-            mean(MAX_BATCH_LOSS)
-    last = mean(MAX_EPOCH_LOSS)
-    if not all(weight.isfinite().all() for group in optimiser.param_groups for weight in group["params"]):
-        raise diverged("a weight is not finite")  # by the last step, after which no loss is computed
-    return last
+        if progress.first_loss is None:
+            progress.first_loss = mean()
+        if step % CHECK_EVERY == 0 and not math.isfinite(mean()):
+            break
+    return mean()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
@@ -14,13 +15,29 @@ from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.training import distributed
-from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
-from tactile_viewgcn.training.inputs import FrameInputs
-from tactile_viewgcn.training.loop import OnEpoch, fit
-from tactile_viewgcn.training.losses import FrameLoss, error_rate, frame_losses
-from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
+from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
+from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
+from tactile_viewgcn.training.optim import build_optimiser, num_batches
 from tactile_viewgcn.training.replay import Replay
+
+
+class FrameLoss(nn.Module):
+    """Cross-entropy of this process's part of a batch of single frames."""
+
+    def __init__(self, backbone: nn.Module, classifier: nn.Linear, augment_frames: Augmentation, compute: Compute):
+        super().__init__()
+        self.backbone, self.classifier = backbone, classifier
+        self.augment_frames, self.compute = augment_frames, compute
+
+    def forward(self, frames: Tensor, labels: Tensor) -> Tensor:
+        """Frames (B, 1, H, W) and labels (B,) of the whole batch to a scalar."""
+        count, rows = len(frames), distributed.rows(len(frames))
+        frames = self.augment_frames(frames)[rows]
+        with self.compute.autocast():
+            features = self.backbone(frames)
+        logits = self.classifier(features.to(self.classifier.weight.dtype))
+        return distributed.weighted(functional.cross_entropy(logits, labels[rows]), count)
 
 
 def pretrain_backbone(
@@ -43,7 +60,8 @@ def pretrain_backbone(
         UserError: the training diverges.
     """
     config, seed = params.pretrain, params.seed
-    train, validation = (_Anchors(side, table, compute) for side in (TRAIN, VALIDATION))
+    anchors = (np.flatnonzero(table.anchor & (table.side == side)) for side in (TRAIN, VALIDATION))
+    train, validation = (FrameInputs(table, index, compute) for index in anchors)
     torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
     backbone = build_backbone(params.model.backbone)
     backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
@@ -51,37 +69,23 @@ def pretrain_backbone(
     order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
     noise = config.noise * full_scale(table.transform, table.scale)
     loss = FrameLoss(backbone, classifier, Augmentation(noise, params.augment, on_device), compute)
-    weights = list(loss.parameters())
+    weights, steps = list(loss.parameters()), num_batches(len(train), config.batch)
     loss_of = Replay(distributed.parallel(loss), weights, [on_device])
     optimiser = build_optimiser(config, [{"params": weights}])
-    checkpoint = Checkpoint(
-        checkpoint_path,
-        {"backbone": backbone, "classifier": classifier, "optimiser": optimiser},
-        {"order": order, "noise": on_device},
-        {},
-        compute.device,
-    )
+    parts = {"backbone": backbone, "classifier": classifier, "optimiser": optimiser, "order": order, "noise": on_device}
+    checkpoint = Checkpoint(checkpoint_path, parts)
 
-    def losses(_: int) -> Iterator[Tensor]:
+    def batches(_: int) -> Iterator[tuple[Tensor, Tensor]]:
         backbone.train()
-        return frame_losses(loss_of, train.frames, train.labels, batch=config.batch, compute=compute, order=order)
+        for index in torch.randperm(len(train), generator=order).tensor_split(steps):
+            yield train[index], compute.gather(train.labels, index)
 
     def validate() -> dict[str, float]:
-        if not len(validation.labels):
+        if not len(validation):
             return {}
         with compute.autocast():
-            features = extract_features(backbone, validation.frames)
+            features = extract_features(backbone, validation)
         return {"validation_error": error_rate(classifier(features), validation.labels)}
 
-    steps, factor = num_batches(len(train.labels), config.batch), lr_lambda(config)
-    progress = fit("pretrain", config.epochs, steps, optimiser, factor, losses, validate, checkpoint, on_epoch)
+    progress = fit("pretrain", config, steps, optimiser, loss_of, batches, validate, checkpoint, on_epoch)
     return backbone, classifier, progress
-
-
-class _Anchors:
-    """Frames and labels of the anchors of one side."""
-
-    def __init__(self, side: int, table: Frames, compute: Compute):
-        index = np.flatnonzero(table.anchor & (table.side == side))
-        self.frames = FrameInputs(table, index, compute)
-        self.labels = torch.from_numpy(table.label[index].astype(np.int64)).to(compute.device)

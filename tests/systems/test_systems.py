@@ -1,23 +1,22 @@
 """What every system may know, and what all have in common."""
 
+import math
 import subprocess
 import sys
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.system import shape_classifier
 from tactile_viewgcn.systems import System
-from tactile_viewgcn.training.losses import sort_by_time
 from tests.systems.small_systems import built, fill, some_views
 
 ROOT = Path(__file__).parents[2]
 NETWORKS = [name for name in get_args(System) if name != "sensors"]
 ORDERLESS = {"mvcnn", "mean", "vote", "gvcnn", "rotationnet"}
+IN_TIME = {"cnn_lstm", "conv_lstm"}
 
 
 def test_a_network_of_one_system_loads_no_other():
@@ -33,34 +32,18 @@ def test_a_network_of_one_system_loads_no_other():
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_the_order_of_the_views_matters_where_it_should_and_nowhere_else(name):
-    classifier = built(name, "model.neighbours=2")
-    views = some_views(classifier)
+def test_the_order_of_the_views_matters_where_it_should_and_those_in_time_order_see_them_sorted(name):
+    network = built(name, "model.neighbours=2")
+    assert network.head.in_time_order == (name in IN_TIME)
+    features = torch.randn(20, *network.feature_shape, generator=torch.Generator().manual_seed(2))
+    rising = torch.tensor([[3, 7, 11, 19], [0, 5, 5, 8]])
+    shuffled = rising[:, [2, 0, 3, 1]]
     with torch.inference_mode():
-        moved = (classifier.head(views)[0] - classifier.head(views[:, [2, 0, 3, 1]])[0]).abs().max()
-    assert moved < 1e-5 if name in ORDERLESS else moved > 1e-3
-
-
-@pytest.mark.parametrize("name", NETWORKS)
-def test_a_system_in_time_order_sees_a_set_s_frames_sorted_and_the_others_as_drawn(name):
-    classifier = built(name, "model.neighbours=2")
-    features = torch.randn(20, *classifier.feature_shape, generator=torch.Generator().manual_seed(2))
-    sets = torch.tensor([[3, 7, 11, 19], [0, 5, 5, 8]])
-    with torch.inference_mode():
-        rising, shuffled = (view_set_logits(classifier.head, features, s) for s in (sets, sets[:, [2, 0, 3, 1]]))
-        direct = classifier.head(features[sets])[0]
-    torch.testing.assert_close(rising, direct)
-    assert classifier.head.in_time_order == (name in {"cnn_lstm", "conv_lstm"})
-    if classifier.head.in_time_order:
-        assert torch.equal(rising, shuffled)
-    elif name not in ORDERLESS:
-        assert (rising - shuffled).abs().max() > 1e-3
-
-
-def test_view_sets_in_the_order_of_time_by_hand():
-    sets, fresh = sort_by_time(np.array([[5, 2, 9, 1], [4, 4, 1, 0]]), np.array([[0, 3], [1, 2]]))
-    assert sets.tolist() == [[1, 2, 5, 9], [0, 1, 4, 4]]
-    assert fresh.tolist() == [[0, 2], [1, 3]]
+        expected, moved = (network.head(features[sets])[0] for sets in (rising, shuffled))
+        direct, sorted_or_not = (network.logits(features, sets) for sets in (rising, shuffled))
+    torch.testing.assert_close(direct, expected)
+    torch.testing.assert_close(sorted_or_not, expected if name in IN_TIME else moved)
+    assert (moved - expected).abs().max() < 1e-5 if name in ORDERLESS else (moved - expected).abs().max() > 1e-3
 
 
 @pytest.mark.parametrize("name", NETWORKS)
@@ -83,6 +66,17 @@ def test_a_loss_moves_every_weight(name):
     classifier.head.loss(logits, aux, labels).backward()
     still = {key for key, weight in classifier.head.named_parameters() if not weight.grad.abs().sum() > 0}
     assert still == set()
+
+
+@pytest.mark.parametrize("name", ["gvcnn", "rotationnet"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_view_that_is_not_finite_makes_the_logits_of_its_set_alone_nan_and_so_the_loss(name, bad):
+    network = built(name)
+    views = some_views(network)
+    views[1, 2, 0] = bad
+    logits, aux = network.head(views)
+    assert logits[[0, 2]].isfinite().all() and logits[1].isnan().all()
+    assert network.head.loss(logits, aux, torch.tensor([0, 1, 2])).isnan()
 
 
 def test_the_shape_classifier_by_hand():

@@ -9,33 +9,26 @@ import torch
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.training.checkpoint import (
-    Checkpoint,
-    checkpoint_path,
-    training_checkpoint,
-)
-from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tactile_viewgcn.training.checkpoint import Checkpoint, checkpoint_path, training_checkpoint
+from tests.small_tables import CPU
+from tests.training.small_trainings import alike, finetune, pretrain
 
 
 class Interrupted(Exception):
     """What a kill is here."""
 
 
-def finetuned(path, *changes):
-    params = recipe("finetune.epochs=4", "split.validation=0.25", *changes)
-    frames = fewer_anchors(table("split.validation=0.25"), 6)
-    return finetune_classifier(frames, views_of(frames, params), pretrained(), params, CPU, path)
-
-
-def pretrained_with(path):
-    """A backbone and its progress; `on_epoch` is called with every value of the curves, also of a training resumed."""
-    calls, params = [], recipe("pretrain.epochs=4")
-    on_epoch = lambda *values: calls.append(values)  # noqa: E731
-    backbone, _, progress = pretrain_backbone(fewer_anchors(table(), 6), params, CPU, path, on_epoch)
+def pretrained(path, *changes):
+    """The modules and the progress; `on_epoch` is called with every value of the curves, also of a training resumed."""
+    calls = []
+    keep = {"checkpoint_path": path, "on_epoch": lambda *values: calls.append(values)}
+    modules, progress = pretrain("pretrain.epochs=4", *changes, every=6, **keep)
     assert calls == [(number, {"loss": loss}) for number, loss in enumerate(progress.curves["loss"], start=1)]
-    return backbone, progress
+    return modules, progress
+
+
+def finetuned(path, *changes):
+    return finetune("finetune.epochs=4", "split.validation=0.25", *changes, every=6, checkpoint_path=path)
 
 
 def interrupt(monkeypatch, after):
@@ -50,16 +43,11 @@ def interrupt(monkeypatch, after):
     monkeypatch.setattr(Checkpoint, "save", saved)
 
 
-def alike(one, other):
-    pairs = zip(one.state_dict().values(), other.state_dict().values(), strict=True)
-    return all(torch.equal(a, b) for a, b in pairs)
-
-
 @pytest.mark.parametrize("after", [1, 4])
 @pytest.mark.parametrize(
     ("train", "changes"),
     [
-        (pretrained_with, ()),
+        (pretrained, ()),
         (finetuned, ()),
         (finetuned, ("finetune.feature_reuse=4", "finetune.num_views=random")),
         (finetuned, ("finetune.resample_views=never", "finetune.schedule=compounding_cosine")),
@@ -87,7 +75,7 @@ def test_a_damaged_checkpoint_is_refused(tmp_path):
     path = tmp_path / "training.pt"
     path.write_bytes(b"no checkpoint")
     with pytest.raises(UserError, match=r"training\.pt: damaged.*delete it"):
-        pretrained_with(path)
+        pretrained(path)
 
 
 def test_another_stage_key_or_machine_has_another_file_in_the_original_repository(tmp_path, monkeypatch):
@@ -138,7 +126,7 @@ def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, mo
     with monkeypatch.context() as patch:
         interrupt(patch, 2)
         with pytest.raises(Interrupted):
-            pretrained_with(path)
+            pretrained(path)
     before = path.read_bytes()
 
     def half(content, path):
@@ -148,5 +136,5 @@ def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, mo
     with monkeypatch.context() as patch:
         patch.setattr(torch, "save", half)
         with pytest.raises(Interrupted):
-            pretrained_with(path)
+            pretrained(path)
     assert path.read_bytes() == before

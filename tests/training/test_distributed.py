@@ -12,10 +12,9 @@ import torch.multiprocessing
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.process import LOST
 from tactile_viewgcn.training import distributed
-from tactile_viewgcn.training.augmentation import Augmentation
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.losses import FrameLoss
-from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tactile_viewgcn.training.inputs import Augmentation
+from tactile_viewgcn.training.pretraining import FrameLoss, pretrain_backbone
 from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
 
 RECIPE = (

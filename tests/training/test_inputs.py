@@ -1,16 +1,17 @@
-"""Network input of frames, whether their counts lie in memory or are mapped from the table's file."""
+"""Network input of frames, from memory or from the table's mapped file, and its changes in training."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as functional
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.tables.frames import TRAIN, read_frames, write_frames
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.inputs import FrameInputs
+from tactile_viewgcn.training.inputs import Augmentation, FrameInputs, random_shift
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
 
@@ -29,7 +30,7 @@ def both(tmp_path):
 def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutions_read(both):
     index = np.random.default_rng(0).permutation(both[1].on(TRAIN))
     frames, expected = FrameInputs(both[1], index, CPU), both[0].inputs(index)
-    assert len(frames) == len(index)
+    assert len(frames) == len(index) and (frames.labels.numpy() == both[0].label[index]).all()
     batch = frames[torch.tensor([5, 0, 5])]
     assert batch.shape == (3, 1, 12, 12) and batch.is_contiguous(memory_format=torch.channels_last)
     np.testing.assert_array_equal(batch[:, 0], expected[[5, 0, 5]])
@@ -51,7 +52,7 @@ def test_all_input_is_kept_on_a_card_where_it_fits(both, monkeypatch, fits):
     for _ in range(2):
         np.testing.assert_array_equal(frames[torch.tensor([3, 1])][:, 0], expected)
     assert asked == [len(frames) * 12 * 12 * 4]
-    assert sent == ([len(frames)] if fits else []) + [2, 2]  # the indices, or what they stand for
+    assert sent == [len(frames)] * (1 + fits) + [2, 2]  # labels, input; then the indices, or what they stand for
 
 
 @pytest.mark.parametrize(
@@ -75,3 +76,27 @@ def test_both_trainings_and_the_trials_give_the_same_from_memory_and_from_the_fi
     assert all(torch.equal(a, b) for a, b in zip(in_memory[0], mapped[0], strict=True))
     assert in_memory[1:4] == mapped[1:4]
     np.testing.assert_array_equal(in_memory[4], mapped[4])
+
+
+@pytest.mark.parametrize("noise", [0.015, 0.3])
+def test_noise_is_white_of_the_stated_standard_deviation(noise):
+    frames = torch.rand(200, 1, 16, 16, generator=torch.Generator().manual_seed(0))
+    before = frames.clone()
+    added = Augmentation(noise, recipe().augment, torch.Generator().manual_seed(1))(frames) - before
+    assert torch.equal(frames, before)
+    assert float(added.std()) == pytest.approx(noise, rel=0.02)
+    assert abs(float(added.mean())) < 4 * noise / len(added.flatten()) ** 0.5
+    neighbours = torch.stack([added[..., 1:].flatten(), added[..., :-1].flatten()])
+    assert abs(float(torch.corrcoef(neighbours)[0, 1])) < 0.03
+
+
+def test_a_shift_moves_a_frame_whole_and_nothing_moves_in():
+    frame = torch.arange(1.0, 17).view(1, 1, 4, 4)
+    by_hand = {}
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            rolled = functional.pad(frame, (1, 1, 1, 1)).roll((down, right), (2, 3))[0, 0, 1:-1, 1:-1]
+            by_hand[tuple(rolled.flatten().tolist())] = 0
+    for one in random_shift(frame.expand(300, 1, 4, 4), 1, torch.Generator().manual_seed(0)):
+        by_hand[tuple(one.flatten().tolist())] += 1  # KeyError where a frame is none of the nine
+    assert min(by_hand.values()) > 10

@@ -1,13 +1,13 @@
-"""Features of frames that view sets share between optimiser steps."""
+"""The loss of a batch of view sets, and the features of frames that view sets share between optimiser steps."""
 
 import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.training import distributed
-from tactile_viewgcn.training.augmentation import Augmentation
-from tactile_viewgcn.training.inputs import FrameInputs
+from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 
 
@@ -22,14 +22,6 @@ class FeatureBank:
         self._compute = compute
         dtype = torch.bfloat16 if len(feature_shape) > 1 and compute.precision == "bfloat16" else compute.dtype
         self.values = torch.zeros((frames, *feature_shape), dtype=dtype, device=compute.device)
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """The features, for a checkpoint."""
-        return {"values": self.values}
-
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take over the features of a checkpoint."""
-        self.values.copy_(state["values"])
 
     @torch.no_grad()
     def fill(self, backbone: nn.Module, frames: FrameInputs, *, batch: int, augment_frames: Augmentation) -> None:
@@ -62,3 +54,26 @@ class FeatureBank:
         new = distributed.gather(features, len(sets)).flatten(0, 1)
         self.values[sets.gather(1, fresh).flatten()] = new[first]
         return nodes
+
+
+class SetLoss(nn.Module):
+    """A network's loss of this process's part of a batch of view sets; without a bank all frames pass the backbone."""
+
+    def __init__(self, network: ViewNetwork, bank: FeatureBank | None, augment_frames: Augmentation, compute: Compute):
+        super().__init__()
+        self.network, self.bank, self.augment_frames, self.compute = network, bank, augment_frames, compute
+
+    def forward(self, frames: Tensor, labels: Tensor, sets: Tensor, fresh: Tensor, first: Tensor) -> Tensor:
+        """The loss, a scalar, of the whole batch's arguments.
+
+        Args:
+            frames: (B * f, 1, H, W) that pass through the backbone; labels: (B,) of the sets.
+            sets, fresh, first: see `FeatureBank.nodes`.
+        """
+        count, rows, each = len(sets), distributed.rows(len(sets)), fresh.shape[1]
+        frames = self.augment_frames(frames)[rows.start * each : rows.stop * each]
+        with self.compute.autocast():
+            features = self.network.backbone(frames).unflatten(0, (-1, each))
+        nodes = features if self.bank is None else self.bank.nodes(sets, fresh, features, first)
+        logits, aux = self.network.head(nodes)
+        return distributed.weighted(self.network.head.loss(logits, aux, labels[rows]), count)
