@@ -10,7 +10,7 @@ import threadpoolctl
 import torch
 
 from tactile_viewgcn import threads
-from tactile_viewgcn.training.checkpoint import Checkpoint, Progress, checkpoint_path
+from tactile_viewgcn.training.checkpoint import Progress, checkpoint_path, restore, save
 from tests.small_tables import CPU
 
 
@@ -69,12 +69,11 @@ def test_a_number_that_is_fixed_stays_and_is_told(monkeypatch):
 
 
 def test_a_training_goes_on_by_the_same_fixed_number_and_remembers_those_of_before(tmp_path, monkeypatch):
-    saved = Checkpoint(tmp_path / "training.pt", {})
     threads.used.update({1, 2})
-    saved.save(Progress(epoch=1))
+    save(tmp_path / "training.pt", {}, Progress(epoch=1))
     threads.used.clear()  # another process
     threads.used.add(4)
-    saved.restore()
+    restore(tmp_path / "training.pt", {})
     assert threads.used == {1, 2, 4}
     path = checkpoint_path("pretrain", "key", CPU)
     monkeypatch.setenv(threads.FIXED, "7")

@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,68 +67,56 @@ class Progress:
         return {"seconds_before_interruption": self.resumed[1]}
 
 
-class Checkpoint:
-    """Saves and restores everything that the rest of a training depends on, in one file.
+def save(path: Path | None, parts: dict[str, Any], progress: Progress) -> None:
+    """Save everything that the rest of a training depends on; of several processes the first one writes the file.
 
     Args:
-        path: the file; None saves nothing.
-        parts: by name: modules, the optimiser, tensors, and generators besides torch's default one.
+        path: None saves nothing.
+        parts: by name: modules, the optimiser, tensors, and the generators besides torch's default ones.
     """
-
-    def __init__(self, path: Path | None, parts: dict[str, Any]):
-        self.path, self._parts = path, parts
-
-    def save(self, progress: Progress) -> None:
-        """Save the state as it is now; of several processes the first one writes the file."""
-        if self.path is None or rank():
-            return
-        content = {
-            "progress": vars(progress),
-            "parts": {name: _state(part) for name, part in self._parts.items()},
-            "torch": torch.get_rng_state(),
-            "threads": sorted(used),
-        }
-        if torch.cuda.is_initialized():
-            content["cuda"] = torch.cuda.get_rng_state()
-        with atomic_write(self.path) as part:
-            torch.save(content, part)
-
-    def restore(self) -> Progress:
-        """Put everything back as it was saved; without a file nothing changes, and no epoch is done.
-
-        Raises:
-            UserError: the file is damaged.
-        """
-        if self.path is None or not self.path.exists():
-            return Progress()
-        with readable(self.path):
-            content = torch.load(self.path, map_location="cpu", weights_only=True, mmap=True)
-            for name, part in self._parts.items():
-                _restore(part, content["parts"][name])
-            if not rank():  # the other processes draw another dropout
-                torch.set_rng_state(content["torch"])
-            if "cuda" in content:
-                torch.cuda.set_rng_state(content["cuda"])
-            used.update(content["threads"])
-        progress = Progress(**content["progress"])
-        progress.resumed = progress.epoch, progress.seconds
-        return progress
+    if path is None or rank():
+        return
+    content = {
+        "progress": vars(progress),
+        "parts": {name: _state_of(part)[0]() for name, part in parts.items()},
+        "torch": torch.get_rng_state(),
+        "threads": sorted(used),
+    }
+    if torch.cuda.is_initialized():
+        content["cuda"] = torch.cuda.get_rng_state()
+    with atomic_write(path) as file:
+        torch.save(content, file)
 
 
-def _state(part: Any) -> Any:
+def restore(path: Path | None, parts: dict[str, Any]) -> Progress:
+    """Put everything back as it was saved; without a file nothing changes, and no epoch is done.
+
+    Raises:
+        UserError: the file is damaged.
+    """
+    if path is None or not path.exists():
+        return Progress()
+    with readable(path):
+        content = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+        for name, part in parts.items():
+            _state_of(part)[1](content["parts"][name])
+        if not rank():  # the other processes draw another dropout
+            torch.set_rng_state(content["torch"])
+        if "cuda" in content:
+            torch.cuda.set_rng_state(content["cuda"])
+        used.update(content["threads"])
+    progress = Progress(**content["progress"])
+    progress.resumed = progress.epoch, progress.seconds
+    return progress
+
+
+def _state_of(part: Any) -> tuple[Callable[[], Any], Callable[[Any], Any]]:
+    """What reads the state of a part, and what puts it back."""
     if isinstance(part, torch.Generator):
-        return part.get_state()
+        return part.get_state, part.set_state
     if isinstance(part, np.random.Generator):
-        return part.bit_generator.state
-    return part if isinstance(part, torch.Tensor) else part.state_dict()
-
-
-def _restore(part: Any, state: Any) -> None:
-    if isinstance(part, torch.Generator):
-        part.set_state(state)
-    elif isinstance(part, np.random.Generator):
-        part.bit_generator.state = state
-    elif isinstance(part, torch.Tensor):
-        part.copy_(state)
-    else:
-        part.load_state_dict(state)
+        bits = part.bit_generator
+        return lambda: bits.state, lambda state: setattr(bits, "state", state)
+    if isinstance(part, torch.Tensor):
+        return lambda: part, part.copy_
+    return part.state_dict, part.load_state_dict

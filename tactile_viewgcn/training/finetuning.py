@@ -17,7 +17,7 @@ from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training import distributed
-from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
+from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
 from tactile_viewgcn.training.moments import measure_moments
@@ -98,8 +98,7 @@ def finetune_classifier(
 
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
-        checkpoint_path: see `pretrain_backbone`.
-        on_epoch: see `pretrain_backbone`.
+        checkpoint_path, on_epoch: see `fit`.
 
     Returns:
         network, and the progress: per epoch the loss and, where there is a validation side, its error.
@@ -151,10 +150,7 @@ def _train(
     loss_of = Replay(parallel_loss, network.parameters(), [on_device])
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
     optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
-    parts = {"classifier": network, "optimiser": optimiser, "noise": on_device, "draw": train.rng}
-    if bank is not None:
-        parts["bank"] = bank.values
-    checkpoint = Checkpoint(checkpoint_path, parts)
+    parts = {"classifier": network, "noise": on_device, "draw": train.rng} | ({"bank": bank.values} if bank else {})
 
     def batches(epoch: int) -> Iterator[tuple[Tensor, ...]]:
         network.train()
@@ -174,4 +170,4 @@ def _train(
         return {"validation_error": error_rate(logits, validation.frames.labels[validation.anchors])}
 
     steps = num_batches(len(train.anchors), config.batch)
-    return fit("finetune", config, steps, optimiser, loss_of, batches, validate, checkpoint, on_epoch)
+    return fit("finetune", config, steps, optimiser, loss_of, batches, validate, parts, checkpoint_path, on_epoch)

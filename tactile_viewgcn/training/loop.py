@@ -7,6 +7,8 @@ finite.
 import math
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,7 +17,7 @@ from tqdm import tqdm
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import Finetune, Pretrain
 from tactile_viewgcn.training import distributed
-from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
+from tactile_viewgcn.training.checkpoint import Progress, restore, save
 from tactile_viewgcn.training.optim import lr_lambda
 
 MAX_LOSS = 10.0  # mean of an epoch, in times the first loss, or this where that is below 1
@@ -37,7 +39,8 @@ def fit(
     loss_of: Callable[..., Tensor],
     batches: Callable[[int], Iterable[tuple[Tensor, ...]]],
     validate: Callable[[], dict[str, float]],
-    checkpoint: Checkpoint,
+    parts: dict[str, Any],
+    checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
 ) -> Progress:
     """Run the epochs: a step down the loss of each batch, at the learning rates of the schedule.
@@ -46,7 +49,8 @@ def fit(
         name: of the stage; config: its epochs and schedule; steps: of an epoch.
         loss_of: the loss of a batch's arguments; batches: epoch -> the arguments of each batch.
         validate: values to note after an epoch besides the mean loss.
-        checkpoint: saved after every epoch; a saved training is continued.
+        parts: what a checkpoint keeps besides the optimiser, see `save`.
+        checkpoint_path: where the training is saved after every epoch; a saved one is continued.
         on_epoch: called with the number, from 1, and the values of every epoch, those of the checkpoint too.
 
     Raises:
@@ -54,7 +58,8 @@ def fit(
     """
     epochs, factor = config.epochs, lr_lambda(config)
     rates = [group["lr"] for group in optimiser.param_groups]
-    progress = checkpoint.restore()
+    parts = parts | {"optimiser": optimiser}
+    progress = restore(checkpoint_path, parts)
     begin = time.perf_counter() - progress.seconds
     on_epoch = on_epoch or (lambda *_: None)
     for epoch in range(progress.epoch):
@@ -77,7 +82,7 @@ def fit(
             for key, value in values.items():
                 progress.curves.setdefault(key, []).append(value)
             progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
-            checkpoint.save(progress)
+            save(checkpoint_path, parts, progress)
             bar.set_postfix({key: f"{value:.3f}" for key, value in values.items()})
             on_epoch(progress.epoch, values)
     progress.seconds = time.perf_counter() - begin

@@ -15,7 +15,7 @@ from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.training import distributed
-from tactile_viewgcn.training.checkpoint import Checkpoint, Progress
+from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
 from tactile_viewgcn.training.optim import build_optimiser, num_batches
@@ -50,8 +50,7 @@ def pretrain_backbone(
     """The backbone and its linear classifier, trained on the anchor frames of the training side.
 
     Args:
-        checkpoint_path: where the training is saved after every epoch; a saved one is continued.
-        on_epoch: see `fit`.
+        checkpoint_path, on_epoch: see `fit`.
 
     Returns:
         backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
@@ -72,8 +71,7 @@ def pretrain_backbone(
     weights, steps = list(loss.parameters()), num_batches(len(train), config.batch)
     loss_of = Replay(distributed.parallel(loss), weights, [on_device])
     optimiser = build_optimiser(config, [{"params": weights}])
-    parts = {"backbone": backbone, "classifier": classifier, "optimiser": optimiser, "order": order, "noise": on_device}
-    checkpoint = Checkpoint(checkpoint_path, parts)
+    parts = {"backbone": backbone, "classifier": classifier, "order": order, "noise": on_device}
 
     def batches(_: int) -> Iterator[tuple[Tensor, Tensor]]:
         backbone.train()
@@ -87,5 +85,5 @@ def pretrain_backbone(
             features = extract_features(backbone, validation)
         return {"validation_error": error_rate(classifier(features), validation.labels)}
 
-    progress = fit("pretrain", config, steps, optimiser, loss_of, batches, validate, checkpoint, on_epoch)
+    progress = fit("pretrain", config, steps, optimiser, loss_of, batches, validate, parts, checkpoint_path, on_epoch)
     return backbone, classifier, progress

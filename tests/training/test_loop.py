@@ -7,7 +7,6 @@ import torch
 from torch import nn
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.training.checkpoint import Checkpoint
 from tactile_viewgcn.training.loop import CHECK_EVERY, error_rate, fit
 from tests.small_tables import recipe
 
@@ -24,7 +23,7 @@ def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, sched
 
     optimiser, on_epoch = torch.optim.SGD(parameters, rate), lambda *values: calls.append(values)
     try:
-        progress = fit("loop", config, steps, optimiser, loss_of, batches, validate, Checkpoint(None, {}), on_epoch)
+        progress = fit("loop", config, steps, optimiser, loss_of, batches, validate, {}, on_epoch=on_epoch)
     except UserError as error:
         return str(error), taken
     curves = progress.curves.items()
