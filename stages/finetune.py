@@ -8,7 +8,7 @@ import torch
 
 from stages.command import Job, run
 from tactile_viewgcn.files import readable
-from tactile_viewgcn.frames.noise_check import noise_warnings
+from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.fitting import fit_classifier

@@ -8,7 +8,7 @@ import numpy as np
 from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.account import frame_counts, kept_rows
-from tactile_viewgcn.frames.leak import leak_counts, leak_of_split
+from tactile_viewgcn.frames.leak import check_leak, leak_counts, leak_notes
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.names import write_csv
 from tactile_viewgcn.notes import several
@@ -22,8 +22,8 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     frames, choice, notes = made.frames, made.choice, made.notes
     if choice.hand:
         advised = choice.params.baseline != "grasp" and not choice.leaks  # `auto` took the one that leaks least
-        leak, leak_notes = leak_of_split(table, choice.baseline, choice.hand, made.sides.group, advised=advised)
-        notes = [*notes, *leak_notes]
+        leak = check_leak(table, choice.baseline, choice.hand, made.sides.group)  # of both sides: nothing is chosen
+        notes = [*notes, *leak_notes(leak, advised=advised)]
     write_frames(out, frames)
     rows = kept_rows(table, made)
     with atomic_write(kept) as part, part.open("w", newline="") as file:

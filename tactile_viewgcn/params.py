@@ -3,7 +3,6 @@
 There are no defaults here: they stand in params.yaml, once.
 """
 
-import dataclasses
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
@@ -54,19 +53,6 @@ class PreprocessSection:
     transform: Literal["clip", "log"]
     scale: Literal["auto"] | Positive
     empty_hand_class: StrictBool
-
-
-@dataclasses.dataclass(frozen=True)
-class Preprocess:
-    """The same, every `auto` decided."""
-
-    baseline: str
-    zero: float
-    filter: str
-    contact_sensors: int
-    transform: str
-    scale: float
-    empty_hand_class: bool
 
 
 @dataclass(frozen=True, config=SECTION)

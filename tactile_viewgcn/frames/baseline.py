@@ -103,15 +103,6 @@ def has_empty_hand(recordings: Recordings) -> bool:
     return bool((counts[np.unique(session)] >= MIN_FRAMES).all())
 
 
-def require_live(recordings: Recordings) -> None:
-    """Raise a UserError if no sensor varies."""
-    if not recordings.live.any():
-        raise UserError(
-            f"{recordings.path}: no sensor varies over {several(len(recordings), 'frame')}; expected some that do: "
-            "is the glove connected?"
-        )
-
-
 def empty_hand_baseline(recordings: Recordings) -> Baseline:
     """Baseline of each session over its frames of the empty hand, as the paper subtracts it.
 
@@ -127,6 +118,7 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
             "record the empty hand, or set preprocess.baseline to auto"
         )
     sessions, empty = recordings.columns["session"], of_empty_hand(recordings)
+    unused = np.zeros(recordings.shape, np.float32), np.ones(recordings.shape, np.float32)  # without frames
     entries, left = [], noise_left(recordings)
     for number, name in enumerate(recordings.sessions):
         index = np.flatnonzero(empty & (sessions == number))
@@ -136,7 +128,7 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
                 f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to auto"
             )
         frames = recordings.frames(evenly(index, MOST_FRAMES))
-        entries.append(trimmed_moments(frames, left) if len(index) else _unused_entry(recordings))
+        entries.append(trimmed_moments(frames, left) if len(index) else unused)
     mean, noise = map(np.stack, zip(*entries, strict=True))
     return Baseline(recordings.sessions, mean, noise, sessions)
 
@@ -145,8 +137,3 @@ def constant_baseline(recordings: Recordings, zero: float) -> Baseline:
     """Baseline of `zero` counts for every sensor, as the released code subtracts it; its noise is unknown."""
     mean = np.full((1, *recordings.shape), zero, dtype=exact_float(recordings.dtype))
     return Baseline(["zero"], mean, None, np.zeros(len(recordings), dtype=np.int16))
-
-
-def _unused_entry(recordings: Recordings) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and noise (H, W) of a session without frames, which no frame refers to."""
-    return np.zeros(recordings.shape, np.float32), np.ones(recordings.shape, np.float32)

@@ -14,7 +14,6 @@ from tactile_viewgcn.frames.baseline import (
     evenly,
     has_empty_hand,
     of_empty_hand,
-    require_live,
 )
 from tactile_viewgcn.frames.contact import quietest_are_contact, sensors_in_contact, smallest_reading
 from tactile_viewgcn.frames.filtering import flagged
@@ -23,10 +22,8 @@ from tactile_viewgcn.frames.leak import check_leak
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.frames.sides import Sides, follows_paper
-from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.notes import Note, several
-from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, Preprocess, PreprocessSection
-from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -42,7 +39,7 @@ class Choice:
     """How recordings are preprocessed, and what that was chosen by.
 
     Attributes:
-        params: without `auto`.
+        params: the settings, every `auto` decided.
         baseline: the one that `params` names.
         notes: of level `choice`, one for each value that was `auto`.
         hand: where the hand is open, and where it is in contact; None where nothing needed it.
@@ -50,7 +47,7 @@ class Choice:
         leaks: the same without contact: an error below chance is a leak.
     """
 
-    params: Preprocess
+    params: PreprocessSection
     baseline: Baseline
     notes: list[Note] = field(default_factory=list)
     hand: OpenHand | None = None
@@ -68,8 +65,12 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; readings too small or
             large.
     """
-    require_live(recordings)
-    params, notes = Preprocess(**vars(asked)), list[Note]()
+    live, params, notes = int(recordings.live.sum()), asked, list[Note]()
+    if not live:
+        raise UserError(
+            f"{recordings.path}: no sensor varies over {several(len(recordings), 'frame')}; expected some that do: "
+            "is the glove connected?"
+        )
     if params.baseline == "none" and "auto" not in vars(asked).values():
         return Choice(params, constant_baseline(recordings, params.zero))
 
@@ -79,10 +80,9 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         notes.append(Note(reason, "choice", topic, f"preprocess.{key}", value))
 
     if asked.contact_sensors == "auto":
-        live = int(recordings.live.sum())
         reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
         take("contact_sensors", sensors_in_contact(live), reason, "contact")
-    hand = find_open_hand(recordings, params.contact_sensors)
+    hand = find_open_hand(recordings, int(params.contact_sensors))
     training = sides.training if sides.training.any() else np.ones(len(recordings), dtype=bool)
     if quietest_are_contact(recordings, hand, sides.training):
         hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
@@ -99,6 +99,12 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
             take("zero", zero, reason, "baseline")
     else:
         baseline = measure_baseline(recordings, params.baseline, hand, params.zero)
+        if params.baseline == "grasp" and hand.all_contact:
+            text = (
+                "grasp is made of frames in contact, as even the quietest are: it is subtracted from the signal; set "
+                "preprocess.baseline to auto, which takes the recordings as they are"
+            )
+            baseline.notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
     if asked.filter == "auto":
         take("filter", *_filter(recordings, hand, params.baseline, training), "filter")
     if asked.scale == "auto":
@@ -145,11 +151,10 @@ def measure(
             excess = hand.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
             return np.log1p(np.maximum(excess / unit, 0))
 
-        if error := quick_error(readings, usable, label, sides.group, stream(SPLIT_SEED, "measurement")):
+        if error := quick_error("measurement", readings, usable, label, sides.group):
             errors[kind] = error
-        rng = stream(SPLIT_SEED, "leak")
-        leak = None if hand.all_contact else check_leak(recordings, baseline, hand, sides.group, rng, sides.training)
-        leaks |= {kind: leak} if leak else {}
+        if leak := check_leak(recordings, baseline, hand, sides.group, sides.training):
+            leaks[kind] = leak
     return errors, leaks
 
 

@@ -7,9 +7,7 @@ import numpy as np
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, has_empty_hand
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import quick_error
-from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.params import CONTACT_SIGMAS
-from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.recordings import Recordings
 
 SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548
@@ -38,7 +36,7 @@ def quietest_are_contact(recordings: Recordings, hand: OpenHand, training: np.nd
     predict them: sessions are held out where they can be, as it never comes again.
 
     Args:
-        training: bool (T,) frames whose objects may be looked at.
+        training: bool (T,) frames whose objects may be looked at: of a recording whose quietest frames are among them.
     """
     if has_empty_hand(recordings):
         return False
@@ -46,15 +44,15 @@ def quietest_are_contact(recordings: Recordings, hand: OpenHand, training: np.nd
     opened, contact = ([mask[index].sum() for index in recorded] for mask in (hand.open, hand.contact))
     if np.median(opened) < MIN_FRAMES or np.median(contact) == 0:
         return True
-    first = np.array([index[0] for index in recorded])
-    label, session = recordings.columns["object"][first], recordings.columns["session"][first]
+    quietest = np.array([index[0] for index in hand.quietest])
+    usable = np.array([training[index].all() for index in hand.quietest])
+    label, session = recordings.columns["object"][quietest], recordings.columns["session"][quietest]
     difference = hand.quiet - session_medians(hand.quiet, session)
     pressed = (np.abs(difference) > CONTACT_SIGMAS * hand.noise[session]).sum(axis=1)
     if np.median(pressed) < hand.sensors:
         return False
     for group in (session, np.arange(len(label))):
-        rng = stream(SPLIT_SEED, "all contact")
-        if error := quick_error(lambda index: difference[index], training[first], label, group, rng):
+        if error := quick_error("all contact", lambda index: difference[index], usable, label, group):
             return error.tells_object
     return False
 

@@ -5,12 +5,12 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
 from tactile_viewgcn.notes import Note, several
-from tactile_viewgcn.params import CONTACT_SIGMAS, Preprocess
+from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
 
-def passing(recordings: Recordings, baseline: Baseline, preprocess: Preprocess) -> tuple[np.ndarray, list[Note]]:
+def passing(recordings: Recordings, baseline: Baseline, preprocess: PreprocessSection) -> tuple[np.ndarray, list[Note]]:
     """bool (T,): frames that pass `preprocess.filter`, of `contact` all of the empty hand; and notes on the others.
 
     Raises:
@@ -20,7 +20,7 @@ def passing(recordings: Recordings, baseline: Baseline, preprocess: Preprocess) 
         return np.ones(len(recordings), dtype=bool), []
     if preprocess.filter == "flags":
         return (passed := flagged(recordings)), _notes(recordings, passed, "flags", "a flag")
-    sensors = preprocess.contact_sensors
+    sensors = int(preprocess.contact_sensors)
     passed = pressed_frames(recordings, baseline, sensors) | of_empty_hand(recordings)
     return passed, _notes(recordings, passed, "contact", f"{several(sensors, 'sensor')} above {CONTACT_SIGMAS:g} sd")
 

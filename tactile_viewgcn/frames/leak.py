@@ -5,9 +5,7 @@ import numpy as np
 from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
-from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.notes import Note, several
-from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.recordings import Recordings
 
 
@@ -16,7 +14,6 @@ def check_leak(
     baseline: Baseline,
     hand: OpenHand,
     group: np.ndarray,
-    rng: np.random.Generator,
     usable: np.ndarray | bool = True,
 ) -> QuickError | None:
     """Tell the objects apart by open-hand frames; None without such frames that can be held out.
@@ -34,10 +31,10 @@ def check_leak(
         return hand.counts[index] - baseline.mean[of_frame][:, recordings.live]
 
     without_contact = hand.open & ~of_empty_hand(recordings) & usable
-    return quick_error(excess, without_contact, recordings.columns["object"], group, rng)
+    return quick_error("leak", excess, without_contact, recordings.columns["object"], group)
 
 
-def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Generator) -> QuickError | None:
+def check_first_frames(recordings: Recordings, hand: OpenHand) -> QuickError | None:
     """Tell the objects apart by the first frame of each recording alone; None where none can be held out.
 
     From a frame the mean of the first frames of its session is subtracted. The empty hand is no object here, and an
@@ -53,24 +50,7 @@ def check_first_frames(recordings: Recordings, hand: OpenHand, rng: np.random.Ge
         return counts
 
     usable, columns = first & ~of_empty_hand(recordings), recordings.columns
-    return quick_error(excess, usable, columns["object"], columns["recording"], rng)
-
-
-def leak_of_split(
-    recordings: Recordings, baseline: Baseline, hand: OpenHand, group: np.ndarray, *, advised: bool
-) -> tuple[QuickError | None, list[Note]]:
-    """The leak check above the baseline that was taken, and notes on it.
-
-    It is of both sides, as nothing is chosen by it. None where all frames are contact, and as `check_leak` says.
-
-    Args:
-        group: (T,) split group of each frame.
-        advised: a warning names the baseline grasp as a remedy.
-    """
-    if hand.all_contact:
-        return None, [Note("even the quietest frames are contact: not checked", topic="leak check")]
-    leak = check_leak(recordings, baseline, hand, group, stream(SPLIT_SEED, "leak"))
-    return leak, leak_notes(leak, advised=advised)
+    return quick_error("first frame", excess, usable, columns["object"], columns["recording"])
 
 
 def leak_counts(leak: QuickError | None) -> dict[str, float]:

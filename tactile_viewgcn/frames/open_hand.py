@@ -43,7 +43,7 @@ class OpenHand:
         open: bool (T,) the hand is open, and so it is in the two frames before and after: at most one sensor is in
             contact, few are at three fifths of it, and no flag says that an object is held. Frames that are neither
             open nor in contact lie between the two, or in a grasp that is hardly felt.
-        quiet: (R, S) mean over the five quietest successive frames of each recording with frames, in counts.
+        quietest: the five quietest successive frames (5,) of each of R recordings with frames; all of a shorter one.
         sensors: fewest that are pressed in a frame of contact.
     """
 
@@ -51,13 +51,18 @@ class OpenHand:
     noise: np.ndarray
     contact: np.ndarray
     open: np.ndarray
-    quiet: np.ndarray
+    quietest: list[np.ndarray]
     sensors: int
 
     @property
     def all_contact(self) -> bool:
         """Whether even the quietest frames are contact, so that no open hand gives a baseline."""
         return bool(self.contact.all())
+
+    @property
+    def quiet(self) -> np.ndarray:
+        """Mean (R, S) over the quietest frames of each recording, in counts."""
+        return np.stack([self.counts[index].mean(axis=0, dtype=np.float64) for index in self.quietest])
 
 
 def find_open_hand(
@@ -80,15 +85,15 @@ def find_open_hand(
     flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
     flagged = np.any([np.zeros(len(recordings), dtype=bool), *flags], axis=0) & ~empty  # an object is held
     contact, opened = np.zeros((2, len(counts)), dtype=bool)
-    quiet = []
+    all_quietest = []
     for index in frames_by_recording(recordings):
         mean, noise = of_session[session[index[0]]]
-        pressed, still, quietest = _pressed(counts[index].astype(np.float64), CONTACT_SIGMAS * noise, sensors, mean)
-        quiet.append(quietest)
+        pressed, still, start = _pressed(counts[index].astype(np.float64), CONTACT_SIGMAS * noise, sensors, mean)
+        all_quietest.append(index[start : start + MIN_FRAMES])
         contact[index] = (pressed >= sensors) | flagged[index]
         opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
     noises = np.stack([noise for _, noise in of_session])
-    return OpenHand(counts, noises, contact, opened, np.stack(quiet), sensors)
+    return OpenHand(counts, noises, contact, opened, all_quietest, sensors)
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
@@ -118,9 +123,9 @@ def _empty_hand(
 
 def _pressed(
     counts: np.ndarray, threshold: np.ndarray, sensors: int, empty: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, int]:
     """Number of sensors (n,) that read contact in each frame (n, S) of a recording, whether it seems open (n,), and the
-    mean (S,) of its quietest frames.
+    first of its quietest frames.
 
     `threshold` (S,) is what a sensor in contact reads above the baseline, `empty` (S,) the session's empty hand. Frames
     that fall below the baseline by as much as contact say that the hand was not open where it began: then the frames
@@ -133,7 +138,7 @@ def _pressed(
         if empty is not None and is_contact(quiet - empty, threshold):
             begin, baseline = 0, empty
         pressed, still, fallen = _follow(counts, begin, baseline, threshold, sensors)
-        results.append((fallen, pressed, still, quiet))
+        results.append((fallen, pressed, still, start))
         if not fallen:
             break
     return min(results, key=lambda result: result[0])[1:]
@@ -144,11 +149,16 @@ def _follow(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """As `_pressed`, with a `baseline` (S,) that follows from a frame on, and in how many frames it lies too high."""
     pressed, still, fallen = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool), 0
+    weak, most_weak = WEAK * threshold, WEAK_SENSORS + WEAK_SHARE * len(threshold)
     for numbers in (range(start, len(counts)), range(start - 1, -1, -1)):  # forwards, and backwards
-        follower = Follower(baseline, threshold)
+        following = baseline.copy()
         for number in numbers:
-            pressed[number], still[number], below = follower.observe(counts[number])
-            fallen += below >= sensors
+            excess = counts[number] - following
+            pressed[number] = np.count_nonzero(excess > threshold)
+            fallen += int(np.count_nonzero(excess < -threshold) >= sensors)
+            still[number] = pressed[number] <= OPEN_SENSORS and np.count_nonzero(excess > weak) <= most_weak
+            if still[number]:
+                following += FOLLOWED * excess
     return pressed, still, fallen
 
 
@@ -171,23 +181,3 @@ def is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
     up, down = (both > threshold).sum(axis=1), (both < -threshold).sum(axis=1)
     dense = up[0] > OPEN_SENSORS and not down[0] and up[0] <= (1 - UNMOVED) * len(excess)
     return bool(dense or (up > OPEN_SENSORS + 2 * down).all())
-
-
-class Follower:
-    """A baseline (S,) that follows the open hand; `threshold` (S,) is what a sensor in contact reads above it."""
-
-    def __init__(self, baseline: np.ndarray, threshold: np.ndarray):
-        self.baseline, self._threshold, self._weak = baseline.copy(), threshold, WEAK * threshold
-        self._most_weak = WEAK_SENSORS + WEAK_SHARE * len(threshold)
-
-    def observe(self, frame: np.ndarray) -> tuple[int, bool, int]:
-        """Number of sensors of the next frame (S,) that read contact, whether the hand seems open, and how many sensors
-        are below the baseline by as much as contact.
-        """
-        excess = frame - self.baseline
-        pressed = int(np.count_nonzero(excess > self._threshold))
-        below = int(np.count_nonzero(excess < -self._threshold))
-        still = pressed <= OPEN_SENSORS and bool(np.count_nonzero(excess > self._weak) <= self._most_weak)
-        if still:
-            self.baseline += FOLLOWED * excess
-        return pressed, still, below

@@ -9,7 +9,7 @@ from tactile_viewgcn.frames.anchors import balanced_anchors, published_anchors
 from tactile_viewgcn.frames.baseline import of_empty_hand
 from tactile_viewgcn.frames.choose import Choice, choose
 from tactile_viewgcn.frames.filtering import passing
-from tactile_viewgcn.frames.setting_check import preprocessing_warnings
+from tactile_viewgcn.frames.scale_check import clipping_warnings
 from tactile_viewgcn.frames.sides import Sides, deal
 from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.names import EMPTY_HAND
@@ -78,7 +78,7 @@ def preprocess_recordings(
     frames = _table(recordings, choice, sides, keep, anchors, float(passed.mean()))
     notes = [*choice.notes, *choice.baseline.notes, *notes]
     if choice.hand:
-        notes += preprocessing_warnings(choice.hand, frames, asked)
+        notes += clipping_warnings(frames, choice.hand.noise, chosen=asked.scale == "auto")
     return Preprocessed(frames, choice, sides, passed, keep, notes)
 
 
@@ -107,7 +107,7 @@ def _table(
         sessions=recordings.sessions,
         baseline_names=baseline.names,
         transform=choice.params.transform,
-        scale=choice.params.scale,
+        scale=float(choice.params.scale),
         noise=unknown if baseline.noise is None else baseline.noise[np.unique(baseline.of_frame)].mean(axis=0),
         preprocess=asdict(choice.params),
         kept_share=share,

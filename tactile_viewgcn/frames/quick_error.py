@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.frames.split import fold_sides, spans_classes
+from tactile_viewgcn.frames.split import SPLIT_SEED, fold_sides, spans_classes
 from tactile_viewgcn.intervals import proportion_interval
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TEST
 
 MAX_FRAMES = 2000
@@ -72,11 +73,11 @@ class QuickError:
 
 
 def quick_error(
+    purpose: str,
     readings: Callable[[np.ndarray], np.ndarray],
     usable: np.ndarray,
     label: np.ndarray,
     group: np.ndarray,
-    rng: np.random.Generator,
 ) -> QuickError | None:
     """Tell the objects apart by at most 2,000 usable frames bool (T,); None where no two objects have two groups.
 
@@ -84,18 +85,17 @@ def quick_error(
     a time; those that span objects, as sessions do, for all objects at once.
 
     Args:
+        purpose: names the random numbers; those of one purpose are always the same.
         readings: gives (n, S) of frames (n,).
         label, group: (T,) object and group of each frame.
     """
-    start = time.perf_counter()
+    start, rng = time.perf_counter(), stream(SPLIT_SEED, purpose)
     index = _frames_to_use(usable, label, group, rng)
     if len(np.unique(label[index])) < 2:
         return None
     cells, cell, sizes = _cells(label[index], group[index])
     rows = -(-sizes // FRAMES)
-    order, rank = _ranks(cell, sizes)
-    row = np.empty_like(rank)
-    row[order] = np.repeat(np.cumsum(rows) - rows, sizes) + rank % np.repeat(rows, sizes)
+    row = (np.cumsum(rows) - rows)[cell] + _places(cell) % rows[cell]
     frames = np.bincount(row)
     values = np.asarray(readings(index), dtype=np.float64)[np.argsort(row, kind="stable")]
     means = np.add.reduceat(values, np.cumsum(frames) - frames, axis=0) / frames[:, None]
@@ -110,12 +110,9 @@ def quick_error(
 def _frames_to_use(usable: np.ndarray, label: np.ndarray, group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Rising indices of at most 2,000 usable frames of objects with two groups, as even as can be over groups."""
     index = rng.permutation(np.flatnonzero(usable))
-    cells, cell, sizes = _cells(label[index], group[index])
+    cells, cell, _ = _cells(label[index], group[index])
     has_two = np.bincount(cells[:, 0])[label[index]] > 1
-    order, ranks = _ranks(cell, sizes)
-    rank = np.empty_like(ranks)
-    rank[order] = ranks
-    return np.sort(index[has_two][np.argsort(rank[has_two], kind="stable")[:MAX_FRAMES]])
+    return np.sort(index[has_two][np.argsort(_places(cell)[has_two], kind="stable")[:MAX_FRAMES]])
 
 
 def _cells(label: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -125,9 +122,11 @@ def _cells(label: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return cells, cell.ravel(), sizes
 
 
-def _ranks(cell: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The order of frames (n,) by their cells of these sizes, and the place of each in its cell, in that order."""
-    return np.argsort(cell, kind="stable"), np.arange(len(cell)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+def _places(cell: np.ndarray) -> np.ndarray:
+    """Place (n,) of each frame among those of its cell (n,)."""
+    order, places = np.argsort(cell, kind="stable"), np.empty_like(cell)
+    places[order] = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
+    return places
 
 
 def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray) -> np.ndarray:

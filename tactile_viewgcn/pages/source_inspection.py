@@ -141,7 +141,7 @@ def overview(recordings: Recordings, asked: PreprocessSection) -> Overview:
         groups=groups,
         error=errors.get(kind),
         leak=leaks.get(kind),
-        first_frame=None if hand.all_contact else check_first_frames(recordings, hand, stream(0, "first frame")),
+        first_frame=None if hand.all_contact else check_first_frames(recordings, hand),
         seconds=seconds,
         interval=interval,
         gaps=gaps,

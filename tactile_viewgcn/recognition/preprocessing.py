@@ -17,7 +17,7 @@ from tactile_viewgcn.frames.filtering import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.params import Preprocess
+from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.recognition.model_file import STRONG_SHARE
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -40,7 +40,7 @@ class FittedPreprocessing:
         baselines: (H, W) of each session, by its name.
     """
 
-    params: Preprocess
+    params: PreprocessSection
     kept_share: float
     dtype: np.dtype
     strong_readings: list[float]
@@ -96,8 +96,8 @@ class FittedPreprocessing:
         if params.filter == "none" or (params.baseline == "none" and self.kept_share >= ALL_KEPT):
             return baseline, np.ones(len(recordings), dtype=bool)
         if baseline.noise is not None:
-            return baseline, pressed_frames(recordings, baseline, params.contact_sensors)
-        return baseline, find_open_hand(recordings, params.contact_sensors).contact
+            return baseline, pressed_frames(recordings, baseline, int(params.contact_sensors))
+        return baseline, find_open_hand(recordings, int(params.contact_sensors)).contact
 
     def _baseline(self, recordings: Recordings) -> Baseline:
         """The baseline of the training's kind; where no open hand gives it, the training's own, which a note says.
@@ -109,7 +109,7 @@ class FittedPreprocessing:
             return constant_baseline(recordings, params.zero)
         average = self.mean_baseline()
         trained = [(self.baselines.get(name, average), self.noise) for name in recordings.sessions]
-        hand = find_open_hand(recordings, params.contact_sensors, trained)
+        hand = find_open_hand(recordings, int(params.contact_sensors), trained)
         if params.baseline == "grasp":
             return grasp_baseline(recordings, hand, trained)
         session, empty = recordings.columns["session"], of_empty_hand(recordings)

@@ -12,7 +12,6 @@ from torch import Tensor
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import several
-from tactile_viewgcn.params import Preprocess
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, spread_sets
@@ -51,7 +50,7 @@ class Recogniser:
         self._transform, self._scale = content.transform, content.scale
         self._compute = select_device("cpu", content.precision)
         self.preprocessing = FittedPreprocessing(
-            params=Preprocess(**vars(content.preprocess)),
+            params=content.preprocess,
             kept_share=content.kept_share,
             dtype=np.dtype(content.dtype),
             strong_readings=content.strong_readings,

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import select_device
-from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream

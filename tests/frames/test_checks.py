@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.noise_check import noise_warnings
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.notes import warnings_of
-from tactile_viewgcn.params import Preprocess, load
+from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.grips import COLUMNS, COUNTS, FILE
@@ -80,6 +80,6 @@ def test_recordings_like_stags_are_preprocessed_as_in_the_paper(tmp_path):
     asked = [load(FILE, few), load(FILE, (*few, *paper))]
     recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
     made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
-    assert made.choice.params == same.choice.params == Preprocess(**vars(asked[1].preprocess))
+    assert made.choice.params == same.choice.params == asked[1].preprocess
     for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):
         np.testing.assert_array_equal(getattr(made.frames, name), getattr(same.frames, name))

@@ -142,6 +142,19 @@ def test_frames_of_other_sides_change_no_choice(tmp_path, changes, training):
         assert one.leaks[kind].wrong.tolist() == two.leaks[kind].wrong.tolist()
 
 
+@pytest.mark.parametrize(("fold", "all_contact"), [(0, True), (1, False)])
+def test_the_quietest_frames_predict_objects_where_they_are_of_the_training_side(tmp_path, fold, all_contact):
+    """A firm grasp, then a light one of the same object, which is quietest: fold 0 tests all that are firm."""
+    rng, label, light = np.random.default_rng(0), np.repeat(np.arange(4), 6), np.arange(80) >= 40
+    pattern = (rng.random((4, 6, 8)) < 0.4)[label][:, None]
+    force = np.where(light[:, None, None], 60.0, 160.0) * pattern
+    counts = np.rint(100 + force + rng.normal(0, 2, (24, 80, 6, 8))).astype(np.int16).reshape(-1, 6, 8)
+    columns = {"object": np.repeat(label, 80), "recording": np.repeat(np.arange(24), 80), "grasp": np.tile(light, 24)}
+    recordings = written(tmp_path / "t", counts, **columns, objects=["mug", "pen", "ball", "coin"])
+    choice = chosen(recordings, "split.by=grasp", "split.folds=2", f"split.fold={fold}")
+    assert choice.hand.all_contact == all_contact
+
+
 def test_given_groups_are_measured_though_single_frames_would_be_held_out(glove):
     assert chosen(glove, "split.by=frame", groups=glove.columns["recording"]).errors.keys() == set(KINDS)
 
@@ -199,10 +212,10 @@ def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random
     label, group = np.repeat([0, 1, 2], 60), np.repeat(np.arange(18), 10)
     readings = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
     usable = np.ones(180, dtype=bool)
-    apart = quick_error(lambda index: readings[index], usable, label, group, rng)
+    apart = quick_error("test", lambda index: readings[index], usable, label, group)
     assert (apart.error, apart.groups, apart.frames, apart.chance) == (0, 18, 180, pytest.approx(2 / 3))
     by_group = rng.normal(0, 1, (18, 20))[group]  # a group is alike, an object is not
-    alike = quick_error(lambda index: by_group[index], usable, label, group, rng)
+    alike = quick_error("test", lambda index: by_group[index], usable, label, group)
     assert alike.error > 0.4 and not alike.tells_object and apart.tells_object
     once = np.where(label == 0, group, label)
-    assert quick_error(lambda index: readings[index], usable, label, once, rng) is None
+    assert quick_error("test", lambda index: readings[index], usable, label, once) is None

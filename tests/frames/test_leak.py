@@ -17,7 +17,7 @@ from tests.grips import FILE
 from tests.sources import written
 
 
-def checked(path, glove, *changes, columns=None, seed=0, **names):
+def checked(path, glove, *changes, columns=None, **names):
     """The leak check of a glove's recordings, by grasp if nothing else is said."""
     changed = ("preprocess.baseline=empty_hand", "preprocess.contact_sensors=5", "split.by=grasp", *changes)
     params = load(FILE, changed)
@@ -25,7 +25,7 @@ def checked(path, glove, *changes, columns=None, seed=0, **names):
     hand = find_open_hand(recordings, 5)
     baseline = measure_baseline(recordings, params.preprocess.baseline, hand, params.preprocess.zero)
     group = split_groups(recordings.columns, params.split.by)
-    return check_leak(recordings, baseline, hand, group, np.random.default_rng(seed))
+    return check_leak(recordings, baseline, hand, group)
 
 
 @pytest.mark.parametrize("offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"])
@@ -83,7 +83,7 @@ def test_a_session_s_shift_is_no_leak_of_first_frames(tmp_path):
     names = {"objects": [f"object{i}" for i in range(12)]}
     recordings = written(tmp_path / "t", np.rint(counts).astype(np.int16), **columns, **names)
     hand = find_open_hand(recordings, 5)
-    leak = check_first_frames(recordings, hand, rng)
+    leak = check_first_frames(recordings, hand)
     assert (leak.groups, leak.frames) == (48, 48) and leak.error > 0.75 and not leak.tells_object
 
 
@@ -100,14 +100,7 @@ def test_first_frames_are_first(tmp_path):
         objects=[f"object{i}" for i in range(4)],
     )
     hand = find_open_hand(recordings, 5)
-    assert check_first_frames(recordings, hand, np.random.default_rng(0)).tells_object
-
-
-def test_the_same_generator_gives_the_same_result(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "MAX_FRAMES", 60)
-    glove = drifting(between=0.2)
-    first, again, other = (checked(tmp_path / name, glove, seed=seed) for name, seed in (("a", 0), ("b", 0), ("c", 1)))
-    assert first.wrong.tolist() == again.wrong.tolist() != other.wrong.tolist()
+    assert check_first_frames(recordings, hand).tells_object
 
 
 NOTHING = {
