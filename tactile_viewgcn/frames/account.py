@@ -23,22 +23,19 @@ def frame_counts(frames: Frames) -> dict[str, int]:
 
 def kept_rows(recordings: Recordings, made: Preprocessed) -> list[dict[str, object]]:
     """Rows of a table, one per object and session: frames, how many were dropped and why, kept, and anchors."""
-    objects, sessions, rows = recordings.columns["object"], recordings.columns["session"], []
-    for label, name in enumerate(recordings.objects):
-        for number, session in enumerate(recordings.sessions):
-            cell = (objects == label) & (sessions == number)
-            if not cell.any():
-                continue
-            kept = cell[made.keep]
-            row: dict[str, object] = {
-                "object": name,
-                "session": session,
-                "frames": int(cell.sum()),
-                "dropped_by_filter": int((cell & ~made.passed).sum()),
-                "dropped_with_class": int((cell & made.passed & ~made.keep).sum()),
-                "kept": int(kept.sum()),
-            }
-            for code, side in enumerate(SIDES):
-                row[f"anchors_{side}"] = int((kept & made.frames.anchor & (made.frames.side == code)).sum())
-            rows.append(row)
+    cell = recordings.columns["object"].astype(int) * len(recordings.sessions) + recordings.columns["session"]
+    anchor = np.zeros(len(recordings), dtype=bool)
+    anchor[made.keep] = made.frames.anchor
+    masks = {
+        "frames": np.ones(len(recordings), dtype=bool),
+        "dropped_by_filter": ~made.passed,
+        "dropped_with_class": made.passed & ~made.keep,
+        "kept": made.keep,
+        **{f"anchors_{name}": anchor & (made.sides.side == code) for code, name in enumerate(SIDES)},
+    }
+    rows = []
+    for number in np.unique(cell):
+        label, session = divmod(int(number), len(recordings.sessions))
+        counts = {name: int(mask[cell == number].sum()) for name, mask in masks.items()}
+        rows.append({"object": recordings.objects[label], "session": recordings.sessions[session], **counts})
     return rows

@@ -61,21 +61,20 @@ def deal(
     """
     columns = recordings.columns
     used = np.flatnonzero(empty_hand_class | ~of_empty_hand(recordings))
-    group = split_groups(columns, split.by) if groups is None else groups
+    by, group = ("", groups) if groups is not None else (split.by, split_groups(columns, split.by))
     side, surplus = np.full(len(group), TRAIN, dtype=np.int8), np.zeros(len(group), dtype=bool)
     label, of_used = columns["object"][used], group[used]
-    across = spans_classes(of_used, label) if groups is not None else split.by == "session"
-    if groups is None and split.by == "source":
+    across = by == "session" if by else spans_classes(of_used, label)
+    if by == "source":
         side[columns["split"] == PUBLISHED_TEST] = TEST
-    elif groups is None and split.by == "frame":
+    elif by == "frame":
         side[used] = frame_sides(label, folds=split.folds, fold=split.fold, rng=rng)
-    elif groups is None:
-        dealt = fold_sides(of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
-        side[used] = dealt
+    elif by:
+        side[used] = fold_sides(of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
     side[used] = validation_sides(side[used], of_used, label, share=split.validation, across=across, rng=rng)
     if split.train_groups != "all":
         surplus[used] = surplus_groups(side[used], of_used, label, most=split.train_groups)
-    return Sides(group, side, surplus, whole=groups is not None or split.by != "frame")
+    return Sides(group, side, surplus, whole=by != "frame")
 
 
 def has_published_split(recordings: Recordings) -> bool:

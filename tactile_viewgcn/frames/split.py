@@ -51,13 +51,12 @@ def fold_sides(
         deal: 0 counts the groups in their order; another number in an order drawn at random, the same for all folds.
     """
     side = np.full(len(groups), TRAIN, dtype=np.int8)
-    for label in [None] if across else np.unique(labels):
-        of_class = np.ones(len(groups), dtype=bool) if across else labels == label
+    for label, of_class in _classes(labels, across):
         order = np.unique(groups[of_class])
         if len(order) == 1 and not across:
             continue
         if deal:
-            order = stream(deal, "split.deal", *([] if label is None else [int(label)])).permutation(order)
+            order = stream(deal, "split.deal", *([] if across else [label])).permutation(order)
         side[of_class & np.isin(groups, order[fold::folds])] = TEST
     return side
 
@@ -65,17 +64,17 @@ def fold_sides(
 def frame_sides(labels: np.ndarray, *, folds: int, fold: int, rng: np.random.Generator) -> np.ndarray:
     """TRAIN or TEST, int8 (T,): of each class one frame in `folds`, drawn at random, is on the test side."""
     side = np.full(len(labels), TRAIN, dtype=np.int8)
-    for label in np.unique(labels):
-        side[rng.permutation(np.flatnonzero(labels == label))[fold::folds]] = TEST
+    for _, of_class in _classes(labels):
+        side[rng.permutation(np.flatnonzero(of_class))[fold::folds]] = TEST
     return side
 
 
 def surplus_groups(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int) -> np.ndarray:
     """bool (T,): training frames of a class outside its first `most` training groups."""
     surplus = np.zeros(len(side), dtype=bool)
-    for label in np.unique(labels):
-        of_class = (side == TRAIN) & (labels == label)
-        surplus |= of_class & ~np.isin(groups, np.unique(groups[of_class])[:most])
+    for _, of_class in _classes(labels):
+        trained = of_class & (side == TRAIN)
+        surplus |= trained & ~np.isin(groups, np.unique(groups[trained])[:most])
     return surplus
 
 
@@ -89,10 +88,16 @@ def validation_sides(
     side = side.copy()
     if share == 0:
         return side
-    for label in [None] if across else np.unique(labels):
-        of_class = side == TRAIN if across else (side == TRAIN) & (labels == label)
-        candidates = np.unique(groups[of_class])
+    for _, of_class in _classes(labels, across):
+        trained = of_class & (side == TRAIN)
+        candidates = np.unique(groups[trained])
         count = min(len(candidates) - 1, max(1, round(share * len(candidates))))
         if count > 0:
-            side[of_class & np.isin(groups, rng.permutation(candidates)[:count])] = VALIDATION
+            side[trained & np.isin(groups, rng.permutation(candidates)[:count])] = VALIDATION
     return side
+
+
+def _classes(labels: np.ndarray, across: bool = False) -> list[tuple[int, np.ndarray]]:
+    """Each class and its frames bool (T,); with `across` all frames at once."""
+    labels = np.zeros_like(labels) if across else labels
+    return [(int(label), labels == label) for label in np.unique(labels)]

@@ -9,7 +9,6 @@ from itertools import product
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import PLACES
 from tactile_viewgcn.randomness import stream
 
@@ -23,30 +22,23 @@ def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
     """Positions float64 (V, 3) of `views` viewpoints.
 
     Args:
-        views: V.
+        views: V; `params` refuses another number than a cube or a dodecahedron has vertices.
         kind: `cube`, `circle`, `dodecahedron`; `sphere`: evenly spread; `random`: anywhere on the sphere, a control
             of whether the geometry matters; `auto`: 8 cube, 12 circle, 20 dodecahedron, any other number sphere.
         seed: of `random`.
 
     Vertices of the cube and the dodecahedron are in lexicographic order.
-
-    Raises:
-        UserError: no views, a cube of other than 8 views, or a dodecahedron of other than 20.
     """
-    if views < 1:
-        raise UserError(f"views is {views}; expected 1 or more")
-    if kind == "auto":
-        kind = AUTO.get(views, "sphere")
-    places = {
-        "cube": _cube,
-        "circle": lambda: _circle(views),
-        "dodecahedron": _dodecahedron,
-        "sphere": lambda: _sphere(views),
-        "random": lambda: _random(views, stream(seed, "viewpoints")),
-    }[kind]()
-    if len(places) != views:
-        raise UserError(f"viewpoints {kind} has {len(places)} places; views is {views}")
-    return places
+    match AUTO.get(views, "sphere") if kind == "auto" else kind:
+        case "cube":
+            return _cube()
+        case "circle":
+            return _circle(views)
+        case "dodecahedron":
+            return _dodecahedron()
+        case "random":
+            return _random(views, stream(seed, "viewpoints"))
+    return _sphere(views)
 
 
 def _cube() -> np.ndarray:

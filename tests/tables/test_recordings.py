@@ -49,7 +49,7 @@ def test_errors_name_the_source_of_a_temporary_table(tmp_path):
         np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
 
 
-@pytest.mark.parametrize("name", ["objects", "live"])
+@pytest.mark.parametrize("name", ["objects", "live", "session"])
 def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
     written(tmp_path / "t.h5", COUNTS)
     with h5py.File(tmp_path / "t.h5", "r+") as file:
