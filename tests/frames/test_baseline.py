@@ -12,7 +12,7 @@ from tactile_viewgcn.frames.baseline import (
     empty_hand_baseline,
     trimmed_moments,
 )
-from tests.sources import written
+from tests.glove_data import written
 
 FRAMES = 10_000
 

@@ -11,9 +11,17 @@ from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-from tests.grips import COLUMNS, COUNTS, FILE
-from tests.sources import written
-from tests.unknown_gloves import OBJECTS, RECORDINGS, all_contact, drifting_array, floats
+from tests.glove_data import (
+    COLUMNS,
+    COUNTS,
+    FILE,
+    FOREIGN_OBJECTS,
+    FOREIGN_RECORDINGS,
+    all_contact,
+    drifting_array,
+    floats,
+    written,
+)
 
 NOISE = 0.015  # that training adds, of full scale
 SPLIT = ("split.by=recording",)
@@ -39,7 +47,7 @@ def test_what_auto_decides_is_not_warned_of(tmp_path, write):
     keys = {"baseline", "filter", "contact_sensors", "scale"} | ({"zero"} if write is all_contact else set())
     assert chosen(made).keys() == keys
     if write is all_contact:  # every frame is kept as it is
-        assert len(made.frames) == 10 * OBJECTS * RECORDINGS
+        assert len(made.frames) == 10 * FOREIGN_OBJECTS * FOREIGN_RECORDINGS
         np.testing.assert_array_equal(made.frames.inputs(np.arange(160), "counts"), made.frames.counts)
 
 
@@ -69,7 +77,7 @@ def test_a_network_s_readings_that_drown_in_its_noise_are_warned_of(tmp_path, ch
 
 def test_a_value_that_is_set_is_kept(tmp_path):
     made = treated(tmp_path, floats, "baseline=grasp", "filter=none", "contact_sensors=5", "scale=3")
-    assert chosen(made) == {} and len(made.frames) == 60 * OBJECTS * RECORDINGS
+    assert chosen(made) == {} and len(made.frames) == 60 * FOREIGN_OBJECTS * FOREIGN_RECORDINGS
     values = {"baseline": "grasp", "filter": "none", "contact_sensors": 5, "scale": 3.0}
     assert {key: made.frames.preprocess[key] for key in values} == values
 

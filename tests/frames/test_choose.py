@@ -11,9 +11,7 @@ from tactile_viewgcn.frames.contact import sensors_in_contact
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.frames.sides import deal
 from tactile_viewgcn.params import load
-from tests.drifting import drifting
-from tests.grips import FILE
-from tests.sources import written
+from tests.glove_data import FILE, drifting, written
 
 KINDS = ("empty_hand", "grasp", "none")
 CELLS = np.stack([np.repeat([1, 2], 10), np.arange(20)], axis=1)

@@ -11,8 +11,7 @@ from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.filtering import flagged, passing, pressed_frames
 from tactile_viewgcn.params import CONTACT_SIGMAS, load
 from tactile_viewgcn.tables import recordings as module
-from tests.grips import FILE
-from tests.sources import written
+from tests.glove_data import FILE, written
 
 FRAMES, SHAPE = 60, (3, 4)
 RNG = np.random.default_rng(0)

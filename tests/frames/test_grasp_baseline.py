@@ -8,8 +8,7 @@ import pytest
 from tactile_viewgcn.frames.filtering import pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline, grasps
 from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
-from tests.drifting import HELD, NOISE, OPEN, SIGNAL, drifting
-from tests.sources import written
+from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, written
 
 CONTACT = 5  # sensors
 SD = np.hypot(NOISE, 12**-0.5)  # of counts, which are rounded
@@ -69,7 +68,7 @@ def test_with_it_contact_is_baseline_that_the_session_s_empty_hand_hides(tmp_pat
 def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording_and_a_note(tmp_path):
     glove = drifting(between=SIGNAL)
     recording, grasp = glove.columns["recording"], glove.columns["grasp"]
-    brief = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & (np.arange(len(grasp)) % (OPEN + HELD) >= 6)
+    brief = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & (np.arange(len(grasp)) % (OPEN + CLOSED) >= 6)
     baseline = measured(tmp_path / "t", glove, ~brief)  # 4 and 3 open-hand frames are left
     of = dict(
         zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True)
@@ -98,7 +97,7 @@ def test_without_any_empty_hand_a_recording_without_open_hand_has_the_open_hand_
     glove.columns["object"] = np.maximum(glove.columns["object"] - 1, 0)
     names = {"objects": [f"object{i}" for i in range(4)], "sessions": ["monday"]}
     assert len(measured(tmp_path / "t", glove, held, **names).names) == 4 * 6
-    short = held & ((glove.columns["recording"] != 3) | (np.arange(len(held)) % (OPEN + HELD) >= OPEN - 3))
+    short = held & ((glove.columns["recording"] != 3) | (np.arange(len(held)) % (OPEN + CLOSED) >= OPEN - 3))
     baseline = measured(tmp_path / "u", glove, short, **names)
     (note,) = baseline.notes
     assert "their session's open hand" in note.text and note.text.endswith("recording3")

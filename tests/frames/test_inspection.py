@@ -10,10 +10,18 @@ from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
 from tactile_viewgcn.pages.source_inspection import inspect_source, overview
 from tactile_viewgcn.params import load
-from tests.drifting import drifting
-from tests.grips import FILE
-from tests.sources import written
-from tests.unknown_gloves import NAMES, OBJECTS, RECORDINGS, all_contact, dense, drifting_array, floats
+from tests.glove_data import (
+    FILE,
+    FOREIGN_NAMES,
+    FOREIGN_OBJECTS,
+    FOREIGN_RECORDINGS,
+    all_contact,
+    dense,
+    drifting,
+    drifting_array,
+    floats,
+    written,
+)
 
 
 def chosen(page):
@@ -30,9 +38,13 @@ def test_recordings_that_are_all_contact_are_taken_as_they_are(tmp_path):
     page = inspect_source(all_contact(tmp_path / "glove"))
     settings = chosen(page)
     assert page.hand.all_contact and (page.counts["in contact"] == 10).all()
-    assert page.counts["in contact"].sum() == 10 * OBJECTS * RECORDINGS
+    assert page.counts["in contact"].sum() == 10 * FOREIGN_OBJECTS * FOREIGN_RECORDINGS
     assert (settings["baseline"], settings["zero"], settings["filter"]) == ("none", 0, "none")
-    assert (settings["split.by"], settings["split.folds"], settings["preset"]) == ("recording", RECORDINGS, "best")
+    assert (settings["split.by"], settings["split.folds"], settings["preset"]) == (
+        "recording",
+        FOREIGN_RECORDINGS,
+        "best",
+    )
     assert page.first_frame is None and page.leak is None  # that the first frame tells the object is touch
 
 
@@ -77,7 +89,7 @@ def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path,
     settings = chosen(page)
     assert (settings["baseline"], settings["filter"]) == ("grasp", "contact") and "zero" not in settings
     assert "scale" not in settings  # which the preset `best` does not read
-    assert sorted(page.recordings.objects) == sorted(NAMES) and page.recordings.sessions == ["Übung 1", "Übung 2"]
+    assert sorted(page.recordings.objects) == sorted(FOREIGN_NAMES) and page.recordings.sessions == ["Übung 1", "Übung 2"]
     assert (np.abs(page.counts["in contact"] - 40) <= 1).all() and (page.counts["open hand"] >= 15).all()
     assert page.interval == pytest.approx(0.05) and page.gaps == 0
     assert np.median(page.hand.noise) == pytest.approx(0.015, rel=0.4)
@@ -151,11 +163,11 @@ def test_recordings_of_one_frame_are_views_of_one(tmp_path):
 
 def test_one_object_is_no_task(tmp_path):
     for path in floats(tmp_path / "glove").rglob("*.h5"):
-        if NAMES[0] not in path.name:
+        if FOREIGN_NAMES[0] not in path.name:
             path.unlink()
     page = inspect_source(tmp_path / "glove")
     text = " ".join(" ".join(inspection_lines(page)).split())
-    assert f"Not yet: the recordings have one class, {NAMES[0]}; expected two or more." in text
+    assert f"Not yet: the recordings have one class, {FOREIGN_NAMES[0]}; expected two or more." in text
     assert "dvc exp run" not in text
     assert chosen(page)["split.by"] == "frame"
 

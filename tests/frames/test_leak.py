@@ -12,9 +12,7 @@ from tactile_viewgcn.frames.leak import check_first_frames, check_leak, leak_not
 from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.params import load
-from tests.drifting import drifting
-from tests.grips import FILE
-from tests.sources import written
+from tests.glove_data import FILE, drifting, written
 
 
 def checked(path, glove, *changes, columns=None, **names):

@@ -5,15 +5,14 @@ import pytest
 
 from tactile_viewgcn.frames import open_hand as module
 from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
-from tests.drifting import HELD, NOISE, OPEN, SIGNAL, drifting
-from tests.sources import written
+from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, written
 
 CONTACT = 5  # sensors
 
 
 def away(opened):
     """Frames of the open hand with no other so near in their recording, frame by frame."""
-    each = 6 * (OPEN + HELD)
+    each = 6 * (OPEN + CLOSED)
     recordings = opened.reshape(-1, each)
     return np.array([one[max(t - MARGIN, 0) : t + MARGIN + 1].all() for one in recordings for t in range(each)])
 

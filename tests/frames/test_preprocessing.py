@@ -9,9 +9,7 @@ from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.stag import read_metadata
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-from tests.drifting import drifting
-from tests.grips import COLUMNS, COUNTS, FILE, HELD, prepared
-from tests.sources import written
+from tests.glove_data import COLUMNS, COUNTS, FILE, GRIP_FRAMES, drifting, prepared, written
 
 
 def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
@@ -49,7 +47,7 @@ def test_a_recording_and_an_object_that_the_filter_empties_are_named(tmp_path):
     assert f"{360 - valid.sum()} of 360 frames" in dropped.text and "recording15, recording16" in emptied.text
     assert warning.level == "warning" and "object2" in warning.text
     assert frames.classes == ["empty_hand", "object1"]
-    assert [row["kept"] for row in rows] == [3 * HELD, 3 * HELD, 2 * HELD, 3 * HELD, 0, 0]
+    assert [row["kept"] for row in rows] == [3 * GRIP_FRAMES, 3 * GRIP_FRAMES, 2 * GRIP_FRAMES, 3 * GRIP_FRAMES, 0, 0]
 
 
 NO_FLAGS = {name: values for name, values in COLUMNS.items() if name != "valid"}

@@ -7,8 +7,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
-from tests.grips import BLANK, COLUMNS, COUNTS, FILE, FIXED, HELD, OBJECTS, SESSIONS, prepared
-from tests.sources import written
+from tests.glove_data import BLANK, COLUMNS, COUNTS, FILE, FIXED, GRIP_FRAMES, GRIP_OBJECTS, SESSIONS, prepared, written
 
 
 @pytest.mark.parametrize("by", ["source", "recording", "grasp", "session"])
@@ -44,7 +43,7 @@ def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
         "session": "session0",
         "frames": 60,
         "dropped_by_filter": 3 * BLANK,
-        "dropped_with_class": 3 * HELD,
+        "dropped_with_class": 3 * GRIP_FRAMES,
         "kept": 0,
         "anchors_train": 0,
         "anchors_validation": 0,
@@ -76,9 +75,9 @@ def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_
     assert any("object3 has no training frames" in note.text for note in made.notes)
     assert any("object4 has no test frames" in note.text for note in made.notes)
     assert frames.classes == ["empty_hand", "object1", "object2", "object4"]
-    assert frames.label[frames.recording == 7].tolist() == [3] * HELD
+    assert frames.label[frames.recording == 7].tolist() == [3] * GRIP_FRAMES
     gone = next(row for row in rows if row["object"] == "object3")
-    assert (gone["dropped_by_filter"], gone["dropped_with_class"], gone["kept"]) == (BLANK, HELD, 0)
+    assert (gone["dropped_by_filter"], gone["dropped_with_class"], gone["kept"]) == (BLANK, GRIP_FRAMES, 0)
 
 
 def test_the_sources_balanced_frames_are_the_anchors(tmp_path):
@@ -99,7 +98,7 @@ def test_an_object_that_misses_a_session_has_rows_of_the_others(tmp_path):
     columns = {name: values[there] for name, values in COLUMNS.items()}
     _, _, rows = prepared(tmp_path, counts=COUNTS[there], columns=columns)
     assert [(row["object"], row["session"]) for row in rows if row["object"] == "object1"] == [("object1", "session1")]
-    assert len(rows) == OBJECTS * SESSIONS - 1
+    assert len(rows) == GRIP_OBJECTS * SESSIONS - 1
 
 
 def test_single_frames_are_each_tested_in_one_fold(tmp_path):
@@ -107,7 +106,8 @@ def test_single_frames_are_each_tested_in_one_fold(tmp_path):
     for fold in range(4):
         _, made, _ = prepared(tmp_path, "split.by=frame", "split.folds=4", f"split.fold={fold}")
         assert (
-            np.bincount(COLUMNS["object"][made.sides.side == TEST]).tolist() == [len(COUNTS) // OBJECTS // 4] * OBJECTS
+            np.bincount(COLUMNS["object"][made.sides.side == TEST]).tolist()
+            == [len(COUNTS) // GRIP_OBJECTS // 4] * GRIP_OBJECTS
         )
         tested += made.sides.side == TEST
     assert (tested == 1).all()
@@ -119,7 +119,7 @@ def test_each_object_is_trained_on_its_first_groups_alone(tmp_path):
         frames, _, _ = prepared(tmp_path, "split.by=recording", "split.folds=3", f"split.train_groups={most}")
         all_of[most] = frames
         on_train = frames.side == TRAIN
-        groups = [np.unique(frames.group[on_train & (frames.label == label)]) for label in range(OBJECTS)]
+        groups = [np.unique(frames.group[on_train & (frames.label == label)]) for label in range(GRIP_OBJECTS)]
         whole = [
             np.unique(all_of["all"].group[(all_of["all"].side == TRAIN) & (all_of["all"].label == i)]) for i in range(3)
         ]

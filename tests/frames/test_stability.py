@@ -15,8 +15,7 @@ from tactile_viewgcn.frames.filtering import pressed_frames
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import recipe, table
-from tests.sources import written
+from tests.glove_data import recipe, table, written
 from tests.trained_network import unusual_counts
 
 ROUNDING = 2.0**-22  # of single precision, twice over

@@ -11,7 +11,7 @@ from tactile_viewgcn.files import md5
 from tactile_viewgcn.readers.source import COLUMNS, storage_type
 from tactile_viewgcn.tables import recordings as module
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings
-from tests.sources import source, written
+from tests.glove_data import source, written
 
 RNG = np.random.default_rng(0)
 COUNTS = RNG.integers(500, 600, size=(50, 4, 6)).astype(np.int16)

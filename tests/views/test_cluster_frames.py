@@ -8,7 +8,7 @@ import pytest
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.tables.views import NO_CLUSTER
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import recipe, table, views_of
+from tests.glove_data import recipe, table, views_of
 
 VALIDATED = "split.validation=0.25"
 

@@ -16,7 +16,7 @@ from tactile_viewgcn.views.clustering import (
     pool_scores,
     principal_components,
 )
-from tests.small_tables import recipe
+from tests.glove_data import recipe
 
 KMEANS = recipe().cluster
 

@@ -11,7 +11,7 @@ from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.views.clustering import cluster_frames, kmeans, principal_components
 from tactile_viewgcn.views.sampling import ViewSets
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import recipe, table
+from tests.glove_data import recipe, table
 
 DIGITS = 1e-12  # of double precision
 VIEWS = 8

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import recipe
+from tests.glove_data import recipe
 
 COUNTS = (2, 3, 4, 5, 6, 7, 13, 50, 100, 1000)
 

@@ -1,0 +1,387 @@
+"""The data of all tests, each with a known answer: tables, gloves, grips, recordings in files, and what is learnt."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import h5py
+import numpy as np
+import torch
+
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frames.account import kept_rows
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.names import EMPTY_HAND
+from tactile_viewgcn.params import Params, load, preset_changes
+from tactile_viewgcn.readers.source import Source
+from tactile_viewgcn.readers.stag import read_metadata
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.recognition.training import train
+from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.array_recordings import ArrayRecordings
+from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tactile_viewgcn.views.clustering import cluster_frames
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.stag_files import metadata, save_matlab5
+
+ROOT = Path(__file__).parents[1]
+FILE = ROOT / "params.yaml"
+torch.set_num_threads(1)  # on arrays this small, threads that wait for each other cost minutes on a busy machine
+
+# Tables with chosen contents
+COLUMN_DEFAULTS = {"object": 0, "recording": 0, "session": 0, "time": 0.0}
+
+
+def source(
+    counts: np.ndarray,
+    *,
+    cuts: Sequence[int] = (),
+    dtype: type | None = None,
+    objects: Sequence[str] | None = None,
+    recordings: Sequence[str] | None = None,
+    sessions: Sequence[str] | None = None,
+    **columns: np.ndarray | float,
+) -> Source:
+    """A source at the path `glove` of counts (T, H, W), in blocks that end at `cuts`.
+
+    Columns are (T,) or one value for all frames; names that are not given are made up for the ids there are, the
+    first object being the empty hand.
+    """
+    counts = np.asarray(counts)
+    frames = len(counts)
+    values = {name: np.broadcast_to(value, frames) for name, value in (COLUMN_DEFAULTS | columns).items()}
+    values.setdefault("frame", np.arange(frames))
+
+    def names(column: str, first: str) -> list[str]:
+        return [first, *(f"{column}{i}" for i in range(1, int(values[column].max(initial=0)) + 1))]
+
+    parts = np.split(np.arange(frames), cuts)
+    return Source(
+        Path("glove"),
+        list(objects or names("object", "empty_hand")),
+        list(recordings or names("recording", "recording0")),
+        list(sessions or names("session", "session0")),
+        counts.shape[1:],
+        np.dtype(dtype or counts.dtype),
+        frames,
+        iter([{"pressure": counts[at], **{name: column[at] for name, column in values.items()}} for at in parts]),
+    )
+
+
+def written(path: Path, counts: np.ndarray, **changes: object) -> Recordings:
+    """The same as a table written to `path` and opened."""
+    write_recordings(path, source(counts, **changes), "0" * 32)
+    return Recordings(path)
+
+
+def read(source: Source) -> dict[str, np.ndarray]:
+    """Pressure and columns of all blocks, joined."""
+    blocks = list(source.blocks)
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+
+
+# A glove that drifts: its open hand, contact and baseline are known
+DRIFTING_SHAPE = (5, 8)
+OPEN, CLOSED = 12, 20  # frames of the open hand and of the grasp after it
+SIGNAL = 30.0  # counts of a pressed sensor
+PRESSED = 10  # sensors of a grasp
+NOISE = 0.95
+
+
+@dataclass(frozen=True)
+class Drifting:
+    """Counts (T, H, W), columns (T,), the true baseline (T, H, W) of each frame, and whether the hand is open (T,)."""
+
+    counts: np.ndarray
+    columns: dict[str, np.ndarray]
+    baseline: np.ndarray
+    open: np.ndarray
+
+
+def drifting(*, objects=4, recordings=1, grasps=6, between=0.0, within=0.0, common=0.0, seed=0, same=False) -> Drifting:
+    """One session: `recordings` of each object, the empty hand first, of `grasps` each, all of which press alike.
+
+    Args:
+        between: standard deviation in counts of a sensor's baseline from one recording to another.
+        within: counts by which sensors drift in a recording, up or down.
+        common: standard deviation in counts from one recording to another of what all sensors share.
+        same: each object presses the same sensors, instead of its own.
+    """
+    rng, each = np.random.default_rng(seed), grasps * (OPEN + CLOSED)
+    size = ((objects + 1) * recordings, each, *DRIFTING_SHAPE)
+    number, frame = np.indices(size[:2])
+    label = number // recordings
+    offset = rng.normal(0, between, (size[0], 1, *DRIFTING_SHAPE)) + rng.normal(0, common, (size[0], 1, 1, 1))
+    offset[0] = 0  # the empty hand's, from which the others drift
+    direction = rng.choice([-1.0, 1.0], (size[0], 1, *DRIFTING_SHAPE))
+    baseline = 514.3 + offset + within * direction * (frame / each)[..., None, None]
+    held = (frame % (OPEN + CLOSED) >= OPEN) & (label > 0)
+    sensors = np.array([rng.permutation(DRIFTING_SHAPE[0] * DRIFTING_SHAPE[1]) < PRESSED for _ in range(objects + 1)])
+    pressed = sensors[np.ones_like(label) if same else label].reshape(size)
+    counts = np.rint(baseline + SIGNAL * (held[..., None, None] & pressed) + rng.normal(0, NOISE, size))
+    columns = {"object": label, "recording": number, "grasp": frame // (OPEN + CLOSED)}
+    flat = {name: values.ravel() for name, values in columns.items()}
+    return Drifting(
+        counts.reshape(-1, *DRIFTING_SHAPE).astype(np.int16),
+        flat,
+        baseline.reshape(-1, *DRIFTING_SHAPE),
+        ~held.ravel() | (flat["object"] == 0),
+    )
+
+
+# Grips of two objects and the empty hand, prepared under changed parameters
+GRIP_OBJECTS, GRIP_RECORDINGS, SESSIONS, FRAMES, BLANK = 3, 3, 2, 20, 6
+GRIP_FRAMES = FRAMES - BLANK
+FIXED = ("baseline=empty_hand", "filter=flags", "contact_sensors=4", "scale=150")
+
+
+def grips(seed=0):
+    """Counts (T, 3, 4) and columns. Object 1 presses the first five sensors by 40, object 2 the last five, neither
+    in the first 6 frames of its 20; the rest is 514 in session 0 and 516 in session 1."""
+    size = (SESSIONS, GRIP_OBJECTS, GRIP_RECORDINGS, FRAMES)
+    session, label, number, frame = (axis.ravel() for axis in np.indices(size))
+    counts = np.random.default_rng(seed).normal(0, 0.95, size=(session.size, 12)) + 514 + 2 * session[:, None]
+    held = frame >= BLANK
+    counts[np.ix_(held & (label == 1), range(5))] += 40
+    counts[np.ix_(held & (label == 2), range(7, 12))] += 40
+    columns = {
+        "object": label,
+        "recording": (session * GRIP_OBJECTS + label) * GRIP_RECORDINGS + number,
+        "session": session,
+        "frame": frame,
+        "time": frame * 0.136,
+        "split": (number == GRIP_RECORDINGS - 1).astype(np.int8),
+        "valid": held,
+        "grasp": frame // 10,
+    }
+    return np.round(counts).astype(np.int16).reshape(-1, 3, 4), columns
+
+
+COUNTS, COLUMNS = grips()
+
+
+def prepared(tmp_path, *changes, counts=COUNTS, columns=COLUMNS, **how):
+    """Frames, what became of the others, and the account of the grips under changed parameters."""
+    params = load(FILE, (*(f"preprocess.{key}" for key in FIXED), *changes))
+    recordings = written(tmp_path / "glove.h5", counts, **columns, **how)
+    made = preprocess_recordings(recordings, params.preprocess, params.split)
+    return made.frames, made, kept_rows(recordings, made)
+
+
+# Three objects that press different sensors, in files, and a recogniser trained on them
+OBJECTS = ("ball", "cup", "pen")
+SHAPE = (8, 10)
+BEFORE, HELD, AFTER = 30, 20, 10  # frames of the open hand, of contact, of the open hand
+
+
+def pressed(name: str) -> np.ndarray:
+    """bool (8, 10): the twelve sensors that an object presses."""
+    cells = np.random.default_rng([ord(letter) for letter in name]).permutation(80)[:12]
+    return np.isin(np.arange(80), cells).reshape(SHAPE)
+
+
+def recording(name: str, seed: int, *, before: int = BEFORE, held: int = HELD, after: int = AFTER) -> np.ndarray:
+    """Counts int16 (T, 8, 10): the open hand, a grasp of the object, the open hand."""
+    rng = np.random.default_rng(seed)
+    counts = 500 + np.arange(80).reshape(SHAPE) % 7 + rng.normal(0, 1, (before + held + after, *SHAPE))
+    counts[before : before + held] += 40 * pressed(name) * rng.uniform(0.7, 1.3, (held, 1, 1))
+    return np.rint(counts).astype(np.int16)
+
+
+def empty_hand(seed: int) -> np.ndarray:
+    """Counts int16 (40, 8, 10) of the open hand."""
+    return recording("ball", seed, before=40, held=0, after=0)
+
+
+@cache
+def _file(*changes: str) -> bytes:
+    arrays = [empty_hand(0), *(recording(name, seed) for seed in range(1, 5) for name in OBJECTS)]
+    labels = np.array([0, *(1 + i for _ in range(4) for i in range(3))])
+    table = ArrayRecordings(arrays, [EMPTY_HAND, *OBJECTS], labels, np.zeros(13, dtype=int))
+    fixed = ("preprocess.baseline=empty_hand", "preprocess.filter=contact", "preprocess.contact_sensors=6")
+    small = "preprocess.empty_hand_class=false", "device=cpu"
+    params = load(FILE, (*preset_changes("kernels"), *fixed, *small, *changes))
+    with tempfile.TemporaryDirectory() as folder:
+        train(table, params, table.columns["recording"], Path(folder) / "classifier.pt")
+        return (Path(folder) / "classifier.pt").read_bytes()
+
+
+def model_file(path: Path, *changes: str) -> Path:
+    """The file of the classifier of the three objects, of the preset `kernels` with `key=value` changes, at `path`."""
+    path.write_bytes(_file(*changes))
+    return path
+
+
+@cache
+def recogniser(*changes: str) -> Recogniser:
+    """The same, read."""
+    with tempfile.TemporaryDirectory() as folder:
+        return Recogniser(model_file(Path(folder) / "classifier.pt", *changes))
+
+
+def write(path: Path, counts: np.ndarray, time: np.ndarray | None = None, **attributes: str) -> None:
+    """A recording's file, a frame every 0.1 s if no times are given."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with h5py.File(path, "w") as file:
+        file["pressure"], file["time"] = counts, 0.1 * np.arange(len(counts)) if time is None else time
+        file.attrs.update(attributes)
+
+
+# Four gloves that the project does not know: all contact, floats, a drifting and a dense array
+FOREIGN_OBJECTS, FOREIGN_RECORDINGS = 4, 4
+FOREIGN_NAMES = ["Tasse groß", "Schlüssel", "Öl Flasche", "Maß band"]
+PRESSURE = 60.0  # counts of the drifting array
+
+
+def _saved(
+    folder: Path, recordings: int, rate: float, names: list[str], counts_of: Callable[[int], np.ndarray]
+) -> Path:
+    """`recordings` of each object at `rate` Hz, in two sessions; `counts_of` gives those of an object's next one."""
+    for label, number in np.ndindex(FOREIGN_OBJECTS, recordings):
+        session, pressure = f"Übung {1 + number % 2}", counts_of(label)
+        path, time = folder / session / f"{names[label]} {number}.h5", np.arange(len(pressure)) / rate
+        write(path, pressure, time, object=names[label], session=session)
+    return folder
+
+
+def _patterns(rng: np.random.Generator, shape: tuple[int, int], share: float) -> np.ndarray:
+    """What each object presses (FOREIGN_OBJECTS, H, W), 0 to 1, on a share of the sensors."""
+    return rng.uniform(0.4, 1, (FOREIGN_OBJECTS, *shape)) * (rng.random((FOREIGN_OBJECTS, *shape)) < share)
+
+
+def all_contact(folder: Path, *, recordings: int = FOREIGN_RECORDINGS, frames: int = 10, seed: int = 0) -> Path:
+    """12 x 10 sensors in uint8, in contact from the first to the last frame; the force changes by a quarter."""
+    rng = np.random.default_rng(seed)
+    patterns, time = _patterns(rng, (12, 10), 0.4), np.arange(frames)
+
+    def counts(label: int) -> np.ndarray:
+        force = rng.uniform(80, 140) * (1 + 0.25 * np.sin(time / 2 + rng.uniform(0, 6)))
+        values = patterns[label] * force[:, None, None] + rng.normal(0, 2, (frames, 12, 10))
+        return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+    return _saved(folder, recordings, 10, [f"object{i}" for i in range(FOREIGN_OBJECTS)], counts)
+
+
+def floats(
+    folder: Path, *, recordings: int = FOREIGN_RECORDINGS, frames: int = 60, open_hand: float = 0.05, seed: int = 0
+) -> Path:
+    """8 x 12 real numbers from 0 to 2.6, an open hand in the first 20 frames, names with umlauts and spaces.
+
+    Args:
+        open_hand: what sensors read without contact; with 0, half of the noise of 0.015 is cut off.
+    """
+    rng = np.random.default_rng(seed)
+    patterns, held = _patterns(rng, (8, 12), 0.3), np.arange(frames) >= 20
+    force = 2.2 * held * (1 - 0.2 * np.cos(np.arange(frames) / 4))
+
+    def counts(label: int) -> np.ndarray:
+        values = open_hand + patterns[label] * force[:, None, None] + rng.normal(0, 0.015, (frames, 8, 12))
+        return np.clip(values, 0, 2.6).astype(np.float32)
+
+    return _saved(folder, recordings, 20, FOREIGN_NAMES, counts)
+
+
+def drifting_array(folder: Path, *, recordings: int = FOREIGN_RECORDINGS, seconds: int = 4, seed: int = 0) -> Path:
+    """4 x 4 sensors at 200 Hz whose baselines differ by twice the signal between recordings, and drift in them."""
+    rng, rate = np.random.default_rng(seed), 200
+    patterns, time = _patterns(rng, (4, 4), 0.5), np.arange(seconds * rate) / rate
+    held = (time >= 1) & (time < 3)
+
+    def counts(label: int) -> np.ndarray:
+        slope = rng.choice([-1, 1], (4, 4)) * 2.0
+        baseline = 800 + rng.normal(0, 2 * PRESSURE, (4, 4)) + slope * time[:, None, None]
+        values = baseline + PRESSURE * held[:, None, None] * patterns[label] + rng.normal(0, 2, (len(time), 4, 4))
+        return np.rint(values).astype(np.int16)
+
+    return _saved(folder, recordings, rate, [f"o{i}" for i in range(FOREIGN_OBJECTS)], counts)
+
+
+def dense(
+    folder: Path, *, recordings: int = FOREIGN_RECORDINGS, opened: int = 40, held: int = 40, seed: int = 0
+) -> Path:
+    """4 x 4 sensors, of which 10 to 14 are pressed in a grasp; an open hand of `opened` frames before each."""
+    rng = np.random.default_rng(seed)
+    offset, in_hand = rng.normal(500, 10, 16), np.repeat([0.0, 1.0], [opened, held])
+    pressed_of = [rng.permutation(16) < count for count in (10, 12, 13, 14)]
+    patterns = np.stack([share * rng.uniform(0.5, 1, 16) for share in pressed_of])
+
+    def counts(label: int) -> np.ndarray:
+        force = PRESSURE * rng.uniform(0.8, 1.2) * in_hand
+        values = offset + force[:, None] * patterns[label] + rng.normal(0, 2, (len(force), 16))
+        return np.rint(values).astype(np.int16).reshape(-1, 4, 4)
+
+    return _saved(folder, recordings, 10, [f"o{i}" for i in range(FOREIGN_OBJECTS)], counts)
+
+
+# Frames of four objects that can be told apart, and what is learnt from them, made once
+CPU = Compute(torch.device("cpu"), "float32")
+CORNER = (slice(0, 12), slice(12, 24))  # the rows and columns of STAG's frame that the small glove has
+SMALL = (
+    "views=4",
+    "split.by=recording",
+    "cluster.restarts=2",
+    "pretrain.epochs=4",
+    "pretrain.batch=8",
+    "finetune.epochs=1",
+    "finetune.lr=2e-3",
+    "finetune.batch=8",
+    "finetune.feature_reuse=1",
+    "evaluate.trials=3",
+)
+
+
+def recipe(*changes: str) -> Params:
+    """params.yaml, made short for small data, with `key=value` changes on top."""
+    return load(FILE, (*SMALL, *changes))
+
+
+@cache
+def table(*changes: str) -> Frames:
+    """Four classes, the empty hand among them, of six recordings of 12 frames (12, 12); two of the six are test."""
+    params = recipe(*changes)
+    tree = metadata(objects=4, recordings=6, frames=12)
+    tree["pressure"] = tree["pressure"][:, *CORNER]
+    with tempfile.TemporaryDirectory() as folder:
+        source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings.h5"
+        write_recordings(path, read_metadata(save_matlab5(source, tree)), "")
+        recordings = Recordings(path)
+        return preprocess_recordings(recordings, params.preprocess, params.split).frames
+
+
+def views_of(frames: Frames, params: Params) -> Views:
+    """The clusters of all frames but the test side's."""
+    places = viewpoints(params.views, params.viewpoints, params.seed)
+    return cluster_frames(frames, places, params.cluster, np.random.default_rng(params.seed))
+
+
+def fewer_anchors(frames: Frames, every: int) -> Frames:
+    """The same table with each `every`-th anchor only, for trainings whose result does not matter."""
+    anchor = np.zeros_like(frames.anchor)
+    anchor[np.flatnonzero(frames.anchor)[::every]] = True
+    return replace(frames, anchor=anchor)
+
+
+@cache
+def pretrained(*changes: str) -> dict[str, dict[str, torch.Tensor]]:
+    """The weights of a backbone that tells the objects of the table, and of its linear classifier."""
+    backbone, classifier, _ = pretrain_backbone(table(), recipe(*changes), CPU)
+    return {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
+
+
+@cache
+def _trained() -> Classifier:
+    params = recipe()
+    views = views_of(table(), params)
+    return finetune_classifier(table(), views, pretrained(), params, CPU)[0].eval()
+
+
+def trained() -> Classifier:
+    """A classifier of four views trained on the table, in evaluation mode; each call gives one of its own."""
+    return deepcopy(_trained())
