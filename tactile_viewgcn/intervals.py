@@ -49,13 +49,8 @@ def proportion_interval(values: np.ndarray, groups: np.ndarray, rng: np.random.G
     interval = group_interval(values, groups, rng)
     if not interval:
         return None
-    unseen = unseen_share(len(np.unique(groups)))
+    unseen = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))  # the most mistakes that groups without one allow
     return min(interval[0], 1 - unseen), max(interval[1], unseen)
-
-
-def unseen_share(groups: int) -> float:
-    """The largest share of mistakes that as many groups without one leave possible: 1 - 0.025^(1/G)."""
-    return 1 - (OUTSIDE / 2) ** (1 / groups)
 
 
 def percent_interval(value: float, low: float | None, high: float | None) -> str:

@@ -132,10 +132,3 @@ def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp():
     told, remedy = notes[1].text.split(": ")
     assert plain[1].text.startswith(told) and "preprocess.baseline to grasp" in remedy
     assert [note.level for note in leak_notes(replace(leak, high=0.97), advised=True)] == ["info"]
-
-
-def test_the_note_of_a_leak_check_has_its_numbers_in_per_cent():
-    leak = module.QuickError(np.zeros((20, 2), dtype=int), np.full(20, 0.05), 0.02, 0.98, 0.96, 2000, 1.5)
-    (note,) = leak_notes(leak, advised=True)
-    for part in ("error of 5.0 % (2.0 to 98.0), chance 96.0 %", "2,000 frames", "1 group", "1.5 s"):
-        assert part in note.text

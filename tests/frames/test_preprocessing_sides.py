@@ -101,32 +101,6 @@ def test_an_object_that_misses_a_session_has_rows_of_the_others(tmp_path):
     assert len(rows) == GRIP_OBJECTS * SESSIONS - 1
 
 
-def test_single_frames_are_each_tested_in_one_fold(tmp_path):
-    tested = np.zeros(len(COUNTS), dtype=int)
-    for fold in range(4):
-        _, made, _ = prepared(tmp_path, "split.by=frame", "split.folds=4", f"split.fold={fold}")
-        assert (
-            np.bincount(COLUMNS["object"][made.sides.side == TEST]).tolist()
-            == [len(COUNTS) // GRIP_OBJECTS // 4] * GRIP_OBJECTS
-        )
-        tested += made.sides.side == TEST
-    assert (tested == 1).all()
-
-
-def test_each_object_is_trained_on_its_first_groups_alone(tmp_path):
-    all_of = {}
-    for most in ("all", 1, 2):
-        frames, _, _ = prepared(tmp_path, "split.by=recording", "split.folds=3", f"split.train_groups={most}")
-        all_of[most] = frames
-        on_train = frames.side == TRAIN
-        groups = [np.unique(frames.group[on_train & (frames.label == label)]) for label in range(GRIP_OBJECTS)]
-        whole = [
-            np.unique(all_of["all"].group[(all_of["all"].side == TRAIN) & (all_of["all"].label == i)]) for i in range(3)
-        ]
-        assert [one.tolist() for one in groups] == [one[: None if most == "all" else most].tolist() for one in whole]
-        assert (frames.side == TEST).sum() == (all_of["all"].side == TEST).sum()
-
-
 def test_a_class_whose_only_used_group_the_filter_empties_is_dropped(tmp_path):
     columns = COLUMNS | {"split": np.zeros_like(COLUMNS["split"])}
     first = np.unique(COLUMNS["recording"][COLUMNS["object"] == 2])[1]  # the first of fold 0 is its test group

@@ -59,17 +59,6 @@ def test_both_other_assignments_keep_the_set_and_one_puts_the_anchor_first(case,
     np.testing.assert_array_equal(np.sort(at_random, axis=1), np.sort(by_index, axis=1))
 
 
-def test_a_seed_draws_what_it_drew_before_pools_could_be_joined():
-    pool = np.repeat([0, 1, 2], [7, 3, 6])
-    drawn = ViewSets(random_clusters(pool, 4, np.random.default_rng(5)), pool, 4)
-    for kind, sets in (
-        ("index", [[4, 0, 5, 6], [7, 8, 9, 9], [14, 12, 10, 15]]),
-        ("anchor", [[0, 4, 5, 6], [8, 9, 9, 7], [15, 12, 14, 10]]),
-        ("random", [[4, 0, 5, 6], [9, 8, 9, 7], [15, 12, 14, 10]]),
-    ):
-        assert drawn.draw(np.array([0, 8, 15]), np.random.default_rng(7), kind).tolist() == sets
-
-
 @pytest.mark.parametrize(("views", "count"), [(8, 1), (8, 2), (8, 3), (4, 3), (3, 3)])
 def test_a_joined_set_has_as_many_frames_of_each_pool_or_one_fewer_and_its_anchor_in_its_cluster(views, count):
     rng, clusters = np.random.default_rng(0), -(-views // count)
