@@ -33,43 +33,42 @@ def grasp_baseline(
         hand: of the recordings, as `find_open_hand` returns it.
         known: mean and noise (H, W) of the empty hand of each session, measured before; None: of none.
     """
-    session, recording = recordings.columns["session"], recordings.columns["recording"]
+    session, names = recordings.columns["session"], recordings.recordings
     rows: dict[tuple[str, int], tuple[np.ndarray, int]] = {}  # by name and session: mean (S,), and index of the row
     of_frame, with_contact, borrowed = np.empty(len(session), dtype=np.int32), 0, 0
     stand_ins: dict[str, list[str]] = {}
+
+    def take(index: np.ndarray, name: str, mean: np.ndarray) -> None:
+        of_frame[index] = rows.setdefault((name, int(session[index[0]])), (mean, len(rows)))[1]
+
     for index, quietest in zip(frames_by_recording(recordings), hand.quiet, strict=True):
-        number, name = int(session[index[0]]), recordings.recordings[recording[index[0]]]
+        number, name = int(session[index[0]]), names[recordings.columns["recording"][index[0]]]
         grasp = grasps(hand.open[index], hand.contact[index])
         source = _sources(grasp, hand.open[index])
-        for one in np.unique(source[source > 0]):
-            mean = _mean(hand, index[hand.open[index] & (grasp == one)])
-            of_frame[index[source == one]] = rows.setdefault((f"{name}, grasp {one}", number), (mean, len(rows)))[1]
-        if source.any():
-            with_contact += len(np.unique(grasp[hand.contact[index]]))
-            borrowed += len(np.unique(grasp[hand.contact[index] & (source != grasp)]))
-        else:
+        if source is None:
             kind, mean = _stand_in(recordings, hand, number, known) or (QUIETEST, quietest)
-            key = (name if kind == QUIETEST else recordings.sessions[number], number)
-            of_frame[index] = rows.setdefault(key, (mean, len(rows)))[1]
+            take(index, name if kind == QUIETEST else recordings.sessions[number], mean)
             stand_ins.setdefault(kind, []).append(name)
+            continue
+        for one in np.unique(source):
+            take(index[source == one], f"{name}, grasp {one}", _mean(hand, index[hand.open[index] & (grasp == one)]))
+        with_contact += len(np.unique(grasp[hand.contact[index]]))
+        borrowed += len(np.unique(grasp[hand.contact[index] & (source != grasp)]))
     mean = np.empty((len(rows), *recordings.shape), dtype=exact_float(recordings.dtype))
     mean[:] = recordings.frames(np.zeros(1, dtype=int))  # cells without a sensor never change
     noise = np.ones_like(mean)
     mean[:, recordings.live] = [row for row, _ in rows.values()]
     noise[:, recordings.live] = [hand.noise[number] for _, number in rows]
-    notes = []
+    few = f"fewer than {MIN_FRAMES} open-hand frames"
+    texts = [
+        f"{len(without)} of {several(len(names), 'recording')}: {few}, so {kind} "
+        f"{'are' if kind == QUIETEST else 'is'} used: {listed(without)}"
+        for kind, without in stand_ins.items()
+    ]
     if borrowed:
-        text = (
-            f"{borrowed} of {several(with_contact, 'grasp')}: fewer than {MIN_FRAMES} open-hand frames before, so "
-            "those of the nearest grasp of the recording are used"
-        )
-        notes.append(Note(text, topic="baseline"))
-    for kind, without in stand_ins.items():
-        text = (
-            f"{len(without)} of {several(len(recordings.recordings), 'recording')}: fewer than {MIN_FRAMES} open-hand "
-            f"frames, so {kind} {'are' if kind == QUIETEST else 'is'} used: {listed(without)}"
-        )
-        notes.append(Note(text, topic="baseline"))
+        nearest = "those of the nearest grasp of the recording are used"
+        texts.insert(0, f"{borrowed} of {several(with_contact, 'grasp')}: {few} before, so {nearest}")
+    notes = [Note(text, topic="baseline") for text in texts]
     return Baseline([name for name, _ in rows], mean, noise, of_frame, notes)
 
 
@@ -100,10 +99,8 @@ def _stand_in(
     return (KNOWN, known[number][0][recordings.live]) if known else None
 
 
-def _sources(grasp: np.ndarray, opened: np.ndarray) -> np.ndarray:
-    """For each frame of a recording the grasp (n,) whose open hand is its baseline; 0 if none has five frames of it."""
+def _sources(grasp: np.ndarray, opened: np.ndarray) -> np.ndarray | None:
+    """For each frame of a recording the grasp (n,) whose open hand is its baseline; None if all have under five."""
     numbers, count = np.unique(grasp[opened], return_counts=True)
     numbers = numbers[count >= MIN_FRAMES]
-    if not len(numbers):
-        return np.zeros_like(grasp)
-    return numbers[np.maximum(np.searchsorted(numbers, grasp, side="right") - 1, 0)]
+    return numbers[np.maximum(np.searchsorted(numbers, grasp, side="right") - 1, 0)] if len(numbers) else None
