@@ -89,7 +89,7 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("data.source=''", "data.source: |(got '')"),
         ("split.folds=1e30", "split.folds: |(got 1e+30)"),
         ("glove.leave_out=[moton]", "glove.leave_out: |'motion'|'noise'|(got ['moton'])"),
-        ("model.members=[lda, lda]", "model.members: |(got ['lda', 'lda'])"),
+        ("model.members=[trees, trees]", "model.members: |(got ['trees', 'trees'])"),
         ("launcher=-m", "launcher: |(got '-m')"),
         ("cluster.scop=recording", "unknown key cluster.scop|cluster.scope?"),
         ("views.count=3", "--set views.count: "),

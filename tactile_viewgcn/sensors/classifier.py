@@ -9,7 +9,8 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import Batched
-from tactile_viewgcn.sensors.systems import SensorSystem, TrainingFrames, added
+from tactile_viewgcn.sensors.estimators import TrainingFrames
+from tactile_viewgcn.sensors.systems import SensorSystem, added
 
 BATCH = 128  # frames
 MAX_SET_VALUES = 1 << 20  # numbers in the values of a batch of view sets

@@ -10,7 +10,6 @@ from scipy.special import softmax
 from torch import Tensor
 
 MOST_SETS = 4000  # view sets of a size: a kernel is a matrix of their square
-COMPONENTS = 50  # of the principal component analysis
 ITERATIONS, QUICK_ITERATIONS = 500, 50  # of L-BFGS
 
 
@@ -115,32 +114,15 @@ class Estimator:
         """Raise a ValueError where the arrays do not go together, for points (n, features)."""
 
 
-class Linear(Estimator):
-    """Probabilities softmax(points @ weights + offsets)."""
-
-    weights: Annotated[np.ndarray, np.float64, "FK"]
-    offsets: Annotated[np.ndarray, np.float64, "K"]
-
-    def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        return softmax(points @ self.weights + self.offsets, axis=1)
-
-    def take_linear(self, fitted: Any, through: np.ndarray | None = None, mean: float | np.ndarray = 0.0) -> Self:
-        """Take over a linear classifier of scikit-learn, of points (n, F), or of (points - mean) @ through (F, D)."""
-        weights, offsets = fitted.coef_.T.astype(np.float64), fitted.intercept_.astype(np.float64)
-        if through is not None:
-            weights = through.astype(np.float64) @ weights
-            offsets = offsets - mean @ weights
-        if len(fitted.classes_) == 2:  # of which it has the second one's alone
-            weights, offsets = np.concatenate([0 * weights, weights], axis=1), np.append(0.0, offsets)
-        return self.take(classes=fitted.classes_, weights=weights, offsets=offsets)
-
-
-class Logistic(Linear):
+class Logistic(Estimator):
     """Multinomial logistic regression with scikit-learn's penalty, 500 iterations of L-BFGS at most.
 
     Args:
         C: inverse of the penalty.
     """
+
+    weights: Annotated[np.ndarray, np.float64, "FK"]
+    offsets: Annotated[np.ndarray, np.float64, "K"]
 
     def __init__(self, C: float = 1.0):
         self.C = C
@@ -149,19 +131,14 @@ class Logistic(Linear):
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.linear_model import LogisticRegression
 
+        iterations = QUICK_ITERATIONS if data.quick else ITERATIONS
         with warnings.catch_warnings():  # that it has reached its limit of iterations is no fault
             warnings.simplefilter("ignore", ConvergenceWarning)
-            iterations = QUICK_ITERATIONS if data.quick else ITERATIONS
-            return self.take_linear(LogisticRegression(C=self.C, max_iter=iterations).fit(points, labels))
+            fitted = LogisticRegression(C=self.C, max_iter=iterations).fit(points, labels)
+        weights, offsets = fitted.coef_.T.astype(np.float64), fitted.intercept_.astype(np.float64)
+        if len(fitted.classes_) == 2:  # it has those of the second class alone
+            weights, offsets = np.concatenate([0 * weights, weights], axis=1), np.append(0.0, offsets)
+        return self.take(classes=fitted.classes_, weights=weights, offsets=offsets)
 
-
-class Discriminant(Linear):
-    """Fifty principal components, or as many as there are, then linear discriminant analysis."""
-
-    def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
-        from sklearn.decomposition import PCA
-        from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-
-        components = PCA(min(COMPONENTS, len(points) - 1, points.shape[1]), random_state=data.seed)
-        fitted = LinearDiscriminantAnalysis().fit(components.fit_transform(points), labels)
-        return self.take_linear(fitted, components.components_.T, components.mean_)
+    def predict_proba(self, points: np.ndarray) -> np.ndarray:
+        return softmax(points @ self.weights + self.offsets, axis=1)

@@ -1,6 +1,6 @@
 """A small residual network on the maximum of each sensor over a view set."""
 
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -8,7 +8,7 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.nn.backbone import Backbone
-from tactile_viewgcn.sensors.systems import SensorSystem, TrainingFrames
+from tactile_viewgcn.sensors.estimators import TrainingFrames
 from tactile_viewgcn.sensors.unit import above_dead_zone
 
 WIDTH, DROPOUT = 32, 0.3  # channels of the first stage; share of the features dropped
@@ -25,7 +25,7 @@ class MaxNetwork:
 
     takes_fewer = False  # each view set would pass the network once more
 
-    def fit(self, data: TrainingFrames) -> SensorSystem:
+    def fit(self, data: TrainingFrames) -> Self:
         values, rng = torch.from_numpy(self.frame_values(data.frames)), np.random.default_rng(data.seed)
         members = [np.flatnonzero(data.pools == pool) for pool in np.unique(data.pools)]
         labels = torch.from_numpy(np.array([data.labels[frames[0]] for frames in members]))

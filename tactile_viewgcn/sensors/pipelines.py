@@ -10,12 +10,11 @@ from functools import partial
 
 import numpy as np
 
-from tactile_viewgcn.sensors.estimators import Discriminant, Logistic
+from tactile_viewgcn.sensors.estimators import Logistic
 from tactile_viewgcn.sensors.forest import Forest
-from tactile_viewgcn.sensors.kernels import KernelRidge
+from tactile_viewgcn.sensors.kernels import KernelRidge, SupportVectors
 from tactile_viewgcn.sensors.max_network import MaxNetwork
-from tactile_viewgcn.sensors.support_vectors import SupportVectors
-from tactile_viewgcn.sensors.systems import PooledSets, SensorSystem, SingleFrames
+from tactile_viewgcn.sensors.systems import EstimatorSystem, SensorSystem
 from tactile_viewgcn.sensors.unit import above_dead_zone, logarithm
 
 THRESHOLDS = (4.0, 8.0, 16.0)  # units: a sensor is pressed lightly, firmly, hard
@@ -50,20 +49,19 @@ def statistics(points: np.ndarray) -> np.ndarray:
 
 
 MEMBERS: dict[str, Callable[[], SensorSystem]] = {
-    "trees": partial(SingleFrames, Forest, logarithm),
-    "logistic": partial(SingleFrames, Logistic, logarithm),
-    "lda": partial(SingleFrames, Discriminant, logarithm),
-    "kernel": partial(SingleFrames, KernelRidge, above_dead_zone),
-    "kernel_log": partial(SingleFrames, KernelRidge, logarithm),
-    "svm": partial(SingleFrames, SupportVectors, above_dead_zone),
-    "svm_log": partial(SingleFrames, SupportVectors, logarithm),
-    "max_logistic": partial(PooledSets, partial(Logistic, C=0.1), above_thresholds, maximum),
-    "max_kernel": partial(PooledSets, KernelRidge, above_dead_zone, maximum),
-    "max_kernel_log": partial(PooledSets, KernelRidge, logarithm, maximum),
-    "max_kernel_cosine": partial(PooledSets, KernelRidge, above_dead_zone, direction),
-    "max_svm": partial(PooledSets, SupportVectors, above_dead_zone, maximum),
-    "max_svm_log": partial(PooledSets, SupportVectors, logarithm, maximum),
+    "trees": partial(EstimatorSystem, Forest, logarithm),
+    "logistic": partial(EstimatorSystem, Logistic, logarithm),
+    "kernel": partial(EstimatorSystem, KernelRidge, above_dead_zone),
+    "kernel_log": partial(EstimatorSystem, KernelRidge, logarithm),
+    "svm": partial(EstimatorSystem, SupportVectors, above_dead_zone),
+    "svm_log": partial(EstimatorSystem, SupportVectors, logarithm),
+    "max_logistic": partial(EstimatorSystem, partial(Logistic, C=0.1), above_thresholds, maximum),
+    "max_kernel": partial(EstimatorSystem, KernelRidge, above_dead_zone, maximum),
+    "max_kernel_log": partial(EstimatorSystem, KernelRidge, logarithm, maximum),
+    "max_kernel_cosine": partial(EstimatorSystem, KernelRidge, above_dead_zone, direction),
+    "max_svm": partial(EstimatorSystem, SupportVectors, above_dead_zone, maximum),
+    "max_svm_log": partial(EstimatorSystem, SupportVectors, logarithm, maximum),
     "max_network": MaxNetwork,
-    "statistics_trees": partial(PooledSets, Forest, logarithm, statistics),
-    "statistics_svm": partial(PooledSets, SupportVectors, logarithm, statistics),
+    "statistics_trees": partial(EstimatorSystem, Forest, logarithm, statistics),
+    "statistics_svm": partial(EstimatorSystem, SupportVectors, logarithm, statistics),
 }

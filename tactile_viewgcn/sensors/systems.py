@@ -2,16 +2,18 @@
 
 A system is fitted to `TrainingFrames`. Its `frame_values` are computed of each frame alone, from readings (n, S) in
 units to float32 (n, F), and its `logits` (B, classes) of view sets of these values (B, k, F), whatever the order of
-views. Its `state_dict` holds tensors and plain values.
+views. Its `state_dict` holds tensors and plain values. It `takes_fewer` views than V where it is fitted to these too,
+and they cost little.
 """
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Self
 
 import numpy as np
 from scipy.special import softmax
 
 from tactile_viewgcn.sensors.estimators import Estimator, TrainingFrames
+from tactile_viewgcn.sensors.max_network import MaxNetwork
 
 SETS, QUICK_SETS = 10, 4  # view sets of each pool of frames and size that an estimator is fitted to
 MOST_VALUES = 1 << 24  # numbers of view sets that are pooled at once
@@ -20,33 +22,18 @@ FLOOR = 0.01  # added to the probabilities of an ensemble's members, so that no 
 Points = Callable[[np.ndarray], np.ndarray]
 
 
-class SensorSystem(Protocol):
-    """See the module. It `takes_fewer` views than V where it is fitted to these too, and they cost little."""
-
-    @property
-    def takes_fewer(self) -> bool: ...
-
-    def fit(self, data: TrainingFrames) -> "SensorSystem": ...
-
-    def state_dict(self) -> dict[str, Any]: ...
-
-    def load_state_dict(self, state: dict[str, Any], sensors: int, classes: int) -> None: ...
-
-    def frame_values(self, sensors: np.ndarray) -> np.ndarray: ...
-
-    def logits(self, values: np.ndarray) -> np.ndarray: ...
-
-
 class EstimatorSystem:
-    """What the two below share: an estimator for each size of view set.
+    """One estimator of single frames, whose probabilities are averaged; or one for each size of pooled view sets.
+
+    A view set of a size in between goes to the estimator of the next smaller one.
 
     Args:
         estimator: makes one, with nothing fitted yet.
         points: readings (n, S) in units to what is pooled.
-        pooled: points (B, k, F) of view sets to what the estimator reads, (B, F').
+        pooled: points (B, k, F) of view sets to what the estimator reads, (B, F'); None: single frames.
     """
 
-    def __init__(self, estimator: Callable[[], Estimator], points: Points, pooled: Points):
+    def __init__(self, estimator: Callable[[], Estimator], points: Points, pooled: Points | None = None):
         self.estimator, self.points, self.pooled = estimator, points, pooled
         self.fitted: dict[int, Estimator] = {}
 
@@ -54,61 +41,50 @@ class EstimatorSystem:
     def takes_fewer(self) -> bool:
         return 1 in self.fitted
 
+    def fit(self, data: TrainingFrames) -> Self:
+        points, self.classes = self.points(data.frames), data.classes
+        if self.pooled is None:
+            self.fitted = {1: self.estimator().fit(points, data.labels, data)}
+            return self
+        self.fitted, (sets, labels) = {}, data.view_sets(QUICK_SETS if data.quick else SETS)
+        for size, of_size in zip(data.sizes, sets, strict=True):
+            parts = -(-of_size.size * points.shape[1] // MOST_VALUES)  # that fit memory
+            pooled = [self.pooled(points[part]) for part in np.array_split(of_size, max(1, parts))]
+            self.fitted[size] = self.estimator().fit(np.concatenate(pooled), labels, data)
+        return self
+
     def state_dict(self) -> dict[str, Any]:
         return {str(size): each.state_dict() for size, each in self.fitted.items()}
 
     def load_state_dict(self, state: dict[str, Any], sensors: int, classes: int) -> None:
-        features = self.pooled(self.points(np.zeros((1, sensors)))[None]).shape[1]
-        self.classes = classes
-        self.fitted = {
-            int(size): self.estimator().load_state_dict(each, features, classes) for size, each in state.items()
-        }
+        points, self.classes = self.points(np.zeros((1, sensors))), classes
+        features = (self.pooled(points[None]) if self.pooled else points).shape[1]
+        for size, each in state.items():
+            self.fitted[int(size)] = self.estimator().load_state_dict(each, features, classes)
         if not self.fitted:
             raise ValueError("a system has no estimator")
 
-
-class SingleFrames(EstimatorSystem):
-    """An estimator that classifies each frame alone; the probabilities of a view set are averaged."""
-
-    def __init__(self, estimator: Callable[[], Estimator], points: Points):
-        super().__init__(estimator, points, lambda of_set: of_set[:, 0])
-
-    def fit(self, data: TrainingFrames) -> SensorSystem:
-        self.classes = data.classes
-        self.fitted = {1: self.estimator().fit(self.points(data.frames), data.labels, data)}
-        return self
-
     def frame_values(self, sensors: np.ndarray) -> np.ndarray:
-        (fitted,) = self.fitted.values()
-        return probabilities(fitted, self.points(sensors), self.classes)
+        points = self.points(sensors)
+        return points if self.pooled else self._probabilities(1, points)
 
     def logits(self, values: np.ndarray) -> np.ndarray:
-        return log_probabilities(values.mean(axis=1))
+        """Logarithms of probabilities, of 0 that of the smallest number that single precision holds."""
+        if self.pooled:
+            size = max((size for size in self.fitted if size <= values.shape[1]), default=min(self.fitted))
+            shares = self._probabilities(size, self.pooled(values))
+        else:
+            shares = values.mean(axis=1)
+        return np.log(np.maximum(shares, np.finfo(np.float32).tiny))
+
+    def _probabilities(self, size: int, points: np.ndarray) -> np.ndarray:
+        """Probabilities float32 (n, classes) of the estimator of a size; of a class that it was not fitted to 0."""
+        fitted, shares = self.fitted[size], np.zeros((len(points), self.classes), dtype=np.float32)
+        shares[:, fitted.classes] = fitted.predict_proba(points)
+        return shares
 
 
-class PooledSets(EstimatorSystem):
-    """An estimator for each size of view set; a set of a size in between goes to the next smaller one's."""
-
-    def fit(self, data: TrainingFrames) -> SensorSystem:
-        sets, labels = data.view_sets(QUICK_SETS if data.quick else SETS)
-        values, self.classes = self.points(data.frames), data.classes
-        self.fitted = {
-            size: self.estimator().fit(self._pooled_sets(values, of_size), labels, data)
-            for size, of_size in zip(data.sizes, sets, strict=True)
-        }
-        return self
-
-    def _pooled_sets(self, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
-        """What the estimator reads of view sets (M, k) of indices into values (n, F), in parts that fit memory."""
-        parts = -(-sets.size * values.shape[1] // MOST_VALUES)
-        return np.concatenate([self.pooled(values[part]) for part in np.array_split(sets, max(1, parts))])
-
-    def frame_values(self, sensors: np.ndarray) -> np.ndarray:
-        return self.points(sensors)
-
-    def logits(self, values: np.ndarray) -> np.ndarray:
-        size = max((size for size in self.fitted if size <= values.shape[1]), default=min(self.fitted))
-        return log_probabilities(probabilities(self.fitted[size], self.pooled(values), self.classes))
+SensorSystem = EstimatorSystem | MaxNetwork
 
 
 def added(logits: list[np.ndarray]) -> np.ndarray:
@@ -116,15 +92,3 @@ def added(logits: list[np.ndarray]) -> np.ndarray:
     if len(logits) == 1:
         return logits[0]
     return np.log(softmax(np.stack(logits), axis=-1) + FLOOR).sum(axis=0)
-
-
-def probabilities(fitted: Estimator, points: np.ndarray, classes: int) -> np.ndarray:
-    """Probabilities float32 (n, classes) of an estimator; of a class that it was not fitted to they are 0."""
-    shares = np.zeros((len(points), classes), dtype=np.float32)
-    shares[:, fitted.classes] = fitted.predict_proba(points)
-    return shares
-
-
-def log_probabilities(shares: np.ndarray) -> np.ndarray:
-    """Logarithms, of 0 that of the smallest number that single precision holds."""
-    return np.log(np.maximum(shares, np.finfo(np.float32).tiny))

@@ -24,7 +24,6 @@ System = Literal[
 Member = Literal[  # of sensors; one may be alone
     "trees",
     "logistic",
-    "lda",
     "kernel",
     "kernel_log",
     "svm",

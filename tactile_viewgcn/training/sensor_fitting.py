@@ -8,7 +8,7 @@ import torch
 from tactile_viewgcn.params import Model
 from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.sensors.systems import TrainingFrames
+from tactile_viewgcn.sensors.estimators import TrainingFrames
 from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
 from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.frames import TRAIN, Frames

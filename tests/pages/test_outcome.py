@@ -39,7 +39,7 @@ def finished(answers, *, notes=(), **changes):
     )
     changed = {key.replace("_", ".", 1): value for key, value in changes.items()}
     values = {"data.source": "my glove", "split.by": "recording", "split.folds": 3, "model.system": "sensors"}
-    values |= {"preprocess.baseline": "auto", "pretrain.epochs": 30, "finetune.epochs": 15, "model.members": ["lda"]}
+    values |= {"preprocess.baseline": "auto", "pretrain.epochs": 30, "finetune.epochs": 15, "model.members": ["kernel"]}
     params = {"values": values | changed, "changed": changed}
     records = {stage: {"notes": [], "params": params, "run_id": "f" * 32} for stage in STAGES}
     records["preprocess"]["notes"] = [asdict(note) for note in notes]
@@ -129,8 +129,8 @@ def test_a_chosen_candidate_is_judged_beside_the_others():
     reason = advice(run)[0].reasons[-1].replace("\xa0", " ")
     assert "20.0 %" in reason and "2 other candidates in 19.0 % to 40.0 %" in reason
     assert Outcome(run).candidates == values and Outcome(run).members == ["kernel"]
-    alone = finished(RIGHT, notes=notes[:2], model_members=["lda"])
-    assert len(advice(alone)[0].reasons) == 1 and Outcome(alone).members == ["lda"]
+    alone = finished(RIGHT, notes=notes[:2], model_members=["kernel"])
+    assert len(advice(alone)[0].reasons) == 1 and Outcome(alone).members == ["kernel"]
 
 
 def test_one_group_cannot_be_judged():

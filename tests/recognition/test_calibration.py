@@ -82,12 +82,12 @@ def test_a_network_is_not_calibrated_without_a_validation_side_or_where_it_takes
     assert fit_classifier(frames, views_of(frames, params), pretrained(), params, CPU).calibration is None
 
 
-def fit(part, system: str = "lda"):
+def fit(part, system: str = "logistic"):
     params = recipe("model.system=sensors", f"model.members=[{system}]")
     return fit_sensors(part, viewpoints(4), params.model, "random", params.seed)[0]
 
 
-def cross_calibrate(frames, system: str = "lda"):
+def cross_calibrate(frames, system: str = "logistic"):
     return calibrate(((fit(part, system), part) for part in left_out_parts(frames)), CPU, 0)
 
 
@@ -138,7 +138,7 @@ def test_recordings_of_one_object_are_calibrated_together():
     assert len(alone) == 1 and together_temperatures(2 * logits, classes)[0] == pytest.approx(2, abs=0.3)
 
 
-@pytest.mark.parametrize("system", ["kernel", "lda"])
+@pytest.mark.parametrize("system", ["kernel", "logistic"])
 def test_all_frames_of_a_recording_are_taken_only_where_they_err_less(system):
     frames = table("split.folds=6")
     assert cross_calibrate(frames, system).most_frames in (4, 32)

@@ -27,14 +27,14 @@ def candidate(members, wrong, error=0.5):
     ],
 )
 def test_a_later_candidate_is_taken_where_the_first_errs_by_more_than_a_standard_error_more(first, second, taken):
-    rows = [candidate(["lda"], first), candidate(["trees"], second), candidate(["kernel"], np.add(first, 1))]
+    rows = [candidate(["logistic"], first), candidate(["trees"], second), candidate(["kernel"], np.add(first, 1))]
     assert choose(rows) is rows[taken]
 
 
 def test_what_tells_the_objects_is_chosen_and_the_test_side_changes_nothing():
     """The last class is told by how its frames differ from each other, which one frame alone does not show."""
     frames = table("split.folds=6")
-    members, notes = choose_members(frames, 4, [["lda"], ["max_kernel"], ["trees", "kernel"]], 0)
+    members, notes = choose_members(frames, 4, [["logistic"], ["max_kernel"], ["trees", "kernel"]], 0)
     assert notes[0].level == "choice" and notes[0].key == "model.members" and notes[0].value == members
     assert [note.topic for note in notes[1:]] == ["candidates"] * 4 and all(len(str(note)) <= 78 for note in notes[1:])
     rows = [note.value for note in notes[2:]]
@@ -43,7 +43,7 @@ def test_what_tells_the_objects_is_chosen_and_the_test_side_changes_nothing():
     assert means == sorted(means)
     assert all(0 <= row["error"] < 0.75 and row["milliseconds"] > 0 for row in rows)  # better than chance
     other = replace(frames, label=np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype))
-    again = choose_members(other, 4, [["lda"], ["max_kernel"], ["trees", "kernel"]], 0)
+    again = choose_members(other, 4, [["logistic"], ["max_kernel"], ["trees", "kernel"]], 0)
     assert [note.value["error"] for note in again[1][2:]] == [row["error"] for row in rows]
 
 
@@ -59,14 +59,14 @@ def test_a_candidate_s_errors_are_those_of_fits_that_have_not_met_its_groups():
 def test_with_one_group_an_object_nothing_is_compared_and_a_note_says_so():
     frames = table()
     alone = replace(frames, group=frames.label.astype(np.int64))
-    assert compare(alone, 4, [["lda"]], 0) == []
-    members, (note,) = choose_members(alone, 4, [["lda"]], 0)
+    assert compare(alone, 4, [["logistic"]], 0) == []
+    members, (note,) = choose_members(alone, 4, [["logistic"]], 0)
     assert members == FALLBACK and "no object has two groups" in note.text
 
 
 def test_an_ensemble_has_the_answers_of_its_members_added():
     frames = table("split.folds=6")
-    both, one = compare(frames, 4, [["logistic", "lda"], ["lda"]], 0)
+    both, one = compare(frames, 4, [["logistic", "kernel"], ["kernel"]], 0)
     assert both.seconds > one.seconds and both.milliseconds > one.milliseconds
 
 

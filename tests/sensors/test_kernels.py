@@ -8,8 +8,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import softmax
 
 from tactile_viewgcn.sensors import kernels
-from tactile_viewgcn.sensors.kernels import BLOCKS, Kernel, KernelRidge, block_weights, some_points
-from tactile_viewgcn.sensors.support_vectors import SupportVectors
+from tactile_viewgcn.sensors.kernels import BLOCKS, Kernel, KernelRidge, SupportVectors, block_weights, some_points
 
 APART = np.arange(20).reshape(2, 10) % 2 + np.arange(2)[:, None] == 0  # five sensors, none with another in its block
 NO_BLOCKS = SimpleNamespace(live=APART, seed=0)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.stability.rows import max_rel_error
+from tactile_viewgcn.sensors.estimators import TrainingFrames
 from tactile_viewgcn.sensors.kernels import Kernel
 from tactile_viewgcn.sensors.pipelines import MEMBERS
-from tactile_viewgcn.sensors.systems import TrainingFrames
 from tactile_viewgcn.sensors.unit import contact_unit
 from tests.small_tables import recipe
 

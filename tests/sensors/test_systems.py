@@ -7,11 +7,8 @@ from typing import get_args
 import numpy as np
 import pytest
 import torch
-from sklearn.decomposition import PCA
-from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.linear_model import LogisticRegression
-from sklearn.pipeline import make_pipeline
 from sklearn.svm import SVC
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
@@ -21,8 +18,8 @@ from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors import forest, max_network, pipelines
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.estimators import MOST_SETS, TrainingFrames
+from tactile_viewgcn.sensors.kernels import SupportVectors
 from tactile_viewgcn.sensors.pipelines import MEMBERS
-from tactile_viewgcn.sensors.support_vectors import SupportVectors
 from tactile_viewgcn.sensors.systems import FLOOR
 from tactile_viewgcn.sensors.unit import contact_unit
 from tactile_viewgcn.systems import Member
@@ -35,7 +32,6 @@ from tests.small_tables import CPU, recipe, table
 PLAIN = {
     "trees": lambda: ExtraTreesClassifier(500, random_state=0),
     "logistic": lambda: LogisticRegression(max_iter=500),
-    "lda": lambda: make_pipeline(PCA(50, random_state=0), LinearDiscriminantAnalysis()),
 }
 
 SEED = SimpleNamespace(seed=0)
@@ -128,12 +124,6 @@ def test_a_class_without_training_frames_is_never_answered():
     merged = replace(frames, label=np.where(frames.label == 2, 1, frames.label).astype(frames.label.dtype))
     probabilities = fitted("logistic", merged).frame_values(inputs(np.flatnonzero(frames.side == TEST)))
     assert probabilities.shape[1] == 4 and (probabilities[:, 2] == 0).all()
-
-
-def test_components_are_fewer_than_the_training_frames():
-    few = replace(table(), anchor=table().anchor & (np.arange(len(table())) % 12 == 0))
-    assert (few.anchor & (few.side == TRAIN)).sum() < 50
-    assert fitted("lda", few).frame_values(inputs(few.on(TEST))).isfinite().all()
 
 
 def test_trees_are_fewer_where_their_leaves_would_hold_too_much_and_in_a_comparison(monkeypatch):

@@ -181,7 +181,7 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     place.mkdir()
     restored, again = "Stage 'pretrain' is cached - skipping run", ["needs", "finetune", "evaluate"]
 
-    def switch_to(system, members="[lda]", *options, uri="disabled"):
+    def switch_to(system, members="[kernel]", *options, uri="disabled"):
         changes = ("-S", f"model.system={system}", "-S", f"model.members={members}")
         return sh("dvc", "exp", "run", *options, *changes, cwd=clone, MLFLOW_TRACKING_URI=uri)
 

@@ -47,7 +47,7 @@ def finished(tmp_path_factory) -> Path:
     save_matlab5(place / "metadata.mat", tree)
     (place / "data").mkdir()
     (place / "data" / "needs.json").write_text('{"cluster": false, "pretrain": false}')
-    changes = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.members=[lda]", "device=cpu")
+    changes = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.members=[kernel]", "device=cpu")
     words = [word for change in changes for word in ("--set", change)]
     for stage, files in FILES.items():
         result = run_stage(stage, *files.split(), "--record", f"runs/{stage}.json", *words, cwd=place)
