@@ -23,6 +23,6 @@ def read_trained(frames: Path, classifier: Path, params: Params) -> tuple[Classi
             raise UserError(f"{path}: no such file; run `dvc repro`, which makes it")
     table = read_frames(frames)
     trained, content = load_classifier(classifier)
-    if (content.classes, content.live.shape) != (table.classes, table.live.shape):
+    if (content.classes, content.preprocessing.live.shape) != (table.classes, table.live.shape):
         raise UserError(f"{classifier}: of other classes or sensors than {frames}; train it on these frames")
     return trained, table, replace(params, model=content.model, views=trained.views)

@@ -29,7 +29,7 @@ from tactile_viewgcn.provenance import run_tags
 
 EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
-NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic"  # packages that every logged model needs
+NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm"  # of every logged model
 COSTS = "seconds", "peak_mb", "threads.fewest", "threads.most"  # of a stage's record
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
 SETTINGS = {  # MLflow reads them when it is imported

@@ -11,6 +11,7 @@ from tactile_viewgcn.notes import Note
 from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
 from tactile_viewgcn.recognition.novelty import spread_sets
+from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tactile_viewgcn.tables.recordings import Recordings
@@ -66,39 +67,37 @@ def answer_recording(
     one = np.zeros(1, dtype=int)
     recordings = ArrayRecordings([checked_array(counts, name)], [UNLABELLED], one, one)
     recordings.path = Path(name)
-    ((answer,), _, _) = _answers(recogniser, recordings, stop_at=stop_at)
+    ((answer,), _) = answer_table(recogniser, recordings, stop_at=stop_at, any_scale=True)
     return answer
 
 
 def answer_table(
-    recogniser: Recogniser, recordings: Recordings, *, window: float | None = None, stop_at: float | None = None
+    recogniser: Recogniser,
+    recordings: Recordings,
+    *,
+    window: float | None = None,
+    stop_at: float | None = None,
+    any_scale: bool = False,
 ) -> tuple[list[Answer], list[Note]]:
     """The answers to the recordings of a table, and notes on what was not as expected.
 
     Args:
         window: seconds that are answered together; None: whole recordings.
         stop_at: see `answer_recording`.
+        any_scale: readings in contact may be much stronger or weaker than the training's.
 
     Raises:
         UserError: recordings unlike the training's in form or scale, or without the times that windows need; a
             `window` out of range; see `answer_recording`.
     """
-    answers, classified, notes = _answers(recogniser, recordings, window=window, stop_at=stop_at)
-    recogniser.preprocessing.check_strength(classified, str(recordings.path))
-    return answers, notes
-
-
-def _answers(
-    recogniser: Recogniser, recordings: Recordings, *, window: float | None = None, stop_at: float | None = None
-) -> tuple[list[Answer], np.ndarray, list[Note]]:
-    """The answers to a table; V frames in contact (n, H, W) of each, above baseline; and notes on the baseline."""
     if stop_at is not None:
         recogniser.check_sequential(stop_at)
+    fitted, columns = recogniser.preprocessing, recordings.columns
     for _, counts in recordings.blocks():
-        recogniser.preprocessing.check_counts(counts, str(recordings.path))
-    recordings.live, columns = recogniser.preprocessing.live, recordings.columns
+        check_counts(fitted, counts, str(recordings.path))
+    recordings.live = fitted.live
     answers, classified = [], []
-    baseline, contact = recogniser.preprocessing.find_contact(recordings)
+    baseline, contact = find_contact(fitted, recordings)
     for index in _parts(recordings, window):
         pressed = index[contact[index]]
         excess = recordings.frames(pressed) - baseline.mean[baseline.of_frame[pressed]]
@@ -113,7 +112,9 @@ def _answers(
             end=float(columns["time"][index[-1]]),
         )
         answers.append(answer)
-    return answers, np.concatenate(classified), baseline.notes
+    if not any_scale:
+        check_strength(fitted, np.concatenate(classified), str(recordings.path))
+    return answers, baseline.notes
 
 
 def _parts(recordings: Recordings, window: float | None) -> Iterator[np.ndarray]:
@@ -148,7 +149,7 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
         probabilities, used = recogniser.of_recording(excess, "subtracted")
     novelty = float("nan")
     if recogniser.novelty and count >= views:
-        novelty = recogniser.novelty.score(excess[spread])
+        novelty = recogniser.novelty.score(excess[spread][:, recogniser.preprocessing.live])
     again = stop_at is not None and bool(probabilities.max() < stop_at)
     return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty, grasp_again=again)
 

@@ -35,11 +35,11 @@ def form_of(values: Any) -> str:
     return VIEW_SETS if axes == 4 else ROWS
 
 
-def recordings_of_rows(rows: Sequence[Any]) -> tuple[list[Any], np.ndarray]:
-    """The recordings of rows that are one or a list of several each, and the row int64 (n,) of each recording."""
-    several = [row if _holds_recordings(row) else [row] for row in rows]
-    counts = [len(row) for row in several]
-    return [recording for row in several for recording in row], np.repeat(np.arange(len(several)), counts)
+def recordings_by_row(X: Sequence[Any]) -> list[Sequence[Any]]:
+    """The recordings in each row of X, which is one or a list of several; a UserError for none."""
+    if not len(X):
+        raise UserError("X holds no recordings; expected one or more, each an array (frames, rows, columns)")
+    return [row if _holds_recordings(row) else [row] for row in X]
 
 
 def _holds_recordings(row: Any) -> bool:
@@ -55,25 +55,19 @@ def _axes(values: Any) -> int:
     return values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
 
 
-def checked_arrays(
-    recordings: Sequence[Any], shape: tuple[int, int] | None = None, rows: Sequence[int] | None = None
-) -> list[np.ndarray]:
-    """Recordings as arrays (T_i, H, W) of one type, which holds the numbers of all of them; `rows` of X are named.
+def checked_arrays(rows: Sequence[Sequence[Any]]) -> tuple[list[np.ndarray], np.ndarray]:
+    """All recordings as arrays (T_i, H, W) of one type, which holds the numbers of all of them, and the row of each.
 
-    A UserError for none, for one that `checked_array` refuses, and for another layout than `shape` or the first one's.
+    A UserError for one that `checked_array` refuses, and for another layout than the first one's.
     """
-    if not len(recordings):
-        raise UserError("X holds no recordings; expected one or more, each an array (frames, rows, columns)")
-    rows = range(len(recordings)) if rows is None else rows
-    arrays = [checked_array(recording, f"X[{row}]") for recording, row in zip(recordings, rows, strict=True)]
-    expected = shape or arrays[0].shape[1:]
-    for number, array in zip(rows, arrays, strict=True):
-        if array.shape[1:] != expected:
-            layouts = (" x ".join(map(str, each)) for each in (array.shape[1:], expected))
-            of = "in training" if shape else "X[0]"
-            raise UserError("X[{}] has frames of {}; expected {}, as {}".format(number, *layouts, of))
+    row = np.repeat(np.arange(len(rows)), [len(recordings) for recordings in rows])
+    arrays = [checked_array(each, f"X[{number}]") for number, recordings in enumerate(rows) for each in recordings]
+    for number, array in zip(row, arrays, strict=True):
+        if array.shape[1:] != arrays[0].shape[1:]:
+            layout, expected = (" x ".join(map(str, each.shape[1:])) for each in (array, arrays[0]))
+            raise UserError(f"X[{number}] has frames of {layout}; expected {expected}, as X[0]")
     dtype = np.result_type(*arrays)
-    return [array.astype(dtype, copy=False) for array in arrays]
+    return [array.astype(dtype, copy=False) for array in arrays], row
 
 
 def checked_array(recording: Any, name: str) -> np.ndarray:

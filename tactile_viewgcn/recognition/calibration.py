@@ -14,13 +14,12 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.cross_validation import LeftOut
-from tactile_viewgcn.recognition.sequential import Calibration, logits_by_count
+from tactile_viewgcn.recognition.sequential import MOST_RECORDINGS, Calibration, logits_by_count
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.training.inputs import FrameInputs
 
-MOST_RECORDINGS = 3  # of one object that are answered together
 DRAWS = 10  # of recordings that are answered together, for each recording
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 
@@ -56,8 +55,7 @@ def calibrate(fits: Iterable[tuple[Classifier, Frames]], compute: Compute, seed:
     Returns:
         None without any.
     """
-    answers: dict[str, list[Tensor]] = {name: [] for name in ("by_count", "labels", "few", "whole", "classes")}
-    most_frames, views = 0, 0
+    parts, most_frames, views = [], 0, 0
     for classifier, table in fits:
         left = LeftOut(table, classifier.views, stream(seed, "touches.calibrate"))
         classifier.prepare(compute)
@@ -65,18 +63,18 @@ def calibrate(fits: Iterable[tuple[Classifier, Frames]], compute: Compute, seed:
             values = classifier.frame_values(FrameInputs(table, left.index, compute, classifier.transform))
         whole = left.whole if isinstance(classifier, SensorClassifier) else left.few
         with torch.inference_mode():
-            for name, sets in (("few", left.few), ("whole", whole)):
-                answers[name].append(classifier.logits(values, torch.from_numpy(sets).to(values.device)).cpu())
-        answers["by_count"].append(logits_by_count(classifier, values, left.drawn).cpu())
-        for name, sets in (("labels", left.drawn), ("classes", left.few)):
-            answers[name].append(torch.from_numpy(left.label[sets[:, 0]]))
+            few, most = (
+                classifier.logits(values, torch.from_numpy(sets).to(values.device)).cpu() for sets in (left.few, whole)
+            )
+            drawn = logits_by_count(classifier, values, left.drawn).swapaxes(0, 1).cpu()
+        label = torch.from_numpy(left.label)
+        parts.append((drawn, label[left.drawn[:, 0]], few, most, label[left.few[:, 0]]))
         most_frames, views = max(most_frames, whole.shape[1]), classifier.views
-    if not views:
+    if not parts:
         return None
-    by_count = torch.cat(answers.pop("by_count"), dim=1)
-    labels, few, most, classes = (torch.cat(parts) for parts in answers.values())
+    drawn, labels, few, most, classes = (torch.cat(column) for column in zip(*parts, strict=True))
+    by_frames = [fit_temperature(logits, labels, len(classes)) for logits in drawn.unbind(1)]
     wrong_few, wrong_most = ((logits.argmax(dim=1) != classes).sum() for logits in (few, most))
-    by_frames = [fit_temperature(logits, labels, len(classes)) for logits in by_count]
     if wrong_most < wrong_few:
         return Calibration(by_frames, together_temperatures(most, classes), most_frames)
     return Calibration(by_frames, together_temperatures(few, classes), views)

@@ -50,12 +50,14 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
 
     names = list(dict.fromkeys(name for members in candidates for name in members))
     seconds, milliseconds = dict.fromkeys(names, 0.0), dict.fromkeys(names, np.inf)
-    errors: list[list[np.ndarray]] = [[] for _ in candidates]  # of each part, of both kinds of view sets by group
+    wrong: list[list[np.ndarray]] = [[] for _ in candidates]  # (2, groups of a part): of both kinds of view sets
     for number, part in enumerate(left_out_parts(table)):
         left = LeftOut(part, views, stream(seed, "choice", number))
-        data, unit = training_frames(part, views, (views, left.whole.shape[1]), seed, quick=True)
+        sets = [left.drawn, left.whole]
+        sizes = tuple(dict.fromkeys(of_kind.shape[1] for of_kind in sets))  # one where no recording has more than V
+        data, unit = training_frames(part, views, sizes, seed, quick=True)
         readings = part.inputs(left.index, "counts")[:, part.live] / np.float32(unit)
-        sets, answers = [left.drawn, left.whole], {}
+        answers = {}
         for name in names:
             begin = time.perf_counter()
             system = MEMBERS[name]().fit(data)
@@ -63,17 +65,13 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
             values = system.frame_values(readings)
             answers[name] = [set_logits(system, values, of_kind) for of_kind in sets]
             milliseconds[name] = min(milliseconds[name], _milliseconds(system, readings[sets[0][0]]))
-        for members, parts in zip(candidates, errors, strict=True):
-            by_group = []
-            for kind, drawn in enumerate(sets):
-                answer = added([answers[name][kind] for name in members]).argmax(axis=1)
-                wrong = answer != left.label[drawn[:, 0]]
-                by_group.append(_by_group(wrong, left.group[drawn[:, 0]], np.unique(left.group)))
-            parts.append(np.stack(by_group))
-    if not errors[0]:
+        for members, parts in zip(candidates, wrong, strict=True):
+            logits = [added([answers[name][kind] for name in members]) for kind in range(len(sets))]
+            parts.append(np.stack([left.wrong(*pair) for pair in zip(sets, logits, strict=True)]))
+    if not wrong[0]:
         return []
     rows = []
-    for members, parts in zip(candidates, errors, strict=True):
+    for members, parts in zip(candidates, wrong, strict=True):
         of_group = np.concatenate(parts, axis=1)
         error, whole_error = np.nanmean(of_group, axis=1)
         cost = (sum(of[name] for name in members) for of in (seconds, milliseconds))
@@ -116,8 +114,8 @@ def choose_members(
         errors = f"{100 * row.error:5.1f} {100 * row.whole_error:5.1f}"
         costs = f"{row.seconds:6.1f} {row.milliseconds:5.1f}"
         text = f"{errors} {costs} {'*' if row is best else ' '} {'+'.join(row.members)}"
-        value = {name: getattr(row, name) for name in ("members", "error", "whole_error", "seconds", "milliseconds")}
-        notes.append(Note(text, topic="candidates", key="model.members", value=value | {"taken": row is best}))
+        value = {name: value for name, value in row._asdict().items() if name != "wrong"} | {"taken": row is best}
+        notes.append(Note(text, topic="candidates", key="model.members", value=value))
     return best.members, notes
 
 
@@ -129,13 +127,6 @@ def set_logits(system: SensorSystem, values: np.ndarray, sets: np.ndarray) -> np
     """Logits (A, classes) of view sets (A, k) of indices into values (n, F), in parts that fit memory."""
     parts = np.array_split(sets, -(-len(sets) // ANSWERED_AT_ONCE))
     return np.concatenate([system.logits(values[part]) for part in parts])
-
-
-def _by_group(wrong: np.ndarray, group: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """Mean (G,) of wrong answers (A,), of a group (A,) each, in each of the groups (G,); NaN in one without answers."""
-    place = np.searchsorted(groups, group)
-    count = np.bincount(place, minlength=len(groups))
-    return np.bincount(place, wrong, len(groups)) / np.where(count, count, np.nan)
 
 
 def _milliseconds(system: SensorSystem, readings: np.ndarray) -> float:

@@ -61,6 +61,14 @@ class LeftOut:
         anchors = np.repeat(np.flatnonzero(table.anchor[index]), DRAWS)
         self.drawn = sequences(anchors[:: -(-len(anchors) // MOST_SETS)], pool, views, rng)
 
+    def wrong(self, sets: np.ndarray, logits: np.ndarray) -> np.ndarray:
+        """Share of wrong answers (G,) in each group, by logits (A, classes) of sets (A, k); NaN without answers."""
+        wrong = logits.argmax(axis=1) != self.label[sets[:, 0]]
+        groups, place = np.unique(self.group, return_inverse=True)
+        of_set = place[sets[:, 0]]
+        count = np.bincount(of_set, minlength=len(groups))
+        return np.bincount(of_set, wrong, len(groups)) / np.where(count, count, np.nan)
+
 
 def training_sample(table: Frames) -> np.ndarray:
     """Rising indices of training frames: 20,000 anchors at most, and as many other frames of their recordings."""

@@ -19,12 +19,11 @@ from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.names import EMPTY_HAND, shown
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.params import DEFAULTS, Params, load, preset_changes
-from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_of_rows
+from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_by_row
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.systems import Member
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 
-NO_LABELS = "no_validation"  # scikit-learn's word for y where there is none
 #: view sets and rows are chosen frames above baseline
 CHOSEN = {
     "preprocess.baseline": "none",
@@ -87,7 +86,14 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """
         from tactile_viewgcn.recognition.training import train
 
-        form, arrays, row, y = self._checked(X, y)
+        form = form_of(X)
+        if form == ROWS:
+            X, y = validate_data(self, X, y, dtype=(np.float64, np.float32))
+            arrays, row = list(X[:, None, None]), np.arange(len(X))
+        else:
+            arrays, row = checked_arrays(recordings_by_row(X))
+            y = column_or_1d(y, warn=True)
+            check_consistent_length(X, y)
         classes, labels = _classes(y)
         group, params = _groups(groups, len(y))[row], self._parameters(form, arrays)
         names, session = [str(label) for label in classes], np.zeros(len(arrays), dtype=int)
@@ -110,13 +116,12 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             UserError, ValueError: X of another form or layout than in training.
         """
         check_is_fitted(self, "recogniser_")
-        _, arrays, row, _ = self._checked(X)
+        if (form := form_of(X)) != self._form:
+            raise UserError(f"X holds {form}; expected {self._form}, as in training")
+        if form == ROWS:
+            X = validate_data(self, X, reset=False, dtype=(np.float64, np.float32))[:, None, None]
+        of_rows = self._of_recordings(X) if form == RECORDINGS else self.recogniser_.probabilities(np.asarray(X))
         names = [str(label) for label in self.classes_]
-        of_rows = (
-            self._of_recordings(arrays, row)
-            if self._form == RECORDINGS
-            else self.recogniser_.probabilities(np.stack(arrays))
-        )
         probabilities = np.zeros((len(of_rows), len(names)), dtype=np.float32)
         probabilities[:, [names.index(name) for name in self.recogniser_.classes]] = of_rows
         return probabilities
@@ -155,22 +160,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         with torch.random.fork_rng():  # building a network draws weights
             self.recogniser_ = Recogniser(io.BytesIO(self._file))
 
-    def _checked(self, X: Any, y: Any = NO_LABELS) -> tuple[str, list[np.ndarray], np.ndarray, Any]:
-        """Form of X, arrays (T_i, H, W) in its n rows, the row of each, and y (n,) in training."""
-        form, training = form_of(X), y is not NO_LABELS
-        if not training and form != self._form:
-            raise UserError(f"X holds {form}; expected {self._form}, as in training")
-        if form == ROWS:
-            checked = validate_data(self, X, y, reset=training, dtype=(np.float64, np.float32))
-            X, y = checked if training else (checked, y)
-            return form, list(X[:, None, None, :]), np.arange(len(X)), y
-        recordings, row = recordings_of_rows(X)
-        arrays = checked_arrays(recordings, None if training else self.recogniser_.shape, row.tolist())
-        if training:
-            y = column_or_1d(y, warn=True)
-            check_consistent_length(X, y)
-        return form, arrays, row, y
-
     def _parameters(self, form: str, arrays: list[np.ndarray]) -> Params:
         """All parameters, for rows of this form."""
         if not isinstance(self.params, Mapping | None):
@@ -198,27 +187,24 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
                 )
         return params
 
-    def _of_recordings(self, arrays: list[np.ndarray], row: np.ndarray) -> np.ndarray:
+    def _of_recordings(self, X: Any) -> np.ndarray:
         """Probabilities (n, classes) of rows, by the frames in contact of their recordings of raw counts.
 
         Without any it is the empty hand, or where that is no class, each class is as probable as any other.
         """
         from tactile_viewgcn.recognition.answer import NO_CONTACT, answer_recording, answer_together
 
-        probabilities, names = [], self.recogniser_.classes
-        nothing = np.full(len(names), 1 / len(names))
-        if EMPTY_HAND in names:
-            nothing = np.eye(len(names))[names.index(EMPTY_HAND)]
-        for number in np.unique(row):
-            answers = [
-                answer_recording(self.recogniser_, arrays[place], name=f"X[{number}]")
-                for place in np.flatnonzero(row == number)
-            ]
-            answer = answer_together(self.recogniser_, answers) if len(answers) > 1 else answers[0]
-            probabilities.append(nothing if answer.status == NO_CONTACT else answer.probabilities)
-            if answer.status == NO_CONTACT and EMPTY_HAND not in names:
+        recogniser, of_rows = self.recogniser_, []
+        without_contact = np.full(len(recogniser.classes), 1 / len(recogniser.classes))
+        if EMPTY_HAND in recogniser.classes:
+            without_contact = np.array([float(name == EMPTY_HAND) for name in recogniser.classes])
+        for number, recordings in enumerate(recordings_by_row(X)):
+            answers = [answer_recording(recogniser, counts, name=f"X[{number}]") for counts in recordings]
+            answer = answer_together(recogniser, answers) if len(answers) > 1 else answers[0]
+            of_rows.append(without_contact if answer.status == NO_CONTACT else answer.probabilities)
+            if answer.status == NO_CONTACT and EMPTY_HAND not in recogniser.classes:
                 warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=3)
-        return np.stack(probabilities)
+        return np.stack(of_rows)
 
 
 def _classes(y: Any) -> tuple[np.ndarray, np.ndarray]:

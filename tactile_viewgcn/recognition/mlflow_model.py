@@ -36,7 +36,6 @@ class RecogniserModel:
 
         try:
             counts, baseline = _numbers(model_input["counts"]), self._baseline(params or {})
-            _check_range(counts, self.recogniser.preprocessing.dtype)
             return DataFrame(self.recogniser.probabilities(counts, baseline), columns=self.recogniser.classes)
         except UserError as error:
             raise bad_request(str(error)) from None
@@ -69,18 +68,6 @@ def _numbers(counts: np.ndarray) -> np.ndarray:
         return counts.astype(np.float64 if real else np.int64)
     except OverflowError:
         raise UserError(f"counts holds an integer beyond 64 bits; expected numbers up to {MAX_PRESSURE:g}") from None
-
-
-def _check_range(counts: np.ndarray, dtype: np.dtype) -> None:
-    """Raise a UserError for counts that the training's type of integers does not hold."""
-    if dtype.kind != "i":
-        return
-    limits = np.iinfo(dtype)
-    outside = counts[(counts < limits.min) | (counts > limits.max)]
-    if outside.size:
-        raise UserError(
-            f"counts holds {outside[0]:g}; expected {limits.min} to {limits.max}, raw counts as in training ({dtype})"
-        )
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:

@@ -21,29 +21,46 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.params import Model, PreprocessSection
-from tactile_viewgcn.recognition.novelty import fit_novelty
-from tactile_viewgcn.recognition.sequential import Calibration
+from tactile_viewgcn.recognition.novelty import Array, Novelty, Unit, fit_novelty
+from tactile_viewgcn.recognition.sequential import MOST_RECORDINGS, Calibration
 from tactile_viewgcn.schema import Unique
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 EXPECTED = "expected what `finetune` or `TactileClassifier.save` has written, such as models/classifier.pt"
-FORMAT = 6  # of the file; one written before formats had numbers has none
+FORMAT = 7  # of the file; one written before formats had numbers has none
 ARCHIVE_START = b"PK"  # of all that torch saves, of a classifier that was cut short too
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000
 MOST_VIEWS, MOST_SIDE = 1000, 64  # as params.yaml allows
 CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
-Unit = Annotated[float, Interval(gt=0, le=1e31)]  # counts
 
 
-class NoveltyContent(BaseModel):
-    """See `Novelty`."""
+class FittedPreprocessing(BaseModel):
+    """The preprocessing of the training, and what its recordings read.
+
+    Attributes:
+        params: of the training's frames, without `auto`.
+        kept_share: share of the recordings' frames that the filter keeps.
+        dtype: of the counts.
+        strong_readings: see the function of this name.
+        live: bool (H, W) sensors.
+        noise: (H, W) standard deviation of the baseline in counts, -1 where it was not measured.
+        baselines: (H, W) of each session, by its name.
+    """
 
     model_config = CHECKED
-    maps: Tensor
-    unit: Unit
-    threshold: Unit
+    params: PreprocessSection
+    kept_share: Annotated[float, Interval(ge=0, le=1)]
+    dtype: Literal["int16", "int32", "float32", "float64"]
+    strong_readings: Annotated[list[float], MinLen(2), MaxLen(2)]
+    live: Array
+    noise: Array
+    baselines: Annotated[dict[str, Array], MinLen(1)]
+
+    def mean_baseline(self) -> np.ndarray:
+        """Mean (H, W) of the baselines of the training's sessions."""
+        return np.mean(list(self.baselines.values()), axis=0)
 
 
 class Content(BaseModel):
@@ -57,37 +74,28 @@ class Content(BaseModel):
     classes: Annotated[list[str], MinLen(2), MaxLen(2**15), Unique]
     transform: Literal["clip", "log", "counts"]
     scale: Unit
-    baseline_mean: Tensor
-    baseline_names: Annotated[list[str], MinLen(1)]
     precision: Literal["float32", "bfloat16"]
     calibration: Calibration | None
-    preprocess: PreprocessSection
-    kept_share: Annotated[float, Interval(ge=0, le=1)]
-    dtype: Literal["int16", "int32", "float32", "float64"]
-    live: Tensor
-    noise: Tensor
-    strong_readings: Annotated[list[float], MinLen(2), MaxLen(2)]
-    novelty: NoveltyContent | None
+    novelty: Novelty | None
+    preprocessing: FittedPreprocessing
 
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
-        views, shape, live = len(self.viewpoints), self.live.shape, self.live
-        temperatures = self.calibration and [*self.calibration.by_frames, *self.calibration.by_recordings]
+        views, calibration, fitted = len(self.viewpoints), self.calibration, self.preprocessing
+        shape, live = fitted.live.shape, fitted.live
+        temperatures = calibration.by_frames + calibration.by_recordings if calibration else []
         rules = {
-            "preprocess": "auto" not in vars(self.preprocess).values(),
+            "params": "auto" not in vars(fitted.params).values(),
             "viewpoints": 1 <= views <= MOST_VIEWS and self.viewpoints.shape == (views, 3),
-            "live": len(shape) == 2 and max(shape) <= MOST_SIDE and live.dtype == torch.bool and bool(live.any()),
-            "noise": self.noise.shape == shape,
-            "baseline_mean": self.baseline_mean.shape == (len(self.baseline_names), *shape),
-            "strong_readings": self.strong_readings == sorted(self.strong_readings),
-            "calibration": self.calibration is None
-            or (
-                len(self.calibration.by_frames) == views
-                and len(self.calibration.by_recordings) <= 3
-                and 1 <= self.calibration.most_frames <= MOST_VIEWS
-                and all(1e-6 <= temperature <= 1e6 for temperature in temperatures or [])
-            ),
-            "novelty": self.novelty is None or self.novelty.maps.shape[1:] == (int(live.sum()),),
+            "live": len(shape) == 2 and max(shape) <= MOST_SIDE and live.dtype == bool and live.any(),
+            "noise": fitted.noise.shape == shape,
+            "baselines": all(baseline.shape == shape for baseline in fitted.baselines.values()),
+            "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),
+            "calibration": calibration is None
+            or (len(calibration.by_frames) == views and len(calibration.by_recordings) <= MOST_RECORDINGS),
+            "temperatures": all(1e-6 <= temperature <= 1e6 for temperature in temperatures),
+            "most_frames": calibration is None or 1 <= calibration.most_frames <= MOST_VIEWS,
+            "novelty": self.novelty is None or self.novelty.maps.shape[1:] == (live.sum(),),
         }
         if wrong := [name for name, right in rules.items() if not right]:
             raise ValueError(f"{', '.join(wrong)}: out of range, or of another shape than the rest")
@@ -108,7 +116,6 @@ def save_classifier(
         model: that the classifier was built with; frames: its training data; precision: of its training.
         calibration: with it the classifier takes any number of views up to V.
     """
-    sessions, baselines = session_baselines(frames)
     learnt = classifier.state_dict()
     if isinstance(classifier, torch.nn.Module):  # of any device, in channels-last order
         learnt = {name: weights.cpu().contiguous() for name, weights in learnt.items()}
@@ -121,29 +128,30 @@ def save_classifier(
         "classes": frames.classes,
         "transform": classifier.transform or frames.transform,
         "scale": frames.scale,
-        "baseline_mean": torch.from_numpy(baselines),
-        "baseline_names": sessions,
         "precision": precision,
         "calibration": calibration and asdict(calibration),
-        "preprocess": frames.preprocess,
-        "kept_share": frames.kept_share,
-        "dtype": str(frames.counts.dtype),
-        "live": torch.from_numpy(frames.live),
-        "noise": torch.from_numpy(frames.noise).nan_to_num(nan=-1),  # not measured
-        "strong_readings": strong_readings(frames),
-        "novelty": novelty
-        and {"maps": torch.from_numpy(novelty.maps), "unit": novelty.unit, "threshold": novelty.threshold},
+        "novelty": novelty and vars(novelty) | {"maps": torch.from_numpy(novelty.maps)},
+        "preprocessing": {
+            "params": frames.preprocess,
+            "kept_share": frames.kept_share,
+            "dtype": str(frames.counts.dtype),
+            "strong_readings": strong_readings(frames),
+            "live": torch.from_numpy(frames.live),
+            "noise": torch.from_numpy(frames.noise).nan_to_num(nan=-1),
+            "baselines": {name: torch.from_numpy(mean) for name, mean in session_baselines(frames).items()},
+        },
     }
     with atomic_write(path) as part:
         torch.save(content, part)
 
 
-def session_baselines(frames: Frames) -> tuple[list[str], np.ndarray]:
-    """Names (R,) of the sessions that have frames, and their baselines (R, H, W), the mean where one has several."""
+def session_baselines(frames: Frames) -> dict[str, np.ndarray]:
+    """Baselines (H, W) of the sessions that have frames, by name, the mean where one has several."""
     pairs = np.unique(np.stack([frames.session, frames.baseline], axis=1), axis=0)
-    used = np.unique(pairs[:, 0])
-    means = [frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(axis=0) for session in used]
-    return [frames.sessions[session] for session in used], np.stack(means)
+    return {
+        frames.sessions[session]: frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(axis=0)
+        for session in np.unique(pairs[:, 0])
+    }
 
 
 def strong_readings(frames: Frames) -> list[float]:
@@ -197,7 +205,8 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
 
 def _built(content: Content) -> Classifier:
     """The classifier; a ValueError where it has learnt something else than its kind does."""
-    height, width = content.live.shape
+    live = content.preprocessing.live
+    height, width = live.shape
     parts = content.viewpoints, len(content.classes), content.model, (height, width)
     with torch.device("meta"):  # where weights take no memory
         expected = build_classifier(*parts)
@@ -205,7 +214,7 @@ def _built(content: Content) -> Classifier:
         shapes = {name: weights.shape for name, weights in expected.state_dict().items()}
         if {name: weights.shape for name, weights in content.learnt.items()} != shapes:
             raise ValueError("its weights are those of another network")
-    elif not torch.equal(content.learnt["live"], content.live):
+    elif not np.array_equal(content.learnt["live"], live):
         raise ValueError("it has learnt other sensors")
     classifier = build_classifier(*parts)
     classifier.load_state_dict(content.learnt)

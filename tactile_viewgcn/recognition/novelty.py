@@ -5,8 +5,12 @@ The threshold is a quantile of the scores that training recordings have when eac
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Interval
+from pydantic import BeforeValidator
+from torch import Tensor
 
 from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.sensors.unit import contact_unit
@@ -16,6 +20,8 @@ QUANTILE = 0.99  # of the training recordings' scores
 DEAD_ZONE = 1.0  # units of a mean reading; below it is noise
 SETS = 5  # of a training recording
 MOST_SETS = 2000
+Array = Annotated[np.ndarray, BeforeValidator(Tensor.numpy)]  # a file has it as a tensor
+Unit = Annotated[float, Interval(gt=0, le=1e31)]  # counts
 
 
 @dataclass(frozen=True)
@@ -26,17 +32,15 @@ class Novelty:
         maps: float32 (M, S) of training sets, see `sensor_map`.
         unit: of a reading, in counts, see `contact_unit`.
         threshold: distance beyond which frames are unlike anything seen.
-        live: bool (H, W) with S sensors.
     """
 
-    maps: np.ndarray
-    unit: float
-    threshold: float
-    live: np.ndarray
+    maps: Array
+    unit: Unit
+    threshold: Unit
 
-    def score(self, excess: np.ndarray) -> float:
-        """Distance of frames (n, H, W) of counts above baseline to the nearest training set, 1 at the threshold."""
-        new = sensor_map(excess[:, self.live], self.unit)
+    def score(self, readings: np.ndarray) -> float:
+        """Distance of readings (n, S) in counts above baseline to the nearest training set, 1 at the threshold."""
+        new = sensor_map(readings, self.unit)
         return float(np.sqrt(((self.maps - new) ** 2).mean(axis=1).min()) / self.threshold)
 
 
@@ -73,7 +77,7 @@ def fit_novelty(frames: Frames, views: int) -> Novelty | None:
     distance[pool[:, None] == pool] = np.inf
     of_several = np.bincount(classes)[label] > 1  # recordings
     threshold = float(np.quantile(distance.min(axis=1)[of_several], QUANTILE))
-    return Novelty(maps, unit, threshold, frames.live) if threshold > 0 else None
+    return Novelty(maps, unit, threshold) if threshold > 0 else None
 
 
 def spread_sets(count: int, views: int, sets: int = 1) -> np.ndarray:

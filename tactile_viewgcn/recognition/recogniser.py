@@ -14,8 +14,8 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.recognition.novelty import Novelty, spread_sets
-from tactile_viewgcn.recognition.preprocessing import FittedPreprocessing
+from tactile_viewgcn.recognition.novelty import spread_sets
+from tactile_viewgcn.recognition.preprocessing import check_counts
 from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.transform import network_input
 
@@ -28,8 +28,8 @@ class Recogniser:
 
     Methods take raw counts and a baseline: (H, W) counts of the empty hand in the same session; None for the mean of
     the training's sessions; or "subtracted" where the counts are above their baseline already. They raise a UserError
-    for counts or a baseline of another shape, for values that are not finite or too large, and for fractions where the
-    training's counts are integers.
+    for counts or a baseline of another shape, for values that are not finite or too large, and where the training's
+    counts are integers, for raw counts that these cannot be.
 
     Args:
         path: a file of `save_classifier`, or one that is open for reading.
@@ -43,23 +43,14 @@ class Recogniser:
 
     def __init__(self, path: str | Path | BinaryIO):
         self.classifier, content = load_classifier(path)
-        model, live, noise = content.model, content.live.numpy(), content.noise.numpy()
-        self.classes, self.shape, self.calibration = content.classes, live.shape, content.calibration
-        self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
+        members = content.model.members
+        self.classes, self.calibration, self.novelty = content.classes, content.calibration, content.novelty
+        self.system = " + ".join(members) if on_sensors(content.model.system) else content.model.system
         self.temperatures = self.calibration.by_frames if self.calibration else None
+        self.preprocessing = content.preprocessing
+        self.shape = content.preprocessing.live.shape
         self._transform, self._scale = content.transform, content.scale
         self._compute = select_device("cpu", content.precision)
-        self.preprocessing = FittedPreprocessing(
-            params=content.preprocess,
-            kept_share=content.kept_share,
-            dtype=np.dtype(content.dtype),
-            strong_readings=content.strong_readings,
-            live=live,
-            noise=np.where(noise < 0, np.nan, noise),
-            baselines=dict(zip(content.baseline_names, content.baseline_mean.numpy(), strict=True)),
-        )
-        novelty = content.novelty
-        self.novelty = novelty and Novelty(novelty.maps.numpy(), novelty.unit, novelty.threshold, live)
 
     def baseline(self, name: str = "") -> np.ndarray:
         """Baseline (H, W) in counts of a session of the training data; without a name, the mean of all sessions.
@@ -170,17 +161,14 @@ class Recogniser:
 
     def _values(self, counts: np.ndarray, baseline: Baseline) -> Tensor:
         """The classifier's values (n, ...) of n frames of counts (..., H, W): the one place where raw counts enter."""
-        if counts.shape[-2:] != self.shape:
-            raise UserError(f"counts has frames of {counts.shape[-2:]}; expected {self.shape}")
         if isinstance(baseline, str) and baseline != "subtracted":
             raise UserError(f"baseline is {baseline!r}; expected an array, None or 'subtracted'; see baseline(session)")
-        check_finite(counts, "counts")
+        check_counts(self.preprocessing, counts, "counts", raw=not isinstance(baseline, str))
         if not isinstance(baseline, str):
             baseline = self.baseline() if baseline is None else baseline
             if baseline.shape != self.shape:
                 raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
             check_finite(baseline, "baseline")
-            self.preprocessing.check_counts(counts, "counts")
             counts = np.subtract(counts, baseline, dtype=np.float64)
         inputs = network_input(counts.reshape(-1, *self.shape), self._transform, self._scale)
         with self._compute.autocast():

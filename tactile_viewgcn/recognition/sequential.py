@@ -14,6 +14,8 @@ from torch import Tensor
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 
+MOST_RECORDINGS = 3  # of one object that are answered together
+
 
 @dataclass(frozen=True)
 class Calibration:

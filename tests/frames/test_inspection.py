@@ -89,7 +89,8 @@ def test_the_open_hand_and_scale_of_floats_are_those_of_their_readings(tmp_path,
     settings = chosen(page)
     assert (settings["baseline"], settings["filter"]) == ("grasp", "contact") and "zero" not in settings
     assert "scale" not in settings  # which the preset `best` does not read
-    assert sorted(page.recordings.objects) == sorted(FOREIGN_NAMES) and page.recordings.sessions == ["Übung 1", "Übung 2"]
+    assert sorted(page.recordings.objects) == sorted(FOREIGN_NAMES)
+    assert page.recordings.sessions == ["Übung 1", "Übung 2"]
     assert (np.abs(page.counts["in contact"] - 40) <= 1).all() and (page.counts["open hand"] >= 15).all()
     assert page.interval == pytest.approx(0.05) and page.gaps == 0
     assert np.median(page.hand.noise) == pytest.approx(0.015, rel=0.4)

@@ -59,6 +59,11 @@ def changed(**changes) -> dict:
     return content() | changes
 
 
+def preprocessed(**changes) -> dict:
+    tree = content()
+    return tree | {"preprocessing": tree["preprocessing"] | changes}
+
+
 def calibrated(**changes) -> dict:
     return changed(calibration={"by_frames": [1.0] * 8, "by_recordings": [], "most_frames": 8} | changes)
 
@@ -87,11 +92,8 @@ ALTERED = {
     "a tree that loops": (lambda: learnt(lambda state: state["right"].clamp_(max=1)), "a child that is not below it"),
     "a tree that points outside": (lambda: put("right", 10**9), "a child that is not below it"),
     "a feature outside": (lambda: put("feature", 10**9), "a feature that there is not"),
-    "leaves of other trees": (lambda: learnt(lambda state: state.update(shares=state["shares"][:-1])), "shares"),
     "a leaf that is no number": (lambda: put("shares", np.nan), "not finite"),
-    "an array of another type": (lambda: learnt(lambda state: state.update(left=state["left"].double())), "left"),
     "an array of another size": (lambda: learnt(lambda of: of.update(centre=of["centre"][1:]), "svm"), "array points"),
-    "an array missing": (lambda: learnt(lambda state: state.pop("roots")), "roots"),
     "a text as an array": (lambda: learnt(lambda state: state.update(roots="0")), "AttributeError"),
     "a class that there is not": (lambda: put("classes", 7), "a class that there is not"),
     "another estimator": (lambda: changed(learnt=content("svm")["learnt"]), "half_squares"),
@@ -99,21 +101,26 @@ ALTERED = {
     "other sensors": (lambda: of_sensors(live=torch.eye(*SHAPE, dtype=torch.bool)), "other sensors"),
     "a unit of 0": (lambda: of_sensors(unit=0.0), "unit"),
     "a file of an earlier version": (lambda: changed(format=5), "train it again"),
-    "a key missing": (lambda: {key: value for key, value in content().items() if key != "live"}, "live"),
+    "a key missing": (lambda: {key: value for key, value in content().items() if key != "scale"}, "scale"),
     "a key too many": (lambda: changed(code="x"), "code"),
     "numbers shown many times": (lambda: changed(viewpoints=torch.zeros(1, 3).expand(900, 3)), "number by number"),
-    "a tensor of a huge size": (lambda: changed(noise=torch.zeros(1).expand(10**9, 10**6)), "number by number"),
+    "a tensor of a huge size": (lambda: preprocessed(noise=torch.zeros(1).expand(10**9, 10**6)), "number by number"),
     "no viewpoints": (lambda: changed(viewpoints=torch.zeros(0, 3)), "viewpoints"),
-    "another layout": (lambda: changed(live=torch.ones(20, 20, dtype=torch.bool)), "noise"),
-    "no sensor": (lambda: changed(live=torch.zeros(SHAPE, dtype=torch.bool)), "live"),
-    "a baseline that is no number": (lambda: changed(baseline_mean=torch.full((2, *SHAPE), np.nan)), "not finite"),
+    "another layout": (lambda: preprocessed(live=torch.ones(20, 20, dtype=torch.bool)), "noise"),
+    "no sensor": (lambda: preprocessed(live=torch.zeros(SHAPE, dtype=torch.bool)), "live"),
+    "a baseline that is no number": (lambda: preprocessed(baselines={"": torch.full(SHAPE, np.nan)}), "not finite"),
+    "a baseline of another layout": (lambda: preprocessed(baselines={"": torch.zeros(2, 2)}), "baselines"),
+    "a text as noise": (lambda: preprocessed(noise="0"), "TypeError"),
     "a class twice": (lambda: changed(classes=["ball"] * 3), "classes"),
     "a class without a name": (lambda: changed(classes=["ball", None, "pen"]), "classes.1"),
-    "another type of counts": (lambda: changed(dtype="O"), "dtype"),
+    "another type of counts": (lambda: preprocessed(dtype="O"), "dtype"),
     "a scale of 0": (lambda: changed(scale=0.0), "scale"),
-    "a temperature below 0": (lambda: calibrated(by_frames=[-1.0] * 8), "calibration"),
-    "endless frames": (lambda: calibrated(most_frames=10**8), "calibration"),
-    "an unknown baseline": (lambda: changed(preprocess=content()["preprocess"] | {"baseline": "x"}), "baseline"),
+    "a temperature below 0": (lambda: calibrated(by_frames=[-1.0] * 8), "temperatures"),
+    "endless frames": (lambda: calibrated(most_frames=10**8), "most_frames"),
+    "an unknown baseline": (
+        lambda: preprocessed(params=content()["preprocessing"]["params"] | {"baseline": "x"}),
+        "params.baseline",
+    ),
     "an unknown member": (lambda: changed(model=content()["model"] | {"members": ["os.system"]}), "members"),
     "lists without end": (lambda: changed(learnt=nested(40)), "several places"),
     "lists within lists": (lambda: changed(learnt=[[[]]]), "learnt"),

@@ -90,7 +90,8 @@ def test_the_first_frames_of_the_bisecting_order_are_spread_over_all():
     "counts, message",
     [
         (np.zeros((5, 8, 9), np.int16), r"counts: frames of 8 x 9; expected 8 x 10, as the model was trained on"),
-        (np.full((5, *SHAPE), 0.5), r"counts holds 0.5; expected whole numbers, raw counts as in training"),
+        (np.full((5, *SHAPE), 0.5), r"counts holds 0.5; expected whole numbers from -32768 to 32767"),
+        (np.full((5, *SHAPE), 40_000), r"counts holds 40000; expected whole numbers from -32768 to 32767"),
         (np.full((5, *SHAPE), 2**31, np.uint32), r"^counts holds counts from 2147483648 to 2147483648; expected"),
         (np.full((5, *SHAPE), np.inf, np.float16), r"^counts holds inf in frame 0, row 0, column 0"),
     ],

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+import torch
 
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
-from tactile_viewgcn.recognition.model_file import session_baselines, strong_readings
-from tactile_viewgcn.recognition.preprocessing import FittedPreprocessing
+from tactile_viewgcn.recognition.model_file import FittedPreprocessing, session_baselines, strong_readings
+from tactile_viewgcn.recognition.preprocessing import find_contact
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tests.grips import FILE
 
@@ -34,17 +35,16 @@ def test_noise_that_is_cut_off_is_corrected_once(baseline):
     made = preprocess_recordings(known, params.preprocess, params.split)
     noise = made.frames.noise[known.live]
     np.testing.assert_allclose(np.median(noise), NOISE, rtol=0.25)
-    names, baselines = session_baselines(made.frames)
     fitted = FittedPreprocessing(
-        params=made.choice.params,
+        params=made.frames.preprocess,
         kept_share=made.frames.kept_share,
-        dtype=known.dtype,
+        dtype=str(known.dtype),
         strong_readings=strong_readings(made.frames),
-        live=known.live,
-        noise=made.frames.noise,
-        baselines=dict(zip(names, baselines, strict=True)),
+        live=torch.from_numpy(known.live),
+        noise=torch.from_numpy(made.frames.noise),
+        baselines={name: torch.from_numpy(mean) for name, mean in session_baselines(made.frames).items()},
     )
     new = table([8, 9], empty=False)
-    estimate, contact = fitted.find_contact(new)
+    estimate, contact = find_contact(fitted, new)
     np.testing.assert_allclose(np.median(estimate.noise[estimate.of_frame]), NOISE, rtol=0.25)
     np.testing.assert_array_equal(contact, np.tile(HELD, 2))

@@ -90,11 +90,8 @@ def fitted(form: str) -> TactileClassifier:
 
 
 IN_PREDICT = {
-    "another layout": (
-        "recordings",
-        [np.ones((5, 4, 3))],
-        r"X\[0\] has frames of 4 x 3; expected 4 x 4, as in training",
-    ),
+    "another layout": ("recordings", [np.ones((5, 4, 3))], r"X\[0\]: frames of 4 x 3; expected 4 x 4"),
+    "no recordings": ("recordings", [], "X holds no recordings"),
     "view sets for recordings": ("recordings", np.ones((2, 5, 4, 4)), "X holds view sets; expected recordings"),
     "recordings for view sets": ("view sets", recordings(), "X holds recordings; expected view sets"),
     "too many views": ("view sets", np.ones((2, 6, 4, 4), int), r"counts has shape \(2, 6, 4, 4\)"),

@@ -61,7 +61,7 @@ def one_row_short() -> list:
 
 
 NUMBERS = "a number up to 1e+30 from every sensor"
-RANGE = "expected -32768 to 32767, raw counts as in training (int16)"
+WHOLE = "whole numbers from -32768 to 32767, raw counts as in training"
 
 #: What is wrong -> (inputs, params, the whole line of the answer).
 MISTAKES = {
@@ -83,8 +83,8 @@ MISTAKES = {
     "shape of a frame": (np.zeros((1, 4, 12, 11), int).tolist(), {}, f"counts has shape (1, 4, 12, 11); {EXPECTED}"),
     "too many views": (np.zeros((1, 9, 12, 12), int).tolist(), {}, f"counts has shape (1, 9, 12, 12); {EXPECTED}"),
     "NaN": (changed(float("nan")), {}, f"counts holds nan; expected {NUMBERS}"),
-    "a number too large": (changed(1e300), {}, f"counts holds 1e+300; {RANGE}"),
-    "a number that int16 does not hold": (changed(-40_000), {}, f"counts holds -40000; {RANGE}"),
+    "a number too large": (changed(1e300), {}, f"counts holds 1e+300; expected {NUMBERS}"),
+    "a number that int16 does not hold": (changed(-40_000), {}, f"counts holds -40000; expected {WHOLE}"),
     "an integer of many digits": (
         changed(10**400),
         {},
@@ -93,7 +93,7 @@ MISTAKES = {
     "true": (changed(True), {}, "counts holds True; expected integer counts or real numbers"),
     "null": (changed(None), {}, "counts holds None; expected integer counts or real numbers"),
     "an object": (changed({"a": 1}), {}, "counts holds {'a': 1}; expected integer counts or real numbers"),
-    "a fraction": (changed(1.25), {}, "counts holds 1.25; expected whole numbers, raw counts as in training (int16)"),
+    "a fraction": (changed(1.25), {}, f"counts holds 1.25; expected {WHOLE}"),
     "a number as text": (changed("515"), {}, "counts holds '515'; expected integer counts or real numbers"),
     "text": ("mug", {}, "counts holds 'mug'; expected integer counts or real numbers"),
     "nothing": ([], {}, f"counts has shape (0,); {EXPECTED}"),
