@@ -25,9 +25,9 @@ def form_of(values: Any) -> str:
         isinstance(values, np.ndarray) and values.dtype == object and values.ndim == 1
     )
     try:
-        if listed and (not len(values) or any(_holds_recordings(row) or _axes(row) == 3 for row in values)):
+        if listed and (not len(values) or any(_holds_recordings(row) or np.ndim(row) == 3 for row in values)):
             return RECORDINGS
-        axes = _axes(values)
+        axes = np.ndim(values)
     except ValueError:
         raise UserError(f"X is ragged; expected {FORMS}") from None
     if axes not in (1, 2, 4):
@@ -45,14 +45,9 @@ def recordings_by_row(X: Sequence[Any]) -> list[Sequence[Any]]:
 def _holds_recordings(row: Any) -> bool:
     """Whether a row is a list of recordings; one that is ragged is none."""
     try:
-        return isinstance(row, list | tuple) and len(row) > 0 and all(_axes(recording) == 3 for recording in row)
+        return isinstance(row, list | tuple) and len(row) > 0 and all(np.ndim(recording) == 3 for recording in row)
     except ValueError:
         return False
-
-
-def _axes(values: Any) -> int:
-    """Number of axes of an array, or of what NumPy makes one of."""
-    return values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
 
 
 def checked_arrays(rows: Sequence[Sequence[Any]]) -> tuple[list[np.ndarray], np.ndarray]:

@@ -59,15 +59,14 @@ def _numbers(counts: np.ndarray) -> np.ndarray:
     kinds = set(map(type, counts.flat))
     if list in kinds:
         raise UserError("counts is not rectangular; expected nested lists of equal lengths")
-    real = {kind for kind in kinds if issubclass(kind, float | np.floating)}
-    whole = {kind for kind in kinds if kind is not bool and issubclass(kind, int | np.integer)}
-    if foreign := kinds - real - whole:  # NumPy would make numbers of true and "515"
+    numbers = {kind for kind in kinds if kind is not bool and issubclass(kind, int | float | np.integer | np.floating)}
+    if foreign := kinds - numbers:  # NumPy would make numbers of true and "515"
         value = next(value for value in counts.flat if type(value) in foreign)
         raise UserError(f"counts holds {reprlib.repr(value)}; expected integer counts or real numbers")
     try:
-        return counts.astype(np.float64 if real else np.int64)
+        return counts.astype(np.float64)
     except OverflowError:
-        raise UserError(f"counts holds an integer beyond 64 bits; expected numbers up to {MAX_PRESSURE:g}") from None
+        raise UserError(f"counts holds an integer of 309 digits or more; expected up to {MAX_PRESSURE:g}") from None
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:

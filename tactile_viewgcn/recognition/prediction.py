@@ -45,7 +45,7 @@ def predict(
     """
     check_outputs([path for path in (csv_path, json_path) if path is not None], [Path(model), Path(source)])
     recogniser = load_model(model)
-    views, calibrated = recogniser.classifier.views, recogniser.temperatures is not None
+    views, calibrated = recogniser.classifier.views, recogniser.calibration is not None
     echo(
         f"model: {recogniser.system}, {several(len(recogniser.classes), 'class', 'classes')}, "
         f"{'up to ' * (calibrated and views > 1)}{several(views, 'frame')}; "

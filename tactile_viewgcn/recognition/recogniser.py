@@ -36,7 +36,7 @@ class Recogniser:
 
     Attributes:
         classes: names; shape: (H, W) of a frame.
-        calibration: None for a classifier of V views alone; temperatures: its for 1 to V frames.
+        calibration: temperatures, for 1 to V frames and whole recordings; None for a classifier of V views alone.
         system: name of the system, or of the members of `sensors`; preprocessing: that of the training.
         novelty: says which frames are unlike the training's; None where it could not be fitted.
     """
@@ -46,7 +46,6 @@ class Recogniser:
         members = content.model.members
         self.classes, self.calibration, self.novelty = content.classes, content.calibration, content.novelty
         self.system = " + ".join(members) if on_sensors(content.model.system) else content.model.system
-        self.temperatures = self.calibration.by_frames if self.calibration else None
         self.preprocessing = content.preprocessing
         self.shape = content.preprocessing.live.shape
         self._transform, self._scale = content.transform, content.scale
@@ -75,15 +74,14 @@ class Recogniser:
 
         Args:
             counts: (B, V, H, W) of B view sets. Frame i of a set stands at viewpoint i; the systems that read frames
-                in the order of time (cnn_lstm, conv_lstm) take the earliest first. A classifier with temperatures also
-                takes fewer frames, (B, k, H, W); its probabilities are calibrated for random frames of a recording.
+                in the order of time (cnn_lstm, conv_lstm) take the earliest first. A calibrated one also takes
+                fewer frames, (B, k, H, W); its probabilities are calibrated for random frames of a recording.
         """
-        max_views, any_number = self.classifier.views, self.temperatures is not None
-        fits = counts.ndim == 4 and counts.shape[2:] == self.shape
-        if not fits or not (1 if any_number else max_views) <= counts.shape[1] <= max_views:
+        most, least = self.classifier.views, 1 if self.calibration else self.classifier.views
+        if counts.ndim != 4 or counts.shape[2:] != self.shape or not least <= counts.shape[1] <= most:
             raise UserError(
                 f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
-                f"(any, {f'1 to {max_views}' if any_number else max_views}, {', '.join(map(str, self.shape))})"
+                f"(any, {f'{least} to ' * (least < most)}{most}, {', '.join(map(str, self.shape))})"
             )
         views, parts = counts.shape[1], [np.empty((0, len(self.classes)), dtype=np.float32)]
         step = max(1, MOST_FRAMES // views)
@@ -100,12 +98,12 @@ class Recogniser:
         """
         views, calibration = self.classifier.views, self.calibration
         (index,) = spread_sets(len(counts), calibration.most_frames if calibration else views)
-        used = np.unique(index)
-        if not calibration:
-            return self._of_sets(self._values(counts[index], baseline), views)[0], len(used)
-        short = len(used) < views or not calibration.by_recordings
-        temperature = calibration.by_frames[min(len(used), views) - 1] if short else calibration.by_recordings[0]
-        return self._of_sets(self._values(counts[used], baseline), len(used), temperature)[0], len(used)
+        used, temperature = np.unique(index), None
+        if calibration:
+            index = used
+            if len(used) >= views and calibration.by_recordings:
+                temperature = calibration.by_recordings[0]
+        return self._of_sets(self._values(counts[index], baseline), len(index), temperature)[0], len(used)
 
     def together(self, answers: list[np.ndarray]) -> np.ndarray:
         """Class probabilities (classes,) of one object that was recorded several times: the answers' logarithms, added.
@@ -122,7 +120,7 @@ class Recogniser:
 
     def check_sequential(self, confidence_threshold: float) -> None:
         """Raise a UserError if the classifier takes V views alone, or the threshold is no probability."""
-        if self.temperatures is None:
+        if not self.calibration:
             raise UserError(
                 f"the classifier takes {several(self.classifier.views, 'view')} and no fewer; fine-tune it with "
                 "finetune.num_views random and split.validation above 0"
@@ -178,5 +176,6 @@ class Recogniser:
         """Class probabilities (B, classes) of view sets of k `views` each, by the values (B k, ...) of their frames."""
         logits = self.classifier.logits(values, torch.arange(len(values)).view(-1, views))
         if temperature is None:
-            temperature = self.temperatures[views - 1] if self.temperatures else 1.0
+            by_frames = self.calibration.by_frames if self.calibration else [1.0]
+            temperature = by_frames[min(views, len(by_frames)) - 1]
         return (logits / temperature).softmax(dim=-1).numpy()

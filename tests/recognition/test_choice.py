@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition import cross_validation
+from tactile_viewgcn.recognition import choice, cross_validation
 from tactile_viewgcn.recognition.choice import FALLBACK, Candidate, choose, choose_members, compare
 from tactile_viewgcn.recognition.cross_validation import LeftOut, left_out_parts
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
@@ -54,6 +54,20 @@ def test_a_candidate_s_errors_are_those_of_fits_that_have_not_met_its_groups():
     shuffled = replace(frames, label=dealt[frames.recording].astype(frames.label.dtype))
     (random,), (true,) = (compare(one, 4, [["kernel"]], 0) for one in (shuffled, frames))
     assert random.error > 0.5 > true.error and len(true.wrong) == len(np.unique(frames.group[frames.side == TRAIN]))
+
+
+@pytest.mark.parametrize(("views", "expected"), [(4, (4, cross_validation.WHOLE)), (12, (12,))])
+def test_view_sets_of_all_frames_of_short_recordings_are_fitted_once(monkeypatch, views, expected):
+    """Where no recording has more than V frames, its V frames are the whole."""
+    sizes, training_frames = [], choice.training_frames
+
+    def recorded(part, views, of_part, *rest, **options):
+        sizes.append(of_part)
+        return training_frames(part, views, of_part, *rest, **options)
+
+    monkeypatch.setattr(choice, "training_frames", recorded)
+    assert compare(table("split.folds=6"), views, [["max_kernel"]], 0)
+    assert set(sizes) == {expected}
 
 
 def test_with_one_group_an_object_nothing_is_compared_and_a_note_says_so():

@@ -119,7 +119,7 @@ def test_an_array_of_view_sets_has_its_own_number_of_views(system):
     assert classifier.params_.views == 4
     assert classifier.score(last(new), truth) == 1
     if system is None:  # the preset takes any number of frames, and its probabilities are calibrated
-        assert len(classifier.recogniser_.temperatures) == 4
+        assert len(classifier.recogniser_.calibration.by_frames) == 4
         assert (classifier.predict(last(X)[:, :2]) == y).all()
 
 

@@ -4,15 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
-from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty, sensor_map
-from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import recipe, table
+from tests.small_tables import table
 
 # maps of the recordings of three classes on two sensors; the strongest reading is 4, which makes the unit 1
 MAPS = {"a": [(1.0, 0.0), (1.0, 0.5)], "b": [(0.0, 1.0), (0.0, np.log(4))], "c": [(np.log(4), np.log(4))]}
@@ -70,14 +65,6 @@ def test_the_test_side_and_recordings_shorter_than_a_view_set_are_left_out():
     assert fit_novelty(frames, FRAMES + 1) is None
     # no class has two recordings
     assert fit_novelty(frames_with({name: maps[:1] for name, maps in MAPS.items()}), 4) is None
-
-
-def test_the_classifier_s_file_keeps_it(tmp_path):
-    classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, recipe().model)
-    save_classifier(tmp_path / "classifier.pt", classifier, recipe().model, table())
-    loaded, fitted = Recogniser(tmp_path / "classifier.pt").novelty, fit_novelty(table(), 4)
-    for name, value in vars(fitted).items():
-        np.testing.assert_array_equal(getattr(loaded, name), value)
 
 
 def test_copies_of_one_recording_have_no_threshold():

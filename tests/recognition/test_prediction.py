@@ -150,18 +150,13 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
             r"confidence threshold is 1.5; expected a probability",
         ),
         (["classifier.pt", "new", "--csv", "a.json"], UserError, r"a.json: it is read here, or named twice"),
-        (["classifier.pt", "new/0.h5", "--csv", "new/0.h5"], UserError, r"0.h5: it is read here, or named twice"),
         (["classifier.pt", "new", "--csv", "new/0.csv"], UserError, r"0.csv: it would be read as a recording"),
-        (["loop", "new"], FileNotFoundError, r"loop: no such file"),
         (["new", "new"], FileNotFoundError, r"new: a folder; expected models/classifier.pt"),
-        (["classifier.pt", "new", "--csv", "a" * 254], UserError, r"aa: cannot be written \(File name too long\)"),
-        (["classifier.pt", "new", "--csv", "no/a.csv"], UserError, r"a.csv: not a file in a folder that exists"),
     ],
 )
 def test_mistakes_are_refused_and_leave_no_file(place, monkeypatch, words, error, message):
     write(place / "other" / "1.h5", np.zeros((20, 8, 9), np.int16))
     monkeypatch.chdir(place)
-    Path("loop").symlink_to("loop")
     with pytest.raises(error, match=message):
         call(*words, "--json", "a.json")
     assert not list(place.glob("a.json*"))

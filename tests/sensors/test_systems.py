@@ -11,7 +11,6 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC
 
-from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
@@ -105,18 +104,12 @@ def test_equal_trainings_give_equal_files_and_answers_better_than_chance(tmp_pat
     for folder, one in (("first", classifier), ("again", again)):
         save_classifier(tmp_path / folder / "classifier.pt", one, params.model, frames)
     assert (tmp_path / "first/classifier.pt").read_bytes() == (tmp_path / "again/classifier.pt").read_bytes()
-    loaded, content = load_classifier(tmp_path / "first/classifier.pt")
-    assert content.transform == "counts"
-    first, second = (
-        evaluate_table(one, frames, params.cluster, params.evaluate, CPU, params.seed, timed=False)
-        for one in (again, loaded)
-    )
-    for protocol, trials in first.protocols.items():
-        assert (trials.predicted == second.protocols[protocol].predicted).all()
-        assert trials.correct.mean() > 0.5  # of four classes
-    test, sets = np.flatnonzero(frames.side == TEST)[:8], torch.arange(8).view(2, 4)
-    answers = [one.logits(one.frame_values(inputs(test)), sets) for one in (classifier, loaded)]
-    assert (answers[0] == answers[1]).all()
+    loaded, _ = load_classifier(tmp_path / "first/classifier.pt")
+    test = frames.on(TEST)
+    sets = torch.arange(len(test)).view(-1, 4)  # of one recording each
+    first, second = (one.logits(one.frame_values(inputs(test)), sets) for one in (classifier, loaded))
+    assert (first == second).all()
+    assert (first.argmax(dim=1).numpy() == frames.label[test[sets[:, 0]]]).mean() > 0.5  # of four classes
 
 
 def test_a_class_without_training_frames_is_never_answered():
@@ -283,11 +276,3 @@ def test_support_vectors_of_equal_points_and_of_a_constant_sensor_are_finite(row
     for name, points in (("equal", np.ones((20, 3))), ("constant", constant)):
         answer = SupportVectors().fit(points.astype(np.float32), labels, SEED).predict_proba(points.astype(np.float32))
         row(f"probabilities that are not finite, {name} sensors", int((~np.isfinite(answer)).sum()), 0)
-
-
-def test_the_network_on_the_maximum_has_one_block_of_32_channels_and_one_of_64():
-    first = 9 * 32 + 2 * 32 + 2 * (9 * 32 * 32 + 2 * 32)
-    second = 9 * 32 * 64 + 9 * 64 * 64 + 32 * 64 + 3 * 2 * 64
-    weights = sum(each.numel() for each in max_network.build_network(27).parameters())
-    grid = 16 * 64 * 64 + 2 * 64  # the readout of 4 x 4 parts
-    assert weights == first + second + grid + 27 * (64 + 1)

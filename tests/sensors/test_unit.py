@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.sensors import unit as module
 from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
 
 
@@ -37,18 +36,3 @@ def test_noise_is_that_of_successive_frames_of_a_recording():
     assert successive_noise(counts, index, index, live) == np.inf  # each frame is a recording
     assert successive_noise(counts, recording, index[::2], live) == np.inf
     assert successive_noise(np.rint(offset + rng.normal(0, 0.4, counts.shape)), recording, index, live) == np.inf
-
-
-def test_noise_is_of_so_many_pairs_at_most_from_first_to_last(monkeypatch):
-    monkeypatch.setattr(module, "MOST_PAIRS", 10)
-    counts, read = np.random.default_rng(0).normal(0, 3, (200, 4, 5)), []
-
-    class Read:
-        def __getitem__(self, at):
-            read.append(at.tolist())
-            return counts[at]
-
-    successive_noise(Read(), np.zeros(200), np.arange(200), np.ones((4, 5), bool))
-    later, earlier = read
-    assert earlier == [at - 1 for at in later]
-    assert len(earlier) == 10 and (earlier[0], earlier[-1]) == (0, 198)
