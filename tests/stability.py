@@ -72,12 +72,12 @@ def subject(request: pytest.FixtureRequest) -> "Subject":
     from benchmarks.trained import read_trained  # here, for these load torch
     from tactile_viewgcn.device import keep_freed_memory, select_device
     from tactile_viewgcn.params import load
-    from tests import small_tables
+    from tests import glove_data
     from tests.trained_network import Subject
 
     option = request.config.getoption
     if not option("--stability-classifier"):
-        return Subject(small_tables.trained(), small_tables.table(), small_tables.recipe(), small_tables.CPU)
+        return Subject(glove_data.trained(), glove_data.table(), glove_data.recipe(), glove_data.CPU)
     params = load(TESTS.parent / "params.yaml", option("--stability-set"))
     keep_freed_memory()
     compute = select_device(params.device, params.precision)

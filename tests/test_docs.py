@@ -19,8 +19,8 @@ from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.sequential import Calibration
-from tests import small_glove
-from tests.small_tables import recipe, table, trained
+from tests import glove_data
+from tests.glove_data import recipe, table, trained
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -134,7 +134,7 @@ def place(tmp_path_factory) -> Path:
     np.save(folder / "counts.npy", (514 + rng.poisson(3, (2, 4, 12, 12))).astype(np.int16))
     recording = (514 + rng.poisson(1, (30, 12, 12))).astype(np.int16)
     np.save(folder / "recording.npy", recording)
-    small_glove.write(folder / "data" / "new" / "1.h5", recording)
+    glove_data.write(folder / "data" / "new" / "1.h5", recording)
     np.save(folder / "empty_hand.npy", (514 + rng.poisson(1, (20, 12, 12))).astype(np.int16))
     run_program("mug_1.h5", folder)
     for name in ("mug", "pen"):

@@ -19,7 +19,7 @@ from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.tables.transform import full_scale
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests import test_invariance
-from tests.small_tables import CPU, recipe, table
+from tests.glove_data import CPU, recipe, table
 from tests.stability import Rows
 from tests.trained_network import SINGLE, Subject, rms, some_sets, unusual_counts, without_dropout
 

@@ -11,7 +11,7 @@ import torch
 
 from tactile_viewgcn import threads
 from tactile_viewgcn.training.checkpoint import Progress, checkpoint_path, restore, save
-from tests.small_tables import CPU
+from tests.glove_data import CPU
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from benchmarks import command
 from benchmarks.command import benchmark, interleaved, median_ratio
 from tactile_viewgcn.errors import UserError
-from tests.small_tables import ROOT
+from tests.glove_data import ROOT
 
 
 @benchmark

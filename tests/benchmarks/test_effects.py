@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.effects.__main__ import rows_of, without_each
 from tactile_viewgcn.glove.recipe import EFFECTS, READING, recipe_from_params
-from tests.small_tables import recipe
+from tests.glove_data import recipe
 
 
 def test_each_variant_lacks_its_effect_and_the_last_one_all():

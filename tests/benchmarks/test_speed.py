@@ -15,7 +15,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import TEST, TRAIN, write_frames
-from tests.small_tables import recipe, table, trained
+from tests.glove_data import recipe, table, trained
 
 
 def test_the_plain_backbone_learns_as_the_pipeline_s_does():

@@ -11,7 +11,7 @@ from benchmarks.stability import __main__ as command
 from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, max_rel_error, share_different, share_not_finite
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import write_frames
-from tests.small_tables import SMALL, recipe, table, trained
+from tests.glove_data import SMALL, recipe, table, trained
 from tests.stability import refusal
 
 

@@ -14,7 +14,7 @@ from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tests.small_tables import CPU, fewer_anchors, recipe, table, trained, views_of
+from tests.glove_data import CPU, fewer_anchors, recipe, table, trained, views_of
 
 
 @pytest.fixture

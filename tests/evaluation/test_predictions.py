@@ -9,7 +9,7 @@ import torch
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import read_predictions, write_predictions
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
-from tests.small_tables import CPU, fewer_anchors, recipe, table, trained
+from tests.glove_data import CPU, fewer_anchors, recipe, table, trained
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from tactile_viewgcn.evaluation.trials import run_trials
 from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
-from tests.small_tables import recipe
+from tests.glove_data import recipe
 
 
 class MadeUp(ViewSystem):

@@ -10,7 +10,7 @@ from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import load
 from tactile_viewgcn.systems import system_class
-from tests.grips import FILE
+from tests.glove_data import FILE
 
 
 def network(name="mean", views=3):

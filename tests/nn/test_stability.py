@@ -18,7 +18,7 @@ from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.systems.gcn import normalised_adjacency
 from tactile_viewgcn.systems.view_gcn import shape_and_view_loss
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import recipe
+from tests.glove_data import recipe
 from tests.trained_network import SINGLE, odds, with_the_same_views
 
 ROUNDING = 2.0**-21  # of single precision, after a few sums

@@ -22,8 +22,8 @@ from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import read_source
+from tests.glove_data import recipe, table, trained
 from tests.readers.test_hdf5 import COUNTS, record
-from tests.small_tables import recipe, table, trained
 from tests.stag_files import metadata, save_matlab73
 
 MEMORY = 2**30  # bytes that one input may take

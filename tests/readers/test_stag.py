@@ -9,7 +9,7 @@ from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.source import TEST, TRAIN
 from tactile_viewgcn.readers.stag import read_folder, read_metadata
 from tactile_viewgcn.tables.recordings import write_recordings
-from tests.sources import read
+from tests.glove_data import read
 from tests.stag_files import SENSORS, as_weights, metadata, save_matlab5, save_matlab73
 
 FORMS = pytest.mark.parametrize("save", [save_matlab5, save_matlab73])

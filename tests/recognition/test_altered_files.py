@@ -13,8 +13,8 @@ from click.testing import CliRunner
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tests.glove_data import OBJECTS, ROOT, SHAPE, model_file, recording, write
 from tests.recognition.test_mlflow_model import serve
-from tests.small_glove import OBJECTS, ROOT, SHAPE, model_file, recording, write
 
 RAN = "the code in the file has run"
 

@@ -17,7 +17,7 @@ from tactile_viewgcn.recognition.answer import (
 )
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.tables.recordings import recordings_of
-from tests.small_glove import HELD, OBJECTS, SHAPE, empty_hand, recogniser, recording, write
+from tests.glove_data import HELD, OBJECTS, SHAPE, empty_hand, recogniser, recording, write
 
 
 def answered(model, path, **options):

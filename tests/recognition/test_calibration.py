@@ -20,7 +20,7 @@ from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.sequential import Calibration, sequential_trials
 from tactile_viewgcn.training.sensor_fitting import fit_sensors
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
+from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
 
 
 @pytest.mark.parametrize("true", [0.3, 1.0, 4.0])

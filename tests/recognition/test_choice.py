@@ -9,7 +9,7 @@ from tactile_viewgcn.recognition import choice, cross_validation
 from tactile_viewgcn.recognition.choice import FALLBACK, Candidate, choose, choose_members, compare
 from tactile_viewgcn.recognition.cross_validation import LeftOut, left_out_parts
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
-from tests.small_tables import table
+from tests.glove_data import table
 
 
 def candidate(members, wrong, error=0.5):

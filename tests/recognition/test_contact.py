@@ -9,7 +9,7 @@ from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, session_baselines, strong_readings
 from tactile_viewgcn.recognition.preprocessing import find_contact
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
-from tests.grips import FILE
+from tests.glove_data import FILE
 
 NOISE, WEAK, HELD = 20.0, 7.0, np.arange(90) // 15 % 2 == 1  # counts; standard deviations; frames of three grasps
 

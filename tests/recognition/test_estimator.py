@@ -21,7 +21,7 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import CPU, ROOT, SMALL, recipe, table
+from tests.glove_data import CPU, ROOT, SMALL, recipe, table
 
 CENTRED = "its data are centred on 0, and a reading below the baseline is no contact; passes with preprocess.zero -3"
 RAW = {

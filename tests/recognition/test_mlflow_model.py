@@ -21,8 +21,8 @@ from tactile_viewgcn import tracking
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tests.glove_data import recipe, table, trained
 from tests.mlflow_stores import runs_of
-from tests.small_tables import recipe, table, trained
 
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
 CLASSES = ["empty_hand", "object1", "object2", "object3"]

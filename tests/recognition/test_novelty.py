@@ -7,7 +7,7 @@ import pytest
 
 from tactile_viewgcn.recognition.novelty import Novelty, fit_novelty, sensor_map
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tests.small_tables import table
+from tests.glove_data import table
 
 # maps of the recordings of three classes on two sensors; the strongest reading is 4, which makes the unit 1
 MAPS = {"a": [(1.0, 0.0), (1.0, 0.5)], "b": [(0.0, 1.0), (0.0, np.log(4))], "c": [(np.log(4), np.log(4))]}

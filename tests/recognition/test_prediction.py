@@ -13,8 +13,8 @@ from tactile_viewgcn.cli import cli
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.recognition.answer import UNKNOWN
 from tactile_viewgcn.recognition.prediction import _summary, load_model
+from tests.glove_data import OBJECTS, SHAPE, empty_hand, model_file, recording, write
 from tests.mlflow_stores import fresh_store
-from tests.small_glove import OBJECTS, SHAPE, empty_hand, model_file, recording, write
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import CPU, recipe, table, trained
+from tests.glove_data import CPU, recipe, table, trained
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from tactile_viewgcn.recognition.sequential import (
     sequential_trials,
 )
 from tactile_viewgcn.tables.frames import TEST
-from tests.small_tables import CPU, recipe, table, trained
+from tests.glove_data import CPU, recipe, table, trained
 
 RIGHT = np.array([[[True, False, False], [True, True, False], [False, True, True]]])  # one trial, 3 frames, 3 anchors
 CERTAINTY = np.array([[[0.75, 0.4, 0.2], [0.95, 0.7, 0.3], [0.5, 0.8, 0.4]]], dtype=np.float32)

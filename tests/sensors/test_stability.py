@@ -11,7 +11,7 @@ from tactile_viewgcn.sensors.estimators import TrainingFrames
 from tactile_viewgcn.sensors.kernels import Kernel
 from tactile_viewgcn.sensors.pipelines import MEMBERS
 from tactile_viewgcn.sensors.unit import contact_unit
-from tests.small_tables import recipe
+from tests.glove_data import recipe
 
 CANDIDATES = list(dict.fromkeys(name for members in recipe().model.candidates for name in members))
 WHOLE = np.ones((3, 3), dtype=bool)  # all sensors live

@@ -26,7 +26,7 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.sensor_fitting import fit_sensors
 from tactile_viewgcn.views.sampling import powers_of_two
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import CPU, recipe, table
+from tests.glove_data import CPU, recipe, table
 
 PLAIN = {
     "trees": lambda: ExtraTreesClassifier(500, random_state=0),

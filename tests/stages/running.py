@@ -14,7 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
-from tests.small_tables import ROOT
+from tests.glove_data import ROOT
 from tests.stag_files import save_matlab5
 
 

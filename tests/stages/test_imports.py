@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import write_frames
-from tests.small_tables import SMALL, recipe, table, trained
+from tests.glove_data import SMALL, recipe, table, trained
 from tests.stages.running import changed
 
 ROOT = Path(__file__).parents[2]

@@ -7,7 +7,7 @@ import numpy as np
 import yaml
 
 from tactile_viewgcn.files import md5
-from tests.small_tables import ROOT
+from tests.glove_data import ROOT
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import copy_pipeline, ingest, left, refused, sh
 

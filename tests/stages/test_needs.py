@@ -11,7 +11,7 @@ import pytest
 from tactile_viewgcn.systems import System
 from tactile_viewgcn.tables.frames import write_frames
 from tactile_viewgcn.tables.views import read_views
-from tests.small_tables import ROOT, SMALL, fewer_anchors, table
+from tests.glove_data import ROOT, SMALL, fewer_anchors, table
 from tests.stages.running import changed, refused, run_stage
 
 LEFT_OUT = "pretrain: left out, model.system does not need it\n"

@@ -18,8 +18,8 @@ from tactile_viewgcn.pages import run_page as module
 from tactile_viewgcn.pages.finished_run import read_run
 from tactile_viewgcn.pages.html import Picture
 from tactile_viewgcn.pages.run_page import run_page
+from tests.glove_data import SMALL
 from tests.pages.test_html import parsed, text_of
-from tests.small_tables import SMALL
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import run_stage
 

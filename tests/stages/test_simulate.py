@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from tactile_viewgcn.readers.formats import open_source
-from tests.small_tables import ROOT
+from tests.glove_data import ROOT
 from tests.stages.running import copy_pipeline, ran, refused, run_stage, sh
 
 TINY = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}

@@ -22,7 +22,7 @@ from studies.experiment import last_error, run_cell, settings
 from studies.grid import Cell
 from studies.run import run_cells
 from tactile_viewgcn.errors import UserError
-from tests.small_tables import ROOT
+from tests.glove_data import ROOT
 from tests.stages.running import sh
 
 CELLS = {

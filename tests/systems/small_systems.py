@@ -5,8 +5,8 @@ import torch
 from tactile_viewgcn.nn.system import Sizes
 from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.glove_data import recipe
 from tests.nn.four_nodes import fill
-from tests.small_tables import recipe
 
 NARROW = "model.backbone.width=8"
 LINE = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])

@@ -9,7 +9,7 @@ from tactile_viewgcn.systems.mean import MeanViews
 from tactile_viewgcn.systems.mvcnn import MVCNN
 from tactile_viewgcn.systems.vote import Vote
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, views_of
 from tests.systems.small_systems import NARROW, fill, head_of, only_leaky
 
 

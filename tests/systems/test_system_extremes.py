@@ -13,7 +13,7 @@ from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.systems import System
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, views_of
 from tests.systems.small_systems import NARROW
 
 NETWORKS = [name for name in get_args(System) if name != "sensors"]

@@ -5,7 +5,7 @@ from torch import nn
 
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, views_of
 
 
 def frames_of(changes, every):

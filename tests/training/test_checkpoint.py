@@ -11,7 +11,7 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.training import loop
 from tactile_viewgcn.training.checkpoint import Progress, checkpoint_path, restore, save, training_checkpoint
-from tests.small_tables import CPU
+from tests.glove_data import CPU
 from tests.training.small_trainings import alike, finetune, pretrain
 
 

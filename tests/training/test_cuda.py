@@ -14,7 +14,7 @@ from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.training.replay import Replay
-from tests.small_tables import CPU, pretrained, recipe, table, views_of
+from tests.glove_data import CPU, pretrained, recipe, table, views_of
 from tests.systems.small_systems import CUBE, built
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA card")

@@ -15,7 +15,7 @@ from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.inputs import Augmentation
 from tactile_viewgcn.training.pretraining import FrameLoss, pretrain_backbone
-from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
+from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
 
 RECIPE = (
     "cluster.method=none",

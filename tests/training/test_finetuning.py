@@ -8,7 +8,7 @@ from tactile_viewgcn.recognition.sequential import sequential_trials
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.training.finetuning import SideViewSets, first_places, sort_by_time
 from tactile_viewgcn.views.sampling import ViewSets
-from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
+from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
 from tests.training.small_trainings import finetune
 
 VALIDATED = "split.validation=0.25"

@@ -13,7 +13,7 @@ from tactile_viewgcn.tables.frames import TRAIN, read_frames, write_frames
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.inputs import Augmentation, FrameInputs, random_shift
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tests.small_tables import CPU, fewer_anchors, recipe, table, views_of
+from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
 
 VALIDATED = "split.validation=0.25"
 

@@ -8,7 +8,7 @@ from torch import nn
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.training.loop import CHECK_EVERY, error_rate, fit
-from tests.small_tables import recipe
+from tests.glove_data import recipe
 
 
 def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, schedule="constant"):

@@ -9,7 +9,7 @@ import torch
 from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.training.finetuning import SideViewSets, finetune_classifier
 from tactile_viewgcn.training.moments import measure_moments
-from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
+from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
 
 
 def side():

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
-from tests.small_tables import recipe
+from tests.glove_data import recipe
 
 
 @pytest.mark.parametrize(

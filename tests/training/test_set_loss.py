@@ -7,7 +7,7 @@ from torch import nn
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.training.inputs import Augmentation
 from tactile_viewgcn.training.set_loss import FeatureBank, SetLoss
-from tests.small_tables import CPU, recipe
+from tests.glove_data import CPU, recipe
 
 LABELS = torch.arange(12) % 3
 FRAMES = functional.one_hot(LABELS, 3).float().view(12, 1, 1, 3)

@@ -15,7 +15,7 @@ from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.small_tables import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
+from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
 from tests.trained_network import rms, some_sets, without_dropout
 
 STEP = 1e-8  # of a finite difference, in sizes of what it moves: hardly a ReLU changes sides within it

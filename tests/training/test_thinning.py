@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.training.sensor_fitting import thinned
-from tests.small_tables import table
+from tests.glove_data import table
 
 
 def recordings(*sizes):

@@ -12,7 +12,7 @@ from tactile_viewgcn.training import finetuning, pretraining
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.inputs import Augmentation
 from tactile_viewgcn.training.loop import error_rate
-from tests.small_tables import CPU, fewer_anchors, recipe, table
+from tests.glove_data import CPU, fewer_anchors, recipe, table
 from tests.training.small_trainings import alike, finetune, pretrain
 
 VALIDATED = "split.validation=0.25"

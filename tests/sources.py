@@ -1,3 +1,0 @@
-"""Old name of `tests.glove_data`."""
-
-from tests.glove_data import *  # noqa: F403
