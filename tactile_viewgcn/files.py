@@ -107,7 +107,7 @@ def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
     """
     try:
         yield
-    except UserError:
+    except (UserError, ImportError):
         raise
     except MemoryError as error:
         raise MemoryError(f"{path}: {error}") from error

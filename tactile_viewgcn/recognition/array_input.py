@@ -27,7 +27,7 @@ def form_of(values: Any) -> str:
     try:
         if listed and (not len(values) or any(_holds_recordings(row) or np.ndim(row) == 3 for row in values)):
             return RECORDINGS
-        axes = np.ndim(values)
+        axes = values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
     except ValueError:
         raise UserError(f"X is ragged; expected {FORMS}") from None
     if axes not in (1, 2, 4):

@@ -141,7 +141,7 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         (["nowhere.pt", "new"], FileNotFoundError, r"nowhere.pt: no such file; expected models/classifier.pt"),
         (["classifier.pt", "nowhere"], FileNotFoundError, r"nowhere: no such file or folder"),
         (["new/0.h5", "new"], UserError, r"0.h5: no classifier; expected what"),
-        (["classifier.pt", "classifier.pt"], UserError, r"neither a MAT-file by its name"),
+        (["classifier.pt", "classifier.pt"], UserError, r"classifier.pt: no recordings in it"),
         (["classifier.pt", "other"], UserError, r"frames of 8 x 9; expected 8 x 10"),
         (["classifier.pt", "new", "--window", "5e-324"], UserError, r"window is 4.94066e-324; expected seconds, 0.001"),
         (
