@@ -79,7 +79,11 @@ class Job:
         for name, value in values.items():
             self.curves.setdefault(name, []).append(value)
         if self.begin_run and seconds_since_start() > LONG:
-            self.run, self.begin_run = self.begin_run(), None
+            begin, self.begin_run = self.begin_run, None
+            try:
+                self.run = begin()
+            except UserError as error:  # `evaluate` needs the store, a training does not
+                click.echo(f"warning: {error}; the training goes on without it", err=True)
         self.run.metrics(values, epoch)
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())

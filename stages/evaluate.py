@@ -34,16 +34,16 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
     timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
     report.write_results(out, evaluation, timing)
-    row.artifacts(out)
-    for path in after:
+    for path in (out, *after):
         row.artifacts(path)
-        row.stage(path)
     row.metrics(report.row_metrics(metrics, timing))
     for protocol, trials in evaluation.protocols.items():
         for trial, correct in enumerate(trials.correct, start=1):
             row.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
         for views, error in report.errors_by_views(metrics, protocol).items():
             row.metrics({f"views.error.{protocol}": error["mean"]}, int(views))
+    for path in after:
+        row.stage(path)
     click.echo("\n".join(report.summary_lines(metrics, timing)))
     if address:
         click.echo(f"  in a program: mlflow.pyfunc.load_model({address!r})")

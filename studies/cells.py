@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache, reduce
+from functools import lru_cache, reduce
 from operator import getitem
 from pathlib import Path
 from statistics import median
@@ -14,7 +14,7 @@ from stages.pipeline import code_of, stages
 from studies.grid import COLUMNS, FOLDER, Cell
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
-from tactile_viewgcn.files import atomic_folder, md5
+from tactile_viewgcn.files import VIDEO_SUFFIX, atomic_folder, md5
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.schema import flatten
 
@@ -48,11 +48,12 @@ def content_of(source: str) -> str:
     """md5 of a source, computed again once a file in it has another size or time."""
     if not Path(source).exists():
         raise UserError(f"data.source is {source}; expected a file or folder that is there")
-    files = [path for path in [Path(source), *Path(source).rglob("*")] if path.is_file()]
+    paths = [Path(source), *Path(source).rglob("*")]
+    files = [path for path in paths if path.is_file() and path.suffix != VIDEO_SUFFIX]  # as `md5` takes them
     return _md5(source, frozenset((path, path.stat().st_size, path.stat().st_mtime_ns) for path in files))
 
 
-@cache
+@lru_cache(maxsize=1)
 def _md5(source: str, stamps: frozenset[tuple[Path, int, int]]) -> str:
     return md5(source)
 

@@ -33,26 +33,6 @@ def confusions(counts: dict[str, np.ndarray], classes: list[str]) -> Figure:
     return figure
 
 
-def cluster_means(means: np.ndarray, live: np.ndarray, classes: list[str]) -> Figure:
-    """Mean network input of each cluster (C, V, H, W), a row per class, drawn on the sensors' layout."""
-    count, views, height, width = means.shape
-    mosaic = np.full((count * (height + GAP), views * (width + GAP)), np.nan)
-    for row in range(count):
-        for column in range(views):
-            top, left = row * (height + GAP), column * (width + GAP)
-            mosaic[top : top + height, left : left + width] = np.where(live, means[row, column], np.nan)
-    figure = Figure(figsize=(2 + min(0.8 * views, WIDEST), 1 + 0.8 * count), layout="compressed")
-    axes = figure.add_subplot()
-    image = axes.imshow(mosaic, cmap=FRAMES, vmin=0, vmax=np.nanpercentile(mosaic, 99.5) or 1)
-    axes.set_yticks(
-        np.arange(count) * (height + GAP) + height / 2, list(map(shown, classes)), fontsize=8, parse_math=False
-    )
-    axes.set_xticks(np.arange(views) * (width + GAP) + width / 2, [str(column) for column in range(views)])
-    axes.set(xlabel="cluster = viewpoint", title="mean frame of each cluster, training side")
-    figure.colorbar(image, label="network input", shrink=0.4)
-    return figure
-
-
 def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: str, *, columns: int = 4) -> Figure:
     """Frames (n, H, W) on the sensors' layout, each under its title, with one scale for all.
 

@@ -14,7 +14,7 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -79,32 +79,43 @@ class Run:
         self._log(lambda mlflow: getattr(mlflow, name)(str(path), run_id=self.id))
 
     def stage(self, path: Path) -> None:
-        """Link an earlier stage's run to this one; it is completed, or made, from the stage's record, once."""
+        """Link an earlier stage's run to this one; it is completed, or made, from the stage's record, once.
 
-        def log(mlflow: Any) -> None:
-            record, digest, client = json.loads(path.read_text()), md5(path), mlflow.MlflowClient()
-            if not record["needed"]:
-                return
-            if logged := client.search_runs([self._stages], f"tags.record = '{digest}'"):
-                mlflow.set_tag(f"stage.{record['stage']}", logged[0].info.run_id)
-                return
-            end = datetime.fromisoformat(record["origin"]["time"]).timestamp()
-            begin = round(1000 * (end - record["seconds"]))
-            run_id = record["run_id"] or client.create_run(self._stages, begin, {}, record["name"]).info.run_id
-            run, entities = Run(mlflow, run_id), mlflow.entities
-            run.parameters(record["params"]["values"] | record["counts"])
-            run.metrics({name: record[name] for name in COSTS if name in record})
-            for name, curve in record["curves"].items():
-                shown = {metric.step for metric in client.get_metric_history(run_id, name)}
-                epochs = [entities.Metric(name, value, begin, epoch) for epoch, value in enumerate(curve, start=1)]
-                client.log_batch(run_id, [each for each in epochs if each.step not in shown])
-            run.artifacts(path)
-            tags = record["tags"] | {"record": digest}
-            client.log_batch(run_id, tags=[entities.RunTag(*each) for each in tags.items()])
-            client.set_terminated(run_id, end_time=round(1000 * end))
-            mlflow.set_tag(f"stage.{record['stage']}", run_id)
+        A link that fails costs a warning alone.
+        """
+        if self.id:
+            try:
+                with _one_at_a_time(_address()):
+                    self._link(self._mlflow, path)
+            except Exception as error:
+                print(f"warning: {path}: {_reason(error)}; its run is not linked", file=sys.stderr, flush=True)
 
-        self._log(log)
+    def _link(self, mlflow: Any, path: Path) -> None:
+        record, digest, client = json.loads(path.read_text()), md5(path), mlflow.MlflowClient()
+        if not record["needed"]:
+            return
+        link = f"stage.{record['stage']}"
+        if logged := client.search_runs([self._stages], f"tags.record = '{digest}'"):
+            client.set_tag(self.id, link, logged[0].info.run_id)
+            return
+        end, entities, run_id = datetime.fromisoformat(record["origin"]["time"]).timestamp(), mlflow.entities, None
+        with suppress(Exception):  # its own run may have been deleted, or be in another store
+            run_id = client.get_run(record["run_id"]).info.run_id
+        begin = round(1000 * (end - record["seconds"]))
+        run_id = run_id or client.create_run(self._stages, begin, {}, record["name"]).info.run_id
+        client.set_tag(self.id, link, run_id)
+        mlflow.log_params(record["params"]["values"] | record["counts"], run_id=run_id)
+        numbers = {name: value for name, value in record["counts"].items() if isinstance(value, float)}
+        mlflow.log_metrics(numbers | {name: record[name] for name in COSTS if name in record}, run_id=run_id)
+        for name, curve in record["curves"].items():
+            shown = {metric.step for metric in client.get_metric_history(run_id, name)}
+            epochs = [entities.Metric(name, value, begin, epoch) for epoch, value in enumerate(curve, start=1)]
+            client.log_batch(run_id, [each for each in epochs if each.step not in shown])
+        mlflow.log_artifact(str(path), run_id=run_id)
+        client.log_batch(
+            run_id, tags=[entities.RunTag(*each) for each in (record["tags"] | {"record": digest}).items()]
+        )
+        client.set_terminated(run_id, end_time=round(1000 * end))
 
     def figure(self, name: str, figure: Any) -> None:
         """Log a picture of Matplotlib; draw one only where there is an `id`."""
@@ -194,13 +205,20 @@ def _open(uri: str) -> tuple[Any, list[str]]:
     mlflow.set_tracking_uri(uri)
     name = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
     names, folder = (name, f"{name}/stages"), _database(uri).parent if uri.startswith(SQLITE) else None
-    with FileLock(folder / "mlflow.db.lock", timeout=60) if folder else nullcontext():  # one process makes the tables
+    with _one_at_a_time(uri):  # one process makes the tables
         client, place = mlflow.MlflowClient(), (folder / "mlruns").as_uri() if folder else None
         for each in names:
             if not client.get_experiment_by_name(each):
                 with suppress(Exception):  # a process of another machine may be faster
                     client.create_experiment(each, place, KIND)
     return mlflow, [mlflow.set_experiment(each).experiment_id for each in names]
+
+
+def _one_at_a_time(uri: str) -> AbstractContextManager[Any]:
+    """Context in which no other process of this machine makes tables or runs in a database; none for a server."""
+    if not uri.startswith(SQLITE):
+        return nullcontext()
+    return FileLock(_database(uri).parent / "mlflow.db.lock", timeout=60)
 
 
 def _address() -> str:

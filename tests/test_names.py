@@ -14,7 +14,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.names import shown, write_csv
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.pages.html import environment, picture
-from tactile_viewgcn.plots import cluster_means, confusions, mean_frames
+from tactile_viewgcn.plots import confusions, mean_frames
 
 NAME = "m\x1b[31mu\ng\u202e\udcff\uffff"
 SHOWN = r"m\x1b[31mu\ng\u202e\udcff\uffff"
@@ -45,7 +45,6 @@ def test_pictures_and_pages_show_names():
     for figure in (
         confusions({"both": np.eye(2)}, pair),
         mean_frames(np.ones((2, 2, 2)), live, pair, "counts"),
-        cluster_means(np.ones((2, 1, 2, 2)), live, pair),
     ):
         svg = b64decode(picture(figure, NAME).address.partition(",")[2]).decode()
         ElementTree.fromstring(svg)

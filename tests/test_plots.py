@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.plots import cluster_means, confusions, error_intervals, errors_by_views
+from tactile_viewgcn.plots import confusions, error_intervals, errors_by_views
 
 
 def names(ticks):
@@ -15,11 +15,6 @@ def test_confusions_are_drawn_as_shares_of_each_row_side_by_side():
     np.testing.assert_allclose(left.images[0].get_array(), [[0.75, 0.25, 0], [0, 0, 0], [0.25, 0.25, 0.5]])
     np.testing.assert_allclose(right.images[0].get_array(), np.eye(3))
     assert names(left.get_xticklabels()) == names(left.get_yticklabels()) == ["cup", "a_b", "tape"]
-
-
-def test_cluster_means_of_silent_sensors_can_be_drawn():
-    figure = cluster_means(np.zeros((2, 2, 3, 3)), np.ones((3, 3), dtype=bool), ["cup", "pen"])
-    assert figure.axes[0].images[0].get_clim() == (0, 1)
 
 
 def test_errors_stand_with_their_intervals_and_guessing():

@@ -87,6 +87,22 @@ def test_a_stage_before_it_is_logged_from_its_record_once_and_one_that_began_its
     assert made.run_name == "pretrain.lr=0.01" and made.end_time - made.start_time == 9000
 
 
+def test_a_run_of_a_different_store_is_made_anew_and_a_damaged_record_costs_its_link(store, client, tmp_path, capsys):
+    record = {"stage": "finetune", "needed": True, "run_id": "0" * 32, "name": "finetune", "tags": {}, "seconds": 9.0}
+    record |= {"counts": {}, "curves": {}, "params": {"values": {}}, "origin": {"time": "2026-01-02T03:04:05+00:00"}}
+    paths = [tmp_path / f"{number}.json" for number in range(2)]
+    paths[0].write_text(json.dumps({"stage": "ingest"}))
+    paths[1].write_text(json.dumps(record))
+    with tracking.stage_run("evaluate", row=True) as row:
+        for path in paths:
+            row.stage(path)
+        row.metrics({"error": 0.5})
+    (run,), (evaluated,) = runs_of(client), runs_of(client, tracking.EXPERIMENT)
+    assert evaluated.info.status == "FINISHED" and evaluated.data.metrics == {"error": 0.5}
+    assert evaluated.data.tags["stage.finetune"] == run.info.run_id and "stage.ingest" not in evaluated.data.tags
+    assert capsys.readouterr().err.count("0.json") == 1
+
+
 @pytest.mark.parametrize(
     ("error", "status"), [(ValueError("no such luck"), "FAILED"), (SystemExit(143), "KILLED")], ids=str
 )

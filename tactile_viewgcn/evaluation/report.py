@@ -13,7 +13,7 @@ from tactile_viewgcn.names import write_csv
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.schema import flatten
 
-RECORD = ("stage", "run_id", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
+RECORD = ("stage", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
 DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest
 Records = dict[str, dict[str, Any]]  # of the earlier stages, by stage
 
@@ -101,13 +101,12 @@ def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, fl
 
 
 def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
-    """Errors with their intervals in words, what `auto` chose, and the other stages' runs."""
+    """Errors with their intervals in words, and what `auto` chose."""
     scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
     errors = {
         f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()
     }
-    runs = {f"stage.{name}": record["run_id"] for name, record in records.items() if record["run_id"]}
-    return errors | runs | {name: str(value) for name, value in _counts(records, "resolved.").items()}
+    return errors | {name: str(value) for name, value in _counts(records, "resolved.").items()}
 
 
 def row_constants(metrics: dict[str, Any], records: Records) -> dict[str, float]:

@@ -7,6 +7,7 @@ palm's axes, see `hand.py`.
 
 from collections.abc import Callable
 from difflib import get_close_matches
+from inspect import signature
 from math import pi
 from typing import Annotated, Any
 
@@ -29,6 +30,7 @@ SHAPES: dict[str, Callable[..., Primitive]] = {
     shape.__name__: shape for shape in (sphere, box, cylinder, capsule, torus, tube)
 }
 
+PLACEMENT = {"centre", "rotation", "cut"}  # of any shape
 Name = Annotated[str, StringConstraints(pattern=r"^\w[\w .-]*$")]  # of a file, too
 Stiffness = Annotated[float, Interval(ge=1e3, le=1e12)]
 Weight = Annotated[float, Interval(ge=0, le=1e5)]
@@ -42,13 +44,19 @@ def _primitive(part: Any) -> Any:
     """
     if not isinstance(part, dict):
         return part
+    reason = f"{len(part)} names"
     try:
-        ((shape, sizes),) = part.items()
-        return SHAPES[shape](**sizes)
+        if len(part) == 1:
+            ((shape, sizes),) = part.items()
+            if unknown := sizes.keys() - signature(SHAPES[shape]).parameters.keys() - PLACEMENT:
+                raise ValueError(f"unknown size {min(unknown)}")
+            return SHAPES[shape](**sizes)
+    except ValidationError as error:
+        first = error.errors()[0]
+        reason = f"{'.'.join(map(str, first['loc']))}: {first['msg'].removeprefix('Value error, ')}"
     except (KeyError, TypeError, ValueError) as error:
-        reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
-        reason = reason.removeprefix("Value error, ")
-        raise ValueError(f"{reason} in {part}; expected one of {', '.join(SHAPES)} with its sizes in m") from None
+        reason = str(error)
+    raise ValueError(f"{reason} in {part}; expected one of {', '.join(SHAPES)} with its sizes in m")
 
 
 @dataclass(frozen=True, config=SECTION)

@@ -69,8 +69,10 @@ def _inner_half(size: float, round: float, name: str) -> float:
     """Half of a size without its rounding, m. Rounding errors such as in 0.006 / 2 - 0.003 count as 0.
 
     Raises:
-        ValueError: a rounding of more than half of the size.
+        ValueError: a size below 0, or a rounding of more than half of it.
     """
+    if size < 0:
+        raise ValueError(f"{name} is {size:g} m; expected 0 or more")
     half = size / 2 - round
     if half < -1e-9:
         raise ValueError(f"{name} is {size:g} m, rounded by {round:g} m; expected at most half of it")

@@ -100,7 +100,6 @@ def _uncommitted(origin: dict[str, str]) -> str:
 def _lineage(run: FinishedRun, date: str) -> dict[str, str]:
     """What the result was made from, where and when."""
     origin, source = run.records["evaluate"]["origin"], run.records["ingest"]["inputs"]["source"]
-    run_ids = {stage: record["run_id"] for stage, record in run.records.items() if record["run_id"]}
     versions = {name: text for name, text in origin.items() if name in ("python", *PACKAGES)}
     return {
         "Recordings": f"{source['path']}, md5 {source['md5']}",
@@ -109,7 +108,7 @@ def _lineage(run: FinishedRun, date: str) -> dict[str, str]:
         "Evaluated": f"{date} on {origin['host']}: {origin['processor']}, {several(int(origin['cores']), 'core')}",
         "Computed on": f"{origin['device']} in {origin['precision']}",
         "Versions": _pairs(versions),
-        "MLflow runs": _pairs(run_ids) or "none",
+        "MLflow run": run.records["evaluate"]["run_id"] or "none",
     }
 
 

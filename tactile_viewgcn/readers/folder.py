@@ -66,6 +66,8 @@ def joined(
     def blocks() -> Iterator[Block]:
         for number, header in enumerate(headers):
             with reading(header.file), opened(header.file) as (names, values):
+                if values["pressure"].shape[0] != header.frames:
+                    raise UserError(f"{header.file}: it changed while it was read; read it again when it is complete")
                 own = {name: ids[name].index(names[name]) for name in ("object", "session")} | {"recording": number}
                 columns = {name: np.full(header.frames, value) for name, value in own.items()}
                 if "time" in values and header.frames:

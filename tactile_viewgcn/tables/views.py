@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 NO_CLUSTER = -1
 
@@ -35,15 +34,6 @@ class Views:
     def unclustered(self) -> "Views":
         """Copy without clusters."""
         return replace(self, cluster=np.full_like(self.cluster, NO_CLUSTER))
-
-    def means(self, table: Frames) -> np.ndarray:
-        """Mean network input (C, V, H, W) of each class's clusters on the training side, 0 where a cluster is empty."""
-        means = np.zeros((len(table.classes), len(self.viewpoints), *table.live.shape), dtype=np.float32)
-        for label, column in np.ndindex(means.shape[:2]):
-            index = np.flatnonzero((table.label == label) & (table.side == TRAIN) & (self.cluster == column))
-            if len(index):
-                means[label, column] = table.mean_input(index)
-        return means
 
 
 def write_views(path: str | Path, views: Views) -> None:

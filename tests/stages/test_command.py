@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from stages import pipeline
+from stages import command, pipeline
 from stages.command import Job, run
 from tactile_viewgcn.errors import UserError
 from tests.stages.running import captured, changed, left, refused, run_stage
@@ -65,6 +65,28 @@ def test_sigterm_ends_a_stage_with_its_own_code(place):
         os.kill(os.getpid(), signal.SIGTERM)
 
     assert captured(lambda: run(needs, outputs=()), cwd=place).returncode == 143
+
+
+@pytest.mark.parametrize(("long", "shown"), [(0.0, [1, 2]), (1e9, [])])
+def test_a_long_training_alone_shows_its_epochs_in_mlflow(monkeypatch, long, shown):
+    monkeypatch.setattr(command, "LONG", long)
+    epochs = []
+    run = SimpleNamespace(metrics=lambda values, epoch: epochs.append(epoch))
+    job = Job("pretrain", SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), {}, begin_run=lambda: run)
+    for epoch in (1, 2):
+        job.epoch(epoch, {"loss": 1.0})
+    assert epochs == shown and job.curves == {"loss": [1.0, 1.0]}
+
+
+def test_a_store_that_does_not_open_does_not_end_a_training(monkeypatch, capsys):
+    def begin_run():
+        raise UserError("no store")
+
+    monkeypatch.setattr(command, "LONG", 0.0)
+    job = Job("pretrain", SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), {}, begin_run=begin_run)
+    for epoch in (1, 2):
+        job.epoch(epoch, {"loss": 1.0})
+    assert capsys.readouterr().err.count("no store") == 1 and job.run.id is None
 
 
 def checkpoint_key(**changes):

@@ -71,7 +71,7 @@ def test_both_trainings_and_the_trials_give_the_same_from_memory_and_from_the_fi
         classifier, tuned = finetune_classifier(frames, views, pretrained, params, CPU)
         trials = evaluate_table(classifier, frames, params.cluster, params.evaluate, CPU, 0, timed=False)
         weights = [*backbone.state_dict().values(), *classifier.state_dict().values()]
-        results.append((weights, progress.curves, tuned.curves, trials.metrics, views.means(frames)))
+        results.append((weights, progress.curves, tuned.curves, trials.metrics, views.cluster))
     in_memory, mapped = results
     assert all(torch.equal(a, b) for a, b in zip(in_memory[0], mapped[0], strict=True))
     assert in_memory[1:4] == mapped[1:4]
