@@ -53,7 +53,7 @@ def _primitive(part: Any) -> Any:
             return SHAPES[shape](**sizes)
     except ValidationError as error:
         first = error.errors()[0]
-        reason = f"{'.'.join(map(str, first['loc']))}: {first['msg'].removeprefix('Value error, ')}"
+        reason = ": ".join([*map(str, first["loc"]), first["msg"].removeprefix("Value error, ")])
     except (KeyError, TypeError, ValueError) as error:
         reason = str(error)
     raise ValueError(f"{reason} in {part}; expected one of {', '.join(SHAPES)} with its sizes in m")
