@@ -18,7 +18,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 
 ROOT = Path(__file__).parents[2]
-TESTS = ("-m", "stability", "-p", "no:cacheprovider")
+TESTS = ("tests", "-m", "stability", "-p", "no:cacheprovider")
 TEXT = """Every check uses the pipeline's functions. `error` is the largest difference from a reference in double
 precision, or an exact one, relative to the largest number there, unless its quantity says what is counted; `seconds`
 are those since the row before. A row is `right` with an error of no more than its tolerance, `refused` where the
