@@ -4,6 +4,7 @@ scikit-learn's own trees follow whatever a file says: a child that is its own pa
 reads foreign memory. For a few points it also takes most of its time to call 500 trees one by one.
 """
 
+import warnings
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -38,7 +39,8 @@ class Forest(Estimator):
 
         fitting = MOST_LEAF_VALUES // (len(data.frames) * data.classes)
         count = FEWEST_TREES if data.quick else int(np.clip(fitting, FEWEST_TREES, TREES))
-        grown = ExtraTreesClassifier(count, random_state=data.seed, n_jobs=-1).fit(points, labels)
+        with warnings.catch_warnings(record=True):  # its threads change one list of filters, and then warn of that
+            grown = ExtraTreesClassifier(count, random_state=data.seed, n_jobs=-1).fit(points, labels)
         trees = [each.tree_ for each in grown.estimators_]
         sizes = np.array([tree.node_count for tree in trees])
         roots, node = np.cumsum(sizes) - sizes, np.arange(sizes.sum())
