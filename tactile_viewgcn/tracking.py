@@ -30,6 +30,7 @@ from tactile_viewgcn.provenance import run_tags
 EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
 NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm"  # of every logged model
+LOCKED = 300  # seconds for which other processes may make tables or runs: a minute, on a machine that is full
 COSTS = "seconds", "peak_mb", "threads.fewest", "threads.most"  # of a stage's record
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # its pages show trainings, not chats
 SETTINGS = {  # MLflow reads them when it is imported
@@ -218,7 +219,7 @@ def _one_at_a_time(uri: str) -> AbstractContextManager[Any]:
     """Context in which no other process of this machine makes tables or runs in a database; none for a server."""
     if not uri.startswith(SQLITE):
         return nullcontext()
-    return FileLock(_database(uri).parent / "mlflow.db.lock", timeout=60)
+    return FileLock(_database(uri).parent / "mlflow.db.lock", timeout=LOCKED)
 
 
 def _address() -> str:
