@@ -98,7 +98,8 @@ def finetune_classifier(
 
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
-        checkpoint_path, on_epoch: see `fit`.
+        checkpoint_path: where the training is saved after every epoch; a saved one is continued.
+        on_epoch: see `fit`.
 
     Returns:
         network, and the progress: per epoch the loss and, where there is a validation side, its error.

@@ -50,7 +50,8 @@ def pretrain_backbone(
     """The backbone and its linear classifier, trained on the anchor frames of the training side.
 
     Args:
-        checkpoint_path, on_epoch: see `fit`.
+        checkpoint_path: where the training is saved after every epoch; a saved one is continued.
+        on_epoch: see `fit`.
 
     Returns:
         backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
