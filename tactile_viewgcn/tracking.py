@@ -100,8 +100,9 @@ class Run:
             client.set_tag(self.id, link, logged[0].info.run_id)
             return
         end, entities, run_id = datetime.fromisoformat(record["origin"]["time"]).timestamp(), mlflow.entities, None
-        with suppress(Exception):  # its own run may have been deleted, or be in another store
-            run_id = client.get_run(record["run_id"]).info.run_id
+        with suppress(Exception):  # its own run may be in a different store
+            begun = client.get_run(record["run_id"]).info
+            run_id = begun.run_id if begun.lifecycle_stage == "active" else None  # else a user has deleted it
         begin = round(1000 * (end - record["seconds"]))
         run_id = run_id or client.create_run(self._stages, begin, {}, record["name"]).info.run_id
         client.set_tag(self.id, link, run_id)

@@ -101,6 +101,11 @@ def test_a_run_of_a_different_store_is_made_anew_and_a_damaged_record_costs_its_
     assert evaluated.info.status == "FINISHED" and evaluated.data.metrics == {"error": 0.5}
     assert evaluated.data.tags["stage.finetune"] == run.info.run_id and "stage.ingest" not in evaluated.data.tags
     assert capsys.readouterr().err.count("0.json") == 1
+    client.delete_run(run.info.run_id)
+    paths[1].write_text(json.dumps(record | {"run_id": run.info.run_id}))
+    with tracking.stage_run("evaluate", row=True) as row:
+        row.stage(paths[1])
+    assert [made.info.run_id for made in runs_of(client)] != [run.info.run_id] and capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(
