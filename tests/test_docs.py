@@ -36,7 +36,6 @@ ELSEWHERE = {
     "dvc plots show": "needs results",
     "dvc queue start": "starts processes that outlive a test; tests/stages/test_pipeline.py runs the queue",
     "tactile-viewgcn report": "needs results; tests/stages/test_report_page.py runs it",
-    "git": "changes the checkout",
     "mutmut run": "hours",
     "mlflow": "a server that does not end; tests/recognition/test_mlflow_model.py starts one",
     "curl": "needs that server",
