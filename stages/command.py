@@ -9,7 +9,7 @@ import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,19 +17,18 @@ import click
 
 from stages.pipeline import code_of, params_of, stages
 from tactile_viewgcn import tracking
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.files import atomic_write, md5, readable
-from tactile_viewgcn.names import shown
+from tactile_viewgcn.errors import UserError, user_message
+from tactile_viewgcn.files import md5, readable
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import load
 from tactile_viewgcn.process import LOST, launched, peak_mb, rank, seconds_since_start
-from tactile_viewgcn.provenance import changes_of, committed_params, origin, run_name, run_tags
+from tactile_viewgcn.provenance import Record, changes_of, committed_params, origin, run_name, run_tags
 from tactile_viewgcn.schema import flatten
 
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
 
-LONG = 60.0  # seconds after which a training shows its epochs in MLflow
+LONG = 60.0  # seconds after which a training logs its epochs to MLflow
 
 
 @dataclass
@@ -37,12 +36,12 @@ class Job:
     """One run of a stage: what it reads, and what it leaves beside its outputs.
 
     Attributes:
-        params: the parameters that `params` of the stage in dvc.yaml name, and no others.
-        md5s: of each input, by name.
-        begin_run: begins the stage's run in MLflow, which a short stage leaves to `evaluate`.
-        needed: whether `model.system` needs the stage.
-        counts: single values for the record and MLflow; curves: a value per epoch; both by name.
-        threads: the numbers of threads that it has computed with.
+        params: the parameters that the stage's `params` in dvc.yaml name, and no others.
+        md5s: md5 of each input, by name.
+        begin_run: begins the stage's run in MLflow; for a short stage `evaluate` makes the run later.
+        needed, run, counts, notes, curves: see `Record`.
+        computed: device and precision of a stage that computes with torch.
+        threads: the numbers of threads that the stage has computed with.
     """
 
     stage: str
@@ -58,14 +57,14 @@ class Job:
     threads: set[int] = field(default_factory=set)
 
     def note(self, note: Note) -> None:
-        """Print a note, and keep it."""
+        """Print a note, and keep it for the record."""
         width = shutil.get_terminal_size((120, 24)).columns
         click.echo(click.wrap_text(str(note), width, initial_indent="  ", subsequent_indent="    "))
         self.notes.append(replace(note, stage=self.stage))
 
     def compute(self) -> "Compute":
-        """Device and precision, which the record keeps, and from here on a number of threads that suits the load."""
-        from tactile_viewgcn.device import keep_freed_memory, select_device  # late: torch
+        """Device and precision, which the record keeps; from here on the number of threads follows the load."""
+        from tactile_viewgcn.device import keep_freed_memory, select_device  # here, since they load torch
         from tactile_viewgcn.threads import follow_load, used
 
         keep_freed_memory()
@@ -75,14 +74,14 @@ class Job:
         return compute
 
     def epoch(self, epoch: int, values: dict[str, float]) -> None:
-        """Keep an epoch's values, show them in MLflow in a long training, and print them where no bar is shown."""
+        """Keep an epoch's values, log them to MLflow in a long training, and print them where no bar is shown."""
         for name, value in values.items():
             self.curves.setdefault(name, []).append(value)
         if self.begin_run and seconds_since_start() > LONG:
             begin, self.begin_run = self.begin_run, None
             try:
                 self.run = begin()
-            except UserError as error:  # `evaluate` needs the store, a training does not
+            except UserError as error:  # a training does not need the store
                 click.echo(f"warning: {error}; the training goes on without it", err=True)
         self.run.metrics(values, epoch)
         if not sys.stderr.isatty():
@@ -95,43 +94,56 @@ class Job:
         code = code_of(stages()[self.stage], getattr(self.params.model, "system", ""))
         return hashlib.sha256(repr((self.params, self.md5s, code)).encode()).hexdigest()
 
+    def record(self, name: str, inputs: dict[str, Path], params: dict[str, dict[str, Any]]) -> Record:
+        """The record of the stage, which is done: `name` of its run, paths of its inputs, and `Record.params`."""
+        counts = dict(self.counts)
+        seconds = seconds_since_start() + counts.pop("seconds_before_interruption", 0.0)
+        if self.threads:
+            counts |= {"threads.fewest": min(self.threads), "threads.most": max(self.threads)}
+        return Record(
+            stage=self.stage,
+            needed=self.needed,
+            run_id=self.run.id,
+            name=name,
+            tags=run_tags(self.stage) | self.computed | {f"md5.{each}": digest for each, digest in self.md5s.items()},
+            seconds=seconds,
+            peak_mb=peak_mb(),
+            inputs={each: {"path": str(path), "md5": self.md5s[each]} for each, path in inputs.items()},
+            counts=counts,
+            curves=self.curves,
+            params=params,
+            notes=self.notes,
+            origin=origin() | self.computed,
+        )
+
 
 def run(work: Callable[..., None], *inputs: str, outputs: tuple[str, ...] = ("out",), row: bool = False) -> None:
-    """Run a stage as its command line says; what a user can mend ends it with exit code 1 and one line.
+    """Run a stage from its command line; a mistake of the user ends it with exit code 1 and one line.
 
     Of the processes that `torchrun` starts, the first one prints, logs and writes the record.
 
     Args:
         work: takes a `Job` and, by name, the paths of inputs and outputs.
-        inputs: files and folders that it reads, each an option, but for `source`, which is the parameters' data.source.
-            `needs` says whether the stage is needed.
-        outputs: files that it writes, each an option.
-        row: its run is the pipeline's row in MLflow, and carries every parameter; it takes `after` too, the records of
-            the stages that made its inputs.
+        inputs: files and folders that the stage reads, each an option, but for `source`, which is the parameter
+            data.source. `needs` says whether `model.system` needs the stage.
+        outputs: files that the stage writes, each an option.
+        row: whether its run is the pipeline's row in MLflow, with every parameter; then it takes `after` too, the
+            records of the stages that made its inputs.
     """
     name, errors = work.__name__, sys.stderr
-    parser = ArgumentParser(f"python -m stages.{name}", description=work.__globals__["__doc__"], allow_abbrev=False)
-    for option in (each for each in (*inputs, *outputs) if each != "source"):
-        parser.add_argument(f"--{option}", type=Path, required=True)
-    if row:
-        parser.add_argument("--after", type=Path, action="append", default=[])
-    parser.add_argument("--params", type=Path, default="params.yaml")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="Put on top of params.yaml.")
-    parser.add_argument("--record", type=Path, help="Where costs and notes are written; without it no MLflow.")
-    parser.add_argument("--debug", action="store_true", help="Show the traceback of an error.")
-    asked = vars(parser.parse_args())
-    record = None if rank() else asked["record"]
+    options = _options(work, [each for each in (*inputs, *outputs) if each != "source"], after=row)
+    record_path = None if rank() else options["record"]
     if rank():
-        sys.stdout = sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115  # as long as the process lives
+        sys.stdout = sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115  # for the rest of the process
     signal.signal(signal.SIGTERM, _end)
     try:
-        params, entry = load(asked["params"], asked["set"]), stages()[name]
-        committed = committed_params(asked["params"])
+        params, entry = load(options["params"], options["set"]), stages()[name]
         values, texts = flatten(params), {"model.system": params.model.system, "views": f"V={params.views}"}
         if not row:
             prefixes, texts = tuple(f"{key}." for key in entry["params"]), {"": name}
             values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
-        paths = asked | {"source": Path(params.data.source)}
+        committed = committed_params(options["params"])
+        paths = options | {"source": Path(params.data.source)}
         files = {each: paths[each] for each in inputs} | {path.stem: path for path in paths.get("after", ())}
         job = Job(name, params_of(entry, params), {each: _md5(path) for each, path in files.items()})
         if "needs" in inputs:
@@ -139,25 +151,44 @@ def run(work: Callable[..., None], *inputs: str, outputs: tuple[str, ...] = ("ou
                 job.needed = json.loads(paths["needs"].read_text())[name]
         title = run_name(values, committed, texts)
         with ExitStack() as stack:
-            if record:
+            if record_path:
                 logged = tracking.stage_run(name, title, values, row=row)
                 job.begin_run = lambda: stack.enter_context(logged)
                 job.run = job.begin_run() if row else job.run
             work(job, **{each: paths[each] for each in (*inputs, *outputs, *["after"] * row)})
-            if record:
-                changed = {"values": values, "changed": changes_of(values, committed)}
-                _write_record(record, job, title, files, changed, row)
+            if record_path:
+                record = job.record(title, files, {"values": values, "changed": changes_of(values, committed)})
+                record.write(record_path)
+                if row:
+                    job.run.tags(record.tags)
+                    job.run.artifacts(record_path)
     except Exception as error:
-        line = what_to_mend(error)
-        if asked["debug"] or line is None:
+        message = user_message(error)
+        if options["debug"] or message is None:
             raise
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends already, and is to say why
-        print(f"Error: {line}", file=errors)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the process ends already, and has to print why
+        print(f"Error: {message}", file=errors)
         sys.exit(1)
 
 
+def _options(work: Callable[..., None], paths: list[str], *, after: bool) -> dict[str, Any]:
+    """The options of a stage's command line, by name: `paths` are required, `after` may be repeated."""
+    parser = ArgumentParser(
+        f"python -m stages.{work.__name__}", description=work.__globals__["__doc__"], allow_abbrev=False
+    )
+    for option in paths:
+        parser.add_argument(f"--{option}", type=Path, required=True)
+    if after:
+        parser.add_argument("--after", type=Path, action="append", default=[])
+    parser.add_argument("--params", type=Path, default="params.yaml")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="Change a parameter.")
+    parser.add_argument("--record", type=Path, help="File for costs and notes; without it nothing goes to MLflow.")
+    parser.add_argument("--debug", action="store_true", help="Show the traceback of an error.")
+    return vars(parser.parse_args())
+
+
 def _end(*_: object) -> None:
-    """End after SIGTERM, as of `dvc queue kill`; torchrun sends it to all when one process has ended."""
+    """End after SIGTERM, which `dvc queue kill` sends, and torchrun to all processes when one has ended."""
     sys.exit(f"Error: {LOST}" if launched() else 143)
 
 
@@ -168,33 +199,3 @@ def _md5(path: Path) -> str:
             "and data.source in params.yaml names what ingest reads"
         )
     return md5(path)
-
-
-def what_to_mend(error: Exception) -> str | None:
-    """The line for a user who can mend an error; None where it is a fault of ours."""
-    text = shown(" ".join(str(error).split()))
-    if isinstance(error, UserError | OSError):
-        return text
-    torch = sys.modules.get("torch")  # a stage that takes no torch does not meet its errors
-    memory = isinstance(error, MemoryError) or "DefaultCPUAllocator: can't allocate memory" in text
-    if memory or (torch and isinstance(error, torch.OutOfMemoryError)):
-        return f"out of memory; lower `batch` or model.backbone.width, or close other programs ({text})"
-    return None
-
-
-def _write_record(path: Path, job: Job, name: str, inputs: dict[str, Path], params: dict[str, dict], row: bool) -> None:
-    """Write what was done, from what, where and at what cost; to MLflow too, where the stage has a run of its own."""
-    before = job.counts.pop("seconds_before_interruption", 0.0)
-    costs = {"seconds": before + seconds_since_start(), "peak_mb": peak_mb()}
-    if job.threads:
-        costs |= {"threads.fewest": min(job.threads), "threads.most": max(job.threads)}
-    files = {each: {"path": str(place), "md5": job.md5s[each]} for each, place in inputs.items()}
-    tags = run_tags(job.stage) | job.computed | {f"md5.{each}": digest for each, digest in job.md5s.items()}
-    content: dict[str, Any] = {"stage": job.stage, "needed": job.needed, "run_id": job.run.id, "name": name}
-    content |= {"tags": tags, **costs, "inputs": files, "counts": job.counts, "curves": job.curves, "params": params}
-    content |= {"notes": [asdict(note) for note in job.notes], "origin": origin() | job.computed}
-    with atomic_write(path) as part:
-        part.write_text(json.dumps(content, indent=2) + "\n")
-    if row:
-        job.run.tags(tags)
-        job.run.artifacts(path)

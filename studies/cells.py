@@ -14,7 +14,7 @@ from stages.pipeline import code_of, stages
 from studies.grid import COLUMNS, FOLDER, Cell
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
-from tactile_viewgcn.files import VIDEO_SUFFIX, atomic_folder, md5
+from tactile_viewgcn.files import VIDEO_SUFFIX, atomic_write, md5
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.schema import flatten
 
@@ -66,7 +66,7 @@ def code_of_stages() -> str:
 
 def store(key: str, contents: dict[str, bytes]) -> None:
     """Keep the files in `RESULTS` of a finished cell."""
-    with atomic_folder(STORE / key) as folder:
+    with atomic_write(STORE / key, folder=True) as folder:
         for name in RESULTS:
             (folder / name).write_bytes(contents[name])
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import click
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.errors import UserError, user_message
 from tactile_viewgcn.files import check_outputs, readable
 from tactile_viewgcn.names import shown
 from tactile_viewgcn.params import preset_changes, presets
 
-SIDE = click.IntRange(1, 64)  # rows and columns of a frame, as readers check
+SIDE = click.IntRange(1, 64)  # rows or columns of a frame, the range that readers check
 
 
 @click.group()
@@ -25,7 +25,7 @@ def cli() -> None:
 
 @cli.command()
 @click.option("--params", "path", type=click.Path(path_type=Path), default="params.yaml", show_default=True)
-@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of the file.")
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Change a value of the file.")
 def check(path: Path, changes: tuple[str, ...]) -> None:
     """Check params.yaml, list every mistake, and look for data.source."""
     from tactile_viewgcn.params import VIRTUAL, load
@@ -43,9 +43,9 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option("--html", "page", type=click.Path(path_type=Path), help="Write a page with pictures to this file.")
-@click.option("--shape", type=(SIDE, SIDE), metavar="ROWS COLUMNS", help="Of the frames of arrays, as data.shape.")
+@click.option("--shape", type=(SIDE, SIDE), metavar="ROWS COLUMNS", help="Shape of a frame of arrays, see data.shape.")
 def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> None:
-    """Say what SOURCE holds and what to set for it, with reasons.
+    """Describe the recordings SOURCE and recommend parameters for them, with reasons.
 
     SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, or a folder of arrays (OBJECT/*.npy, .npz or .csv).
     Every mistake in it is listed.
@@ -53,7 +53,7 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> N
     from tactile_viewgcn.pages.inspection_text import inspection_lines
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
-    if page and page.parent.is_dir():  # else it is made
+    if page and page.parent.is_dir():  # a missing folder is made
         check_outputs([page], [source])
     inspection = inspect_source(source, shape)
     _say(*inspection_lines(inspection))
@@ -77,24 +77,20 @@ def preset(name: str) -> None:
     try:
         _say(" ".join(f"-S {change}" for change in preset_changes(name)))
     except UserError:
-        _say(f"-S no-such-preset={name}")  # DVC refuses it; given nothing, it would run the default
+        _say(f"-S no-such-preset={name}")  # DVC refuses this; without any option it would run the default
         raise
 
 
 @cli.command()
 @click.argument("model")
 @click.argument("source")
-@click.option("--window", type=float, metavar="SECONDS", help="Answer every so many seconds, not whole recordings.")
+@click.option("--window", type=float, metavar="SECONDS", help="One answer for each window, not for each recording.")
 @click.option("--stop-at", type=float, metavar="P", help="Take frames one by one until a class has this probability.")
-@click.option(
-    "--together",
-    is_flag=True,
-    help="Also give one answer for each folder and object.",
-)
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers here too.")
+@click.option("--together", is_flag=True, help="Also give one answer for each folder and object.")
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers to this file too.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")
 def predict(**options: Any) -> None:
-    """Tell what is held in the recordings SOURCE, labelled or not, by MODEL.
+    """Recognise with MODEL the objects that are held in the recordings SOURCE, labelled or not.
 
     MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS.
     SOURCE is anything that `inspect` reads; HDF5 recordings and arrays need no object here.
@@ -125,7 +121,7 @@ def _say(*lines: str) -> None:
 def main() -> None:
     """Run the command; a mistake of the user ends in one line and exit code 1, without a traceback."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # temporary folders are removed
-    for stream in (sys.stdout, sys.stderr):  # a name that the terminal's encoding lacks is shown escaped
+    for stream in (sys.stdout, sys.stderr):  # characters that the terminal's encoding lacks are escaped
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -135,11 +131,9 @@ def main() -> None:
         raise SystemExit(error.exit_code) from None
     except click.Abort:
         raise SystemExit(1) from None
-    except (UserError, OSError, ModuleNotFoundError) as error:
-        if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] not in ("dvc", "mlflow"):
+    except Exception as error:
+        message = user_message(error)
+        if message is None or "--debug" in sys.argv:  # click has taken the option from its context
             raise
-        if "--debug" in sys.argv:  # click has gone by then
-            raise
-        needs = "; pip install 'tactile-viewgcn[pipeline]'" if isinstance(error, ModuleNotFoundError) else ""
-        click.echo(f"Error: {shown(' '.join(str(error).split()))}{needs}", err=True)
+        click.echo(f"Error: {message}", err=True)
         raise SystemExit(1) from None

@@ -1,4 +1,4 @@
-"""Files written whole or not at all, their locks and their md5."""
+"""Files that are written whole or not at all, and files to read: which there are, their locks and their md5."""
 
 import errno
 import hashlib
@@ -16,81 +16,59 @@ from filelock import FileLock, Timeout
 from tactile_viewgcn.errors import UserError
 
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
-PART, OLD = ".unfinished", ".replaced"  # endings of what is written, and of a folder while it is replaced
-HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv")  # endings of recordings
-READ = (*HDF5, *ARRAYS, ".mat")
+PART, OLD = ".unfinished", ".replaced"  # endings of a file or folder being written, and of a folder being replaced
+HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv")
+READ = (*HDF5, *ARRAYS, ".mat")  # endings of recordings
 _md5 = partial(hashlib.md5, usedforsecurity=False)
-VIDEO_SUFFIX = ".jpg"  # STAG's folders also hold gigabytes of video frames, which no reader reads
+VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, which no reader reads
 
 
 def root() -> Path:
-    """Root of the repository that `dvc` was called in, also inside the temporary workspaces of its experiments."""
+    """Root of the repository in which `dvc` was called, also inside the temporary workspaces of its experiments."""
     return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
 
 
 @contextmanager
-def atomic_write(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` to write to: renamed to `path` at the end of the block, removed on an error.
+def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
+    """A temporary path beside `path`: it takes the place of `path` at the end of the block and is removed on an error.
 
-    Its name is the same on every call, because torch.save writes it into the file and runs with equal seeds give
-    equal bytes. What a killed run has left there is removed, and so is a link, which would lead elsewhere.
+    Its name is the same on every call, because torch.save writes it into the file and equal seeds give equal bytes.
+    What a killed run has left there is removed, and so is a link, which would lead elsewhere.
 
-    Raises:
-        UserError: `path` is a folder, a named pipe, a socket or a device.
-    """
-    path = Path(path)
-    check_is_file(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + PART)
-    part.unlink(missing_ok=True)
-    try:
-        with _room_for(path):
-            yield part
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-@contextmanager
-def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """A temporary empty folder beside `path`, which replaces `path` at the end of the block and is removed on an error.
+    Args:
+        folder: the temporary path is an empty folder, else a file that the block writes.
 
     Raises:
-        FileExistsError: `path` is a file or a link.
+        UserError: `path` is of another kind, such as a named pipe.
+        OSError: the disk is full, whatever exception a library has for that.
     """
     path = Path(path)
-    if path.exists() and (path.is_symlink() or not path.is_dir()):
-        raise FileExistsError(f"{path}: exists and is no folder; remove it or name another")
+    if not folder:
+        check_is_file(path)
+    elif path.exists() and (path.is_symlink() or not path.is_dir()):
+        raise UserError(f"{path}: exists and is no folder; remove it or name another")
     part, old = path.with_name(path.name + PART), path.with_name(path.name + OLD)
-    for stale in (part, old):
-        shutil.rmtree(stale, ignore_errors=True)
-    part.mkdir(parents=True)
+    temporary = (part, old) if folder else (part,)
+    remove = partial(shutil.rmtree, ignore_errors=True) if folder else partial(Path.unlink, missing_ok=True)
+    for stale in temporary:
+        remove(stale)
+    (part if folder else path.parent).mkdir(parents=True, exist_ok=not folder)
     try:
-        with _room_for(path):
-            yield part
-        if path.exists():
+        yield part
+        if folder and path.exists():
             path.replace(old)
         part.replace(path)
-    finally:
-        for stale in (part, old):
-            shutil.rmtree(stale, ignore_errors=True)
-
-
-@contextmanager
-def _room_for(path: Path) -> Iterator[None]:
-    """Tell of a full disk as Python does; torch, h5py and other libraries each have their own exception."""
-    try:
-        yield
-    except UserError:
-        raise
     except Exception as error:
-        if shutil.disk_usage(path.parent).free < LEAST_FREE:
+        if not isinstance(error, UserError) and shutil.disk_usage(path.parent).free < LEAST_FREE:
             raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}; make room", str(path)) from error
         raise
+    finally:
+        for stale in temporary:
+            remove(stale)
 
 
 def readable(path: object) -> AbstractContextManager[None]:
-    """Context for reading what an earlier stage wrote.
+    """Context for reading a file of an earlier stage.
 
     Raises:
         UserError: the file is damaged, or of another version of the project.
@@ -100,7 +78,10 @@ def readable(path: object) -> AbstractContextManager[None]:
 
 @contextmanager
 def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
-    """Turn what a library raises at a file into a UserError: what is wrong with it, the reason and the remedy.
+    """Turn any exception of a library that reads a file into a UserError of one line.
+
+    Args:
+        what: what is wrong with the file.
 
     Raises:
         MemoryError: names the path.
@@ -117,32 +98,30 @@ def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
 
 
 def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
-    """Raise a UserError for outputs that cannot be written, or that are inputs, before any work."""
+    """Raise a UserError, before any work, for an output that cannot be written, is an input or is named twice."""
     taken = {os.path.realpath(path) for path in inputs}
     for path in outputs:
         check_is_file(path)
         real, part = os.path.realpath(path), path.with_name(path.name + PART)
         if path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken):
             raise UserError(f"{path}: it would be read as a recording; name a file in another folder")
-        if {real, os.path.realpath(part)} & taken:
-            raise UserError(f"{path}: it is read here, or named twice; name another file")
+        if real in taken:
+            raise UserError(f"{path}: it is an input, or named twice; name another file")
         taken.add(real)
-        if os.path.lexists(part):
-            raise UserError(f"{part}: it is in the way of {path}; remove it, or name another file")
         try:
-            part.touch()
+            part.touch(exist_ok=False)
             part.unlink()
         except OSError as error:
-            raise UserError(f"{path}: cannot be written ({error.strerror}); name another") from None
+            raise UserError(f"{path}: cannot be written ({part}: {error.strerror}); name another file") from None
 
 
 def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
-    """The file itself, or all files below a folder in the order of their paths, of those with these endings.
+    """The file itself, or all files below a folder in the order of their paths, if they have one of these endings.
 
     Hidden files and folders, whose names begin with a dot, are left out.
 
     Raises:
-        UserError: folders lie in each other deeper than Python follows them: before 3.12 some hundreds.
+        UserError: folders are nested deeper than Python follows them (before 3.12 some hundreds).
     """
     try:
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
@@ -158,21 +137,21 @@ def stag_files(path: Path) -> list[Path]:
 
 
 def check_is_file(path: Path) -> None:
-    """Raise a UserError for a named pipe, a socket or a device, which would be waited for, or never ends."""
+    """Raise a UserError for a folder, and for a named pipe, socket or device, whose reading may never end."""
     if path.exists() and not path.is_file():
         raise UserError(f"{path}: a folder, named pipe, socket or device; expected a file")
 
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold the lock of a file, whose text names the process that has it; one that has to wait prints this first."""
+    """Hold a lock file, whose text names the process that holds it; a process that has to wait prints that text."""
     lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
     except Timeout:
         holder = path.read_text(errors="replace").strip() or "another process"
-        remedy = "end it if a killed run has left it behind"
-        print(f"waits for {holder}, which has {path}; {remedy}", file=sys.stderr, flush=True)
+        remedy = "end that process if a killed run has left it behind"
+        print(f"waits for {holder}, which holds {path}; {remedy}", file=sys.stderr, flush=True)
         lock.acquire()
     try:
         path.write_text(f"process {os.getpid()} on {socket.gethostname()} ({' '.join(sys.orig_argv[1:])[:200]})\n")
@@ -182,7 +161,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def md5(path: str | Path) -> str:
-    """md5 of a file, or of a folder: over paths and md5s of its files, sorted, video frames excepted."""
+    """md5 of a file, or of a folder: of the sorted paths and md5s of its files, without video frames."""
     path = Path(path)
     if path.is_dir():
         digest = _md5()

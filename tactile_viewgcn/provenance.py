@@ -1,26 +1,77 @@
-"""Where a run comes from: code, machine, versions, and what it changes of the committed params.yaml, which names it."""
+"""The record of a stage, runs/STAGE.json: what it did, with which code and parameters, on which machine, at what cost.
 
+A run is named by the parameters that differ from the params.yaml in git.
+"""
+
+import json
 import os
 import platform
 import socket
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.process import processor, usable_cores
 from tactile_viewgcn.schema import as_change, flatten, parse
 
-MOST_FILES = 20  # changed files that are named
-WRITTEN = "dvc.lock", "results/summary.json"  # by every run, which is no change of the code
-PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # whose versions a run keeps
+MOST_FILES = 20  # names of changed files in a record
+WRITTEN = "dvc.lock", "results/summary.json"  # every run writes them: no change of the code
+PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # a record has their versions
+
+
+@dataclass(frozen=True)
+class Record:
+    """The content of runs/STAGE.json.
+
+    Attributes:
+        stage: the stage's name.
+        needed: whether `model.system` needs the stage.
+        run_id: of the stage's own run in MLflow; None where it began none.
+        name, tags: of that run, or of the one that `evaluate` makes from the record.
+        seconds: of the process, and of the training before an interruption; peak_mb: see `process.peak_mb`.
+        inputs: `path` and `md5` of each input, by its name.
+        counts: single values; curves: a value for each epoch; both by name.
+        params: `values`, the parameters that the stage reads, and `changed`, those that differ from git; by dotted key.
+        notes: the stage's remarks.
+        origin: see `origin`; and `device` and `precision` of a stage that computes with torch.
+    """
+
+    stage: str
+    needed: bool
+    run_id: str | None
+    name: str
+    tags: dict[str, str]
+    seconds: float
+    peak_mb: float
+    inputs: dict[str, dict[str, str]]
+    counts: dict[str, Any]
+    curves: dict[str, list[float]]
+    params: dict[str, dict[str, Any]]
+    notes: list[Note]
+    origin: dict[str, str]
+
+    def write(self, path: Path) -> None:
+        """Write the record to a file of JSON."""
+        with atomic_write(path) as part:
+            part.write_text(json.dumps(asdict(self), indent=2) + "\n")
+
+    @classmethod
+    def read(cls, path: Path) -> "Record":
+        """The record in a file; any exception where the file is damaged, or a field is missing."""
+        content = json.loads(path.read_text())
+        values = {field.name: content[field.name] for field in fields(cls)}
+        return cls(**values | {"notes": [Note(**note) for note in content["notes"]]})
 
 
 def git_revision() -> dict[str, str]:
-    """The commit of the code that runs, whether files of it were changed, and which, a line each; empty outside git."""
+    """The commit of the code, whether files differ from it, and their names, one a line; empty outside git."""
     commit = _git("rev-parse", "HEAD")
     excluded = [f":(top,exclude,glob)**/{name}" for name in WRITTEN]
     names = _git("diff", "HEAD", "--name-only", "--no-renames", "-z", "--", ":/", *excluded)
@@ -41,7 +92,7 @@ def run_tags(stage: str) -> dict[str, str]:
 
 
 def committed_params(path: Path) -> dict[str, Any]:
-    """The values of a params.yaml as it is in git's HEAD, by dotted key; empty where it is not there."""
+    """The values of a params.yaml in git's HEAD, by dotted key; empty where git has none."""
     try:
         tree = parse(_git("show", f"HEAD:./{path.name}", folder=path.parent))
     except ValueError:
@@ -50,16 +101,16 @@ def committed_params(path: Path) -> dict[str, Any]:
 
 
 def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:
-    """The values, by dotted key, that differ from the committed ones; a key that is not committed is left out."""
+    """The values that differ from the committed ones, by dotted key, without keys that were not committed."""
     return {key: value for key, value in values.items() if key in committed and value != committed[key]}
 
 
 def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str, str]) -> str:
-    """A name for people: the values that differ from the committed ones, then others: `V=12 pretrain.lr=0.01 mvcnn`.
+    """A name for people, such as `V=12 pretrain.lr=0.01 mvcnn`: first the values that differ from the committed ones.
 
     Args:
-        values: by dotted key; a key that is not committed is left out.
-        texts: what stands in every name, in its own words; by key, where it is a value's.
+        values: by dotted key, see `changes_of`.
+        texts: words of every name; the text of a key stands in the place of that key's `key=value`.
     """
     changed = changes_of(values, committed)
     first = [texts.get(key) or as_change(key, value) for key, value in changed.items()]
@@ -67,7 +118,7 @@ def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str,
 
 
 def origin() -> dict[str, str]:
-    """When, where and by what code this process computes: time, host, processor, git revision, versions."""
+    """Time, host, processor, number of cores, git revision, and versions of Python and of `PACKAGES`."""
     versions = {}
     for name in PACKAGES:
         with suppress(PackageNotFoundError):

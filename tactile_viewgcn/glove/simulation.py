@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from tactile_viewgcn.files import atomic_folder
+from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.glove.contact import Drive, Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hand, Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
@@ -131,7 +131,7 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter
         UserError: grasps too short for their phases, or an object that starts inside the palm.
     """
     workers = max(1, min(workers, len(recipe.cells) // MIN_RECORDINGS_PER_WORKER))
-    with atomic_folder(folder) as part:
+    with atomic_write(folder, folder=True) as part:
         for session in range(recipe.sessions):
             (part / f"{session:03d}").mkdir()
         shares = (recipe.cells[worker::workers] for worker in range(workers))

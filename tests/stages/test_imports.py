@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 def test_the_virtual_glove_takes_no_torch_which_is_not_asked_for_its_errors_where_it_was_never_loaded():
     code = (
         "import sys, stages.simulate\n"
-        "from stages.command import what_to_mend as line\n"
+        "from tactile_viewgcn.errors import user_message as line\n"
         "assert 'out of memory' in line(MemoryError()) and line(RuntimeError('x')) is None\n"
         "assert not {'torch', 'mlflow', 'sklearn', 'matplotlib'} & set(sys.modules)"
     )
