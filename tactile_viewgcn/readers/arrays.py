@@ -1,7 +1,7 @@
 """Reading folders of arrays, one file a recording: OBJECT/NAME.npy, .npz or .csv, or SESSION/OBJECT/NAME.npy.
 
-A file holds (frames, rows, columns) or (frames, cells): of a given layout, else of one row. With a layout, also one
-frame (rows, columns).
+An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a layout, namely the rows and
+columns of a frame, it may also be one frame; without a layout, (frames, cells) are frames of one row.
 """
 
 import math
@@ -18,21 +18,21 @@ from tactile_viewgcn.files import ARRAYS, files_below
 from tactile_viewgcn.readers.folder import Names, joined
 from tactile_viewgcn.readers.source import MAX_SIDE, UNLABELLED, Source, Values, listed
 
-HEADER = r"\s*(?:[#%]|(?!(?:nan|inf(?:inity)?)\b)[\"']?\s*[^\W\d])"  # how a line of .csv begins that is none of numbers
-TIME = r"[\s#%\"']*time(?:stamp)?(?![a-z])"  # how the names of a .csv begin whose first column is no sensor
+HEADER = r"\s*(?:[#%]|(?!(?:nan|inf(?:inity)?)\b)[\"']?\s*[^\W\d])"  # a line of names in a .csv begins so
+TIME = r"[\s#%\"']*time(?:stamp)?(?![a-z])"  # a line of names begins so where the first column holds times
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 
 
 def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bool = True) -> Source:
-    """All files of arrays below a folder. Without folders of sessions they are of one.
+    """All files of arrays below a folder; without folders of sessions there is one session.
 
     Args:
         layout: rows and columns of a frame; None: as the arrays have them.
         labelled: False: files may lie in no object's folder, or be one file; their object is `UNLABELLED`.
 
     Raises:
-        UserError: lists the mistakes of all files, and where they do not agree in shape or name; or files lie in
-            folders of objects and in those of sessions.
+        UserError: lists the mistakes of all files, and where they differ in shape or share a name; or some files lie in
+            folders of objects and others in folders of sessions.
     """
     root, files = (path if path.is_dir() else path.parent), files_below(path, ARRAYS)
     at_depth = {len(file.relative_to(root).parts): file for file in files}
@@ -53,7 +53,7 @@ def _opened(file: Path, root: Path, layout: tuple[int, ...], labelled: bool) -> 
 
 
 def _shape(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tuple[int, ...]:
-    """(T, H, W) of an array of that shape."""
+    """The shape (T, H, W) of the recording in an array of shape `shape`."""
     if layout and shape == layout:
         return 1, *layout
     if layout and shape in ((*shape[:1], math.prod(layout)), (*shape[:1], *layout)):
@@ -67,7 +67,7 @@ def _shape(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tuple
 
 
 def _read(file: Path) -> np.ndarray:
-    """The array in a file, of .npy mapped. Nothing is unpickled."""
+    """The array in a file; .npy is memory-mapped. Nothing is unpickled."""
     if file.suffix.lower() == ".csv":
         return _csv(file)
     if file.suffix.lower() == ".npz":
@@ -78,12 +78,12 @@ def _read(file: Path) -> np.ndarray:
             return arrays[names[0]]
     array = np.load(file, mmap_mode="r", allow_pickle=False)
     if array.offset + array.nbytes != file.stat().st_size:
-        raise ValueError("it goes on after its first array")
+        raise ValueError("there are more bytes after the array")
     return array
 
 
 def _csv(file: Path) -> np.ndarray:
-    """Numbers (lines, cells), whole ones where all are; a first line of names is left out, and a column of times."""
+    """Numbers (lines, cells), integers where all are, without a first line of names and a first column of times."""
     lines = [line for line in file.read_text(encoding="utf-8-sig").split("\n") if line.strip()]
     words, times = (bool(re.match(pattern, "".join(lines[:1]), re.IGNORECASE)) for pattern in (HEADER, TIME))
     if len(lines) <= words:

@@ -1,7 +1,6 @@
-"""Work on files of recordings in a child process, with limits on memory and time.
+"""Reading files of recordings in a child process, with limits on memory and time.
 
-SciPy and HDF5 are not hardened: a damaged file may crash them, take all memory or never end. The process is the
-boundary.
+A damaged file may crash SciPy or HDF5, make them take all memory or keep them busy for ever. That ends the child alone.
 """
 
 import faulthandler
@@ -18,9 +17,9 @@ from traceback import format_exc
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import READ, check_is_file, files_below, in_one_line, stag_files
 
-MEMORY, MEMORY_TIMES = 2**30, 20  # bytes beyond what the program holds; times the bytes that are stored, on top
-SECONDS, SECONDS_PER_MB = 10, 2  # of the processor
-_parents: list[Connection] = []  # in the child: where it says which file it reads
+MEMORY, MEMORY_TIMES = 2**30, 20  # bytes on top of the program's own; and on top of these, times the source's size
+SECONDS, SECONDS_PER_MB = 10, 2  # of processor time; for each MB of the source, on top
+_parents: list[Connection] = []  # in the child: the connection to its parent
 
 
 def run_apart(work: Callable[[], None], path: Path) -> None:
@@ -49,7 +48,7 @@ def run_apart(work: Callable[[], None], path: Path) -> None:
         child.join()
     if isinstance(message, MemoryError):
         message = UserError(
-            f"{path}: reading it takes more memory than its size lets expect ({message}); save it uncompressed"
+            f"{path}: reading it takes more memory than a file of its size may ({message}); save it uncompressed"
         )
     if message is not None:
         raise message
@@ -57,10 +56,10 @@ def run_apart(work: Callable[[], None], path: Path) -> None:
 
 @contextmanager
 def reading(file: Path) -> Iterator[None]:
-    """Context for reading a file from outside, which names it where a library fails, or the process ends.
+    """Context for reading a file of recordings: errors of libraries, and a crash of the process, name the file.
 
     Raises:
-        UserError: it is no file, or damaged.
+        UserError: it is not a regular file, or it is damaged.
     """
     for parent in _parents:
         parent.send(file)
@@ -70,15 +69,15 @@ def reading(file: Path) -> Iterator[None]:
 
 
 def _limited(work: Callable[[], None], stored: int, parent: Connection) -> None:
-    """Run `work` within the limits for so many bytes stored, and send the exception that ends it, or None."""
-    import resource  # here: Windows has none
+    """Run `work` within the limits for `stored` bytes, and send the parent the exception that ended it, or None."""
+    import resource  # here, since Windows has none
 
     _parents.append(parent)
-    faulthandler.disable()  # a crash is told in one line
+    faulthandler.disable()  # the parent reports a crash in one line
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_DFL)
     limits = {resource.RLIMIT_CPU: SECONDS + SECONDS_PER_MB * stored // 10**6}
-    if (status := Path("/proc/self/statm")).exists():  # Linux; others do not hold to it
+    if (status := Path("/proc/self/statm")).exists():  # on Linux; other systems do not keep the limit
         in_use = int(status.read_text().split()[0]) * resource.getpagesize()
         limits[resource.RLIMIT_AS] = in_use + MEMORY + MEMORY_TIMES * stored
     for kind, limit in limits.items():
@@ -94,7 +93,7 @@ def _limited(work: Callable[[], None], stored: int, parent: Connection) -> None:
 
 
 def _sendable(error: Exception) -> Exception:
-    """The error itself, or its text where it cannot be pickled."""
+    """The error itself, or a RuntimeError with its text where it cannot be pickled."""
     try:
         return pickle.loads(pickle.dumps(error))
     except Exception:
@@ -102,6 +101,6 @@ def _sendable(error: Exception) -> Exception:
 
 
 def stored_bytes(path: Path) -> int:
-    """Size of the files that readers read: a file's own, or of all recordings below a folder."""
+    """Size of a file, or of all recordings below a folder, in bytes."""
     files = [path] if path.is_file() else {*files_below(path, READ), *stag_files(path)}
     return sum(file.stat().st_size for file in files if file.is_file())

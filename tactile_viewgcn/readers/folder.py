@@ -1,4 +1,4 @@
-"""Joining recordings, each in a file of its own, to one source."""
+"""Joining recordings, one in each file, to one source."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -21,12 +21,12 @@ from tactile_viewgcn.readers.source import (
     storage_type,
 )
 
-Names = dict[str, str]  # of a recording and of its object and session, by COLUMNS
+Names = dict[str, str]  # the names of a recording, its object and its session, by column
 
 
 @dataclass(frozen=True)
 class Header:
-    """One recording before its frames are read: pressure (T, H, W) and the names of its columns."""
+    """What is known of a recording before its frames are read; columns are without the pressure (T, H, W)."""
 
     file: Path
     names: Names
@@ -42,11 +42,11 @@ def joined(
     """The source of recordings in the order of their files, one in memory at a time.
 
     Args:
-        path: that the files lie in.
-        opened: context of a file with its names, and its pressure and columns; times may begin anywhere.
+        path: the source's path, for its errors.
+        opened: opens a file, a context with its names, and its pressure and columns; times may begin at any value.
 
     Raises:
-        UserError: lists the mistakes of all files, and where they do not agree in shape, columns or name.
+        UserError: lists the mistakes of all files, and where they differ in shape or columns, or share a name.
     """
     headers: list[Header] = []
     mistakes: list[str] = []
@@ -56,7 +56,7 @@ def joined(
                 headers.append(_header(file, names, values))
         except UserError as error:
             mistakes.append(str(error))
-    raise_mistakes(mistakes + _disagreements(headers, path))
+    raise_mistakes(mistakes + _disagreements(headers))
     ids = {
         "object": numbered([header.names["object"] for header in headers]),
         "recording": [header.names["recording"] for header in headers],
@@ -67,9 +67,9 @@ def joined(
         for number, header in enumerate(headers):
             with reading(header.file), opened(header.file) as (names, values):
                 if values["pressure"].shape[0] != header.frames:
-                    raise UserError(f"{header.file}: it changed while it was read; read it again when it is complete")
-                own = {name: ids[name].index(names[name]) for name in ("object", "session")} | {"recording": number}
-                columns = {name: np.full(header.frames, value) for name, value in own.items()}
+                    raise UserError(f"{header.file}: it changed during reading; read it again when it is complete")
+                id_of = {name: ids[name].index(names[name]) for name in ("object", "session")} | {"recording": number}
+                columns = {name: np.full(header.frames, value) for name, value in id_of.items()}
                 if "time" in values and header.frames:
                     time = values["time"][:].astype(np.float64)
                     columns["time"] = time - (0 if np.isinf(time[0]) else time[0])
@@ -93,8 +93,8 @@ def _header(file: Path, names: Names, values: Values) -> Header:
     return Header(file, names, frames, shape, storage_type(values["pressure"].dtype, str(file)), columns)
 
 
-def _disagreements(headers: list[Header], path: Path) -> list[str]:
-    """Mistakes of files that are good alone and do not go together; what most files have is expected."""
+def _disagreements(headers: list[Header]) -> list[str]:
+    """Mistakes of files that differ from most files in shape or columns, or that share a recording's name."""
     mistakes = []
     for what in ("shape", "columns") if headers else ():
         values = [getattr(header, what) for header in headers]
@@ -105,9 +105,11 @@ def _disagreements(headers: list[Header], path: Path) -> list[str]:
             for header, value in zip(headers, values, strict=True)
             if value != expected
         ]
-    return mistakes + [
-        f"{path}: {count} recordings are named {name!r}; expected a name for each: of its file without the ending, or "
-        "in HDF5 the attribute `recording`"
-        for name, count in Counter(header.names["recording"] for header in headers).items()
-        if count > 1
-    ]
+    first: dict[str, Path] = {}
+    for header in headers:
+        if (other := first.setdefault(name := header.names["recording"], header.file)) != header.file:
+            mistakes.append(
+                f"{header.file}: recording {name!r}, as in {other}; expected a name for each: of its file without the "
+                "ending, or in HDF5 the attribute `recording`"
+            )
+    return mistakes

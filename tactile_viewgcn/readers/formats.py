@@ -1,4 +1,4 @@
-"""Telling what form of recordings a path holds, and opening it."""
+"""Finding out in which form a path holds recordings, and opening them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,8 +9,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import ARRAYS, HDF5, files_below, stag_files
 from tactile_viewgcn.readers.arrays import PLACES, read_arrays
 from tactile_viewgcn.readers.child import reading
-from tactile_viewgcn.readers.hdf5 import read_hdf5
-from tactile_viewgcn.readers.hdf5_file import open_hdf5
+from tactile_viewgcn.readers.hdf5 import open_hdf5, read_hdf5
 from tactile_viewgcn.readers.source import SOURCE_MD5, Source
 from tactile_viewgcn.readers.stag import read_folder, read_metadata
 
@@ -23,15 +22,15 @@ EXPECTED = (
 def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None) -> Source:
     """The source at a path: STAG's metadata.mat or folder, HDF5 recordings, or arrays.
 
-    Args:
-        labelled: False: recordings may be of no object, see `read_hdf5` and `read_arrays`.
-        layout: (rows, columns) of the frames of arrays; None: as the arrays have them. Other forms have their own.
+    A damaged file may crash this process; `read_source` uses a separate one.
 
-    A damaged file may crash the process: `read_source` reads in another.
+    Args:
+        labelled: False: recordings may have no object, see `read_hdf5` and `read_arrays`.
+        layout: (rows, columns) of a frame, for arrays alone; None: as the arrays have them.
 
     Raises:
-        FileNotFoundError: nothing at that path.
-        UserError: none of these forms, or damaged.
+        FileNotFoundError: nothing is at that path.
+        UserError: a file is of none of these forms, or damaged.
     """
     path = Path(path)
     if not path.exists():
@@ -48,7 +47,7 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
         with reading(path):
             if is_hdf5 := h5py.is_hdf5(path):
                 attributes = set(open_hdf5(path).attrs)
-    if recordings or {"object", SOURCE_MD5} & attributes:  # which no MATLAB 7.3 file has
+    if recordings or {"object", SOURCE_MD5} & attributes:  # files of MATLAB 7.3 have neither
         return read_hdf5(path, labelled=labelled)
     if is_hdf5 or path.suffix.lower() == ".mat":
         return read_metadata(path)

@@ -1,11 +1,13 @@
-"""Reading the project's own form of recordings, for gloves other than STAG: one HDF5 file a recording.
+"""Reading recordings in HDF5, the project's own form for gloves other than STAG: one file a recording.
 
 /pressure     (T, H, W)  integer counts or real numbers, up to 64 x 64
 /time         (T,)       seconds, optional
-/valid        (T,)       the object is held, optional
+/valid        (T,)       whether the object is held, optional
 /grasp        (T,)       number of the grasp, optional
-/grasp_valid  (T,)       frame belongs to the steady part of its grasp, optional
+/grasp_valid  (T,)       whether the frame is in the steady part of its grasp, optional
 attributes    object, session; optional: recording (else the file's path in the folder), split ("train" or "test")
+
+A file may come from anybody: nothing in it leads to a different file.
 """
 
 from collections.abc import Iterator
@@ -13,29 +15,29 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import HDF5, files_below
 from tactile_viewgcn.readers.folder import Names, joined
-from tactile_viewgcn.readers.hdf5_file import attribute, dataset, open_hdf5
-from tactile_viewgcn.readers.source import SOURCE_MD5, SPLITS, UNLABELLED, Source, Values, listed
+from tactile_viewgcn.readers.source import NUMBERS, SOURCE_MD5, SPLITS, UNLABELLED, Source, Values, listed
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
+CACHE = 64 * 2**20  # bytes of a chunk that is kept for the next block
 
 
 def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
     """One recording, or all .h5 and .hdf5 files below a folder in the order of their paths.
 
     Args:
-        labelled: False: files may lack `object`, which is `UNLABELLED` then, and `session`; those without are of one.
+        labelled: False: files may lack `object`, which is then `UNLABELLED`, and `session`, which is then the same.
 
     Raises:
-        UserError: lists the mistakes of all files, and where they do not agree in shape, columns or name.
+        UserError: lists the mistakes of all files, and where they differ in shape or columns, or share a name.
     """
-    if path.is_file():
-        return joined(path, [path], partial(_opened, root=path.parent, labelled=labelled))
-    return joined(path, files_below(path, HDF5), partial(_opened, root=path, labelled=labelled))
+    files, root = ([path], path.parent) if path.is_file() else (files_below(path, HDF5), path)
+    return joined(path, files, partial(_opened, root=root, labelled=labelled))
 
 
 @contextmanager
@@ -47,7 +49,7 @@ def _opened(path: Path, root: Path, labelled: bool) -> Iterator[tuple[Names, Val
             raise UserError(f"{path}: no dataset /pressure; found {listed(names) or 'nothing'}")
         values = {name: dataset(file, name, "numbers") for name in DATASETS if name in names}
         texts = {
-            name: attribute(file, name) for name in ("object", "session", "recording", "split") if name in file.attrs
+            name: _attribute(file, name) for name in ("object", "session", "recording", "split") if name in file.attrs
         }
         if labelled and (missing := [name for name in ("object", "session") if not texts.get(name)]):
             raise UserError(f"{path}: no attribute {', '.join(map(repr, missing))}; expected texts on the file's root")
@@ -57,3 +59,55 @@ def _opened(path: Path, root: Path, labelled: bool) -> Iterator[tuple[Names, Val
             values["split"] = np.full(len(values["pressure"]), SPLITS[texts["split"]])
         place = path.relative_to(root).with_suffix("").as_posix()
         yield {"object": UNLABELLED, "session": "session", "recording": place} | texts, values
+
+
+def open_hdf5(path: Path) -> h5py.File:
+    """An HDF5 file, open for reading."""
+    return h5py.File(path, "r", rdcc_nbytes=CACHE)
+
+
+def _attribute(file: h5py.File, name: str) -> str:
+    """An attribute of the root as text; a UserError where it is not one text or number."""
+    value = file.attrs[name]
+    value = value.ravel()[0] if isinstance(value, np.ndarray) and value.size == 1 else value
+    if not isinstance(value, str | bytes | np.number | np.bool_):
+        raise UserError(f"{file.filename}: attribute {name} is not a single text; expected one")
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def dataset(file: h5py.File, name: str, *kinds: str) -> h5py.Dataset:
+    """A dataset in the root, or at the end of a soft link within the file, checked by `check_dataset`.
+
+    Raises:
+        KeyError: there is none.
+        UserError: the link leads out of the file or nowhere, or as `check_dataset`.
+    """
+    if (link := file.get(name, getlink=True)) is None:
+        raise KeyError(f"no /{name}")
+    place = file
+    for part in filter(None, link.path.split("/") if isinstance(link, h5py.SoftLink) else [name]):
+        if not isinstance(place, h5py.Group) or not isinstance(place.get(part, getlink=True), h5py.HardLink):
+            raise UserError(f"{file.filename}: /{name} leads out of the file or nowhere; expected it in the file")
+        place = place[part]
+    check_dataset(place, f"{file.filename}: /{name}", *kinds)
+    return place
+
+
+def check_dataset(values: h5py.Dataset | h5py.Group, where: str, *kinds: str) -> None:
+    """Raise a UserError for a group, for values outside the file, and for values of none of the `kinds` of `kind_of`.
+
+    Args:
+        where: the message begins with it.
+    """
+    if not isinstance(values, h5py.Dataset):
+        raise UserError(f"{where} is a group; expected a dataset")
+    if values.is_virtual or values.external:
+        raise UserError(f"{where} has its values outside the file; expected them in it")
+    if values.shape is None or kind_of(values.dtype) not in kinds:
+        raise UserError(f"{where} is of type {values.dtype if values.shape else None}; expected {' or '.join(kinds)}")
+
+
+def kind_of(dtype: np.dtype) -> str:
+    """`numbers`, `references`, or the name of any other type."""
+    is_reference = h5py.check_ref_dtype(dtype) is h5py.Reference
+    return "references" if is_reference else "numbers" if dtype.kind in NUMBERS else str(dtype)

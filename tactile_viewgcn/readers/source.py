@@ -1,4 +1,4 @@
-"""What every reader returns, and the checks that every source passes."""
+"""The form in which every reader returns recordings, and the checks that all of them pass."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ import numpy as np
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.names import EMPTY_HAND
 
-UNLABELLED = ""  # in the place of an object's name, of recordings whose object is asked for
+UNLABELLED = ""  # stands for the name of an object that is to be recognised
 TRAIN, TEST = 0, 1  # codes of the published split
 SPLITS = {"train": TRAIN, "test": TEST}
 MAX_SIDE = 64  # rows and columns of a frame
-BLOCK_FRAMES = 4096  # read or written at once
+BLOCK_FRAMES = 4096  # frames that are read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
-MOST_SECONDS = 1e9  # of a time, thirty years
-MIN_SPREAD = 1e-30  # of the readings of some sensor, likewise
+MOST_SECONDS = 1e9  # absolute value of a time, thirty years
+MIN_SPREAD = 1e-30  # of the readings of the sensor that varies most; see MAX_PRESSURE
 MAX_LISTED = 10  # mistakes or names in one message
-MOST_NAMES = 2**15  # of one kind: ids are int16
+MOST_NAMES = 2**15  # objects, recordings or sessions: ids are int16
 MOST_LETTERS = 1000  # of a name
-NUMBERS = "biuf"  # kinds of dtype
+NUMBERS = "biuf"  # `kind` of the dtypes of numbers
 SOURCE_MD5 = "source_md5"  # attribute that only the table of recordings has: md5 of its source
 
-#: Type of each column, one value per frame. The first five are always there, the others if the source has them.
+#: Type of each column, one value per frame. Every source has the first five.
 COLUMNS = {
     "object": np.int16,  # index into objects
     "recording": np.int16,  # index into recordings
@@ -38,7 +38,7 @@ COLUMNS = {
     "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
 }
 Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames
-Values = Mapping[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or what is read when it is sliced
+Values = Mapping[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or datasets that are read when sliced
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class Source:
     Attributes:
         objects, recordings, sessions: names, by index.
         shape: (H, W) of a frame.
-        dtype: of the stored pressure.
+        dtype: type in which the table stores the pressure.
         frames: number of all frames.
-        blocks: the frames in the file's order; can be read once.
+        blocks: the frames in the file's order; can be iterated once.
 
     Raises:
-        UserError: too many names for the table, or one that is no text.
+        UserError: there are too many names for the table, a name is no text, or two objects share one.
     """
 
     path: Path
@@ -80,20 +80,20 @@ class Source:
 
     @property
     def names(self) -> dict[str, list[str]]:
-        """Names by the column whose ids lead to them."""
+        """Names by the column that holds their indices."""
         return {"object": self.objects, "recording": self.recordings, "session": self.sessions}
 
 
 def numbered(names: list[str]) -> list[str]:
-    """The distinct names in the order of the alphabet, the empty hand first: an object's id is its place."""
+    """The distinct names in alphabetical order, the empty hand first: an object's id is its index here."""
     return sorted(set(names), key=lambda name: (name != EMPTY_HAND, name))
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
-    """Type in which pressure is stored: int16 or int32 for integers, float32 or float64 for real numbers.
+    """Type in which the table stores pressure: int16 or int32 for integers, float32 or float64 for real numbers.
 
     Raises:
-        UserError: another type; `where` begins the message.
+        UserError: it is of no such type; the message begins with `where`.
     """
     if dtype.kind in "iu":
         return np.dtype(np.int16 if dtype.itemsize < 2 or dtype.newbyteorder("=") == np.int16 else np.int32)
@@ -103,7 +103,7 @@ def storage_type(dtype: np.dtype, where: str) -> np.dtype:
 
 
 def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
-    """(H, W) of pressure (T, H, W); a UserError that begins with `where` for other axes, or above `MAX_SIDE`."""
+    """(H, W) of pressure (T, H, W); a UserError that begins with `where` for other axes, or sides above `MAX_SIDE`."""
     if len(shape) != 3:
         raise UserError(f"{where}: pressure has shape {shape}; expected (frames, rows, columns)")
     if not all(1 <= side <= MAX_SIDE for side in shape[1:]):
@@ -112,7 +112,7 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:
-    """The first ten texts, and how many more there are."""
+    """The first ten texts, and the number of the others."""
     more = [f"and {len(texts) - MAX_LISTED} more"] if len(texts) > MAX_LISTED else []
     return mark.join(texts[:MAX_LISTED] + more)
 
@@ -124,17 +124,17 @@ def raise_mistakes(mistakes: list[str]) -> None:
 
 
 def sliced(values: Values, frames: int) -> Iterator[Block]:
-    """Pressure and columns in blocks; frames without numbers are numbered, and times that are missing are NaN."""
+    """Pressure and columns in blocks; without a column of frames these are numbered, without one of times it is NaN."""
     values = {"frame": np.arange(frames), "time": np.full(frames, np.nan), **values}
     for start in range(0, frames, BLOCK_FRAMES):
         yield {name: column[start : start + BLOCK_FRAMES] for name, column in values.items()}
 
 
 def checked_blocks(source: Source) -> Iterator[Block]:
-    """The blocks of a source that hold frames, each checked; none after the first mistake.
+    """The blocks of a source, checked, without empty ones; none after the first mistake.
 
     Raises:
-        UserError: at the end, with the mistakes of all blocks: no frames, a damaged file, an id out of range, or
+        UserError: lists the mistakes of all blocks at the end: no frames, a damaged file, an id out of range, or
             pressure that cannot be stored.
     """
     mistakes, is_empty = [], True
@@ -164,7 +164,7 @@ def _mistakes_of_block(block: Block, source: Source) -> list[str]:
         if kind.kind != "f":
             inside &= values == np.floor(values)
         elif column == "time":
-            inside |= np.isnan(values)  # not known
+            inside |= np.isnan(values)  # an unknown time
         if not inside.all():
             at = int(inside.reshape(len(values), -1).all(axis=1).argmin())
             number, value = block["recording"][at], np.extract(~inside[at], values[at])[0]

@@ -1,17 +1,19 @@
-"""Reading STAG's recordings: metadata.mat, or folders of raw recordings; MATLAB 5 or 7.3.
+"""Reading STAG's recordings: metadata.mat, or folders of raw recordings.
 
-The fields follow the descriptions that come with the data set of Sundaram et al., "Learning the signatures of
-the human grasp using a scalable tactile glove", Nature 569, 698-702 (2019). All indices are zero-based,
-per-frame fields are column vectors (T, 1), names are cell arrays (1, K).
+They are files of MATLAB 5, or of MATLAB 7.3, which are HDF5 with reversed axes. The fields follow the descriptions that
+come with the data set of Sundaram et al., "Learning the signatures of the human grasp using a scalable tactile glove",
+Nature 569, 698-702 (2019). All indices are zero-based, per-frame fields are column vectors (T, 1), names are cell
+arrays (1, K).
 """
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
@@ -19,11 +21,21 @@ from tactile_viewgcn.files import stag_files
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.folder import Names, joined
-from tactile_viewgcn.readers.matlab import mat_fields
-from tactile_viewgcn.readers.source import SPLITS, Block, Source, Values, check_shape, listed, sliced, storage_type
+from tactile_viewgcn.readers.hdf5 import check_dataset, dataset, kind_of, open_hdf5
+from tactile_viewgcn.readers.source import (
+    NUMBERS,
+    SPLITS,
+    Block,
+    Source,
+    Values,
+    check_shape,
+    listed,
+    sliced,
+    storage_type,
+)
 
 NAMES = ("objects", "recordings", "batches", "splits")
-#: Per-frame fields of metadata.mat and the column that each becomes
+#: Column of each per-frame field of metadata.mat
 COLUMN_OF_FIELD = {
     "objectId": "object",
     "recordingId": "recording",
@@ -54,7 +66,7 @@ def read_folder(path: Path) -> Source:
 @contextmanager
 def _opened(file: Path) -> Iterator[tuple[Names, Values]]:
     session, name = file.parts[-3:-1]
-    fields = mat_fields(file, ("pressure", *COLUMN_OF_RAW_FIELD))
+    fields = _fields(file, ("pressure", *COLUMN_OF_RAW_FIELD))
     names = {"object": re.sub(r"^\d+-", "", name), "recording": f"{session}/{name}", "session": session}
     yield names, _values(fields, COLUMN_OF_RAW_FIELD, ("pressure",), file)
 
@@ -63,10 +75,10 @@ def read_metadata(path: Path) -> Source:
     """The source of a `metadata.mat`.
 
     Raises:
-        UserError: not a MAT-file, cut short, or a field missing or of the wrong length or kind.
+        UserError: not a MAT-file, or cut short; a field is missing, or has the wrong length or kind.
     """
     with reading(path):
-        fields = mat_fields(path, (*REQUIRED, *COLUMN_OF_FIELD, *NAMES))
+        fields = _fields(path, (*REQUIRED, *COLUMN_OF_FIELD, *NAMES))
         values = _values(fields, COLUMN_OF_FIELD, REQUIRED, path)
         if "split" in values:
             names = fields.get("splits", ["train", "test"])
@@ -87,7 +99,7 @@ def read_metadata(path: Path) -> Source:
 def _values(
     fields: dict[str, Any], columns: Mapping[str, str], required: tuple[str, ...], path: Path
 ) -> dict[str, Any]:
-    """Pressure (T, H, W) and columns (T,) from the fields of a file; a UserError for fields that do not go together."""
+    """Pressure (T, H, W) and columns (T,) from the fields of a file; a UserError for fields that do not match."""
     if missing := [name for name in required if name not in fields]:
         raise UserError(
             f"{path}: no field {', '.join(missing)}; found {listed(list(fields)) or 'nothing'}; expected STAG's "
@@ -106,3 +118,53 @@ def _values(
                 )
             values[column] = np.ravel(fields[name][:])
     return values
+
+
+class _Reversed:
+    """A dataset of MATLAB 7.3 with MATLAB's axes, read when it is sliced by the first."""
+
+    def __init__(self, values: h5py.Dataset):
+        self._values, self.dtype, self.shape = values, values.dtype, values.shape[::-1]
+
+    def __getitem__(self, at: slice) -> np.ndarray:
+        return self._values[..., at].T
+
+
+def _fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
+    """Those of the named fields that a MAT-file has: numbers with MATLAB's axes; a cell array as a list of its texts.
+
+    A file of MATLAB 5 is read whole; numbers of MATLAB 7.3 are read when they are sliced.
+
+    Raises:
+        UserError: a field is neither, or its values lie outside the file.
+    """
+    if h5py.is_hdf5(path):
+        file = open_hdf5(path)  # the fields keep it open
+        return {name: _of_hdf5(file, name) for name in file if name in names}
+    from scipy import io  # here, since it loads slowly
+
+    fields = io.loadmat(path, variable_names=names)
+    return {name: _of_matlab5(fields[name], f"{path}: {name}") for name in names if name in fields}
+
+
+def _of_matlab5(value: Any, where: str) -> Any:
+    value = np.asarray(value)
+    if value.dtype.kind in NUMBERS:
+        return value
+    if value.dtype.kind == "O" and all(getattr(cell, "dtype", value.dtype).kind == "U" for cell in value.flat):
+        return [str(cell.ravel()[0]) if cell.size else "" for cell in value.ravel(order="F")]
+    raise UserError(f"{where} is of type {value.dtype}; expected numbers, or a cell array of texts")
+
+
+def _of_hdf5(file: h5py.File, name: str) -> Any:
+    """Numbers, or the texts of a cell array, which holds references to arrays of character codes."""
+    values = dataset(file, name, "numbers", "references")
+    if kind_of(values.dtype) == "numbers":
+        return _Reversed(values)
+    texts = []
+    for reference in values[()].ravel():
+        codes = file[reference]
+        check_dataset(codes, f"{file.filename}: a cell of /{name}", "numbers")
+        letters = "".join(map(chr, codes[()].ravel()))  # letters outside the first 65,536 are stored as two codes
+        texts.append(letters.encode("utf-16", "surrogatepass").decode("utf-16"))
+    return texts
