@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from benchmarks.solver.scenes import hessian
 from tactile_viewgcn.glove.contact import Balance, Mechanics
 
 
@@ -52,7 +53,7 @@ def integrate_with_scipy(
         return -evaluate(t, y).residual[0] / mechanics.damping
 
     def jacobian(t: float, y: np.ndarray) -> np.ndarray:
-        return -mechanics.hessian(evaluate(t, y))[0] / mechanics.damping[:, None]
+        return -hessian(mechanics, evaluate(t, y))[0] / mechanics.damping[:, None]
 
     ends, implicit = frame * np.arange(1, frames + 1), {} if method == "RK45" else {"jac": jacobian}
     limits = {"rtol": rtol, "atol": rtol * 1e-3, "max_step": frame}

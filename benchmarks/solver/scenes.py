@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_viewgcn.glove.contact import Layer, Mechanics
+from tactile_viewgcn.glove.contact import Balance, Layer, Mechanics
 from tactile_viewgcn.glove.objects import select_objects
 from tactile_viewgcn.glove.recipe import Recipe
 from tactile_viewgcn.glove.simulation import Simulation
@@ -33,10 +33,24 @@ def ball_grasp(
     return Simulation(Recipe((ball,), 1, FRAMES, 1, seed, layer, rate, tolerance=tolerance))
 
 
+def hessian(mechanics: Mechanics, balance: Balance) -> np.ndarray:
+    """Gauss-Newton Hessian (R, n, n) of the energy U, from its blocks."""
+    whole = np.zeros((*balance.residual.shape, mechanics.size))
+    for finger in range(5):
+        block = slice(2 * finger, 2 * finger + 2)
+        whole[:, block, block] = balance.fingers[:, finger]
+        if mechanics.motion:
+            whole[:, block, 10:] = balance.cross[:, finger]
+            whole[:, 10:, block] = balance.cross[:, finger].swapaxes(1, 2)
+    if mechanics.motion:
+        whole[:, 10:, 10:] = balance.object
+    return whole
+
+
 def stiffness(mechanics: Mechanics, states: np.ndarray, frame: float) -> float:
     """lambda h: largest eigenvalue of the Gauss-Newton Jacobian at states (B, T, n), times the frame interval (s)."""
     rows, root, largest = np.arange(len(states)), np.sqrt(mechanics.damping), 0.0
     for t in range(states.shape[1]):
         balance = mechanics.evaluate(rows, np.full(len(rows), t + 1.0), states[:, t], palm=mechanics.motion)
-        largest = max(largest, float(np.linalg.eigvalsh(mechanics.hessian(balance) / root[:, None] / root).max()))
+        largest = max(largest, float(np.linalg.eigvalsh(hessian(mechanics, balance) / root[:, None] / root).max()))
     return largest * frame

@@ -1,4 +1,4 @@
-"""Collision detection: which sensors are inside an object, and how deep."""
+"""Collision detection: the sensors that are inside an object, and their depth."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from tactile_viewgcn.glove.shapes import Solids
 
 @dataclass(frozen=True)
 class Contacts:
-    """C contacts, sorted by row and sensor: each is one sensor inside one primitive.
+    """C contacts of one sensor with one primitive, sorted by row and sensor.
 
     Where primitives of an object overlap, a sensor has a contact with each of them, so the force on it changes
     continuously as it slides from one into the other. A sensor pressed past the middle of a wall is pushed out on the
     far side.
 
     Attributes:
-        row: (C,) index of the hand among those asked for.
+        row: (C,) index of the hand among the rows of the search.
         sensor: (C,) index of the sensor; patch: (C,) patch that carries it.
         depth: (C,) m, above 0.
         normal: (C, 3) unit vector out of the object.
@@ -46,8 +46,8 @@ def collisions(
 
     Args:
         hands, solids: B hands and the B objects that they hold.
-        rows: (R,) which of them.
-        pose: of the R hands.
+        rows: (R,) indices of R of these hands.
+        pose: pose of the R hands.
         position: (R, 3) m of the objects; rotation: (R, 3, 3) from the object's axes to the palm's.
         palm: whether the palm's sensors are tested too.
     """

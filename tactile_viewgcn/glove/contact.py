@@ -32,11 +32,11 @@ LEVER = 0.05  # m: converts between forces and torques of comparable size
 
 @dataclass(frozen=True)
 class Layer:
-    """Skin and glove as an elastic layer, and the damping. They decide how stiff the equation is.
+    """Skin and glove as an elastic layer, and the damping, which decide how stiff the equation is.
 
     Args:
-        stiffness: Pa/m of skin and glove: modulus over thickness.
-        thickness: m; contacts compressed further are counted.
+        stiffness: Pa/m of skin and glove, modulus over thickness.
+        thickness: m; the simulation counts contacts that are deeper.
         joint_damping: N m s / rad.
         object_damping: N s / m.
     """
@@ -53,13 +53,13 @@ class Layer:
 
 @dataclass(frozen=True)
 class Drive:
-    """What the scenes prescribe at K knots one frame apart, linear in between. All arrays are (B, K, ...).
+    """Prescribed motion and loads at K knots one frame apart, linear in between.
 
     Attributes:
         posture: (B, K, 5, 2) rad, zero of the joints' springs.
         squeeze: (B, K, 5) N m, torque that closes each finger.
         opposition: (B, K) rad of the thumb.
-        position: (B, K, 3) m, where the object is wanted.
+        position: (B, K, 3) m, where a spring draws the object.
         rotation: (B, K, 3) rotation vector of the object, rad.
         load: (B, K, 3) N on the object.
     """
@@ -116,10 +116,10 @@ class Mechanics:
     Args:
         hands, solids: B hands and objects.
         stiffness: (B,) Pa/m of the objects' surfaces.
-        drive: what the scenes prescribe.
+        drive: prescribed motion and loads.
         layer: skin and damping.
-        motion: whether the object's position is unknown too; n is 13 with it, 10 without.
-        names: of the objects, for errors.
+        motion: whether the object's position is unknown too; n is 13 then, else 10.
+        names: names of the objects, for errors.
     """
 
     def __init__(
@@ -136,10 +136,10 @@ class Mechanics:
         self.lever[10:] = LEVER
 
     def initial_state(self) -> np.ndarray:
-        """States (B, n) with everything at its prescribed posture and position of the first knot.
+        """States (B, n) in the prescribed posture and position of the first knot.
 
         Raises:
-            UserError: an object that starts inside the palm.
+            UserError: an object starts inside the palm.
         """
         count = len(self.stiffness)
         rows, start = np.arange(count), self.drive.at(np.arange(count), np.zeros(count))
@@ -160,7 +160,7 @@ class Mechanics:
     def evaluate(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:
         """Forces, energy and Hessian of rows (R,) at times (R,) in frames and states y (R, n).
 
-        `palm`: whether the palm's sensors are tested for contact. They matter only where the object moves.
+        `palm`: whether the palm's sensors are tested for contact; their forces matter only where the object moves.
         """
         now = self.drive.at(rows, time)
         q, count = y[:, :10].reshape(-1, 5, 2), len(rows)
@@ -226,19 +226,6 @@ class Mechanics:
         if self.motion:
             deeper += np.einsum("ni,ni->n", balance.slope[:, 2:], dy[row, 10:])
         return self.stiffness[rows[row]] * self.hands.area[rows[row], balance.contacts.sensor] * deeper
-
-    def hessian(self, balance: Balance) -> np.ndarray:
-        """Gauss-Newton Hessian (R, n, n) of U."""
-        hessian = np.zeros((*balance.residual.shape, self.size))
-        for finger in range(5):
-            block = slice(2 * finger, 2 * finger + 2)
-            hessian[:, block, block] = balance.fingers[:, finger]
-            if self.motion:
-                hessian[:, block, 10:] = balance.cross[:, finger]
-                hessian[:, 10:, block] = balance.cross[:, finger].swapaxes(1, 2)
-        if self.motion:
-            hessian[:, 10:, 10:] = balance.object
-        return hessian
 
     def solve(self, balance: Balance, shift: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """Solution x (R, n) of (Hessian + diag(shift)) x = residual, for shift and residual (R, n).

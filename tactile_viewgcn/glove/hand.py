@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FINGERS = ("little", "ring", "middle", "index", "thumb")
 SHAPE = (32, 32)
-COUPLING = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2 / 3]])  # joint angles (3) of a finger from its unknowns (2)
-LINKS = np.array(  # m: proximal, middle and distal link; of the thumb: metacarpal, proximal, distal
+COUPLING = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2 / 3]])  # a finger's joint angles (3) from its unknowns (2)
+LINKS = np.array(  # m: proximal, middle and distal link of little to index finger; metacarpal to distal of the thumb
     [[0.033, 0.020, 0.018], [0.043, 0.026, 0.020], [0.046, 0.029, 0.021], [0.041, 0.025, 0.020], [0.044, 0.032, 0.026]]
 )
 BASES = np.array(  # m: the base joint of each finger
@@ -39,9 +38,9 @@ class Hand:
     Attributes:
         row, column: (S,) cell in the frame.
         patch: (S,) 3 x finger + link, or LINK_PATCHES and above on the palm.
-        local: (S, 3) m, position; normal: (S, 3). On a link the axes are: along it from its joint, aside, and out of
-            the skin. On the palm they are the palm's.
-        area: (S,) m^2 of skin that each sensor covers.
+        local: (S, 3) m, position; normal: (S, 3). The axes of a link point along it from its joint, aside, and out of
+            the skin; on the palm they are the palm's.
+        area: (S,) m^2 of skin under each sensor.
         bases: (5, 3) m, the fingers' base joints; links: (5, 3) m, lengths.
     """
 
@@ -65,7 +64,7 @@ class Hand:
 
 
 def stag_hand(*, scale: float = 1.0, slip: tuple[float, float] = (0.0, 0.0)) -> Hand:
-    """STAG's sensors on a hand of `scale` times the usual size; the glove is shifted by `slip` m along and aside."""
+    """STAG's sensors on a hand of `scale` times the usual size, with the glove shifted by `slip` m along and aside."""
     parts = []
     for finger, first in enumerate((0, 6, 10, 15)):
         row, column = np.mgrid[first : first + 3, 0:14].reshape(2, -1)
@@ -130,12 +129,12 @@ class Pose:
 
 
 class Hands:
-    """B hands with the same sensors and N patches, which differ in size and in how the glove sits.
+    """B hands with the same sensors and N patches, which differ in size and in the glove's shift.
 
     Attributes:
         local, normal, area, bases, links: those of `Hand`, with a first axis of length B.
-        patch: (S,) of the first hand, as of all.
-        centre: (B, N, 3) m in the patch's axes and bounding_radius: (N,) m, of a sphere around each patch's sensors.
+        patch: (S,), the same for all hands.
+        centre: (B, N, 3) m in the patch's axes, and bounding_radius: (N,) m, of a sphere around each patch's sensors.
         start, count: (N,) first sensor of each patch, and number of its sensors.
     """
 

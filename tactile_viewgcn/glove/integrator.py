@@ -6,8 +6,8 @@ step of any length ends at a finite state. The embedded method of order 1 estima
 stage's matrix (Hosea and Shampine, Appl. Numer. Math. 20 (1996), 21-37) and converted to an error of the sensors'
 forces. A step in which a finger tunnels through an object is rejected too, see `tunnelling.py`.
 
-The hands do not wait for each other. Each evaluation of the mechanics serves all hands, whatever step, stage and Newton
-iteration each of them is in.
+The hands do not wait for each other: each evaluation of the mechanics serves all hands, each in its own step, stage and
+Newton iteration.
 """
 
 from collections import Counter
@@ -25,9 +25,9 @@ NEWTON = 16  # iterations of a stage
 STAGE_TOLERANCE = 0.2  # of the integrator's tolerance
 SAFETY, SHRINK, GROW = 0.8, 0.2, 4.0  # of the step size control
 UNSOLVED = 4.0  # error, in tolerances, of a step with an unsolved stage or with tunnelling
-SMALLEST = 1e-3  # of a frame: steps as short as this are accepted whatever their error
-MOST_STEPS = 500  # of a frame: with more, half of them or so are as short as that, and the tolerance is not met
-ARRIVED = 1e-9  # of a frame: less is rounding
+SMALLEST = 1e-3  # of a frame: shorter steps are not tried, and this one is accepted whatever its error
+MOST_STEPS = 500  # in a frame: with more, about half of them are as short as SMALLEST, and the tolerance is not met
+ARRIVED = 1e-9  # of a frame: a smaller rest of it is rounding
 
 
 class _Steps:
@@ -76,10 +76,10 @@ class ImplicitIntegrator:
     Args:
         mechanics: the equation.
         frame: s between two frames.
-        tolerance: relative error of the sensors' forces allowed in a step, unless it is as short as SMALLEST.
-        step: s; a fixed step instead, the last one before a frame cut short.
-        statistics: cost, summed over hands: `steps`; `rejected`, those repeated with a shorter step; `forced`, those
-            accepted for being as short as SMALLEST, in spite of their error; `evaluations` of the mechanics;
+        tolerance: allowed relative error of the sensors' forces in a step that is longer than SMALLEST.
+        step: s, a fixed step instead; the last one of a frame may be shorter.
+        statistics: cost, summed over hands: `steps`; of these `rejected`, repeated with a shorter step, and `forced`,
+            accepted in spite of their error because they are as short as SMALLEST; `evaluations` of the mechanics;
             `unsolved` stages, whose Newton iteration did not converge.
     """
 
@@ -93,7 +93,7 @@ class ImplicitIntegrator:
         """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0.
 
         Raises:
-            UserError: a frame that MOST_STEPS do not end.
+            UserError: a frame takes more than MOST_STEPS.
         """
         states, mechanics, rows = np.empty((len(y), frames, y.shape[1])), self.mechanics, np.arange(len(y))
         solver = StageSolver(y, STAGE_TOLERANCE * self.tolerance, NEWTON if self.step is None else 5 * NEWTON)
@@ -147,7 +147,7 @@ class ImplicitIntegrator:
         steps.begin(rows)
 
     def _reject_tunnelling(self, rows: np.ndarray, error: np.ndarray, steps: _Steps) -> None:
-        """Set the error (R,) of otherwise acceptable steps that tunnel to UNSOLVED, in place."""
+        """Set the error (R,) of acceptable steps that tunnel to UNSOLVED, in place."""
         candidates = np.flatnonzero((error <= 1) & (steps.h[rows] > SMALLEST * self.frame))
         hands = rows[candidates]
         begin = steps.knot[hands] + steps.elapsed[hands] / self.frame
@@ -159,8 +159,8 @@ class ImplicitIntegrator:
     def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray, steps: _Steps) -> np.ndarray:
         """Errors (R,), in tolerances, of steps that end at y (R, n).
 
-        Each is the larger one of the sensors' forces, relative to them, and of positions, relative to the skin's
-        thickness.
+        An error is the larger of two: that of the sensors' forces relative to them, and that of positions relative to
+        the skin's thickness.
         """
         mechanics, scaled = self.mechanics, steps.solver.scaled_step[rows, None]
         shift = mechanics.damping / scaled

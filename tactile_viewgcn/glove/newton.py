@@ -4,10 +4,10 @@ import numpy as np
 
 from tactile_viewgcn.glove.contact import LEVER, Balance, Mechanics
 
-PATIENCE = 2  # iterations that may climb before the last good state is returned to
-BACKTRACK, SHORTEST = 0.4, 1e-6  # factor on a Newton step that climbed, and the shortest one tried
+PATIENCE = 2  # iterations in which the energy may rise before the solver returns to the best state
+BACKTRACK, SHORTEST = 0.4, 1e-6  # factor on a Newton step whose energy rose, and the shortest such step
 ROUNDING = 1e-12  # relative rise of the energy that counts as rounding
-FORCE_FLOOR = 0.05  # N: smaller forces are compared with this one
+FORCE_FLOOR = 0.05  # N: errors of smaller forces are relative to this one
 
 
 class StageSolver:
@@ -18,11 +18,11 @@ class StageSolver:
     Args:
         y: (B, n) states at the start.
         tolerance: relative error of the forces at which a stage counts as solved.
-        iterations: of a stage, at most.
+        iterations: most iterations of a stage.
 
     Attributes:
-        base: (B, n) where the stage starts from; scaled_step: (B,) s, h'.
-        best: (B, n) the best state so far; tried: (B, n) the one to evaluate next.
+        base: (B, n) start of the stage; scaled_step: (B,) s, h'.
+        best: (B, n) the best state so far; tried: (B, n) the state to evaluate next.
     """
 
     def __init__(self, y: np.ndarray, tolerance: float, iterations: int):

@@ -7,7 +7,6 @@ palm's axes, see `hand.py`.
 
 from collections.abc import Callable
 from difflib import get_close_matches
-from inspect import signature
 from math import pi
 from typing import Annotated, Any
 
@@ -19,38 +18,33 @@ from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.shapes import BOX, Primitive, Vector, box, capsule, cylinder, sphere, torus, tube
+from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.schema import SECTION, build
 
 # Stiffness of surfaces, Pa/m: pressure per depth.
 PLUSH, FOAM, RUBBER, SOFT, CARD, PLASTIC, STEEL = 1e6, 4e6, 2e7, 5e7, 2e8, 2e9, 5e10
 ACROSS = (pi / 2, 0.0, 0.0)  # the long axis lies across the palm, the fingers close around it
 FACING = (0.0, 0.0, 0.0)  # the long axis stands on the palm
-EMPTY_HAND = "empty_hand"
 SHAPES: dict[str, Callable[..., Primitive]] = {
     shape.__name__: shape for shape in (sphere, box, cylinder, capsule, torus, tube)
 }
 
-PLACEMENT = {"centre", "rotation", "cut"}  # of any shape
-Name = Annotated[str, StringConstraints(pattern=r"^\w[\w .-]*$")]  # of a file, too
+Name = Annotated[str, StringConstraints(pattern=r"^\w[\w .-]*$")]  # it is part of a file's name
 Stiffness = Annotated[float, Interval(ge=1e3, le=1e12)]
 Weight = Annotated[float, Interval(ge=0, le=1e5)]
 
 
 def _primitive(part: Any) -> Any:
-    """The primitive of a description such as {sphere: {radius: 0.03}}; anything else as it is.
+    """The primitive of a description such as {sphere: {radius: 0.03}}; anything else unchanged.
 
     Raises:
-        ValueError: not one shape with its sizes.
+        ValueError: the description is not of one shape with its sizes.
     """
     if not isinstance(part, dict):
         return part
-    reason = f"{len(part)} names"
     try:
-        if len(part) == 1:
-            ((shape, sizes),) = part.items()
-            if unknown := sizes.keys() - signature(SHAPES[shape]).parameters.keys() - PLACEMENT:
-                raise ValueError(f"unknown size {min(unknown)}")
-            return SHAPES[shape](**sizes)
+        ((shape, sizes),) = part.items()
+        return SHAPES[shape](**sizes)
     except ValidationError as error:
         first = error.errors()[0]
         reason = ": ".join([*map(str, first["loc"]), first["msg"].removeprefix("Value error, ")])
@@ -67,10 +61,10 @@ class GraspObject:
         name: its class.
         weight: g.
         stiffness: Pa/m, pressure on its surface per depth.
-        parts: primitives whose union it is; none for the empty hand.
-        orientation: rotation vector (rad) from its axes to the palm's, as it is usually held.
-        pinch: whether it is held between fingertips, not against the palm.
-        position: (x, y, z) m in the palm's axes where it is held; None: where `pinch` says.
+        parts: primitives whose union is the object; none for the empty hand.
+        orientation: usual rotation vector (rad) from the object's axes to the palm's.
+        pinch: whether fingertips hold it, and not the palm.
+        position: (x, y, z) m where it is held, in the palm's axes; None: the usual place for `pinch`.
     """
 
     name: Name
@@ -82,7 +76,7 @@ class GraspObject:
     position: Vector | None = None
 
     def lowest(self, rotation: np.ndarray) -> float:
-        """How far (m) it reaches below its origin, along -z, after a rotation (3, 3). Ignores cuts."""
+        """Distance (m) that it reaches below its origin, along -z, after a rotation (3, 3); cuts are ignored."""
         reaches = []
         for part in self.parts:
             local = Rotation.from_rotvec(part.rotation).as_matrix().T @ rotation.T
@@ -167,24 +161,23 @@ def select_objects(selection: str | list[str | dict[str, Any]]) -> tuple[GraspOb
             {name: cup, weight: 90, stiffness: 1e9, parts: [{tube: {inner: 0.03, outer: 0.034, length: 0.08}}]}.
 
     Raises:
-        UserError: an unknown name, a name that stands twice, no object but the empty hand, or a description that is not
-            of a `GraspObject` with a part.
+        UserError: a name is unknown or stands twice, there is no object but the empty hand, or a description is none of
+            a `GraspObject` with a part.
     """
     if selection == "all":
         return OBJECTS
     known = {grasp_object.name: grasp_object for grasp_object in OBJECTS}
     selected = {EMPTY_HAND: known[EMPTY_HAND]}
     for entry in selection:
-        if isinstance(entry, str) and entry not in known:
-            near = get_close_matches(entry, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
-            raise UserError(f"unknown object {entry!r}; {hint}")
         if entry == EMPTY_HAND:
             continue
-        if isinstance(entry, str):
+        if isinstance(entry, dict):
+            grasp_object = build(GraspObject, entry, f"object {entry.get('name')!r}")
+        elif entry in known:
             grasp_object = known[entry]
         else:
-            grasp_object = build(GraspObject, entry, f"object {entry.get('name')!r}")
+            near = get_close_matches(entry, known, n=1) or known
+            raise UserError(f"unknown object {entry!r}; did you mean {' or '.join(near)}?")
         if grasp_object.name in selected or not grasp_object.parts:
             raise UserError(f"object {grasp_object.name}: expected a name that stands once, and a part or more")
         selected[grasp_object.name] = grasp_object

@@ -1,4 +1,4 @@
-"""What to simulate: objects, sessions, grasps, skin and effects."""
+"""Recipes of simulated recordings: objects, sessions, grasps, skin and effects."""
 
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -10,35 +10,34 @@ from tactile_viewgcn.glove.scene import OPENING
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.params import Mechanics, Reading
 
-#: Version of the constants in this package, which every file carries. They are set against published and measured facts
-#: of STAG alone, on glove seed 7, and frozen: another value is another version.
+#: Version of the constants in this folder, an attribute of every file. They are set against published and measured
+#: facts of STAG alone, on glove seed 7, and frozen: a changed constant needs a new version.
 VERSION = 2
 LAYER = Layer(stiffness=1e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
-RATE = 7.35  # frames a second, as STAG's
+RATE = 7.35  # frames a second, STAG's
 TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solver
 MECHANICS, READING = get_args(Mechanics), get_args(Reading)
 EFFECTS = MECHANICS + READING
 STAG_SIZE = {"sessions": 3, "frames": 1667, "grasps": 82}  # 81 recordings, 135,027 frames
 TRAINING_SESSIONS = 2  # as in STAG; the others are the test side
+MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15  # of all sessions; recordings are numbered in 16 bits
 
-MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15  # in all; recordings are numbered in 16 bits
-
-Cell = tuple[int, int]  # one recording: number of the session and of the object
+Cell = tuple[int, int]  # a recording: number of its session, number of its object
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What to simulate: a recording of every object in every session.
+    """A recording of every object in every session.
 
     Args:
-        objects: the empty hand among them.
+        objects: the objects, with the empty hand.
         sessions: number of sessions; the first TRAINING_SESSIONS are the training side, but never all.
-        frames: of each recording; grasps: in each recording.
-        seed: of every random draw.
+        frames, grasps: number of them in each recording.
+        seed: seed of every random draw.
         layer: skin, glove and damping.
         rate: frames a second.
         tolerance: relative error of the sensors' forces in a step, see `integrator.py`.
-        effects: those of EFFECTS to simulate; the others are not computed. Without `weight` nothing pulls on the
+        effects: those of EFFECTS that are simulated; the others are not computed. Without `weight` nothing pulls on the
             object, but the squeeze still follows its weight. `weight` needs `motion`.
     """
 
@@ -63,13 +62,12 @@ class Recipe:
 
 
 def recipe_from_params(glove: Any) -> Recipe:
-    """Recipe that the section `glove` of params.yaml describes.
+    """The recipe in the section `glove` of params.yaml.
 
     Raises:
-        UserError: as `select_objects` does; more than MOST_FRAMES or MOST_RECORDINGS.
+        UserError: as `select_objects`, or there are more than MOST_FRAMES or MOST_RECORDINGS.
     """
-    objects = select_objects(glove.objects)
-    frames = OPENING + glove.grasps * glove.grasp_frames
+    objects, frames = select_objects(glove.objects), OPENING + glove.grasps * glove.grasp_frames
     size = {"sessions": glove.sessions, "frames": frames, "grasps": glove.grasps}
     size = STAG_SIZE if glove.scale == "stag" else size
     recordings = len(objects) * size["sessions"]
@@ -79,9 +77,4 @@ def recipe_from_params(glove: Any) -> Recipe:
             f"and glove.grasp_frames {glove.grasp_frames:,} are {recordings:,} recordings of "
             f"{size['frames']:,} frames; expected at most {MOST_RECORDINGS:,}, and {MOST_FRAMES:,} frames in all"
         )
-    return Recipe(
-        objects=objects,
-        seed=glove.seed,
-        effects=frozenset(EFFECTS) - set(glove.leave_out),
-        **size,
-    )
+    return Recipe(objects=objects, seed=glove.seed, effects=frozenset(EFFECTS) - set(glove.leave_out), **size)

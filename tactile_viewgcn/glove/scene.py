@@ -1,4 +1,4 @@
-"""Scenes: what a recording contains, from the object and the hand to every squeeze, shift and release.
+"""Scenes: the prescribed motion of a recording, from the object and the hand to every squeeze, shift and release.
 
 A recording is one long manipulation. It begins with the open hand; then the object is grasped again and again. In each
 grasp the object arrives, the fingers close until they touch it, squeeze it more the heavier it is, hold it while it
@@ -19,7 +19,7 @@ from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.notes import several
 
 OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])  # rad: posture of an open and of a closed finger
-RELAXED, IDLE = 0.4, 0.2  # closure, 0 open to 1 closed: of a finger that meets nothing; of an empty hand
+RELAXED, IDLE = 0.4, 0.2  # closure, 0 open to 1 closed: of a finger that touches nothing; of an empty hand
 ASIDE = 0.3  # rad: the thumb's opposition while the hand is open
 AWAY = 0.03  # m above its position in the grasp: the object before and after a grasp
 POWER = np.array([0.080, 0.002, 0.001])  # m: where an object lies against the palm, its lower side at z
@@ -34,12 +34,12 @@ FINGER = {"object": 0.6, "recording": 0.08, "grasp": 0.8, "within": 0.45}  # of 
 THUMB = {"object": 0.12, "recording": 0.05, "grasp": 0.2}  # rad, of the opposition
 OPPOSITION = 0.95  # rad
 ROLL = 0.6  # rad, of a grasp, about the object's axis, beside half a turn in every second one
-PINCHED = 0.3  # share of these of an object between the fingertips
+PINCHED = 0.3  # share of these deviations that an object between the fingertips has
 SQUEEZE = (0.04, 0.60)  # N m of a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
 PHASES = {"arrive": 1, "close": 4, "squeeze": 2, "hold": 0, "release": 2}  # frames; `hold` fills the grasp
 HOLD = list(PHASES).index("hold")  # number of the steady phase
-LOOSE = 0.4  # closure between two grasps, of what the next one closes to
+LOOSE = 0.4  # share of the next grasp's closure that a hand keeps between two grasps
 
 
 def plan(
@@ -49,7 +49,7 @@ def plan(
     """Drive of B recordings at T + 1 knots, each drawn from its own generator; frame t ends at knot t + 1.
 
     Raises:
-        UserError: grasps too short for their phases.
+        UserError: the grasps are too short for their phases.
     """
     phase, progress, grasp = schedule(frames, grasps)
     drawn = [_draw(*each, grasps) for each in zip(grasp_objects, habits, rngs, strict=True)]
@@ -88,7 +88,7 @@ def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     The open hand before the first grasp is phase -1.
 
     Raises:
-        UserError: grasps too short for their phases.
+        UserError: the grasps are too short for their phases.
     """
     each, fixed = (frames - OPENING) // grasps, sum(PHASES.values())
     if each <= fixed:
@@ -109,7 +109,9 @@ def closure(
 ) -> np.ndarray:
     """Closure (B, 5), 0 open to 1 closed, at which each finger first touches the object of a grasp.
 
-    The object is at `position` (B, 3) m, turned by the vectors `rotation` (B, 3) rad; opposition (B,) rad.
+    Args:
+        position: (B, 3) m of the objects; rotation: (B, 3) rad, their rotation vectors.
+        opposition: (B,) rad of the thumbs.
     """
     count = len(position)
     if not solids.has_primitives:
@@ -133,7 +135,7 @@ def _draw(
     """Position (G, 3) m, rotation vector (G, 3) rad, opposition (G,) rad and squeeze (G, 5) N m of G grasps.
 
     Args:
-        habit: draws how the object is usually held; rng: how a recording and its grasps differ from it.
+        habit: draws the usual grasp of the object; rng: draws the deviations of a recording and of its grasps.
     """
 
     def spread(std: dict[str, float], size: int) -> np.ndarray:
@@ -159,7 +161,7 @@ def _draw(
 
 
 def _freedom(grasp_object: GraspObject) -> float:
-    """Share of the spread of a grasp of the object: a thin one between the fingertips is lost if it varies more."""
+    """Share of the deviations of a grasp: with more, fingertips would lose a thin object."""
     return PINCHED if grasp_object.pinch else 1.0
 
 

@@ -1,7 +1,7 @@
 """From pressure to counts: a piezoresistive matrix of 32 x 32 wires, read with 10 bits.
 
-Each effect is a step of its own and is skipped where a recipe does not name it. The numbers are set by what is measured
-on STAG's frames (baseline, noise, percentiles of the excess), see VERSION in `recipe.py`.
+Each effect is a separate step, skipped where a recipe does not name it. The constants are set against STAG's frames
+(baseline, noise, percentiles of the excess), see VERSION in `recipe.py`.
 """
 
 import numpy as np
@@ -11,14 +11,14 @@ from tactile_viewgcn.randomness import stream
 
 NO_SENSOR = 510  # counts of a cell without a sensor
 MAX_COUNT = 1023  # of a 10-bit converter
-SATURATION = 1.5e4  # Pa at which a sensor reads half of what a linear one would
+SATURATION = 1.5e4  # Pa at which a sensor reads half of a linear sensor's counts
 SENSITIVITY = 1.4e-3  # counts per Pa of a sensor of gain 1, at low pressure
 HYSTERESIS = 0.25  # share of a reading that follows its recent peak
 RECOVERY = 0.6  # share of the peak that is left a frame later
-CROSSTALK = (0.3, 0.3)  # shares of its row's and its column's mean that a sensor reads in addition
+CROSSTALK = (0.3, 0.3)  # shares of its row's and its column's mean that a sensor adds to its reading
 DRIFT = 0.95  # correlation of the common mode from frame to frame
 GAIN, GAIN_OF_SESSION = 0.75, 0.1  # standard deviation of the logarithm of a sensor's gain; from session to session
-DEAD, STUCK = 0.02, 0.004  # shares of the sensors: one feels no pressure, the other always reads the same
+DEAD, STUCK = 0.02, 0.004  # shares of sensors that read no pressure, and of those that always read the same
 BASELINE = (515.0, 1.2)  # counts, mean and standard deviation of a session's baseline
 ROW, SENSOR = 0.6, 0.3  # counts, standard deviation from it of a row and of a sensor
 NOISE = (0.89, 0.09)  # counts, median of a sensor's noise, and standard deviation of its logarithm
@@ -31,25 +31,25 @@ class Sensors:
     """Reads B recordings block by block; hysteresis and common mode carry over from one block to the next.
 
     Args:
-        hand: where the S sensors are.
-        seed: of the glove and its sessions.
-        sessions: (B,) session of each recording, in which gain, baseline and common mode differ.
+        hand: positions of the S sensors.
+        seed: seed of the glove and its sessions.
+        sessions: (B,) session of each recording; gain, baseline and common mode differ between sessions.
         rngs: B generators of the noise.
-        effects: those of `recipe.READING` to simulate.
+        effects: those of `recipe.READING` that are simulated.
 
     Attributes:
         gain: (B, S) relative to SENSITIVITY; 0 for a dead sensor.
-        stuck: (B, S) counts above the baseline that a stuck sensor always reads; NaN for the others.
+        stuck: (B, S) counts above the baseline that a stuck sensor always reads; NaN for all others.
         bend: (B, S) counts per rad of flexion of the joint under the sensor.
         baseline: (B, S) counts; noise: (B, S) counts, standard deviation.
-        common: (B,) counts, standard deviation of what all sensors share.
+        common: (B,) counts, standard deviation of the noise that all sensors share.
     """
 
     def __init__(
         self, hand: Hand, seed: int, sessions: list[int], rngs: list[np.random.Generator], effects: frozenset[str]
     ):
         self.hand, self.effects = hand, effects
-        self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]  # of the sensors' noise, and of the common mode
+        self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]  # for the sensors' noise, and for the common mode
         electronics = [self._electronics(stream(seed, "glove"), stream(seed, "glove session", n)) for n in sessions]
         self.gain, self.stuck, self.bend, self.baseline, self.noise, self.common = (
             np.stack(values) for values in zip(*electronics, strict=True)
@@ -96,7 +96,7 @@ class Sensors:
         return self.hand.frame(np.clip(np.rint(counts), 0, MAX_COUNT).astype(np.int16), NO_SENSOR)
 
     def _add_noise(self, counts: np.ndarray) -> None:
-        """Add noise and common mode to counts (B, T, S), in place; drawn by frame, so that blocks may differ."""
+        """Add noise and common mode to counts (B, T, S), in place, frame by frame: the length of a block is free."""
         _, frames, sensors = counts.shape
         for b, (sensor_rng, common_rng) in enumerate(self.rngs):
             if "noise" in self.effects:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tactile_viewgcn.schema import SECTION
 
 REVOLVED, BOX = 0, 1
-LARGEST, THINNEST = 10.0, 1e-5  # m, and rad of a rotation vector: what a hand meets lies well between
+LARGEST, THINNEST = 10.0, 1e-5  # m, and rad of a rotation vector: objects for a hand lie well between them
 NO_CUT = (0.0, 0.0, 1.0, np.inf)
 
 Length = Annotated[float, Interval(ge=0, le=LARGEST)]
@@ -28,7 +28,7 @@ Vector = tuple[Number, Number, Number]
 
 @dataclass(frozen=True, config=SECTION)
 class Primitive:
-    """One primitive and where it sits in its object. Lengths are in m.
+    """One primitive and its place in the object. Lengths are in m.
 
     Args:
         kind: REVOLVED or BOX.
@@ -40,7 +40,7 @@ class Primitive:
         cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c.
 
     Raises:
-        ValidationError: also of a cut without a direction, or a shape thinner than THINNEST.
+        ValidationError: a value is out of range, a cut has no direction, or the shape is thinner than THINNEST.
     """
 
     kind: int
@@ -59,17 +59,17 @@ class Primitive:
 
     @property
     def bounding_radius(self) -> float:
-        """Radius (m) of the smallest sphere about its centre that contains it, its cut ignored."""
+        """Radius (m) of the smallest sphere about its centre that contains it without its cut."""
         if self.kind == BOX:
             return float(np.linalg.norm(self.half)) + self.round
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
 
 def _inner_half(size: float, round: float, name: str) -> float:
-    """Half of a size without its rounding, m. Rounding errors such as in 0.006 / 2 - 0.003 count as 0.
+    """Half of a size (m) without its rounding; a rounding error, as in 0.006 / 2 - 0.003, counts as 0.
 
     Raises:
-        ValueError: a size below 0, or a rounding of more than half of it.
+        ValueError: the size is below 0, or the rounding above half of it.
     """
     if size < 0:
         raise ValueError(f"{name} is {size:g} m; expected 0 or more")
@@ -81,23 +81,23 @@ def _inner_half(size: float, round: float, name: str) -> float:
 
 def sphere(radius: float, **placement: Any) -> Primitive:
     """A sphere. `placement` of this and the other shapes: `centre`, `rotation` and `cut` of `Primitive`."""
-    return Primitive(REVOLVED, (0, 0), radius, **placement)
+    return Primitive(REVOLVED, (0, 0), radius, 0, **placement)
 
 
 def box(x: float, y: float, z: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A box of full sizes x, y and z with edges rounded by `round`, m."""
-    return Primitive(BOX, tuple(_inner_half(size, round, "box side") for size in (x, y, z)), round, **placement)
+    return Primitive(BOX, tuple(_inner_half(size, round, "box side") for size in (x, y, z)), round, 0, **placement)
 
 
 def cylinder(radius: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A cylinder about z with edges rounded by `round`, m."""
     half = _inner_half(2 * radius, round, "cylinder width"), _inner_half(length, round, "cylinder length")
-    return Primitive(REVOLVED, half, round, **placement)
+    return Primitive(REVOLVED, half, round, 0, **placement)
 
 
 def capsule(radius: float, length: float, **placement: Any) -> Primitive:
     """A cylinder about z that ends in hemispheres; `length` m includes them."""
-    return Primitive(REVOLVED, (0, _inner_half(length, radius, "capsule length")), radius, **placement)
+    return Primitive(REVOLVED, (0, _inner_half(length, radius, "capsule length")), radius, 0, **placement)
 
 
 def torus(ring: float, tube: float, **placement: Any) -> Primitive:

@@ -20,16 +20,16 @@ from tactile_viewgcn.glove.sensor import Sensors
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.randomness import stream
 
-BLOCK = 96  # frames solved before they are read
+BLOCK = 96  # frames that are solved and read together
 MIN_RECORDINGS_PER_WORKER = 20  # with fewer, starting a process takes longer than it saves
-SLIP_STD, SCALE_STD = 0.002, 0.02  # m and share: how the fit of the glove varies from session to session
+SLIP_STD, SCALE_STD = 0.002, 0.02  # m, and share: the glove's shift and the hand's size from session to session
 
 
 class Simulation:
-    """Simulates recordings of a recipe side by side: all of them, or some `cells`.
+    """Simulates B recordings of a recipe side by side: all of them, or the `cells`.
 
     Attributes:
-        drive: what the scenes of the B recordings prescribe.
+        drive: prescribed motion and loads of the recordings.
         statistics: cost of the integration so far, see `ImplicitIntegrator`; and `beyond_thickness`, the number of
             contacts that compressed the layer by more than its thickness.
     """
@@ -55,10 +55,10 @@ class Simulation:
         """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time.
 
         Raises:
-            UserError: an object that starts inside the palm.
+            UserError: an object starts inside the palm.
         """
         recipe, y = self.recipe, None
-        # An empty hand's movement is read only through the bending of the glove.
+        # The movement of an empty hand shows only through the bending of the glove.
         solves = self.solids.has_primitives or "bending" in recipe.effects
         for start in range(0, recipe.frames, BLOCK):
             stop = min(start + BLOCK, recipe.frames)
@@ -74,7 +74,7 @@ class Simulation:
             yield self.sensors.read(*self.sensor_inputs(mechanics, states))
 
     def mechanics(self, start: int, stop: int) -> Mechanics:
-        """The equation of frames `start` to `stop`; its first knot is the moment before them."""
+        """The equation of frames `start` to `stop`; its first knot is one frame before `start`."""
         drive = Drive(**{name: values[:, start : stop + 1] for name, values in vars(self.drive).items()})
         return Mechanics(
             self.hands, self.solids, self.stiffness, drive, self.recipe.layer,
@@ -104,14 +104,14 @@ class Simulation:
         return pressure, flexion
 
     def _fit(self, session: int) -> Hand:
-        """The hand as the glove sits on it in a session."""
+        """The hand with the fit of its glove in a session."""
         if "fit" not in self.recipe.effects:
             return stag_hand()
         rng = stream(self.recipe.seed, "glove fit", session)
         return stag_hand(scale=1 + SCALE_STD * rng.normal(), slip=tuple(SLIP_STD * rng.normal(size=2)))
 
     def _streams(self, purpose: str) -> list[np.random.Generator]:
-        """A generator for each recording, which does not depend on the other recordings."""
+        """A generator for each recording, the same whatever other recordings there are."""
         return [
             stream(self.recipe.seed, f"glove {purpose} {name}", session, 0)
             for name, (session, _) in zip(self.names, self.cells, strict=True)
@@ -121,14 +121,14 @@ class Simulation:
 def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter[str]:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5, all of them or none.
 
-    They do not depend on the number of worker processes. Memory holds a block of pressures and about 300 bytes a frame
-    of every recording.
+    The recordings do not depend on the number of worker processes. Memory holds a block of pressures, and about 300
+    bytes for each frame of every recording.
 
     Returns:
         The cost, see `Simulation.statistics`.
 
     Raises:
-        UserError: grasps too short for their phases, or an object that starts inside the palm.
+        UserError: the grasps are too short for their phases, or an object starts inside the palm.
     """
     workers = max(1, min(workers, len(recipe.cells) // MIN_RECORDINGS_PER_WORKER))
     with atomic_write(folder, folder=True) as part:
@@ -141,7 +141,7 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter
 
 
 def _write(recipe: Recipe, cells: list[Cell], folder: Path, *, bar: bool) -> Counter[str]:
-    """Simulate the recordings of one process into a folder of sessions; a `bar` shows the progress on a terminal."""
+    """Simulate the recordings of one process into a folder of sessions; `bar` shows the progress on a terminal."""
     simulation, start = Simulation(recipe, cells), 0
     progress = tqdm(total=recipe.frames, desc="simulate", unit="frame", disable=None if bar else True)
     with ExitStack() as stack, progress:
@@ -155,7 +155,7 @@ def _write(recipe: Recipe, cells: list[Cell], folder: Path, *, bar: bool) -> Cou
 
 
 def _create_file(folder: Path, simulation: Simulation, b: int) -> h5py.File:
-    """File of recording b with everything in it but the counts."""
+    """The file of recording b, complete but for the counts."""
     recipe, (session, number) = simulation.recipe, simulation.cells[b]
     grasp_object = recipe.objects[number]
     name = f"{number:03d}-{grasp_object.name}"

@@ -1,8 +1,8 @@
 """Detection of tunnelling: a finger and an object that pass through each other within one time step.
 
-Without contact the equation is linear and its steps are long. The integrator sees the contacts at the stages of a step
-only, and a Newton iteration does not see what it jumps over. So before a step is accepted, the straight path between
-its two states is sampled, where it is longer than a finger is thick or than the inradius of the object's thinnest part.
+Without contact the equation is linear and its steps are long. The integrator knows the contacts at the stages of a step
+alone, and a Newton iteration may jump over one. So the straight path between the two states of a step is sampled before
+the step is accepted, if the path is longer than a finger's thickness or the inradius of the object's thinnest part.
 """
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, RADIUS
 
-SAMPLE_DISTANCE = 2 * RADIUS  # m of path between two samples, at most: the thickness of a finger
-MAX_SAMPLES = 64  # of one path
+SAMPLE_DISTANCE = 2 * RADIUS  # m, largest distance of two samples of a path: the thickness of a finger
+MAX_SAMPLES = 64  # samples of one path
 
 
 def tunnels(
@@ -54,7 +54,7 @@ def tunnels(
 def _path_length(
     mechanics: Mechanics, rows: np.ndarray, begin: np.ndarray, before: np.ndarray, end: np.ndarray, after: np.ndarray
 ) -> np.ndarray:
-    """Upper bound (R,) m of the way that the object and a fingertip move relative to each other; 0 without object."""
+    """Upper bound (R,) m of the movement of the object and a fingertip relative to each other; 0 without an object."""
     first, last = mechanics.drive.at(rows, begin), mechanics.drive.at(rows, end)
     hands, solids = mechanics.hands, mechanics.solids
     moved = after[:, 10:] - before[:, 10:] if mechanics.motion else last["position"] - first["position"]

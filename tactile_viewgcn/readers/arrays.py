@@ -1,7 +1,7 @@
 """Reading folders of arrays, one file a recording: OBJECT/NAME.npy, .npz or .csv, or SESSION/OBJECT/NAME.npy.
 
-An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a layout, namely the rows and
-columns of a frame, it may also be one frame; without a layout, (frames, cells) are frames of one row.
+An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a layout (rows and
+columns of a frame) it may also be one frame; without a layout, (frames, cells) are frames of one row.
 """
 
 import math
