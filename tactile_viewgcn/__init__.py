@@ -1,4 +1,4 @@
-"""Recognising what a hand holds from several frames of a tactile glove, with a view-graph network."""
+"""Recognising the object in a hand from several frames of a tactile glove, with a view-graph network."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ __all__ = ["TactileClassifier"]
 
 
 def __getattr__(name: str) -> Any:
-    """`TactileClassifier`, imported when it is asked for: a command that does not use it loads no scikit-learn."""
+    """`TactileClassifier`, imported at its first use, so that commands without it do not load scikit-learn."""
     if name == "TactileClassifier":
         from tactile_viewgcn.recognition.estimator import TactileClassifier
 

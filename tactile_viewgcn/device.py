@@ -1,4 +1,4 @@
-"""Device and precision of the computation, chosen by what the hardware supports, never by a timing."""
+"""Device and precision of the computation, chosen by the hardware's abilities, never by a timing."""
 
 import ctypes
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from torch import Tensor
 
 from tactile_viewgcn.errors import UserError
 
-MAX_MEMORY_SHARE = 0.5  # of the device's free memory, that frames may take
+MAX_MEMORY_SHARE = 0.5  # of the device's free memory: more is not taken for frames
 
 
 @dataclass(frozen=True)
@@ -16,8 +16,8 @@ class Compute:
     """A device and a precision.
 
     Attributes:
-        device: where it is computed.
-        precision: `float32`; `bfloat16`, which only the backbone's products use; or `float64`, which all use.
+        device: device of the computation.
+        precision: `float32`; `bfloat16`, for the backbone's products alone; or `float64`, for everything.
     """
 
     device: torch.device
@@ -29,24 +29,24 @@ class Compute:
         return torch.float64 if self.precision == "float64" else torch.float32
 
     def autocast(self) -> torch.autocast:
-        """Context in which products are computed in bfloat16 if that is the precision."""
+        """Context in which products are computed in bfloat16, if that is the precision."""
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16")
 
     def frames(self, inputs: Tensor) -> Tensor:
-        """Frames (n, H, W) as (n, 1, H, W) in channels-last order, on the device if they fit its memory."""
+        """Frames (n, H, W) as (n, 1, H, W) in channels-last order, on the device if they fit into its memory."""
         batch = self.layout(inputs)
         return batch.to(self.device) if self.device.type != "cuda" or self.fits(batch.nbytes) else batch
 
     def fits(self, size: int) -> bool:
-        """Whether so many bytes take at most half of the CUDA device's free memory."""
+        """Whether `size` bytes take at most half of the CUDA device's free memory."""
         return size <= MAX_MEMORY_SHARE * torch.cuda.mem_get_info(self.device)[0]
 
     def layout(self, inputs: Tensor) -> Tensor:
-        """Frames (n, H, W) as (n, 1, H, W) in channels-last order, where they are."""
+        """Frames (n, H, W) as (n, 1, H, W) in channels-last order, on the device that holds them."""
         return inputs.unsqueeze(1).to(self.dtype, memory_format=torch.channels_last)
 
     def gather(self, values: Tensor, index: Tensor) -> Tensor:
-        """Rows `index` (k,) of `values` (n, ...) on the device, without waiting for it; `index` is on the processor."""
+        """Rows `index` (k,), a tensor on the processor, of `values` (n, ...): on the device, without waiting for it."""
         if values.device.type == self.device.type:  # device "cuda" holds tensors on "cuda:0"
             return values[self.to_device(index)]
         return self.to_device(values[index])
@@ -59,7 +59,7 @@ class Compute:
 
 
 def select_device(device: str = "auto", precision: str = "auto") -> Compute:
-    """Device and precision by the names of params.yaml; with CUDA, TF32 is switched off for the whole process.
+    """Device and precision by their names in params.yaml; with CUDA, TF32 is switched off for the whole process.
 
     Args:
         device: `cpu`, `cuda`, or `auto` (CUDA if available).
@@ -73,14 +73,14 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
     if device == "cuda" and not torch.cuda.is_available():
         raise UserError("device is cuda and torch sees no CUDA device; expected device: cpu or auto")
     if device == "cuda":
-        torch.backends.cudnn.allow_tf32 = False  # of convolutions: float32 is float32, as in matrix products
+        torch.backends.cudnn.allow_tf32 = False  # convolutions in float32 then are exact, as matrix products are
     if precision == "auto":
         precision = "bfloat16" if native_bfloat16(device) else "float32"
     return Compute(torch.device(device), precision)
 
 
 def native_bfloat16(device: str) -> bool:
-    """Whether the hardware has instructions for products in bfloat16; emulation does not count."""
+    """Whether the hardware has instructions for products in bfloat16, without emulation."""
     if device == "cuda":
         return torch.cuda.is_bf16_supported(including_emulation=False)
     return torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
@@ -89,8 +89,8 @@ def native_bfloat16(device: str) -> bool:
 def keep_freed_memory() -> None:
     """Make glibc reuse freed memory instead of returning it to the kernel; no effect with other C libraries.
 
-    By default every large activation is mapped, zeroed page by page and unmapped again in every step, which can
-    cost more than the arithmetic. The setting holds for the whole process: call it from a program, not a library.
+    By default every step maps, zeroes and unmaps each large activation page by page, which can cost more than the
+    arithmetic. The setting holds for the whole process: call it from a program, not a library.
     """
     trim_threshold, mmap_max = -1, -4  # the names of mallopt(3)
     try:

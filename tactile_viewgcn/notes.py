@@ -1,4 +1,4 @@
-"""What there is to say of a result, as data: programs read the fields, people the text."""
+"""Remarks on a result: programs read their fields, people their text."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -11,11 +11,11 @@ class Note:
     """A remark on a result.
 
     Attributes:
-        text: a sentence for people; nothing parses it.
+        text: a sentence for people; no program parses it.
         level: `info`, a `choice` that `auto` made, or a `warning`.
-        topic: what it is about in a word or two, such as `baseline`, `filter`, `split`, `leak check`.
-        key, value: of params.yaml: what was chosen, or of a warning its remedy; an empty key where there is none.
-        stage: that made it; empty outside the stages.
+        topic: the subject in a word or two, such as `baseline`, `filter`, `split`, `leak check`.
+        key, value: a key of params.yaml with the chosen value, or the remedy of a warning; else the key is empty.
+        stage: the stage that made the note; empty outside the stages.
     """
 
     text: str
@@ -26,7 +26,7 @@ class Note:
     stage: str = ""
 
     def __str__(self) -> str:
-        """The line on a terminal, names shown; of a choice with key and value."""
+        """The line for a terminal; that of a choice begins with key and value."""
         if self.level == "choice":
             value = f"{self.value:g}" if isinstance(self.value, float) else str(self.value).replace("'", "")
             return shown(f"{self.key} {value}: {self.text}")
@@ -40,5 +40,5 @@ def warnings_of(notes: list[Note]) -> list[Note]:
 
 
 def several(count: int, thing: str, things: str = "") -> str:
-    """1 frame, 1,701 frames; `things` is a plural that is not made by an s."""
+    """`1 frame`, `1,701 frames`; `things` is a plural that does not end in s."""
     return f"{count:,} {thing if count == 1 else things or f'{thing}s'}"

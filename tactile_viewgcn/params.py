@@ -1,6 +1,6 @@
-"""The typed form of params.yaml and its presets: frozen sections, every mistake found before any work.
+"""The typed form of params.yaml and its presets: frozen sections, checked before any work.
 
-There are no defaults here: they stand in params.yaml, once.
+The defaults are in params.yaml alone.
 """
 
 from difflib import get_close_matches
@@ -16,22 +16,22 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.schema import SECTION, Unique, as_change, build, read_yaml
 from tactile_viewgcn.systems import Member, System, on_sensors
 
-DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's, a copy in a wheel
+DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's file, in a wheel a copy
 PRESETS = DEFAULTS.parent / "presets"
-VIRTUAL = "data/virtual/recordings"  # the `data.source` that data/virtual/dvc.yaml makes
+VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove writes
 CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviations above its baseline
-MAX_NUMBER = 1e30  # it and its inverse are far inside single precision, in which the trainings compute
-MOST = 1_000_000  # of what is counted
-PLACES = {"cube": 8, "dodecahedron": 20}  # viewpoints of the configurations that have a fixed number
+MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single precision, in which trainings compute
+MOST = 1_000_000  # upper limit of counts
+PLACES = {"cube": 8, "dodecahedron": 20}  # number of viewpoints of the configurations in which it is fixed
 
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
-Side = Annotated[StrictInt, Interval(ge=1, le=64)]  # as readers check
+Side = Annotated[StrictInt, Interval(ge=1, le=64)]  # rows or columns of a frame
 Natural = Annotated[StrictInt, Interval(ge=0, le=MOST)]
 Positive = Annotated[StrictFloat, Interval(ge=1e-30, le=MAX_NUMBER)]
 NotNegative = Annotated[StrictFloat, Interval(ge=0, le=MAX_NUMBER)]
 Share = Annotated[StrictFloat, Interval(ge=0, lt=1)]
 Seed = Annotated[StrictInt, Interval(ge=0, le=2**32 - 1)]
-Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation learns nothing from one
+Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation needs two examples
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Mechanics = Literal["motion", "weight", "shift", "tremor", "fit"]  # effects of the virtual glove
@@ -171,7 +171,7 @@ class Params:
 
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
-        """Refuse values that do not go together, though each is allowed by itself."""
+        """Refuse values that contradict each other, though each is allowed by itself."""
         split, model, threshold = self.split, self.model, self.evaluate.confidence_threshold
         fewer_views, wrong = self.finetune.num_views == "random", []
         if split.fold >= split.folds:
@@ -180,7 +180,7 @@ class Params:
             wrong.append("evaluate.side is validation, and split.validation is 0: expected a share of the groups")
         if split.by == "frame" and split.validation:
             wrong.append(f"split.by is frame, which leaks, and split.validation is {split.validation:g}: expected 0")
-        can_calibrate = split.validation or on_sensors(model.system)  # these need no groups for it
+        can_calibrate = split.validation or on_sensors(model.system)  # these need no validation groups for it
         if threshold and not (fewer_views and can_calibrate):
             wrong.append(
                 f"evaluate.confidence_threshold is {threshold:g}, which needs a calibration: "
@@ -212,26 +212,26 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
     """Parameters of the file at `path` with `key=value` changes on top, all checked.
 
     Args:
-        name: what an error begins with; else the path.
+        name: first word of an error, instead of the path.
 
     Raises:
-        UserError: lists every mistake, each with its key, the value, what is allowed and the nearest known name.
+        UserError: lists every mistake, each with its key, its value and the allowed ones, or the nearest known key.
         FileNotFoundError: no such file.
     """
     return build(Params, read_yaml(Path(path)), str(name or path), changes)
 
 
 def presets() -> dict[str, str]:
-    """What each preset is for, by name: the first line of its file, a comment."""
+    """The purpose of each preset, by name: the comment in the first line of its file."""
     paths = sorted(PRESETS.glob("*.yaml"))
     return {path.stem: path.read_text().partition("\n")[0].removeprefix("# ") for path in paths}
 
 
 def preset_changes(name: str) -> list[str]:
-    """A preset as `key=value` changes to params.yaml, none with a space in it, so that each is one word of a shell.
+    """A preset as `key=value` changes to params.yaml, each without a space, so that a shell takes it as one word.
 
     Raises:
-        UserError: there is none of that name; names the nearest, or all.
+        UserError: there is no preset of that name; the message has the nearest name, or all.
     """
     if name not in (names := list(presets())):
         near = get_close_matches(str(name), names, n=1) or names

@@ -1,4 +1,4 @@
-"""Pictures: matplotlib figures, made where somebody keeps them."""
+"""Pictures of runs and recordings, as Matplotlib figures."""
 
 from typing import Any
 
@@ -10,15 +10,17 @@ from matplotlib.patches import Patch
 
 from tactile_viewgcn.names import shown
 
-GAP = 1  # blank cells between the frames of a mosaic
-WIDEST = 40  # inches
-FRAMES = "viridis"  # colours of network input
+FRAMES = "viridis"  # colours of frames
 LONGEST_NAME = 22  # characters above a small picture
 NO_SENSOR = "#e9edef"
 
 
 def confusions(counts: dict[str, np.ndarray], classes: list[str]) -> Figure:
-    """Counts (C, C) by their panel's title, rows the true class, drawn side by side as shares of each row."""
+    """Tables of counts (C, C), true class by predicted class, side by side as shares of each row.
+
+    Args:
+        counts: each table by the title of its panel.
+    """
     side, names = 2 + 0.28 * len(classes), list(map(shown, classes))
     figure = Figure(figsize=(1 + side * len(counts), side), layout="constrained")
     panels = figure.subplots(1, len(counts), sharey=True, squeeze=False)[0]
@@ -34,11 +36,11 @@ def confusions(counts: dict[str, np.ndarray], classes: list[str]) -> Figure:
 
 
 def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: str, *, columns: int = 4) -> Figure:
-    """Frames (n, H, W) on the sensors' layout, each under its title, with one scale for all.
+    """Frames (n, H, W), each under its title, with one scale for all.
 
     Args:
-        live: bool (H, W); the other sensors are left grey.
-        label: of the colour bar.
+        live: bool (H, W), the sensors that vary; the others are grey.
+        label: label of the colour bar.
         columns: most frames in a row.
     """
     columns = min(columns, len(frames))
@@ -72,10 +74,10 @@ def curves(lines: dict[str, list[float]], title: str) -> Figure:
 
 
 def error_intervals(errors: dict[str, dict[str, Any]], chance: float) -> Figure:
-    """Errors with their intervals on one line each, and the error of guessing; all as fractions.
+    """A line for each error with its interval, and the error of guessing, `chance`.
 
     Args:
-        errors: `mean`, `low` and `high` by name; without an interval the ends are None.
+        errors: `mean`, `low` and `high` by name, as fractions; without an interval the ends are None.
     """
     figure = Figure(figsize=(5.4, 0.9 + 0.42 * len(errors)), layout="constrained")
     axes = figure.add_subplot()
@@ -94,7 +96,7 @@ def error_intervals(errors: dict[str, dict[str, Any]], chance: float) -> Figure:
 
 
 def errors_by_views(errors: dict[str, dict[str, dict[str, Any]]], chance: float) -> Figure:
-    """Errors with their intervals over the number of views, a line for each name; fractions as in `error_intervals`."""
+    """Errors by the number of views, with their intervals: a line for each name, see `error_intervals`."""
     figure = Figure(figsize=(5.4, 3.2), layout="constrained")
     axes = figure.add_subplot()
     for (name, by_views), colour in zip(errors.items(), ("#12485c", "#c77d2b"), strict=False):
@@ -115,7 +117,7 @@ def errors_by_views(errors: dict[str, dict[str, dict[str, Any]]], chance: float)
 
 
 def shortened(name: str) -> str:
-    """A name that fits above a small picture."""
+    """A name, cut to fit above a small picture."""
     name = shown(name)
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
@@ -126,8 +128,9 @@ def time_lines(
     """The load of recordings over time, side by side with one scale; filled where frames are in contact.
 
     Args:
-        lines: mean counts above the baseline, in order; in_contact: share of each point's frames that are.
-        seconds: from first to last point; NaN counts in shares of the recording.
+        lines: mean counts above the baseline at points along each recording.
+        in_contact: share of each point's frames that are in contact.
+        seconds: length of each recording; NaN where it is unknown, and the axis is then a share of the recording.
     """
     columns = min(3, len(lines))
     rows = -(-len(lines) // columns)
@@ -148,7 +151,7 @@ def time_lines(
 
 
 def sensor_states(states: np.ndarray, names: list[str]) -> Figure:
-    """Sensors by their state, int (H, W): an index into `names`, whose first is the state of one without fault."""
+    """Sensors by their state, int (H, W): an index into `names`, the first of which is the state without a fault."""
     height, width = states.shape
     figure = Figure(figsize=(3.6, min(max(3.2 * height / width, 1.2), 5) + 0.8), layout="constrained")
     axes = figure.add_subplot()

@@ -1,4 +1,4 @@
-"""This process: how long it has run, on what and with how much memory."""
+"""This process: its run time, processor, memory, and its rank among the processes of `torchrun`."""
 
 import os
 import platform
@@ -14,7 +14,7 @@ LOST = "lost a process of this training; start it again: it goes on after its la
 
 
 def seconds_since_start() -> float:
-    """Seconds since this process began, imports included; outside Linux since this module was loaded."""
+    """Seconds since this process began, with imports; outside Linux since this module was loaded."""
     try:
         uptime = float(Path("/proc/uptime").read_text().split()[0])
         ticks = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
@@ -29,12 +29,12 @@ def launched() -> bool:
 
 
 def rank() -> int:
-    """Number of this process among those that train together, from 0."""
+    """Rank of this process among those that train together, from 0."""
     return int(os.environ["RANK"]) if launched() else 0
 
 
 def processor() -> str:
-    """The processor's name, as the system tells it."""
+    """The processor's name."""
     info = Path("/proc/cpuinfo")
     names = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
     return names[0] if names else platform.processor() or platform.machine()
@@ -46,8 +46,8 @@ def usable_cores() -> int:
 
 
 def peak_mb() -> float:
-    """The most memory that this process, or one that it started and that has ended, has held, in MB (10^6 bytes)."""
+    """Peak memory, in MB (10^6 bytes), of this process or of a child process that has ended, whichever is larger."""
     peak, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    with suppress(OSError):  # on Linux ru_maxrss of this process counts the one that started it
+    with suppress(OSError):  # on Linux ru_maxrss of this process also counts its parent's memory
         peak = int(re.findall(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[0])
     return max(peak, children) * (1 if sys.platform == "darwin" else 1024) / 1e6

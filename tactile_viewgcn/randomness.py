@@ -1,4 +1,4 @@
-"""Independent streams of random numbers, all from the one `seed`."""
+"""Independent streams of random numbers, all from the one `seed` of params.yaml."""
 
 from typing import TYPE_CHECKING
 from zlib import crc32
@@ -10,29 +10,29 @@ if TYPE_CHECKING:
 
 
 def stream(seed: int, purpose: str, *numbers: int) -> np.random.Generator:
-    """Generator of one purpose, and of one trial or fold of it if `numbers` say so, independent of all others.
+    """Generator for one purpose, and with `numbers` for one trial or fold of it, independent of all others.
 
-    The purpose comes first and the numbers count from 1, because NumPy pads a list of seeds with zeros: it makes
-    the same stream of [7], [7, 0] and [7, 0, 0]. A purpose keeps its text when the code's words change ("touches.trial"
-    is of sequential trials): with another text the numbers would be others.
+    The purpose comes first and the numbers count from 1, because NumPy pads a list of seeds with zeros: [7], [7, 0] and
+    [7, 0, 0] give the same stream. A purpose keeps its text when the code's words change ("touches.trial" is for
+    sequential trials), since a different text gives different numbers.
     """
     return np.random.default_rng([crc32(purpose.encode()), seed, *(1 + number for number in numbers)])
 
 
 def torch_seed(seed: int, purpose: str) -> int:
-    """Seed for torch of one purpose, below 2^63."""
+    """Seed for torch, below 2^63, for one purpose."""
     return int(stream(seed, purpose).integers(2**63))
 
 
 def torch_generator(seed: int, purpose: str, device: "torch.device | str" = "cpu") -> "torch.Generator":
-    """Torch generator of one purpose on a device."""
+    """Torch generator for one purpose on a device."""
     import torch
 
     return torch.Generator(device).manual_seed(torch_seed(seed, purpose))
 
 
 def by_turns(label: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The places of labels (n,) in an order in which each class has its turn, at random within a class."""
+    """Indices (n,) of labels (n,), cycling through the classes, at random within each class."""
     order = rng.permutation(len(label))
     turn = np.empty(len(label), dtype=np.int64)
     for one in np.unique(label):

@@ -1,4 +1,4 @@
-"""Typed objects from YAML, every mistake listed in pydantic's words; `key=value` changes to a mapping."""
+"""Typed objects from YAML, with every mistake listed in pydantic's words; `key=value` changes to a mapping."""
 
 import json
 import re
@@ -30,7 +30,7 @@ Unique = AfterValidator(_unique)
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML in which 5e-4 is a number, though it has no point, a key stands once, and nothing is repeated by aliases."""
+    """YAML in which 5e-4 is a number though it has no point, and which refuses repeated keys and aliases."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -52,11 +52,11 @@ def parse(text: str | bytes) -> Any:
     """The values of a YAML text.
 
     Raises:
-        ValueError: it is not YAML, or too deep for Python, or has a key twice, or an alias.
+        ValueError: it is not YAML, or too deep for Python, or has a repeated key or an alias.
     """
     try:
         return yaml.load(text, Loader=_Loader)
-    except Exception as error:  # a value that does not go with its tag raises anything
+    except Exception as error:  # a value that contradicts its tag may raise any exception
         raise ValueError(f"no plain YAML: {' '.join(str(error).split())[:MOST_SHOWN]}") from None
 
 
@@ -64,7 +64,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """The keys and values of a YAML file.
 
     Raises:
-        UserError: as `parse`; or it holds something else than keys and values, such as nothing.
+        UserError: as `parse`, or it does not hold keys and values.
         FileNotFoundError: no such file.
     """
     check_is_file(path)
@@ -95,7 +95,7 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
 
 
 def _mistakes(kind: Any, tree: dict[str, Any], error: ValidationError) -> list[str]:
-    """Pydantic's messages, each of a key with its value, those of one key together."""
+    """Pydantic's messages, those of one key joined, each with the key and its value."""
     known, mistakes = list(_keys(kind)), []
     messages: dict[tuple[str, ...], dict[str, None]] = {}
     for one in error.errors(include_url=False, include_input=False):
@@ -104,7 +104,7 @@ def _mistakes(kind: Any, tree: dict[str, Any], error: ValidationError) -> list[s
             near = get_close_matches(".".join(place), known, n=1)
             mistakes.append(f"unknown key {'.'.join(place)}" + (f"; did you mean {near[0]}?" if near else ""))
             continue
-        while place and ".".join(place) not in known:  # within a list or a union
+        while place and ".".join(place) not in known:  # the place is inside a list or a union
             place = place[:-1]
         messages.setdefault(place, {})[one["msg"].removeprefix("Value error, ")] = None
     for place, texts in messages.items():
@@ -116,7 +116,7 @@ def _mistakes(kind: Any, tree: dict[str, Any], error: ValidationError) -> list[s
 
 
 def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
-    """The dotted keys of a dataclass, sections too."""
+    """The dotted keys of a dataclass, with those of its sections."""
     for field in fields(kind):
         yield prefix + field.name
         if is_dataclass(field.type):
@@ -150,7 +150,7 @@ def set_value(tree: dict[str, Any], change: str) -> str | None:
 
 
 def as_change(key: str, value: Any) -> str:
-    """`key=value` as `dvc exp run -S` and `set_value` read it: [3,3,2], true, 0.001, "two words"; no digit is lost.
+    """`key=value` as `dvc exp run -S` and `set_value` read it, with every digit: [3,3,2], true, 0.001, "two words".
 
     Raises:
         UserError: YAML has no such value.
@@ -162,7 +162,7 @@ def as_change(key: str, value: Any) -> str:
 
 
 def _written(value: Any) -> str:
-    """A value of YAML in the words that Hydra, which reads DVC's changes, has in common with it."""
+    """A value in the syntax that YAML and Hydra, which reads DVC's changes, have in common."""
     if isinstance(value, list):
         return f"[{','.join(map(_written, value))}]"
     if isinstance(value, dict):

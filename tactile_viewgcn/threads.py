@@ -1,7 +1,7 @@
-"""The number of threads: as many as other programs leave cores for, looked at while a training goes on.
+"""The number of threads follows the cores that other programs leave free, also during a training.
 
-A step of a small network shares hundreds of products out to the threads, and each waits for the last thread: beside a
-busy program for one whose core that program has.
+A step of a small network splits hundreds of products among the threads, and each product waits for the last thread:
+where a busy program uses the core of one thread, all others wait.
 """
 
 import os
@@ -10,21 +10,21 @@ import time
 import torch
 
 FIXED = "OMP_NUM_THREADS"  # the user's own number, or torchrun's
-FIRST_LOOK, INTERVAL = 0.3, 1.0  # seconds: of the look before a training, between those in it
+FIRST_LOOK, INTERVAL = 0.3, 1.0  # seconds: of the first measurement of the load, and between later ones
 
-used: set[int] = set()  # numbers of threads of this stage, those before an interruption too
+used: set[int] = set()  # all numbers of threads of this stage, also those before an interruption
 
 
 def follow_load() -> None:
-    """Choose the number of threads now and, once a second, after a step of an optimiser; leave one that is fixed.
+    """Set the number of threads now and, once a second, after a step of an optimiser, unless OMP_NUM_THREADS fixes it.
 
-    It holds for the whole process: call it from a program, not a library.
+    The number holds for the whole process: call it from a program, not a library.
     """
     if FIXED in os.environ:
         used.add(torch.get_num_threads())
         return
-    import psutil  # here: not installed with the package alone
-    from joblib import cpu_count  # heeds a container's limit
+    import psutil  # here, since the package alone does not install it
+    from joblib import cpu_count  # respects a container's limit
     from threadpoolctl import threadpool_limits
     from torch.optim.optimizer import register_optimizer_step_post_hook
 
@@ -34,9 +34,10 @@ def follow_load() -> None:
         nonlocal last
         if time.monotonic() - last < INTERVAL:
             return
-        last, shares, own = time.monotonic(), psutil.cpu_percent(percpu=True), process.cpu_percent()  # since last time
+        last = time.monotonic()
+        shares, of_process = psutil.cpu_percent(percpu=True), process.cpu_percent()  # since the last call
         cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(len(shares))
-        threads = free_cores(len(cores), (sum(shares[core] for core in cores) - own) / 100, most)
+        threads = free_cores(len(cores), (sum(shares[core] for core in cores) - of_process) / 100, most)
         if threads != torch.get_num_threads():
             torch.set_num_threads(threads)
             threadpool_limits(threads)
@@ -50,5 +51,5 @@ def follow_load() -> None:
 
 
 def free_cores(cores: int, others: float, most: int) -> int:
-    """Number of cores that other programs leave, from 1 to `most`; they use `others` of so many."""
+    """Number of threads, from 1 to `most`, for `cores` of which other programs use `others`."""
     return min(most, max(1, round(cores - others)))
