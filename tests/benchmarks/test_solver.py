@@ -10,7 +10,7 @@ from benchmarks.solver import __main__ as solver
 from benchmarks.solver.other_integrators import IntegrationFailed, explicit_euler, integrate_with_scipy
 from benchmarks.solver.scenes import SETTINGS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import JOINT
-from tests.gloves import FRAME, free_finger, sphere_on_bed
+from tests.glove.scenes import FRAME, free_finger, sphere_on_bed
 
 
 @pytest.mark.parametrize(

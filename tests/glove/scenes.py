@@ -1,42 +1,113 @@
-"""Small scenes of the virtual glove whose end is known, or soon found by SciPy's Radau."""
+"""Small scenes of the virtual glove whose end is known, or which SciPy's Radau solves soon."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.solver.other_integrators import integrate_with_scipy
 from benchmarks.solver.scenes import THICKNESS, ball_grasp, stiffness
-from tactile_viewgcn.glove.contact import HOLDING, Layer, Mechanics
-from tactile_viewgcn.glove.hand import LINK_PATCHES, Hand, Hands, stag_hand
+from tactile_viewgcn.glove.contact import HOLDING, Drive, Layer, Mechanics
+from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, Hand, Hands, Pose, stag_hand
+from tactile_viewgcn.glove.objects import OBJECTS, select_objects
+from tactile_viewgcn.glove.recipe import EFFECTS, Recipe
 from tactile_viewgcn.glove.scene import OPEN
 from tactile_viewgcn.glove.shapes import Primitive, Solids, box, sphere
-from tests.gloves import constant_drive
+from tactile_viewgcn.glove.simulation import Simulation
 
 RATE = 7.35  # frames a second, STAG's
-FRAME = 1 / RATE
-DEFAULT = Layer(2.5e7, THICKNESS, 0.02, 60.0)  # of params.yaml
+FRAME = 1 / RATE  # s
+LAYER = Layer(2.5e7, THICKNESS, 0.02, 60.0)
 #: of a grasp, for each decade of lambda h: skin Pa/m, object Pa/m, joints N m s/rad, object N s/m
 GRASPS = (
-    (3e4, 1e6, 5.0, 2e4),
-    (3e4, 1e6, 0.5, 2e3),
-    (4e6, 1e7, 0.1, 300.0),
-    (2.5e7, 2e7, 0.02, 60.0),
-    (2e8, 1e9, 0.01, 30.0),
-    (5e9, 2.5e10, 0.01, 30.0),
-    (5e10, 2.5e11, 0.01, 30.0),
-    (3e10, 1e11, 0.0007, 2.0),
+    (3e4, 1e6, 5.0, 2e4), (3e4, 1e6, 0.5, 2e3), (4e6, 1e7, 0.1, 300.0), (2.5e7, 2e7, 0.02, 60.0),
+    (2e8, 1e9, 0.01, 30.0), (5e9, 2.5e10, 0.01, 30.0), (5e10, 2.5e11, 0.01, 30.0), (3e10, 1e11, 0.0007, 2.0),
     (3e11, 1e12, 0.0007, 2.0),
-)
+)  # fmt: skip
 BALL, BALL_AT = sphere(0.034), (0.075, 0.0, 0.037)  # m: above the palm, so that only fingers touch it at first
+SPHERE_RADIUS = 0.1  # m, of the sphere on a bed
 RTOL, MOST = 1e-6, 60_000  # of Radau, and the evaluations it may take
 FLAT = (0.08, 0.04, 0.03)  # m: a plate that lies on the palm between the fingers and the thumb
 MIDDLE, FIRM = 0.02, 15_000.0  # m: its x; N/m of its sensors together, or more: so it sinks in by less than
 SUNK = 2e-4  # m: its two outer rows of sensors carry it, the next ones are 0.5 mm lower
+OBJECTS_BY_NAME = {one.name: one for one in OBJECTS}
+GRIPPED = [OBJECTS_BY_NAME[name] for name in ("ball", "mug", "chain", "empty_hand", "tea_box", "safety_glasses")]
+FITS = [{}, {"scale": 1.03}, {"slip": (0.002, -0.001)}, {}, {"scale": 0.97}, {}]  # of the hands that grip them
+
+
+def bed(count: int, width: float, *, tiles: int = 4) -> Hand:
+    """A flat palm of count x count sensors that fill a square about the origin, z up; its fingers feel nothing."""
+    pitch = width / count
+    row, column = np.mgrid[:count, :count].reshape(2, -1)
+    patch = LINK_PATCHES + row * tiles // count * tiles + column * tiles // count
+    order = np.argsort(patch, kind="stable")
+    row, column, patch = row[order], column[order], patch[order]
+    middle = (count - 1) / 2
+    local = np.stack([(column - middle) * pitch, (row - middle) * pitch, np.zeros(len(row))], axis=1)
+    normal = np.tile([0.0, 0.0, 1.0], (len(row), 1))
+    return Hand(row, column, patch, local, normal, np.full(len(row), pitch**2), BASES, LINKS)
+
+
+def scene(
+    parts: list[list[Primitive]], position, *, posture=0.0, hands: list[Hand] | None = None, stiffness=2e7, layer=LAYER,
+    motion=True, knots=2, squeeze=0.0, opposition=0.3, rotation=(0.0, 0.0, 0.0), load=(0.0, 0.0, 0.0), **names,
+) -> Mechanics:  # fmt: skip
+    """B hands around objects, the drive the same at all knots: one union of `parts` for all, or one each.
+
+    B is the number of positions (B, 3) m; without `hands` they are STAG's.
+    """
+    position = np.atleast_2d(np.asarray(position, dtype=float))
+    count = len(position)
+    shapes = {"posture": (5, 2), "squeeze": (5,), "opposition": (), "position": (3,), "rotation": (3,), "load": (3,)}
+    values = {
+        "posture": posture, "squeeze": squeeze, "opposition": opposition, "position": position[:, None],
+        "rotation": rotation, "load": load,
+    }  # fmt: skip
+    drive = Drive(
+        **{name: np.broadcast_to(values[name], (count, knots, *size)).astype(float) for name, size in shapes.items()}
+    )
+    solids = Solids([list(one) for one in parts] * (count if len(parts) == 1 else 1))
+    stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), count)
+    return Mechanics(Hands(hands or [stag_hand()] * count), solids, stiffness, drive, layer, motion=motion, **names)
+
+
+def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarray]:
+    """Half-closed fingers around the objects of GRIPPED, pressed a little into the palm, and their state (B, n)."""
+    rng = np.random.default_rng(seed)
+    rotations = [Rotation.from_rotvec(rng.normal(0, 0.2, 3)) * Rotation.from_rotvec(o.orientation) for o in GRIPPED]
+    count = len(GRIPPED)
+    height = np.array([one.lowest(turned.as_matrix()) for one, turned in zip(GRIPPED, rotations, strict=True)])
+    position = np.stack([np.full(count, 0.07), rng.normal(0, 0.004, count), height - 0.001], axis=1)
+    q = rng.uniform(0.5, 1.3, (count, 5, 2))
+    q[0, 3] = 1.75, 2.0  # beyond the joints' limits
+    mechanics = scene(
+        [one.parts for one in GRIPPED], position, posture=q[:, None] - 0.1, hands=[stag_hand(**fit) for fit in FITS],
+        stiffness=[one.stiffness for one in GRIPPED], motion=motion, squeeze=0.1, opposition=0.9,
+        rotation=np.stack([one.as_rotvec() for one in rotations])[:, None], load=(0.1, -0.2, -0.5),
+    )  # fmt: skip
+    y = q.reshape(count, 10)
+    return mechanics, np.concatenate([y, position + rng.normal(0, 3e-4, position.shape)], axis=1) if motion else y
+
+
+def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
+    """A sphere that stays in contact with all of a small bed's sensors while it moves, and its state (1, 13)."""
+    mechanics = scene(
+        [[sphere(SPHERE_RADIUS)]], [0.002, 0.001, SPHERE_RADIUS - 0.001], posture=0.3, hands=[bed(4, 0.01)],
+        stiffness=1e12, layer=replace(LAYER, stiffness=1e6), load=(0, 0, -3.0), squeeze=0.05,
+    )  # fmt: skip
+    return mechanics, np.array([[0.1] * 10 + [0, 0, SPHERE_RADIUS - 0.003]])
+
+
+def free_finger(*, posture=0.3, squeeze=0.0, knots=2, **layer: float) -> Mechanics:
+    """Fingers and an object's position without any contact."""
+    layer = replace(LAYER, **layer)
+    return scene([[]], [0, 0, 0.5], posture=posture, hands=[bed(4, 0.01)], layer=layer, squeeze=squeeze, knots=knots)
 
 
 def skin(setting: tuple[float, float, float, float]) -> Layer:
     """The layer of one of GRASPS."""
-    return Layer(setting[0], DEFAULT.thickness, *setting[2:])
+    return Layer(setting[0], THICKNESS, *setting[2:])
 
 
 def lambda_h(mechanics: Mechanics, states: np.ndarray) -> str:
@@ -46,24 +117,13 @@ def lambda_h(mechanics: Mechanics, states: np.ndarray) -> str:
 
 def around_a_ball(setting: tuple[float, float, float, float], posture, *, hands: int = 1, **drive) -> Mechanics:
     """Hands around a ball above the palm, the stiffness and damping one of GRASPS."""
-    return held([BALL], [BALL_AT] * hands, posture, layer=skin(setting), stiffness=setting[1], opposition=0.9, **drive)
+    options = {"posture": posture, "layer": skin(setting), "stiffness": setting[1], "opposition": 0.9}
+    return scene([[BALL]], [BALL_AT] * hands, **options, **drive)
 
 
 def grasp(setting: tuple[float, float, float, float], *, seed: int, frames: int) -> Mechanics:
     """A grasp of a ball from the moment the fingers begin to close; the ball is in place and the hand open."""
     return ball_grasp(*setting, rate=RATE, seed=seed).mechanics(9, 9 + frames)
-
-
-def held(
-    parts: list[Primitive], position, posture, *, layer: Layer = DEFAULT, stiffness: float = 2e7, knots: int = 2,
-    squeeze=0.0, opposition: float = 0.3, load=(0.0, 0.0, 0.0), motion: bool = True, hands: Hands | None = None,
-) -> Mechanics:  # fmt: skip
-    """Hands around an object, the drive the same at all knots; B is the number of positions (B, 3)."""
-    position = np.atleast_2d(np.asarray(position, dtype=float))
-    count = len(position)
-    drive = constant_drive(position, posture=posture, squeeze=squeeze, opposition=opposition, load=load, knots=knots)
-    hands = hands or Hands([stag_hand()] * count)
-    return Mechanics(hands, Solids([parts] * count), np.full(count, stiffness), drive, layer, motion=motion)
 
 
 def forces(mechanics: Mechanics, states: np.ndarray) -> np.ndarray:
@@ -86,9 +146,9 @@ def energies(mechanics: Mechanics, y: np.ndarray, states: np.ndarray) -> np.ndar
     return np.stack(energy, axis=1)
 
 
-def radau(mechanics: Mechanics, y: np.ndarray, frames: int, *, frame: float = FRAME) -> np.ndarray:
+def radau(mechanics: Mechanics, y: np.ndarray, frames: int, *, frame: float = FRAME, rtol: float = RTOL) -> np.ndarray:
     """States (1, frames, n) of the first hand from y (1, n)."""
-    states, _ = integrate_with_scipy("Radau", mechanics, 0, y[0], frames, frame, rtol=RTOL, max_evaluations=MOST)
+    states, _ = integrate_with_scipy("Radau", mechanics, 0, y[0], frames, frame, rtol=rtol, max_evaluations=MOST)
     return states[None]
 
 
@@ -115,10 +175,9 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
     per_area = (whole - HOLDING) / hand.area[carry].sum()
     height = hand.local[carry, 2].mean() + FLAT[2] / 2
     # Layer and plate in series, half as stiff as each; the open fingers are no stiffer than the plate.
-    layer = Layer(2 * per_area, THICKNESS, max(DEFAULT.joint_damping, FRAME / lambda_h), damping)
-    mechanics = held(
-        [box(*FLAT)], [MIDDLE, 0, height], OPEN - 0.2, layer=layer, stiffness=2 * per_area, knots=frames + 1
-    )
+    layer = Layer(2 * per_area, THICKNESS, max(LAYER.joint_damping, FRAME / lambda_h), damping)
+    place = [MIDDLE, 0, height]
+    mechanics = scene([[box(*FLAT)]], place, posture=OPEN - 0.2, layer=layer, stiffness=2 * per_area, knots=frames + 1)
     load = min(8.0, 1.5 * SUNK * whole) * np.where(np.arange(frames + 1) % 2, 1.0, 0.5)  # N
     mechanics.drive.load[0, :, 2] = -load
     start, depth, exact = mechanics.drive.position[:, 0] - [0, 0, load[1] / whole], load[1] / whole, []
@@ -136,11 +195,29 @@ def repeated_grasp(*, hands: int, grasps: int) -> tuple[Mechanics, int]:
     names = ("row", "column", "patch", "local", "normal", "area")
     fewer = Hand(*(getattr(hand, name)[::8] for name in names), hand.bases, hand.links)
     position = [0.075, 0, 0.034] + np.random.default_rng(0).normal(0, 0.002, (hands, 3)) * [1, 1, 0.1]
-    mechanics = held(
-        [sphere(0.03)], position, OPEN, knots=grasps * period + 1, hands=Hands([fewer] * hands), load=(0, 0, -0.5)
-    )
-    phase = np.arange(grasps * period + 1) % period
+    knots = grasps * period + 1
+    mechanics = scene([[sphere(0.03)]], position, posture=OPEN, knots=knots, hands=[fewer] * hands, load=(0, 0, -0.5))
+    phase = np.arange(knots) % period
     closed = np.clip(np.minimum(phase - 3, period - 3 - phase) / 4, 0, 1)
     mechanics.drive.posture[:] += 0.6 * closed[:, None, None]
     mechanics.drive.squeeze[:] = 0.1 * (closed == 1)[:, None]
     return mechanics, period
+
+
+def points(hand: Hand, pose: Pose, row: int) -> np.ndarray:
+    """Positions (S, 3) m of the sensors of one hand, computed one by one."""
+    sensors = zip(hand.patch, hand.local, strict=True)
+    return np.array([pose.origin[row, n] + pose.axes[row, n] @ local for n, local in sensors])
+
+
+def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
+    """Two sessions of one grasp, 22 frames, all effects but those in `without`."""
+    defaults = {"sessions": 2, "frames": 22, "grasps": 1, "seed": 0, "layer": LAYER}
+    return Recipe(select_objects(list(objects)), effects=frozenset(EFFECTS) - set(without), **(defaults | changes))
+
+
+def simulated_counts(recipe: Recipe) -> tuple[np.ndarray, Simulation]:
+    """Counts (B, T, S) of all recordings of a recipe, and the simulation."""
+    run = Simulation(recipe)
+    hand = stag_hand()
+    return np.concatenate(list(run.blocks()), axis=1)[..., hand.row, hand.column], run

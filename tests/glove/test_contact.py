@@ -11,12 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.solver.scenes import hessian
 from tactile_viewgcn.glove.collision import collisions
-from tactile_viewgcn.glove.contact import HOLDING, Mechanics
-from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
+from tactile_viewgcn.glove.contact import HOLDING
+from tactile_viewgcn.glove.hand import LINK_PATCHES, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import sphere
-from tests.gloves import HELD, LAYER, OBJECTS_BY_NAME, bed, constant_drive, gripping_hands, points, solids
+from tests.glove.scenes import BALL, GRIPPED, LAYER, bed, gripping_hands, points, scene
 
 WIDTH, RADIUS, DEPTH = 0.04, 0.1, 0.001  # m: of the bed; of a sphere, and how deep it is in the bed
 
@@ -25,14 +24,10 @@ def balanced(mechanics, y, *, palm=True):
     return mechanics.evaluate(np.arange(len(y)), np.zeros(len(y)), y, palm=palm)
 
 
-def pressed(count, position, *, radius=RADIUS, stiffness=1e9):
+def pressed(count, position):
     """Contact of spheres at (B, 3) with a bed of count x count sensors that fill WIDTH."""
-    position = np.atleast_2d(position)
-    hands = Hands([bed(count, WIDTH)] * len(position))
-    balls = solids(*[GraspObject("ball", 1, stiffness, (sphere(radius),))] * len(position))
-    mechanics = Mechanics(
-        hands, balls, np.full(len(position), stiffness), constant_drive(position), LAYER, motion=False
-    )
+    hands = [bed(count, WIDTH)] * len(position)
+    mechanics = scene([[sphere(RADIUS)]], position, hands=hands, stiffness=1e9, motion=False)
     return balanced(mechanics, np.zeros((len(position), 10)))
 
 
@@ -102,7 +97,7 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
         fit = replace(stag_hand(), local=hands.local[row])
         places = points(fit, pose, r)
         for s in range(len(fit)):
-            for p in range(len(HELD[row].parts)):
+            for p in range(len(GRIPPED[row].parts)):
                 local = rotation[r].T @ (places[s] - y[row, 10:])
                 local = shapes.rotation[row, p].T @ (local - shapes.centre[row, p])
                 depth = -shapes.distance(one + row, one + p, local[None])[0]
@@ -118,9 +113,9 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
 
 
 def test_facing_is_the_cosine_between_the_skin_and_the_pressure():
-    balance = pressed(16, (0, 0, RADIUS - DEPTH))
+    balance = pressed(16, [(0, 0, RADIUS - DEPTH)])
     np.testing.assert_allclose(balance.facing, -balance.contacts.normal[:, 2], rtol=1e-12)
-    under = pressed(16, (0, 0, DEPTH - RADIUS))  # a sphere that comes from behind presses no sensor
+    under = pressed(16, [(0, 0, DEPTH - RADIUS)])  # a sphere that comes from behind presses no sensor
     assert len(under.facing) == len(balance.facing) and not under.facing.any()
 
 
@@ -129,9 +124,7 @@ def test_an_object_that_starts_inside_the_palm_is_refused(row):
     inside, outside = np.array([[[0.05, 0, 0.06], [0.05, 0, height]] for height in (0.031, 0.051)])
 
     def start(position):
-        balls = solids(*[OBJECTS_BY_NAME["ball"]] * 2)  # of a radius of 34 mm
-        drive, hands = constant_drive(position), Hands([stag_hand()] * 2)
-        return Mechanics(hands, balls, np.ones(2), drive, LAYER, motion=True, names=["ball", "cup"]).initial_state()
+        return scene([[BALL]], position, names=["ball", "cup"]).initial_state()  # of a radius of 34 mm
 
     row.refused(
         "a ball inside the palm", lambda: start(inside), r"object cup starts (2\.[789]|3)\d* mm inside the palm"
@@ -167,15 +160,13 @@ def test_finer_beds_come_ever_closer_to_the_closed_form():
 @pytest.mark.parametrize("load", [2.0, 20.0])
 def test_a_sphere_at_rest_balances_its_load(load):
     prescribed = np.array([0.0005, -0.0003, RADIUS + 0.0002])
-    hands = Hands([bed(32, WIDTH)])
-    balls = solids(GraspObject("ball", 1, 1e9, (sphere(RADIUS),)))
-    drive = constant_drive(prescribed, load=(0.02, 0.01, -load), knots=31)
-    mechanics = Mechanics(hands, balls, np.array([1e9]), drive, LAYER, motion=True)
+    force, hands = (0.02, 0.01, -load), [bed(32, WIDTH)]
+    mechanics = scene([[sphere(RADIUS)]], prescribed, hands=hands, stiffness=1e9, load=force, knots=31)
     settled = ImplicitIntegrator(mechanics, 0.2, 1e-8, step=0.2).run(mechanics.initial_state(), 30)[:, -1]
     balance = balanced(mechanics, settled)
     contacts = (balance.force[:, None] * balance.contacts.normal).sum(axis=0)
     holding = HOLDING * (prescribed - settled[0, 10:])
-    np.testing.assert_allclose(contacts, holding + drive.load[0, 0], atol=1e-6 * load)
+    np.testing.assert_allclose(contacts, holding + force, atol=1e-6 * load)
 
     def spare(depth):  # N, of the closed form
         return np.pi * LAYER.series(1e9) * (RADIUS - depth) * depth**2 + HOLDING * (depth + 0.0002) - load

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove.hand import FINGER_SPREAD, LINK_PATCHES, THUMB_ANGLE, Hands, stag_hand
-from tests.gloves import points
+from tests.glove.scenes import points
 
 HAND = stag_hand()
 THUMB = 4  # the last finger

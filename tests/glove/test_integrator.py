@@ -11,25 +11,16 @@ from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON, Drive, Mechani
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator, _Steps
 from tactile_viewgcn.glove.newton import StageSolver
-from tests.gloves import (
-    FITS,
-    FRAME,
-    HELD,
-    LAYER,
-    UNITS,
-    constant_drive,
-    error_of_state,
-    free_finger,
-    gripping_hands,
-    radau,
-    solids,
-    sphere_on_bed,
-)
+from tactile_viewgcn.glove.shapes import Solids
+from tests.glove.scenes import FITS, GRIPPED, LAYER, free_finger, gripping_hands, radau, sphere_on_bed
+
+FRAME = 0.1  # s
+UNITS = np.array([0.05] * 10 + [1.0] * 3)  # m per rad and per m: makes errors of joints and positions comparable
 
 
 def test_half_the_step_leaves_a_quarter_of_the_error():
     mechanics, y = sphere_on_bed()
-    exact, errors = radau(mechanics, y), []
+    exact, errors = radau(mechanics, y, 1, frame=FRAME, rtol=1e-9)[0, 0], []
     for steps in (2, 4, 8, 16):
         solver = ImplicitIntegrator(mechanics, FRAME, 1e-6, step=FRAME / steps)
         errors.append(np.abs(solver.run(y, 1)[0, 0] - exact) * UNITS)
@@ -42,10 +33,10 @@ def test_half_the_step_leaves_a_quarter_of_the_error():
 
 def test_a_tighter_tolerance_gives_a_smaller_error():
     mechanics, y = sphere_on_bed()
-    exact, errors, steps = radau(mechanics, y), [], []
+    exact, errors, steps = radau(mechanics, y, 1, frame=FRAME, rtol=1e-9)[0, 0], [], []
     for tolerance in (1e-1, 1e-2, 1e-3):
         solver = ImplicitIntegrator(mechanics, FRAME, tolerance)
-        errors.append(error_of_state(solver.run(y, 1)[0, 0], exact))
+        errors.append((np.abs(solver.run(y, 1)[0, 0] - exact) * UNITS).max())
         steps.append(solver.statistics["steps"])
     assert errors[0] < 1e-3 and errors[1] < errors[0] / 3 and errors[2] < errors[1] / 3
     assert steps[0] < steps[1] < steps[2]
@@ -55,14 +46,12 @@ def test_a_tighter_tolerance_gives_a_smaller_error():
 def test_a_hand_moves_the_same_alone_and_among_others(motion):
     mechanics, y = gripping_hands(motion=motion, seed=1)
     mechanics.drive.posture[:, 1:] += 0.2
-    drive = Drive(**{name: np.repeat(values, 2, axis=1) for name, values in vars(mechanics.drive).items()})
-    stiffness = np.array([grasp_object.stiffness for grasp_object in HELD])
-    mechanics = Mechanics(mechanics.hands, mechanics.solids, stiffness, drive, LAYER, motion=motion)
+    mechanics.drive = Drive(**{name: np.repeat(values, 2, axis=1) for name, values in vars(mechanics.drive).items()})
     together = ImplicitIntegrator(mechanics, FRAME, 0.05).run(y, 3)
-    for row, grasp_object in enumerate(HELD):
+    for row, one in enumerate(GRIPPED):
         drive = Drive(**{name: values[row : row + 1] for name, values in vars(mechanics.drive).items()})
-        hand = Hands([stag_hand(**FITS[row])])
-        single = Mechanics(hand, solids(grasp_object), stiffness[row : row + 1], drive, LAYER, motion=motion)
+        hand, solids, stiffness = Hands([stag_hand(**FITS[row])]), Solids([list(one.parts)]), np.array([one.stiffness])
+        single = Mechanics(hand, solids, stiffness, drive, LAYER, motion=motion)
         alone_states = ImplicitIntegrator(single, FRAME, 0.05).run(y[row : row + 1], 3)
         np.testing.assert_allclose(alone_states[0], together[row], rtol=0, atol=1e-12)
 
@@ -70,8 +59,7 @@ def test_a_hand_moves_the_same_alone_and_among_others(motion):
 @pytest.mark.parametrize("damping", [0.01, 0.05])
 def test_without_contact_a_finger_relaxes_exponentially_to_its_posture(damping):
     squeeze = np.array([0.0, 0.05, 0.1, 0.02, 0.03])
-    drive = constant_drive([0, 0, 0.5], posture=np.full((5, 2), 0.6), squeeze=squeeze, knots=4)
-    mechanics = free_finger(drive, joint_damping=damping)
+    mechanics = free_finger(posture=0.6, squeeze=squeeze, knots=4, joint_damping=damping)
     y = np.array([[0.2] * 10 + [0, 0, 0.45]])
     states = ImplicitIntegrator(mechanics, FRAME, 1e-3).run(y, 3)[0]
     time = FRAME * np.arange(1, 4)
@@ -83,10 +71,8 @@ def test_without_contact_a_finger_relaxes_exponentially_to_its_posture(damping):
 
 
 def test_a_finger_follows_a_posture_that_moves_from_frame_to_frame():
-    drive = constant_drive([0, 0, 0.5], knots=5)
-    drive.posture[0, :, :, 0] = np.array([0.2, 0.3, 0.4, 0.5, 0.6])[:, None]  # 1 rad/s
-    drive.posture[0, :, :, 1] = 0.2
-    mechanics = free_finger(drive)
+    mechanics = free_finger(posture=0.2, knots=5)
+    mechanics.drive.posture[0, :, :, 0] = np.array([0.2, 0.3, 0.4, 0.5, 0.6])[:, None]  # 1 rad/s
     y = np.array([[0.2] * 10 + [0, 0, 0.5]])
     states = ImplicitIntegrator(mechanics, FRAME, 1e-3).run(y, 4)[0]
     lag = LAYER.joint_damping / JOINT[0]  # s

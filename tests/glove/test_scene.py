@@ -24,8 +24,9 @@ from tactile_viewgcn.glove.scene import (
     plan,
     schedule,
 )
+from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.randomness import stream
-from tests.gloves import OBJECTS_BY_NAME, solids
+from tests.glove.scenes import OBJECTS_BY_NAME
 
 HAND = stag_hand()
 FIXED = sum(PHASES.values())
@@ -34,12 +35,16 @@ PHASE, _, GRASP = schedule(FRAMES, GRASPS)
 ARRIVED = 1 + np.flatnonzero(list(PHASES).index("arrive") >= PHASE)  # knots at which nothing is held yet
 
 
+def solids(objects):
+    return Solids([list(one.parts) for one in objects])
+
+
 def planned(names, *, effects=(), frames=FRAMES, grasps=GRASPS, habit=0, seed=0):
     """The drive of one recording of each object."""
     objects = [OBJECTS_BY_NAME[name] for name in names]
     habits, rngs = [stream(habit, name) for name in names], [stream(seed, f"scene {name}") for name in names]
     return plan(
-        objects, Hands([HAND] * len(objects)), solids(*objects), habits, rngs, frames=frames, grasps=grasps,
+        objects, Hands([HAND] * len(objects)), solids(objects), habits, rngs, frames=frames, grasps=grasps,
         effects=frozenset(effects),
     )  # fmt: skip
 
@@ -121,7 +126,7 @@ def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
 
 def test_fingers_close_until_they_touch():
     grasp_objects = [OBJECTS_BY_NAME[name] for name in ("mug", "ball", "empty_hand")]
-    hands, shapes, rows = Hands([HAND] * 3), solids(*grasp_objects), np.arange(3)
+    hands, shapes, rows = Hands([HAND] * 3), solids(grasp_objects), np.arange(3)
     position = np.tile([0.080, 0.002, 0.042], (3, 1))
     rotation = np.array([grasp_object.orientation for grasp_object in grasp_objects])
     share = closure(hands, shapes, position, rotation, np.full(3, 0.95))

@@ -16,7 +16,7 @@ from tactile_viewgcn.glove.recipe import EFFECTS, VERSION
 from tactile_viewgcn.glove.scene import HOLD, OPEN, schedule
 from tactile_viewgcn.glove.simulation import Simulation, simulate
 from tactile_viewgcn.readers.formats import open_source
-from tests.gloves import LAYER, recipe, simulated_counts
+from tests.glove.scenes import LAYER, recipe, simulated_counts
 
 HAND = stag_hand()
 

@@ -22,25 +22,25 @@ from tactile_viewgcn.glove.shapes import capsule, sphere
 from tests.glove.scenes import (
     BALL,
     BALL_AT,
-    DEFAULT,
     FRAME,
     GRASPS,
+    LAYER,
     RATE,
     around_a_ball,
     energies,
     forces,
     grasp,
-    held,
     lambda_h,
     plate,
     radau,
     rel_norm_error,
     repeated_grasp,
+    scene,
     skin,
 )
 
 TOLERANCE = 0.02  # of params.yaml
-HALF_CLOSED = np.full((5, 2), 0.7)  # rad
+HALF_CLOSED = 0.7  # rad
 
 
 def solved(mechanics, y, frames, *, frame=FRAME, **options):
@@ -60,8 +60,8 @@ def against_radau(mechanics, y, states, frame=FRAME):
 def rod(damping):
     """Fingers, with a `damping` in N m s/rad, that would close behind a rod within a frame."""
     across = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0))
-    layer = replace(DEFAULT, joint_damping=damping)
-    mechanics = held([across], [[0.105, 0, 0.05]], np.full((5, 2), 0.1), layer=layer, knots=3, motion=False)
+    layer = replace(LAYER, joint_damping=damping)
+    mechanics = scene([[across]], [0.105, 0, 0.05], posture=0.1, layer=layer, knots=3, motion=False)
     mechanics.drive.posture[0, 2:] = 1.5
     return mechanics
 
@@ -69,8 +69,8 @@ def rod(damping):
 def wedge(setting):
     """A ball amid the tips of thumb and index finger, which lean towards each other and squeeze ever harder."""
     posture, layer = np.array([[0.1, 0.1]] * 3 + [[0.8, 0.64], [0.3, 0.24]]), skin(setting)
-    place = [[0.083, 0.027, 0.071]]  # m
-    mechanics = held([sphere(0.03)], place, posture, layer=layer, stiffness=setting[1], knots=6, opposition=0.95)
+    options = {"posture": posture, "layer": layer, "stiffness": setting[1], "knots": 6, "opposition": 0.95}
+    mechanics = scene([[sphere(0.03)]], [0.083, 0.027, 0.071], **options)  # m
     mechanics.drive.squeeze[..., 3:] = 0.05 * np.arange(6)[:, None]  # N m
     return mechanics
 
@@ -80,23 +80,23 @@ def end(*setting, rate):
     return ball_grasp(*setting, rate=rate, seed=3000).mechanics(9, 15)
 
 
-def scene(check, name, make, frames, *, rate=RATE, slow=True):
-    """A case of the test below; a scene without a name is named by its stiffness."""
+def case(check, name, make, frames, *, rate=RATE, slow=True):
+    """A case of the test below; without a name it is named by its stiffness."""
     marks = [pytest.mark.stability(check), *[pytest.mark.slow] * slow]
     return pytest.param(name, make, frames, rate, marks=marks, id=f"{check}-{name}")
 
 
 def at_an_end(name, *setting, rate=RATE, slow=True):
-    return scene("ends of the solver's ranges", name, partial(end, *setting, rate=rate), 6, rate=rate, slow=slow)
+    return case("ends of the solver's ranges", name, partial(end, *setting, rate=rate), 6, rate=rate, slow=slow)
 
 
 @pytest.mark.parametrize(
     ("name", "make", "frames", "rate"),
     [
         # Beyond lambda h = 1e6 Radau takes minutes.
-        *(scene("stiffness of a grasp", "", partial(grasp, one, seed=3000, frames=6), 6) for one in GRASPS),
-        *(scene("fingers stopped by a rod", "", partial(rod, damping), 2) for damping in (1e-3, 1e-4)),
-        *(scene("wedged between two fingers", "", partial(wedge, one), 5) for one in GRASPS[3:6]),
+        *(case("stiffness of a grasp", "", partial(grasp, one, seed=3000, frames=6), 6) for one in GRASPS),
+        *(case("fingers stopped by a rod", "", partial(rod, damping), 2) for damping in (1e-3, 1e-4)),
+        *(case("wedged between two fingers", "", partial(wedge, one), 5) for one in GRASPS[3:6]),
         at_an_end("1,000 frames a second", 2.5e7, 2e7, 0.02, 60.0, rate=1000.0, slow=False),
         at_an_end("all damped by 1e6", 2.5e7, 2e7, 1e6, 1e6, slow=False),
         at_an_end("a skin of 1e9 Pa/m", 1e9, 1e9, 0.02, 60.0),
@@ -161,11 +161,11 @@ def test_steps_far_too_long_stay_bounded_and_come_to_the_same_rest(row, setting)
 def test_a_ball_that_flies_past_the_fingers_between_two_frames_bends_them(row, motion):
     """Against 128 steps a frame; angles are times LEVER in thicknesses of the skin, as the integrator measures them."""
     for end in (0.07, 0.12):  # m
-        mechanics = held([sphere(0.03)], [[0.13, -0.12, 0.03]], np.full((5, 2), 0.6), knots=4, motion=motion)
+        mechanics = scene([[sphere(0.03)]], [0.13, -0.12, 0.03], posture=0.6, knots=4, motion=motion)
         mechanics.drive.position[0, 2:, 1] = end
         y = mechanics.initial_state()
         (states, work), (exact, _) = solved(mechanics, y, 3), solved(mechanics, y, 3, step=FRAME / 128)
-        error = np.abs(states - exact)[..., :10].max() * LEVER / DEFAULT.thickness
+        error = np.abs(states - exact)[..., :10].max() * LEVER / LAYER.thickness
         bent = np.abs(exact[..., :10] - 0.6).max()
         quantity = f"angles at the frames, {'drawn' if motion else 'prescribed'} to {end} m"
         row(quantity, error, TOLERANCE, f"fingers bent by {bent:.2g} rad; {work}")
@@ -176,9 +176,9 @@ def test_with_next_to_no_damping_the_hand_is_where_the_springs_balance(row):
     """Right: a torque within Newton's goal, 0.2 TOLERANCE of the least force counted, and the damping's own torque."""
     goal = 0.2 * TOLERANCE * FORCE_FLOOR
     for smallness in (1e-3, 1e-6, 1e-9):
-        joint, motion = DEFAULT.joint_damping * smallness, DEFAULT.object_damping * smallness
-        layer = replace(DEFAULT, joint_damping=joint, object_damping=motion)
-        mechanics = held([BALL], [[0.08, 0, 0.3]], HALF_CLOSED, layer=layer, knots=5, squeeze=0.1, load=(0, 0, -3.0))
+        joint, motion = LAYER.joint_damping * smallness, LAYER.object_damping * smallness
+        options = {"layer": replace(LAYER, joint_damping=joint, object_damping=motion), "squeeze": 0.1, "knots": 5}
+        mechanics = scene([[BALL]], [0.08, 0, 0.3], posture=HALF_CLOSED, load=(0, 0, -3.0), **options)
         mechanics.drive.posture[0] += 0.2 * np.sin(np.arange(5))[:, None, None]
         states, work = solved(mechanics, mechanics.initial_state(), 4)
         exact = mechanics.drive.posture[0, 1:] + 0.1 * TENDON / JOINT
@@ -213,7 +213,7 @@ def test_the_last_of_50_grasps_by_100_hands_is_the_second_one_again(row):
     states, work = solved(mechanics, mechanics.initial_state(), 50 * period, step=FRAME)
     row("states that are not finite", share_not_finite(states), 0, work)
     change = np.abs(states[:, -period:] - states[:, period : 2 * period]).max(axis=(0, 1))
-    drift = max(change[:10].max() * LEVER, change[10:].max()) / DEFAULT.thickness
+    drift = max(change[:10].max() * LEVER, change[10:].max()) / LAYER.thickness
     row("states of the last grasp against the second's", drift, TOLERANCE, f"in thicknesses; {work}")
 
 

@@ -5,23 +5,19 @@ from dataclasses import replace
 import numpy as np
 
 from tactile_viewgcn.glove import integrator
-from tactile_viewgcn.glove.contact import Mechanics
-from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.objects import OBJECTS, GraspObject
 from tactile_viewgcn.glove.shapes import capsule, sphere
 from tactile_viewgcn.glove.tunnelling import SAMPLE_DISTANCE, tunnels
-from tests.gloves import LAYER, bed, constant_drive, solids
+from tests.glove.scenes import LAYER, bed, scene
 
 FRAME, RADIUS, MM = 0.1, 0.05, 1e-3  # s, m, m
-BALL = GraspObject("ball", 1, 1e9, (sphere(RADIUS),))
+BALL, NOTHING = [sphere(RADIUS)], []
 
 
-def over_a_bed(paths, objects=None):
-    """Whether balls, or objects, on paths (B, 2, 3) m tunnel through a bed at z = 0, and the number of evaluations."""
+def over_a_bed(paths, parts=(BALL,)):
+    """Whether balls, or objects of these parts, on paths (B, 2, 3) m tunnel through a bed at z = 0; evaluations."""
     paths, count = np.asarray(paths, dtype=float), len(paths)
-    held, hands, drive = solids(*objects or [BALL] * count), Hands([bed(20, 0.04)] * count), constant_drive(paths[:, 0])
-    mechanics = Mechanics(hands, held, np.full(count, 1e9), drive, LAYER, motion=True)
+    mechanics = scene(list(parts), paths[:, 0], hands=[bed(20, 0.04)] * count, stiffness=1e9)
     before, after = np.concatenate([np.zeros((2, count, 10)), paths.swapaxes(0, 1)], axis=2)
     tunnelling, evaluations = tunnels(mechanics, np.arange(count), np.zeros(count), before, np.ones(count), after)
     return tunnelling.tolist(), evaluations
@@ -46,17 +42,15 @@ def test_what_is_deeper_between_its_ends_than_at_them_tunnels():
 
 def test_an_empty_hand_never_tunnels_and_is_not_evaluated():
     through = [[[0, 0, 0.2], [0, 0, -0.2]]] * 2
-    assert over_a_bed(through, [BALL, OBJECTS[0]]) == ([True, False], 26)
-    assert over_a_bed(through, [OBJECTS[0]] * 2) == ([False, False], 0)
+    assert over_a_bed(through, [BALL, NOTHING]) == ([True, False], 26)
+    assert over_a_bed(through, [NOTHING]) == ([False, False], 0)
 
 
 def test_steps_that_would_tunnel_are_rejected(monkeypatch):
     """Of hardly damped fingers, three of which a rod stops on their way."""
-    drive, frames = constant_drive([0.105, 0, 0.05], posture=np.full((5, 2), 0.1), knots=3), 2
-    drive.posture[0, 2:] = 1.5
-    rod = solids(GraspObject("rod", 1, 2e7, (capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)),)))
-    layer = replace(LAYER, joint_damping=1e-4)
-    mechanics = Mechanics(Hands([stag_hand()]), rod, np.array([2e7]), drive, layer, motion=False)
+    rod, layer, frames = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)), replace(LAYER, joint_damping=1e-4), 2
+    mechanics = scene([[rod]], [0.105, 0, 0.05], posture=0.1, layer=layer, motion=False, knots=3)
+    mechanics.drive.posture[0, 2:] = 1.5
     y = mechanics.initial_state()
     exact = ImplicitIntegrator(mechanics, FRAME, step=FRAME / 128).run(y, frames)[0, 1]
     solver = ImplicitIntegrator(mechanics, FRAME)

@@ -1,6 +1,6 @@
-"""Damaged inputs, one after another, in a process of their own: a library that crashes takes only this one with it.
+"""Damaged inputs, one after another, in a separate process, which a crash of a library ends.
 
-`python -m tests.readers.fuzz KIND FIRST LAST FOLDER` prints a line of JSON for each input: what became of it.
+`python -m tests.readers.fuzz KIND FIRST LAST FOLDER` prints the outcome of each input as a line of JSON.
 """
 
 import json
@@ -23,33 +23,18 @@ from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import read_source
 from tests.glove_data import recipe, table, trained
-from tests.readers.test_hdf5 import COUNTS, record
+from tests.readers.files import COUNTS, record
 from tests.stag_files import metadata, save_matlab73
 
-MEMORY = 2**30  # bytes that one input may take
-WORDS = [0, 1, 2, 8, 127, 2**15, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**40, 2**62, 2**64 - 1]  # sizes to believe in
-TEXTS = [
-    b"-1",
-    b"1e400",
-    b"true",
-    b"null",
-    b"[",
-    b"]",
-    b"{}",
-    b'"',
-    b"9" * 400,
-    b"&a *a",
-    b"NaN",
-    b"\x1b[2J",
-    b"\xff",
-    b"\n",
-]
+MEMORY = 2**30  # most bytes for one input
+WORDS = [0, 1, 2, 8, 127, 2**15, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**40, 2**62, 2**64 - 1]  # wrong sizes
+TEXTS = [*b'-1 1e400 true null [ ] {} " NaN'.split(), b"9" * 400, b"&a *a", b"\x1b[2J", b"\xff", b"\n"]
 NAMES = {"matlab5": "metadata.mat", "matlab73": "metadata.mat", "npy": "1.npy", "npz": "1.npz", "csv": "1.csv"}
 MADE_OF_TEXT = ("csv", "params", "server")
 
 
 def good_bytes(kind: str, folder: Path) -> list[bytes]:
-    """Files of a kind that are read as they are."""
+    """Contents of undamaged files of a kind."""
     path = folder / "good.h5"
     tree = metadata(objects=2, recordings=1, frames=4)
     tree["pressure"] = tree["pressure"][:, :3, 12:16]
@@ -81,7 +66,7 @@ def good_bytes(kind: str, folder: Path) -> list[bytes]:
 
 
 def damaged(data: bytes, rng: np.random.Generator, is_text: bool) -> bytes:
-    """The bytes with one to six faults: bits, numbers, words of a text, pieces cut out, doubled or put elsewhere."""
+    """The bytes with one to six faults: bits, numbers, words of a text, pieces removed, doubled or moved."""
     out = bytearray(data)
     for _ in range(rng.integers(1, 7)):
         at, length = int(rng.integers(max(1, len(out)))), int(2 ** rng.uniform(0, 8))
@@ -109,7 +94,7 @@ def damaged(data: bytes, rng: np.random.Generator, is_text: bool) -> bytes:
 
 
 def reader(kind: str, folder: Path) -> Callable[[bytes], None]:
-    """What an input of a kind is given to."""
+    """The function that reads an input of a kind."""
     if kind == "server":
         save_classifier(folder / "classifier.pt", trained(), recipe().model, table())
         model = RecogniserModel(Recogniser(folder / "classifier.pt"))
@@ -128,7 +113,7 @@ def reader(kind: str, folder: Path) -> Callable[[bytes], None]:
 
 
 def ask(model: RecogniserModel, data: bytes) -> None:
-    """Give a request to the model as MLflow does, which refuses by itself what is no JSON."""
+    """Give a request to the model as MLflow does, which refuses anything but JSON by itself."""
     from mlflow.exceptions import MlflowException
 
     try:
@@ -144,7 +129,7 @@ def ask(model: RecogniserModel, data: bytes) -> None:
 
 
 def outcome(read: Callable[[bytes], None], data: bytes, left: Path) -> dict:
-    """Whether an input was read, refused, or what else happened; in how many seconds."""
+    """Whether an input was read or refused, or a fault; with its line, its seconds and the files that it left."""
     begin, result = time.perf_counter(), {"outcome": "read"}
     try:
         read(data)
@@ -162,13 +147,13 @@ def main(kind: str, first: str, last: str, place: str) -> None:
     (folder / "out").mkdir(parents=True)
     read, whole = reader(kind, folder), good_bytes(kind, folder)
     for data in whole:
-        read(data)  # and what is imported late is, before memory is counted
+        read(data)  # which also imports everything before memory is counted
         (folder / "out" / "table").unlink(missing_ok=True)
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, size + MEMORY))
     for number in range(int(first), int(last)):
         rng = np.random.default_rng([number, *kind.encode()])
-        print(json.dumps({"number": number}), flush=True)  # of an input that crashes nothing else is known
+        print(json.dumps({"number": number}), flush=True)  # all that is known of an input that crashes
         data = damaged(whole[number % len(whole)], rng, kind in MADE_OF_TEXT)
         result = outcome(read, data, folder / "out") | {"number": number}
         print(json.dumps(result), flush=True)

@@ -1,0 +1,237 @@
+"""Every form of recordings gives the same frames, columns and names."""
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactile_viewgcn.readers import source as module
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.source import TEST, TRAIN
+from tests.readers.files import COUNTS, ingested, raw, record, save
+from tests.stag_files import SENSORS, as_weights, metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
+
+MATLAB = pytest.mark.parametrize("save_as", [save_matlab5, save_matlab73])
+TREE = metadata(objects=3, recordings=2, sessions=2, frames=8, blank=2)
+RAW = {"object": "objectId", "recording": "recordingId", "session": "batchId", "frame": "frame", "time": "ts"}
+HDF5 = RAW | {"split": "splitId", "valid": "hasValidLabel"}
+ALL = HDF5 | {"balanced": "isBalanced"}
+FLAT = COUNTS.reshape(4, 35)
+LINES = "\n".join(",".join(map(str, frame)) for frame in FLAT)
+
+
+@pytest.mark.parametrize(
+    ("save_as", "name", "fields"),
+    [
+        (save_matlab5, "metadata.mat", ALL),
+        (save_matlab73, "metadata.mat", ALL),
+        (save_folder, "raw", RAW),
+        (save_hdf5, "lab", HDF5),
+    ],
+)
+@pytest.mark.parametrize("block", [5, 4096])
+def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkeypatch, save_as, name, fields, block):
+    monkeypatch.setattr(module, "BLOCK_FRAMES", block)
+    counts, table = ingested(save_as(tmp_path / name, TREE))
+    np.testing.assert_array_equal(counts, TREE["pressure"])
+    assert (len(table), table.shape, table.dtype, table.live.sum()) == (96, (32, 32), np.int16, 548)
+    assert table.columns.keys() == fields.keys()
+    for column, field in fields.items():
+        np.testing.assert_allclose(table.columns[column], TREE[field].ravel(), atol=1e-9, err_msg=column)
+    assert (table.objects, table.sessions) == (["empty_hand", "object1", "object2"], ["000", "001"])
+    assert [name.rpartition("/")[2] for name in table.recordings[1:3]] == ["001-empty_hand", "002-object1"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "layout"),
+    [
+        ("1.npy", COUNTS, None),
+        ("1.npy", np.asfortranarray(COUNTS), None),
+        ("1.npy", COUNTS.astype(">i4"), [5, 7]),
+        ("1.npy", FLAT.astype(np.float32), [5, 7]),
+        ("1.npz", {"counts": COUNTS}, None),
+        ("1.npz", {"time": np.arange(4.0), "pressure": COUNTS}, [5, 7]),
+        ("1.csv", LINES, [5, 7]),
+        ("1.CSV", "\ufeff" + "s1," * 34 + "s35\r\n" + LINES.replace("\n", "\r\n") + "\r\n", [5, 7]),
+        ("1.csv", "# sensor 1; and so on\n\n" + LINES.replace(",", " ; "), [5, 7]),
+        ("1.csv", LINES.replace(",", "\t"), [5, 7]),
+        ("1.csv", "# 0,1,2\n" + LINES, [5, 7]),
+        ("1.csv", "infrared_1,b,c\n" + LINES, [5, 7]),
+        ("1.csv", "Timestamp,a,b\n" + "".join(f"0.5,{line}\n" for line in LINES.splitlines()), [5, 7]),
+    ],
+)
+def test_every_form_of_an_array_gives_the_same_frames(tmp_path, name, content, layout):
+    save(tmp_path / "lab" / "mug" / name, content)
+    counts, table = ingested(tmp_path / "lab", layout=layout)
+    np.testing.assert_array_equal(counts, COUNTS)
+    assert counts.dtype.kind == ("f" if getattr(content, "dtype", COUNTS.dtype).kind == "f" else "i")
+    assert (table.objects, table.recordings, table.sessions) == (["mug"], ["mug/1"], ["session"])
+    assert table.columns.keys() == {"object", "recording", "session", "frame", "time"}
+    assert table.columns["frame"].tolist() == [0, 1, 2, 3] and np.isnan(table.columns["time"]).all()
+
+
+def test_an_array_of_two_axes_is_one_frame_only_where_the_layout_says_so(tmp_path):
+    save(tmp_path / "lab" / "mug" / "1.npy", COUNTS[0])
+    assert ingested(tmp_path / "lab", layout=[5, 7])[0].shape == (1, 5, 7)
+    assert ingested(tmp_path / "lab")[0].shape == (5, 1, 7)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    shape=st.sampled_from([(1, 1), (5, 7), (7, 5), (1, 64), (64, 64)]),
+    kind=st.sampled_from(["uint8", "int16", "uint16", "int64", "float32", "float64"]),
+    frames=st.integers(1, 6),
+)
+def test_gloves_of_every_shape_and_number_type_keep_their_values(tmp_path_factory, shape, kind, frames):
+    rng, is_real = np.random.default_rng(frames), kind.startswith("f")
+    pressure = rng.random((frames, *shape)) if is_real else rng.integers(0, 250, (frames, *shape))
+    counts, table = ingested(record(tmp_path_factory.mktemp("glove") / "grip.h5", pressure=pressure.astype(kind)))
+    assert table.shape == shape and counts.dtype.kind == ("f" if is_real else "i")
+    np.testing.assert_array_equal(counts, pressure.astype(kind))
+    np.testing.assert_array_equal(table.live, np.ptp(pressure, axis=0) > 0)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".mat", ".h5"])
+def test_one_recording_of_real_numbers_makes_all_real(tmp_path, ending):
+    first, second = np.array([[[1, 2]], [[3, 4]]]), np.array([[[5, 6]], [[7, 8.5]]])
+    for name, pressure in (("000-mug", first), ("001-pen", second)):
+        if ending == ".csv":
+            text = "\n".join(f"{a:g},{b:g}" for a, b in pressure[:, 0])
+            save(tmp_path / "lab" / name / "1.csv", text)
+        elif ending == ".mat":
+            raw(tmp_path / "lab" / "a", name, pressure=pressure)
+        else:
+            record(tmp_path / "lab" / f"{name}.h5", pressure=pressure)
+    counts, _ = ingested(tmp_path / "lab")
+    np.testing.assert_array_equal(counts, np.concatenate([first, second]))
+
+
+@pytest.mark.parametrize("ending", [".npy", ".h5", ".mat"])
+def test_folders_name_sessions_and_objects_and_the_empty_hand_is_the_first_object(tmp_path, ending):
+    for session, label in (("tue", "cup"), ("mon", "pen"), ("mon", "empty_hand")):
+        if ending == ".npy":
+            save(tmp_path / "lab" / session / label / "x.npy")
+        elif ending == ".mat":
+            raw(tmp_path / "lab", f"{session}/12-{label}", pressure=COUNTS)
+        else:
+            attributes = {"object": label, "session": session}
+            record(tmp_path / "lab" / session / "deep" / f"{label}.hdf5", attributes=attributes)
+    (tmp_path / "lab" / "notes.txt").write_text("not a recording")
+    _, table = ingested(tmp_path / "lab")
+    columns = table.columns
+    assert (table.objects, table.sessions) == (["empty_hand", "cup", "pen"], ["mon", "tue"])
+    names = [(table.sessions[s], table.objects[o]) for s, o in zip(columns["session"], columns["object"], strict=True)]
+    assert names == [("mon", "empty_hand")] * 4 + [("mon", "pen")] * 4 + [("tue", "cup")] * 4
+    assert columns["frame"].tolist() == [0, 1, 2, 3] * 3 and np.isnan(columns["time"]).all()
+    place = {".npy": "mon/{}/x", ".mat": "mon/12-{}", ".h5": "mon/deep/{}"}[ending]
+    assert table.recordings[:2] == [place.format(name) for name in ("empty_hand", "pen")]
+
+
+@pytest.mark.parametrize("name", ["grip.h5", "grip.hdf5", "grip.dat", "grip.npy"])
+def test_a_single_file_is_a_recording_and_needs_no_object_where_none_is_asked_for(tmp_path, name):
+    path, is_array = tmp_path / "new" / name, name.endswith("npy")
+    save(path) if is_array else record(path)
+    source = open_source(path, labelled=not is_array)
+    label = "" if is_array else "mug"
+    session = "session" if is_array else "s1"
+    assert (source.objects, source.recordings, source.sessions) == ([label], ["grip"], [session])
+    np.testing.assert_array_equal(next(source.blocks)["pressure"], COUNTS)
+    if name == "grip.dat":
+        return  # without the attribute nothing says that it is a recording
+    if not is_array:
+        record(path, attributes={"object": None, "session": None})
+    for place in (path, path.parent):
+        source = open_source(place, labelled=False)
+        assert (source.objects, source.recordings, source.sessions) == ([""], ["grip"], ["session"])
+
+
+def test_attributes_name_a_recording_in_hdf5_and_its_side(tmp_path):
+    attributes = {"recording": "first", "split": np.bytes_("train")}  # a text of fixed length
+    record(tmp_path / "lab" / "a.h5", attributes=attributes)
+    record(tmp_path / "lab" / "b.h5", attributes={"object": "pen", "session": 2, "split": "test"})
+    _, table = ingested(tmp_path / "lab")
+    assert (table.recordings, table.sessions) == (["first", "b"], ["2", "s1"])
+    assert table.columns["split"].tolist() == [TRAIN] * 4 + [TEST] * 4
+
+
+def test_grasps_flags_and_times_are_columns_and_times_begin_at_0(tmp_path):
+    flags = {"grasp": np.array([0, 0, 1, 1]), "grasp_valid": np.array([False, True, False, True])}
+    flags |= {"valid": np.array([0.0, 1, 1, 1])}
+    _, table = ingested(record(tmp_path / "a.h5", time=1.7e9 + np.array([0, 0.25, 0.5, 0.75]), **flags))
+    for name, values in (flags | {"time": [0, 0.25, 0.5, 0.75]}).items():
+        assert table.columns[name].tolist() == list(values)
+
+
+@pytest.mark.parametrize("kind", ["uint8", "int8", "uint64", "bool", "float16"])
+def test_times_of_any_number_type_count_from_the_first(tmp_path, kind):
+    _, table = ingested(record(tmp_path / "grip.h5", time=np.array([1, 0, 1, 1]).astype(kind)))
+    assert table.columns["time"].tolist() == [0, -1, 0, 0]
+
+
+@MATLAB
+def test_a_weights_file_has_grasps_and_no_split(tmp_path, save_as):
+    columns = ingested(save_as(tmp_path / "metadata.mat", as_weights(TREE)))[1].columns
+    assert columns.keys() == {"object", "recording", "session", "frame", "time", "grasp", "grasp_valid"}
+    assert columns["grasp"][:8].tolist() == [0, 0, 1, 1, 2, 2, 3, 3] and columns["grasp_valid"].sum() == 12 * 6
+
+
+@MATLAB
+def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save_as):
+    turned = TREE | {"splitId": 1 - TREE["splitId"], "splits": TREE["splits"][:, ::-1]}
+    split = ingested(save_as(tmp_path / "metadata.mat", turned))[1].columns["split"]
+    np.testing.assert_array_equal(split, np.where(TREE["splitId"].ravel() == 1, TEST, TRAIN))
+
+
+@MATLAB
+def test_pressure_may_be_real_and_frame_numbers_and_times_missing(tmp_path, save_as):
+    tree = {name: values for name, values in TREE.items() if name not in ("frame", "ts")}
+    counts, table = ingested(save_as(tmp_path / "metadata.mat", tree | {"pressure": TREE["pressure"] / 8}))
+    np.testing.assert_array_equal(counts, TREE["pressure"] / 8)
+    assert table.columns["frame"].tolist() == list(range(96)) and np.isnan(table.columns["time"]).all()
+
+
+def test_a_raw_recording_may_be_saved_as_matlab_7(tmp_path):
+    (tmp_path / "lab/000/000-mug").mkdir(parents=True)
+    tree = {"pressure": COUNTS, "tStamp": np.array([[7.0], [7.25], [7.5], [7.75]])}
+    save_matlab73(tmp_path / "lab/000/000-mug/pressuredata.mat", tree)
+    counts, table = ingested(tmp_path / "lab")
+    np.testing.assert_array_equal(counts, COUNTS)
+    assert table.columns["time"].tolist() == [0, 0.25, 0.5, 0.75]
+
+
+def test_unusual_files_are_read_as_they_are(tmp_path):
+    path = record(tmp_path / "linked.h5", pressure=None, attributes={"object": (name := "m\x1b[31m\n\u202eg")})
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("raw/counts", data=COUNTS, compression="gzip", shuffle=True, fletcher32=True)
+        file["pressure"] = h5py.SoftLink("/raw/counts")
+    counts, table = ingested(path)
+    np.testing.assert_array_equal(counts, COUNTS)
+    assert table.objects == [name]
+    path = save_matlab73(tmp_path / "metadata.mat", TREE)
+    with h5py.File(path, "r+") as file:
+        file["#refs#/sphere"] = np.array([[0xD83D], [0xDD2E]], np.uint16)  # two codes for one letter
+        file["objects"][0, 0] = file["#refs#/sphere"].ref
+    assert open_source(path).objects[0] == "\U0001f52e"
+
+
+@pytest.mark.stag
+@pytest.mark.parametrize(
+    ("name", "frames", "recordings", "flag", "flagged"),
+    [("blindfolded_lite", 6686, 105, "valid", 525), ("weights_lite", 11682, 27, "grasp_valid", 2301)],
+)
+def test_the_real_files_have_the_frames_that_their_authors_state(stag_data, name, frames, recordings, flag, flagged):
+    source = open_source(stag_data / name / "metadata.mat")
+    blocks = list(source.blocks)
+    columns = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
+    assert columns["pressure"].shape == (frames, 32, 32)
+    assert (len(source.recordings), len(source.objects), source.objects[0]) == (recordings, 27, "empty_hand")
+    assert len(np.unique(columns["recording"])) == recordings and columns[flag].sum() == flagged
+    live = columns["pressure"].min(axis=0) < columns["pressure"].max(axis=0)
+    np.testing.assert_array_equal(live, SENSORS)
+    assert (columns["pressure"][:, ~SENSORS] == 510).all()
+    if name == "blindfolded_lite":
+        assert (columns["split"] == TEST).all()
+    else:
+        grasps = [len(np.unique(columns["grasp"][columns["recording"] == i])) for i in range(27)]
+        assert "split" not in columns and 6 <= min(grasps) <= max(grasps) <= 7

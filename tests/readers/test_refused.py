@@ -1,0 +1,468 @@
+"""Sources that cannot be read, by mistake, by damage or by intent: one line names the file, and nothing is left."""
+
+import os
+import re
+import struct
+import zipfile
+import zlib
+from collections import deque
+from functools import partial
+
+import h5py
+import numpy as np
+import pytest
+
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.readers import child
+from tactile_viewgcn.readers.source import Source
+from tactile_viewgcn.tables import recordings
+from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
+from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
+
+TREE = metadata(objects=2, recordings=1, frames=4)
+FRAMES = 8  # of TREE
+NUMBER_17 = np.where(np.arange(FRAMES)[:, None, None] == 5, np.nan, TREE["pressure"])
+
+
+MISTAKES = {  # what a recording in HDF5 holds, and words of the line
+    "no pressure": ({"pressure": None, "force": COUNTS}, "pressure; found force"),
+    "no object": ({"attributes": {"object": None}}, "object"),
+    "no session": ({"attributes": {"session": None}}, "session"),
+    "rank 2": ({"pressure": COUNTS[0]}, "(5, 7)"),
+    "no sensors": ({"pressure": np.zeros((4, 0, 3))}, "0 x 3"),
+    "too large": ({"pressure": np.zeros((4, 5, 65))}, "5 x 65"),
+    "a text as pressure": ({"pressure": np.full((4, 5, 7), b"a")}, "/pressure"),
+    "flags as pressure": ({"pressure": COUNTS > 9}, "bool"),
+    "counts too large": ({"pressure": COUNTS + np.int64(2**40)}, "pressure of frame 0|to 2147483647"),
+    "short time": ({"time": np.arange(3.0)}, "time|(3,)|(4,)"),
+    "flat flags": ({"valid": np.ones((4, 1), bool)}, "valid|(4, 1)|(4,)"),
+    "another split": ({"attributes": {"split": "exam"}}, "split is 'exam'"),
+    "text as flags": ({"valid": np.array([b"y"] * 4)}, "/valid "),
+    "broken grasp": ({"grasp": np.array([0, 1.5, 1, 1])}, "grasp of frame 1 of recording bad is 1.5|whole"),
+    "large grasp": ({"grasp": np.array([0, 0, 70000, 1])}, "grasp of frame 2 of recording bad is 70000|32767"),
+    "NaN as flag": ({"valid": np.array([0, 1, np.nan, 1])}, "valid of frame 2 of recording bad is nan|0 to 1"),
+    "endless time": ({"time": [-np.inf, 0, 1, 2]}, "time of frame 0"),
+}
+MATLAB = {  # changes of a metadata.mat, and words of the line
+    "no pressure": ({"pressure": None}, "pressure|objectId"),
+    "two fields missing": ({"objects": None, "batchId": None}, "objects, batchId"),
+    "pressure of rank 4": ({"pressure": TREE["pressure"][None]}, "pressure"),
+    "complex pressure": ({"pressure": TREE["pressure"] * 1j}, "pressure"),
+    "no number": ({"pressure": NUMBER_17}, "pressure of frame 1 of recording 001-object1 is nan"),
+    "object out of range": ({"objectId": TREE["objectId"] + 1}, "object of frame 0|is 2|0 to 1"),
+    "broken index": ({"objectId": TREE["objectId"] + 0.5}, "object of frame 0|is 0.5|whole"),
+    "split out of range": ({"splitId": TREE["splitId"] + 1}, "splitId"),
+    "split of other names": ({"splits": np.array([["train", "unseen"]], dtype=object)}, "train, unseen"),
+    "short column": ({"hasValidLabel": TREE["hasValidLabel"][:-1]}, "hasValidLabel has 7 values for 8 frames"),
+    "numbers as names": ({"objects": np.arange(3)}, "objects: "),
+    "names as numbers": ({"objectId": TREE["objects"]}, "objectId"),
+    "no frames": ({name: TREE[name][:0] for name, column in TREE.items() if len(column) == FRAMES}, "no frames"),
+}
+
+
+def changed_matlab(folder, save_as, changes):
+    tree = {name: values for name, values in (TREE | changes).items() if values is not None}
+    return save_as(folder / "metadata.mat", tree)
+
+
+def cut_short(folder, save_as, last, share):
+    path = save_as(folder / "metadata.mat", TREE)
+    content = (path / last).read_bytes()
+    (path / last).write_bytes(content[: int(share * len(content))])
+    return path
+
+
+def table_of_ingest(folder, name):
+    path = save_hdf5(folder / "lab", TREE)
+    ingested(path)
+    (folder / "lab.table").rename(path / name)
+    return path / name if name.endswith(".dat") else path
+
+
+def both_forms(folder):
+    (path := save_hdf5(folder / "lab", TREE)).joinpath("mug").mkdir()
+    return save(path / "mug" / "1.npy").parents[1]
+
+
+def saved(folder, name, content=COUNTS, below=True):
+    path = save(folder / name, content)
+    return folder if below else path
+
+
+#: By a name: what makes a source in a folder, and words of the line that it ends in.
+SOURCES = {
+    **{f"HDF5: {name}": (partial(lambda folder, content: record(folder / "bad.h5", **content), content=content), words)
+       for name, (content, words) in MISTAKES.items()},
+    **{f"MATLAB {kind}: {name}": (partial(changed_matlab, save_as=save_as, changes=changes), f"metadata.mat|{words}")
+       for name, (changes, words) in MATLAB.items()
+       for kind, save_as in (("5", save_matlab5), ("7.3", save_matlab73))
+       if kind == "5" or " as " not in name},  # what save_matlab73 writes follows the field's name
+    **{f"{save_as.__name__} cut to {share}": (partial(cut_short, save_as=save_as, last=last, share=share), words)
+       for save_as, last, words in (
+           (save_matlab5, ".", "metadata.mat: "), (save_matlab73, ".", "metadata.mat: "),
+           (save_folder, "000/001-object1/pressuredata.mat", "001-object1/pressuredata.mat: "),
+           (save_hdf5, "001-object1.h5", "001-object1.h5: "))
+       for share in (0.02, 0.3, 0.9)},
+    "lines of text as MATLAB": (partial(saved, name="a.mat", content="time,pressure\n0,513\n" * 50), "a.mat: damaged"),
+    "zeros as MATLAB": (partial(saved, name="a.mat", content=bytes(2000), below=False), "a.mat: damaged"),
+    "pictures": (partial(saved, name="photos/000000.jpg", content=b"\xff\xd8"), "STAG"),
+    "a text": (partial(saved, name="table.txt", content="time,pressure\n0,513\n", below=False), "table.txt|STAG"),
+    "a table of ingest": (partial(table_of_ingest, name="recordings.dat"), "recordings.dat|ingest"),
+    "a table of ingest among recordings": (partial(table_of_ingest, name="recordings.h5"), "recordings.h5|ingest"),
+    "arrays beside HDF5": (both_forms, ".h5|1.npy"),
+    "an array without an object": (partial(saved, name="1.npy"), "'1.npy' names no object"),
+    "an array below too many folders": (partial(saved, name="a/b/c/1.npy"), "1.npy' names no object"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tmp_path, name):
+    make, words = SOURCES[name]
+    (tmp_path / "in").mkdir()
+    line = refusal(make(tmp_path / "in"), tmp_path)
+    assert str(tmp_path / "in") in line and [word for word in words.split("|") if word not in line] == []
+
+
+def test_a_path_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.mat: "):
+        refusal(tmp_path / "nowhere.mat", tmp_path)
+
+
+@pytest.mark.stability("numbers that are none")
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
+def test_a_number_that_no_glove_reads_is_refused(row, tmp_path, value):
+    counts = np.ones((6, 3, 3))
+    counts[4, 1, 1] = value
+    path = record(tmp_path / "mug.h5", pressure=counts)
+    row.refused(f"{value} in a file", lambda: ingested(path), "pressure of frame 4 of recording mug is")
+
+
+@pytest.mark.stability("too little data")
+def test_a_file_without_frames_is_refused(row, tmp_path):
+    row.refused("no frames", lambda: ingested(record(tmp_path / "mug.h5", pressure=np.ones((0, 3, 3)))), "no frames")
+
+
+class Bomb:
+    def __reduce__(self):
+        return (pytest.fail, ("it was unpickled",))
+
+
+def pickled(tmp_path):
+    np.save(tmp_path / "pickled.npy", np.array([Bomb()], dtype=object), allow_pickle=True)
+    return (tmp_path / "pickled.npy").read_bytes()
+
+
+def declaring(tmp_path, shape):
+    """The bytes of an .npy file whose header declares a shape that its content has not."""
+    with (tmp_path / "declaring.npy").open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
+        file.write(b"\0" * 64)
+    return (tmp_path / "declaring.npy").read_bytes()
+
+
+def test_the_mistakes_of_all_arrays_are_listed_at_once(tmp_path):
+    whole = save(tmp_path / "whole.npy").read_bytes()
+    packed = save(tmp_path / "packed.npz", {"a": COUNTS}).read_bytes()
+    bad = {
+        "cut.npy": whole[:-4], "two.npy": whole * 2, "huge.npy": declaring(tmp_path, (2**40, 64, 64)),
+        "pickle.npy": pickled(tmp_path), "words.npy": np.full((4, 2, 3), "a"), "wide.npy": np.zeros((5, 384)),
+        "flat.npy": np.zeros(5), "high.npy": np.zeros((5, 65, 2)), "cut.npz": packed[:100],
+        "names.npz": {"a": COUNTS, "b": COUNTS}, "ragged.csv": "1,2\n3\n", "gap.csv": "1,,3\n",
+        "nul.csv": "\x001,2\n3,4\n", "minus.csv": "\u22121,2\n3,4\n", "quoted.csv": '"1",2\n3,4\n',
+        "index.csv": ",0,1\n0,5,6\n", "header.csv": "a,b\n",
+    }  # fmt: skip
+    for number, (name, content) in enumerate(bad.items()):
+        save(tmp_path / f"lab{number // 10}" / "mug" / name, content)  # ten are listed
+    text = refusal(tmp_path / "lab0", tmp_path) + refusal(tmp_path / "lab1", tmp_path)
+    assert [name for name in bad if text.count(f"mug/{name}: ") != 1] == []
+
+
+def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path):
+    record(tmp_path / "lab" / "a.h5", time=np.arange(3.0), valid=np.ones(3))
+    record(tmp_path / "lab" / "b.h5")
+    record(tmp_path / "lab" / "c.h5", pressure=COUNTS[0])
+    (tmp_path / "lab" / "d.h5").write_text("no recording")
+    record(tmp_path / "lab" / "e.h5", pressure=COUNTS[:, :3], attributes={"recording": "b"})
+    record(tmp_path / "lab" / "f.h5", valid=np.ones(4, bool), attributes={"split": "test"})
+    record(tmp_path / "lab" / "g.h5")
+    text = refusal(tmp_path / "lab", tmp_path)
+    for part in ("a.h5: time", "a.h5: valid", "c.h5: pressure", "d.h5: damaged", "e.h5: shape", "f.h5: columns"):
+        assert text.count(part) == 1, part
+    assert "e.h5: recording 'b', as in " in text
+    for number in range(13):
+        record(tmp_path / "lab" / f"{number:02d}.h5", attributes={"object": None})
+    assert len(re.findall(r"\d\d\.h5", refusal(tmp_path / "lab", tmp_path))) == 10
+
+
+def test_the_mistakes_of_all_raw_recordings_are_listed_at_once(tmp_path):
+    raw(tmp_path / "lab", "000/000-mug", frame=np.arange(4))
+    raw(tmp_path / "lab", "000/001-pen", pressure=COUNTS, frame=np.arange(3))
+    raw(tmp_path / "lab", "000/002-cup", pressure=COUNTS)
+    raw(tmp_path / "lab", "001/003-can", pressure=COUNTS[:, :2])
+    raw(tmp_path / "lab", "001/004-ball", pressure=np.full((2, 3, 4), "a"))
+    raw(tmp_path / "lab", "001/005-fork", pressure=COUNTS[0])
+    raw(tmp_path / "lab", "001/006-cat", pressure=COUNTS, tStamp=np.arange(3.0))
+    raw(tmp_path / "lab", "001/007-dog", pressure=COUNTS)
+    text = refusal(tmp_path / "lab", tmp_path)
+    for name in ("000-mug", "001-pen", "003-can", "004-ball", "005-fork", "006-cat"):
+        assert text.count(f"{name}/pressuredata.mat: ") == 1
+
+
+def test_arrays_that_do_not_match_each_other_are_refused(tmp_path):
+    for name, array in {"a/1.npy": COUNTS, "a/1.npz": {"x": COUNTS}, "b/1.npy": COUNTS[:, :, :2]}.items():
+        save(tmp_path / "lab" / name, array)
+    text = refusal(tmp_path / "lab", tmp_path)
+    assert "a/1.npz: recording 'a/1', as in " in text and "a/1.npy" in text
+    assert "b/1.npy: shape (5, 2); expected (5, 7)" in text
+    assert "b/1.npy: an array (4, 5, 2)" in refusal(tmp_path / "lab", tmp_path, layout=[5, 7])
+    save(tmp_path / "lab" / "mon" / "b" / "1.npy")
+    assert "mon/b/1.npy" in refusal(tmp_path / "lab", tmp_path)
+
+
+def linked(folder, name="pressure", target="/pressure"):
+    """A recording with an external link in it, and one at which that leads."""
+    other, path = record(folder.parent / "other.h5"), record(folder / "bad.h5")
+    with h5py.File(path, "r+") as file:
+        if name in file:
+            del file[name]
+        file[name] = h5py.ExternalLink(str(other), target)
+    return path
+
+
+def link_to_a_link(folder):
+    path = linked(folder, "far", "/")
+    with h5py.File(path, "r+") as file:
+        del file["pressure"]
+        file["pressure"] = h5py.SoftLink("/far/pressure")
+    return path
+
+
+def hdf5(folder, **options):
+    """A recording whose /pressure has these options of h5py."""
+    path = record(folder / "bad.h5", pressure=None)
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("pressure", **{"shape": (4, 5, 7), "dtype": "i2"} | options)
+    return path
+
+
+def instead(folder, value):
+    """A recording with a value in the place of /pressure: a link, a virtual layout, or an array."""
+    path = record(folder / "bad.h5", pressure=None)
+    with h5py.File(path, "r+") as file:
+        if isinstance(value, h5py.VirtualLayout):
+            file.create_virtual_dataset("pressure", value)
+        elif value is dict:
+            file.create_group("pressure")
+        else:
+            file["pressure"] = np.full((4, 5, 7), file.ref, h5py.ref_dtype) if value is h5py.Reference else value
+    return path
+
+
+def virtual(folder):
+    layout = h5py.VirtualLayout((4, 5, 7), "i2")
+    layout[:] = h5py.VirtualSource(str(record(folder.parent / "other.h5")), "pressure", (4, 5, 7))
+    return instead(folder, layout)
+
+
+def external_storage(folder):
+    (folder.parent / "secret").write_bytes(bytes(280))
+    return hdf5(folder, external=[(str(folder.parent / "secret"), 0, 280)])
+
+
+def chunk(folder, frames, content):
+    path = hdf5(folder, shape=(frames, 5, 7), chunks=(frames, 5, 7), compression="gzip")
+    with h5py.File(path, "r+") as file:
+        file["pressure"].id.write_direct_chunk((0, 0, 0), zlib.compress(content))
+    return path
+
+
+def endless_heap(folder, name, size):
+    """HDF5 goes round in circles in a heap whose free space has this size."""
+    path = record(folder / name)
+    with h5py.File(path, "a") as file:
+        del file.attrs["object"]  # a .mat that has it is read as a recording
+    content = bytearray(path.read_bytes())
+    at = content.index(b"GCOL") + 16
+    while int.from_bytes(content[at : at + 2], "little"):  # to what is free
+        at += 16 + -(-int.from_bytes(content[at + 8 : at + 16], "little") // 8) * 8
+    content[at + 8 : at + 16] = size.to_bytes(8, "little")
+    path.write_bytes(content)
+    return path
+
+
+def attribute(folder, value):
+    return record(folder / "bad.h5", attributes={"object": value})
+
+
+def pipe(folder, name, below=False):
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    os.mkfifo(folder / name)
+    return folder / name if not below else folder
+
+
+def array(folder, size, shape):
+    """A .npz whose array has that many bytes of zeros, and declares a shape."""
+    (folder / "mug").mkdir()
+    with (
+        zipfile.ZipFile(folder / "mug/1.npz", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as file,
+    ):
+        np.lib.format.write_array_header_1_0(file, {"descr": "|i1", "fortran_order": False, "shape": shape})
+        for _ in range(size // 2**20):
+            file.write(bytes(2**20))
+    return folder
+
+
+def long_line(folder):
+    (folder / "mug").mkdir()
+    (folder / "mug/1.csv").write_text("1," * 1_000_000)
+    return folder
+
+
+def matrix(name, kind, dims, content=b""):
+    """An element of MATLAB 5: a matrix of a class, with its dimensions and content."""
+    text = name.ljust(-(-len(name) // 8) * 8, b"\0")
+    sides = struct.pack(f"<{len(dims)}I", *dims).ljust(-(-len(dims) // 2) * 8, b"\0")
+    body = struct.pack("<IIII", 6, 8, kind, 0) + struct.pack("<II", 5, 4 * len(dims)) + sides
+    body += struct.pack("<II", 1, len(name)) + text + content
+    return struct.pack("<II", 14, len(body)) + body
+
+
+MUG = matrix(b"", 4, (1, 3), struct.pack("<HH4s", 16, 3, b"mug"))
+
+
+def matlab5(folder, objects=MUG, pressure_type=2, more=()):
+    """A metadata.mat of one frame of 2 x 3, element by element, compressed."""
+    number, six = struct.pack("<HHI", 2, 1, 0), struct.pack("<II", pressure_type, 6) + bytes(8)
+    elements = [matrix(name, 1, (1, 1), objects) for name in (b"objects", b"recordings", b"batches")]
+    elements += [matrix(name, 9, (1, 1), number) for name in (b"objectId", b"recordingId", b"batchId")]
+    elements = [*more, *elements, matrix(b"pressure", 9, (1, 2, 3), six)]
+    packed = b"".join(struct.pack("<II", 15, len(data)) + data for data in map(zlib.compress, elements))
+    (folder / "metadata.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + packed)
+    return folder / "metadata.mat"
+
+
+def matlab73(folder, change):
+    path = save_matlab73(folder / "metadata.mat", TREE)
+    with h5py.File(path, "r+") as file:
+        change(file, folder)
+    return path
+
+
+def link_in_matlab(file, folder):
+    del file["objectId"]
+    file["objectId"] = h5py.ExternalLink(str(record(folder.parent / "other.h5")), "/pressure")
+
+
+def cell_outside(file, folder):
+    file.create_dataset("#refs#/far", (2000, 1), "u2", external=[("/etc/passwd", 0, 4000)])
+    file["objects"][0, 0] = file["#refs#/far"].ref
+
+
+def texts_as_cells(file, folder):
+    """Texts that would be followed as paths, in the place of references."""
+    file["far"] = h5py.ExternalLink(str(record(folder.parent / "other.h5")), "/pressure")
+    del file["objects"]
+    file["objects"] = np.array(["/far"], h5py.string_dtype())
+
+
+REFUSED = {
+    "device": lambda folder: (folder / "zeros.h5").symlink_to("/dev/zero") or folder,
+    "external link": linked,
+    "external link to a column": partial(linked, name="time"),
+    "link to an external link": link_to_a_link,
+    "external storage": external_storage,
+    "virtual": virtual,
+    "dangling link": partial(instead, value=h5py.SoftLink("/nowhere/else")),
+    "link to itself": partial(instead, value=h5py.SoftLink("/pressure")),
+    "group": partial(instead, value=dict),
+    "nothing": partial(instead, value=h5py.Empty("i2")),
+    "references": partial(instead, value=h5py.Reference),
+    "infinite": partial(instead, value=np.full((4, 5, 7), np.inf, np.float16)),
+    "name that is no UTF-8": partial(attribute, value=np.bytes_(b"m\xffg")),
+    "name of surrogates": partial(attribute, value=np.array(b"m\xffg", dtype=h5py.string_dtype())),
+    "name with NUL": partial(attribute, value=np.bytes_(b"m\0g")),
+    "long name": partial(attribute, value="m" * 1001),
+    "several names": partial(attribute, value=np.arange(3)),
+    "no name": partial(attribute, value=h5py.Empty("S3")),
+    "heap": partial(endless_heap, name="bad.h5", size=0),
+    "long heap": partial(endless_heap, name="bad.h5", size=2**64 - 16),
+    "heap in MATLAB": partial(endless_heap, name="metadata.mat", size=0),
+    "long heap in MATLAB": partial(endless_heap, name="metadata.mat", size=2**64 - 16),
+    **{f"pipe {name}": partial(pipe, name=name) for name in ("mug/1.h5", "mug/1.npy", "mug/1.csv", "metadata.mat")},
+    **{f"pipe below {name}": partial(pipe, name=name, below=True) for name in ("1.h5", "mug/1.npy", "mug/1.csv")},
+    "pipe in STAG's folder": partial(pipe, name="000/003-mug/pressuredata.mat", below=True),
+    "zip bomb": partial(array, size=400 * 2**20, shape=(4 * 2**20, 10, 10)),
+    "declared array": partial(array, size=0, shape=(2**40, 64, 64)),
+    "long line": long_line,
+    "inflating element": lambda folder: matlab5(folder, more=[matrix(b"pressure", 10, (1, 1), bytes(80 * 2**20))]),
+    "deep cells": partial(matlab5, objects=matrix(b"", 1, (1, 1)) * 20_000),  # SciPy goes down, and crashes
+    "type without a name": partial(matlab5, pressure_type=66),  # SciPy crashes
+    "link in MATLAB": partial(matlab73, change=link_in_matlab),
+    "cell outside": partial(matlab73, change=cell_outside),
+    "texts as cells": partial(matlab73, change=texts_as_cells),
+}
+EITHER = {  # read as what they are, or refused
+    "declared": partial(hdf5, shape=(3 * 2**20, 64, 64), chunks=(1, 64, 64)),
+    "petabytes": partial(hdf5, shape=(2**40, 64, 64), chunks=(1, 64, 64)),
+    "one sensor": partial(hdf5, shape=(60_000_000, 1, 1), dtype="i1", chunks=(2**20, 1, 1)),
+    "large chunks": partial(hdf5, shape=(20_000, 64, 64), chunks=(20_000, 64, 64)),
+    "tiny chunks": partial(hdf5, shape=(8192, 5, 7), dtype="i1", chunks=(1, 1, 1)),
+    "inflating chunk": partial(chunk, frames=100_000, content=bytes(2**26)),
+    "oversized chunk": partial(chunk, frames=4, content=bytes(2**20)),
+}
+
+
+@pytest.mark.parametrize("name", [*REFUSED, *EITHER])
+def test_a_hostile_source_ends_in_one_line_in_time_and_leaves_nothing(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(child, "SECONDS", 3)  # what never ends takes that long
+    monkeypatch.setattr(child, "MEMORY", 2**28)
+    (tmp_path / "in").mkdir()
+    line = refusal((REFUSED | EITHER)[name](tmp_path / "in"), tmp_path)
+    assert str(tmp_path / "in") in line or (name in EITHER and not line)
+
+
+def test_a_small_file_of_matlab_5_is_read_where_nothing_is_wrong_with_it(tmp_path):
+    counts, table = ingested(matlab5(tmp_path))
+    assert (table.objects, counts.shape) == (["mug"], (1, 2, 3))
+
+
+@pytest.mark.parametrize("harm", [os.abort, lambda: np.ones(2**32), lambda: deque(iter(int, 1), 0)])
+def test_what_crashes_takes_all_memory_or_never_ends_ends_in_a_line_that_names_the_file(tmp_path, monkeypatch, harm):
+    def work():
+        with child.reading(tmp_path / "b.h5"):
+            harm()
+
+    monkeypatch.setattr(child, "SECONDS", 1)
+    (tmp_path / "b.h5").touch()
+    with pytest.raises(UserError, match=r"b\.h5: "):
+        child.run_apart(work, tmp_path)
+
+
+class Unsendable(Exception):
+    def __init__(self, one, two):
+        super().__init__(f"{one} and {two}")
+
+
+def test_a_fault_of_ours_comes_out_of_the_child_with_its_place(tmp_path):
+    with pytest.raises(ZeroDivisionError) as caught:
+        child.run_apart(lambda: print(1 // 0), tmp_path)
+    assert "1 // 0" in caught.value.__notes__[0]
+
+    def work():
+        raise Unsendable("bread", "butter")
+
+    with pytest.raises(RuntimeError, match="Unsendable: bread and butter"):
+        child.run_apart(work, tmp_path)
+
+
+def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
+    usage = type("usage", (), {"free": 100, "total": 1000})
+    monkeypatch.setattr(recordings.shutil, "disk_usage", lambda folder: usage)
+    assert "a.h5: " in refusal(record(tmp_path / "in" / "a.h5"), tmp_path)
+
+
+@pytest.mark.parametrize("objects", [["mug", "pen", "mug"], ["mug"] * 40_000, ["p\udcffn"]])
+def test_names_that_a_table_cannot_keep_are_refused(tmp_path, objects):
+    with pytest.raises(UserError, match="glove: "):
+        Source(tmp_path / "glove", objects, ["1", "1"], ["monday"], (2, 2), np.dtype("int16"), 0, iter(()))
