@@ -1,4 +1,4 @@
-"""The data of all tests, each with a known answer: tables, gloves, grips, recordings in files, and what is learnt."""
+"""The data of all tests, each with a known answer: recordings in tables and files, and classifiers trained on them."""
 
 import tempfile
 from collections.abc import Callable, Sequence
@@ -33,6 +33,7 @@ from tests.stag_files import metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "params.yaml"
+CPU = Compute(torch.device("cpu"), "float32")
 torch.set_num_threads(1)  # on arrays this small, threads that wait for each other cost minutes on a busy machine
 
 # Tables with chosen contents
@@ -40,19 +41,13 @@ COLUMN_DEFAULTS = {"object": 0, "recording": 0, "session": 0, "time": 0.0}
 
 
 def source(
-    counts: np.ndarray,
-    *,
-    cuts: Sequence[int] = (),
-    dtype: type | None = None,
-    objects: Sequence[str] | None = None,
-    recordings: Sequence[str] | None = None,
-    sessions: Sequence[str] | None = None,
-    **columns: np.ndarray | float,
-) -> Source:
+    counts: np.ndarray, *, cuts: Sequence[int] = (), dtype: type | None = None, objects: Sequence[str] = (),
+    recordings: Sequence[str] = (), sessions: Sequence[str] = (), **columns: np.ndarray | float,
+) -> Source:  # fmt: skip
     """A source at the path `glove` of counts (T, H, W), in blocks that end at `cuts`.
 
-    Columns are (T,) or one value for all frames; names that are not given are made up for the ids there are, the
-    first object being the empty hand.
+    Columns are (T,) or one value for all frames; missing names are made up for the ids, the first object being the
+    empty hand.
     """
     counts = np.asarray(counts)
     frames = len(counts)
@@ -65,7 +60,7 @@ def source(
     parts = np.split(np.arange(frames), cuts)
     return Source(
         Path("glove"),
-        list(objects or names("object", "empty_hand")),
+        list(objects or names("object", EMPTY_HAND)),
         list(recordings or names("recording", "recording0")),
         list(sessions or names("session", "session0")),
         counts.shape[1:],
@@ -79,12 +74,6 @@ def written(path: Path, counts: np.ndarray, **changes: object) -> Recordings:
     """The same as a table written to `path` and opened."""
     write_recordings(path, source(counts, **changes), "0" * 32)
     return Recordings(path)
-
-
-def read(source: Source) -> dict[str, np.ndarray]:
-    """Pressure and columns of all blocks, joined."""
-    blocks = list(source.blocks)
-    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
 # A glove that drifts: its open hand, contact and baseline are known
@@ -105,16 +94,16 @@ class Drifting:
     open: np.ndarray
 
 
-def drifting(*, objects=4, recordings=1, grasps=6, between=0.0, within=0.0, common=0.0, seed=0, same=False) -> Drifting:
+def drifting(*, objects=4, recordings=1, grasps=6, between=0.0, within=0.0, common=0.0, same=False) -> Drifting:
     """One session: `recordings` of each object, the empty hand first, of `grasps` each, all of which press alike.
 
     Args:
         between: standard deviation in counts of a sensor's baseline from one recording to another.
         within: counts by which sensors drift in a recording, up or down.
-        common: standard deviation in counts from one recording to another of what all sensors share.
+        common: standard deviation in counts, between recordings, of an offset that all sensors share.
         same: each object presses the same sensors, instead of its own.
     """
-    rng, each = np.random.default_rng(seed), grasps * (OPEN + CLOSED)
+    rng, each = np.random.default_rng(0), grasps * (OPEN + CLOSED)
     size = ((objects + 1) * recordings, each, *DRIFTING_SHAPE)
     number, frame = np.indices(size[:2])
     label = number // recordings
@@ -122,18 +111,14 @@ def drifting(*, objects=4, recordings=1, grasps=6, between=0.0, within=0.0, comm
     offset[0] = 0  # the empty hand's, from which the others drift
     direction = rng.choice([-1.0, 1.0], (size[0], 1, *DRIFTING_SHAPE))
     baseline = 514.3 + offset + within * direction * (frame / each)[..., None, None]
-    held = (frame % (OPEN + CLOSED) >= OPEN) & (label > 0)
+    in_contact = (frame % (OPEN + CLOSED) >= OPEN) & (label > 0)
     sensors = np.array([rng.permutation(DRIFTING_SHAPE[0] * DRIFTING_SHAPE[1]) < PRESSED for _ in range(objects + 1)])
     pressed = sensors[np.ones_like(label) if same else label].reshape(size)
-    counts = np.rint(baseline + SIGNAL * (held[..., None, None] & pressed) + rng.normal(0, NOISE, size))
+    counts = np.rint(baseline + SIGNAL * (in_contact[..., None, None] & pressed) + rng.normal(0, NOISE, size))
     columns = {"object": label, "recording": number, "grasp": frame // (OPEN + CLOSED)}
     flat = {name: values.ravel() for name, values in columns.items()}
-    return Drifting(
-        counts.reshape(-1, *DRIFTING_SHAPE).astype(np.int16),
-        flat,
-        baseline.reshape(-1, *DRIFTING_SHAPE),
-        ~held.ravel() | (flat["object"] == 0),
-    )
+    frames, open_hand = counts.reshape(-1, *DRIFTING_SHAPE), ~in_contact.ravel() | (flat["object"] == 0)
+    return Drifting(frames.astype(np.int16), flat, baseline.reshape(frames.shape), open_hand)
 
 
 # Grips of two objects and the empty hand, prepared under changed parameters
@@ -142,12 +127,12 @@ GRIP_FRAMES = FRAMES - BLANK
 FIXED = ("baseline=empty_hand", "filter=flags", "contact_sensors=4", "scale=150")
 
 
-def grips(seed=0):
+def _grips():
     """Counts (T, 3, 4) and columns. Object 1 presses the first five sensors by 40, object 2 the last five, neither
-    in the first 6 frames of its 20; the rest is 514 in session 0 and 516 in session 1."""
+    in the first 6 frames of its 20; without contact sensors read 514 in session 0 and 516 in session 1."""
     size = (SESSIONS, GRIP_OBJECTS, GRIP_RECORDINGS, FRAMES)
     session, label, number, frame = (axis.ravel() for axis in np.indices(size))
-    counts = np.random.default_rng(seed).normal(0, 0.95, size=(session.size, 12)) + 514 + 2 * session[:, None]
+    counts = np.random.default_rng(0).normal(0, 0.95, size=(session.size, 12)) + 514 + 2 * session[:, None]
     held = frame >= BLANK
     counts[np.ix_(held & (label == 1), range(5))] += 40
     counts[np.ix_(held & (label == 2), range(7, 12))] += 40
@@ -164,13 +149,13 @@ def grips(seed=0):
     return np.round(counts).astype(np.int16).reshape(-1, 3, 4), columns
 
 
-COUNTS, COLUMNS = grips()
+COUNTS, COLUMNS = _grips()
 
 
-def prepared(tmp_path, *changes, counts=COUNTS, columns=COLUMNS, **how):
-    """Frames, what became of the others, and the account of the grips under changed parameters."""
+def prepared(tmp_path, *changes, counts=COUNTS, columns=COLUMNS, **names):
+    """The grips' frames, all that `preprocess_recordings` made, and the rows of kept.csv, under changed parameters."""
     params = load(FILE, (*(f"preprocess.{key}" for key in FIXED), *changes))
-    recordings = written(tmp_path / "glove.h5", counts, **columns, **how)
+    recordings = written(tmp_path / "glove.h5", counts, **columns, **names)
     made = preprocess_recordings(recordings, params.preprocess, params.split)
     return made.frames, made, kept_rows(recordings, made)
 
@@ -234,31 +219,33 @@ def write(path: Path, counts: np.ndarray, time: np.ndarray | None = None, **attr
         file.attrs.update(attributes)
 
 
-# Four gloves that the project does not know: all contact, floats, a drifting and a dense array
+# Gloves of four other kinds: all contact, real numbers, a drifting and a dense array
 FOREIGN_OBJECTS, FOREIGN_RECORDINGS = 4, 4
 FOREIGN_NAMES = ["Tasse groß", "Schlüssel", "Öl Flasche", "Maß band"]
 PRESSURE = 60.0  # counts of the drifting array
 
 
 def _saved(
-    folder: Path, recordings: int, rate: float, names: list[str], counts_of: Callable[[int], np.ndarray]
-) -> Path:
+    folder: Path, counts_of: Callable[[int], np.ndarray], *, rate: float, names: str | list[str] = "o",
+    recordings: int = FOREIGN_RECORDINGS,
+) -> Path:  # fmt: skip
     """`recordings` of each object at `rate` Hz, in two sessions; `counts_of` gives those of an object's next one."""
     for label, number in np.ndindex(FOREIGN_OBJECTS, recordings):
         session, pressure = f"Übung {1 + number % 2}", counts_of(label)
-        path, time = folder / session / f"{names[label]} {number}.h5", np.arange(len(pressure)) / rate
-        write(path, pressure, time, object=names[label], session=session)
+        name = f"{names}{label}" if isinstance(names, str) else names[label]
+        path, time = folder / session / f"{name} {number}.h5", np.arange(len(pressure)) / rate
+        write(path, pressure, time, object=name, session=session)
     return folder
 
 
 def _patterns(rng: np.random.Generator, shape: tuple[int, int], share: float) -> np.ndarray:
-    """What each object presses (FOREIGN_OBJECTS, H, W), 0 to 1, on a share of the sensors."""
+    """Shares of the force (FOREIGN_OBJECTS, H, W) with which each object presses a share of the sensors."""
     return rng.uniform(0.4, 1, (FOREIGN_OBJECTS, *shape)) * (rng.random((FOREIGN_OBJECTS, *shape)) < share)
 
 
-def all_contact(folder: Path, *, recordings: int = FOREIGN_RECORDINGS, frames: int = 10, seed: int = 0) -> Path:
+def all_contact(folder: Path, *, recordings: int = FOREIGN_RECORDINGS, frames: int = 10) -> Path:
     """12 x 10 sensors in uint8, in contact from the first to the last frame; the force changes by a quarter."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     patterns, time = _patterns(rng, (12, 10), 0.4), np.arange(frames)
 
     def counts(label: int) -> np.ndarray:
@@ -266,75 +253,60 @@ def all_contact(folder: Path, *, recordings: int = FOREIGN_RECORDINGS, frames: i
         values = patterns[label] * force[:, None, None] + rng.normal(0, 2, (frames, 12, 10))
         return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
-    return _saved(folder, recordings, 10, [f"object{i}" for i in range(FOREIGN_OBJECTS)], counts)
+    return _saved(folder, counts, rate=10, names="object", recordings=recordings)
 
 
-def floats(
-    folder: Path, *, recordings: int = FOREIGN_RECORDINGS, frames: int = 60, open_hand: float = 0.05, seed: int = 0
-) -> Path:
-    """8 x 12 real numbers from 0 to 2.6, an open hand in the first 20 frames, names with umlauts and spaces.
+def floats(folder: Path, *, open_hand: float = 0.05) -> Path:
+    """8 x 12 real numbers from 0 to 2.6, an open hand in the first 20 of 60 frames, names with umlauts and spaces.
 
     Args:
-        open_hand: what sensors read without contact; with 0, half of the noise of 0.015 is cut off.
+        open_hand: reading of a sensor without contact; with 0, half of the noise of 0.015 is cut off.
     """
-    rng = np.random.default_rng(seed)
-    patterns, held = _patterns(rng, (8, 12), 0.3), np.arange(frames) >= 20
-    force = 2.2 * held * (1 - 0.2 * np.cos(np.arange(frames) / 4))
+    rng, frame = np.random.default_rng(0), np.arange(60)
+    patterns, force = _patterns(rng, (8, 12), 0.3), 2.2 * (frame >= 20) * (1 - 0.2 * np.cos(frame / 4))
 
     def counts(label: int) -> np.ndarray:
-        values = open_hand + patterns[label] * force[:, None, None] + rng.normal(0, 0.015, (frames, 8, 12))
+        values = open_hand + patterns[label] * force[:, None, None] + rng.normal(0, 0.015, (60, 8, 12))
         return np.clip(values, 0, 2.6).astype(np.float32)
 
-    return _saved(folder, recordings, 20, FOREIGN_NAMES, counts)
+    return _saved(folder, counts, rate=20, names=FOREIGN_NAMES)
 
 
-def drifting_array(folder: Path, *, recordings: int = FOREIGN_RECORDINGS, seconds: int = 4, seed: int = 0) -> Path:
+def drifting_array(folder: Path) -> Path:
     """4 x 4 sensors at 200 Hz whose baselines differ by twice the signal between recordings, and drift in them."""
-    rng, rate = np.random.default_rng(seed), 200
-    patterns, time = _patterns(rng, (4, 4), 0.5), np.arange(seconds * rate) / rate
-    held = (time >= 1) & (time < 3)
+    rng, time = np.random.default_rng(0), np.arange(800) / 200
+    patterns, force = _patterns(rng, (4, 4), 0.5), PRESSURE * ((time >= 1) & (time < 3))
 
     def counts(label: int) -> np.ndarray:
         slope = rng.choice([-1, 1], (4, 4)) * 2.0
         baseline = 800 + rng.normal(0, 2 * PRESSURE, (4, 4)) + slope * time[:, None, None]
-        values = baseline + PRESSURE * held[:, None, None] * patterns[label] + rng.normal(0, 2, (len(time), 4, 4))
+        values = baseline + force[:, None, None] * patterns[label] + rng.normal(0, 2, (len(time), 4, 4))
         return np.rint(values).astype(np.int16)
 
-    return _saved(folder, recordings, rate, [f"o{i}" for i in range(FOREIGN_OBJECTS)], counts)
+    return _saved(folder, counts, rate=200)
 
 
-def dense(
-    folder: Path, *, recordings: int = FOREIGN_RECORDINGS, opened: int = 40, held: int = 40, seed: int = 0
-) -> Path:
-    """4 x 4 sensors, of which 10 to 14 are pressed in a grasp; an open hand of `opened` frames before each."""
-    rng = np.random.default_rng(seed)
-    offset, in_hand = rng.normal(500, 10, 16), np.repeat([0.0, 1.0], [opened, held])
+def dense(folder: Path) -> Path:
+    """4 x 4 sensors, of which 10 to 14 are pressed in a grasp of 40 frames, after 40 frames of the open hand."""
+    rng = np.random.default_rng(0)
+    offset, in_hand = rng.normal(500, 10, 16), np.repeat([0.0, 1.0], 40)
     pressed_of = [rng.permutation(16) < count for count in (10, 12, 13, 14)]
     patterns = np.stack([share * rng.uniform(0.5, 1, 16) for share in pressed_of])
 
     def counts(label: int) -> np.ndarray:
         force = PRESSURE * rng.uniform(0.8, 1.2) * in_hand
-        values = offset + force[:, None] * patterns[label] + rng.normal(0, 2, (len(force), 16))
+        values = offset + force[:, None] * patterns[label] + rng.normal(0, 2, (80, 16))
         return np.rint(values).astype(np.int16).reshape(-1, 4, 4)
 
-    return _saved(folder, recordings, 10, [f"o{i}" for i in range(FOREIGN_OBJECTS)], counts)
+    return _saved(folder, counts, rate=10)
 
 
-# Frames of four objects that can be told apart, and what is learnt from them, made once
-CPU = Compute(torch.device("cpu"), "float32")
+# Frames of four objects that are easy to recognise, and classifiers trained on them, made once
 CORNER = (slice(0, 12), slice(12, 24))  # the rows and columns of STAG's frame that the small glove has
 SMALL = (
-    "views=4",
-    "split.by=recording",
-    "cluster.restarts=2",
-    "pretrain.epochs=4",
-    "pretrain.batch=8",
-    "finetune.epochs=1",
-    "finetune.lr=2e-3",
-    "finetune.batch=8",
-    "finetune.feature_reuse=1",
-    "evaluate.trials=3",
-)
+    "views=4", "split.by=recording", "cluster.restarts=2", "pretrain.epochs=4", "pretrain.batch=8", "finetune.epochs=1",
+    "finetune.lr=2e-3", "finetune.batch=8", "finetune.feature_reuse=1", "evaluate.trials=3",
+)  # fmt: skip
 
 
 def recipe(*changes: str) -> Params:
@@ -370,7 +342,7 @@ def fewer_anchors(frames: Frames, every: int) -> Frames:
 
 @cache
 def pretrained(*changes: str) -> dict[str, dict[str, torch.Tensor]]:
-    """The weights of a backbone that tells the objects of the table, and of its linear classifier."""
+    """The weights of a backbone that recognises the objects of the table, and of its linear classifier."""
     backbone, classifier, _ = pretrain_backbone(table(), recipe(*changes), CPU)
     return {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
 
@@ -383,5 +355,5 @@ def _trained() -> Classifier:
 
 
 def trained() -> Classifier:
-    """A classifier of four views trained on the table, in evaluation mode; each call gives one of its own."""
+    """A classifier of four views trained on the table, in evaluation mode; each call gives a new copy."""
     return deepcopy(_trained())

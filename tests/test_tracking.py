@@ -1,22 +1,40 @@
-"""Runs in MLflow, seen from its own client: rows and stages, what they log, how they end, and stores that fail."""
+"""Runs in MLflow, as its own client shows them: rows and stages, their content and end, and stores that fail."""
 
-import json
 import os
 import sqlite3
 import subprocess
 import sys
 import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tactile_viewgcn import tracking
 from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.provenance import Record
 from tests.mlflow_stores import fresh_store, runs_of
 
 ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
+RECORD = Record(
+    stage="pretrain", needed=True, run_id=None, name="pretrain.lr=0.01", tags={"md5.frames": "ab"}, seconds=9.0,
+    peak_mb=50.5, inputs={}, counts={"weights.backbone": 7}, curves={"loss": [3.0, 2.0]},
+    params={"values": {"pretrain.lr": 0.01}}, notes=[], origin={"time": "2026-01-02T03:04:05+00:00"},
+)  # fmt: skip
+
+
+def steps(client, run_id, name):
+    return sorted((metric.step, metric.value) for metric in client.get_metric_history(run_id, name))
+
+
+def evaluated(*paths):
+    """The row of an evaluation after stages with these records."""
+    with tracking.stage_run("evaluate", row=True) as row:
+        for path in paths:
+            row.stage(path)
+        row.metrics({"error": 0.5})
 
 
 def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client, monkeypatch):
@@ -33,8 +51,7 @@ def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client,
     assert entry.info.run_name == "pretrain pretrain.lr=0.01" and entry.info.status == "FINISHED"
     assert entry.data.params == {f"key.{number}": str(number) for number in range(150)}
     assert entry.data.metrics == {"seconds": 26.0, "loss": 2.0}
-    history = client.get_metric_history(entry.info.run_id, "loss")
-    assert [(metric.step, metric.value) for metric in history] == [(1, 3.0), (2, 2.0)]
+    assert steps(client, entry.info.run_id, "loss") == [(1, 3.0), (2, 2.0)]
     assert entry.data.tags["stage"] == "pretrain" and entry.data.tags["dvc.experiment"] == "brave-mug"
     assert len(entry.data.tags["mlflow.source.git.commit"]) == 40
     assert {file.path for file in client.list_artifacts(entry.info.run_id)} == {"LICENSE"}
@@ -53,33 +70,26 @@ def test_an_evaluated_pipeline_is_a_row_with_its_dataset_and_its_trials_as_steps
     assert row.info.run_name == "mvcnn V=8" and runs_of(client) == []
     (logged,) = row.inputs.dataset_inputs
     assert (logged.dataset.name, logged.dataset.digest) == ("data/virtual/recordings", "0123abcd")
-    history = client.get_metric_history(row.info.run_id, "trials.error.object")
-    assert [(metric.step, metric.value) for metric in history] == [(1, 0.25), (2, 0.5)]
+    assert steps(client, row.info.run_id, "trials.error.object") == [(1, 0.25), (2, 0.5)]
 
 
-def test_a_stage_before_it_is_logged_from_its_record_once_and_one_that_began_its_own_run_is_completed(
-    store, client, tmp_path
-):
+def test_a_stage_is_logged_from_its_record_once_and_the_run_that_it_began_is_completed(store, client, tmp_path):
     with tracking.stage_run("finetune") as begun:
         begun.metrics({"loss": 3.0}, step=1)
-    record = {"needed": True, "run_id": None, "name": "pretrain.lr=0.01", "tags": {"md5.frames": "ab"}, "seconds": 9.0}
-    record |= {"peak_mb": 50.5, "counts": {"weights.backbone": 7}, "curves": {"loss": [3.0, 2.0]}}
-    record |= {"params": {"values": {"pretrain.lr": 0.01}}, "origin": {"time": "2026-01-02T03:04:05+00:00"}}
-    changes = {"pretrain": {}, "finetune": {"run_id": begun.id}, "cluster": {"needed": False}}
-    paths = [tmp_path / f"{stage}.json" for stage in changes]
-    for path, (stage, changed) in zip(paths, changes.items(), strict=True):
-        path.write_text(json.dumps(record | {"stage": stage} | changed))
-    for _ in range(2):
-        with tracking.stage_run("evaluate", row=True) as row:
-            for path in paths:
-                row.stage(path)
+    paths = []
+    for changes in ({}, {"stage": "finetune", "run_id": begun.id}, {"stage": "cluster", "needed": False}):
+        record = replace(RECORD, **changes)
+        paths.append(tmp_path / f"{record.stage}.json")
+        record.write(paths[-1])
+        assert Record.read(paths[-1]) == record
+    evaluated(*paths)
+    evaluated(*paths)
     runs = {run.info.run_id: run for run in runs_of(client)}
-    for evaluated in runs_of(client, tracking.EXPERIMENT):
-        links = {name: value for name, value in evaluated.data.tags.items() if name.startswith("stage.")}
+    for row in runs_of(client, tracking.EXPERIMENT):
+        links = {name: value for name, value in row.data.tags.items() if name.startswith("stage.")}
         assert links["stage.finetune"] == begun.id and set(links.values()) == set(runs) and len(runs) == 2
     for run_id, run in runs.items():
-        history = client.get_metric_history(run_id, "loss")
-        assert sorted((metric.step, metric.value) for metric in history) == [(1, 3.0), (2, 2.0)]
+        assert steps(client, run_id, "loss") == [(1, 3.0), (2, 2.0)]
         assert run.data.params == {"pretrain.lr": "0.01", "weights.backbone": "7"}
         assert run.data.metrics == {"loss": 2.0, "seconds": 9.0, "peak_mb": 50.5}
         assert run.data.tags["md5.frames"] == "ab" and run.info.status == "FINISHED"
@@ -88,23 +98,17 @@ def test_a_stage_before_it_is_logged_from_its_record_once_and_one_that_began_its
 
 
 def test_a_run_of_a_different_store_is_made_anew_and_a_damaged_record_costs_its_link(store, client, tmp_path, capsys):
-    record = {"stage": "finetune", "needed": True, "run_id": "0" * 32, "name": "finetune", "tags": {}, "seconds": 9.0}
-    record |= {"counts": {}, "curves": {}, "params": {"values": {}}, "origin": {"time": "2026-01-02T03:04:05+00:00"}}
-    paths = [tmp_path / f"{number}.json" for number in range(2)]
-    paths[0].write_text(json.dumps({"stage": "ingest"}))
-    paths[1].write_text(json.dumps(record))
-    with tracking.stage_run("evaluate", row=True) as row:
-        for path in paths:
-            row.stage(path)
-        row.metrics({"error": 0.5})
-    (run,), (evaluated,) = runs_of(client), runs_of(client, tracking.EXPERIMENT)
-    assert evaluated.info.status == "FINISHED" and evaluated.data.metrics == {"error": 0.5}
-    assert evaluated.data.tags["stage.finetune"] == run.info.run_id and "stage.ingest" not in evaluated.data.tags
+    damaged, path = tmp_path / "0.json", tmp_path / "1.json"
+    damaged.write_text('{"stage": "ingest"}')
+    replace(RECORD, run_id="0" * 32).write(path)
+    evaluated(damaged, path)
+    (run,), (row,) = runs_of(client), runs_of(client, tracking.EXPERIMENT)
+    assert row.info.status == "FINISHED" and row.data.metrics == {"error": 0.5}
+    assert row.data.tags["stage.pretrain"] == run.info.run_id and "stage.ingest" not in row.data.tags
     assert capsys.readouterr().err.count("0.json") == 1
     client.delete_run(run.info.run_id)
-    paths[1].write_text(json.dumps(record | {"run_id": run.info.run_id}))
-    with tracking.stage_run("evaluate", row=True) as row:
-        row.stage(paths[1])
+    replace(RECORD, run_id=run.info.run_id).write(path)
+    evaluated(path)
     assert [made.info.run_id for made in runs_of(client)] != [run.info.run_id] and capsys.readouterr().err == ""
 
 
