@@ -1,4 +1,4 @@
-"""The number of threads: what other programs leave, what the user fixes, and what a continued training remembers."""
+"""The number of threads: by the load of other programs, fixed by the user, remembered by a continued training."""
 
 import os
 import sys
@@ -15,7 +15,7 @@ from tests.glove_data import CPU
 
 
 @pytest.fixture(autouse=True)
-def nothing_used():
+def no_threads_before():
     threads.used.clear()
 
 
@@ -25,12 +25,12 @@ def nothing_used():
         (2, 0.04, 2, 2),  # a quiet machine
         (2, 0.97, 2, 1),  # one busy program
         (2, 2.0, 2, 1),
-        (2, -0.01, 2, 2),  # of two clocks
+        (2, -0.01, 2, 2),  # two clocks disagree
         (64, 30.2, 64, 34),
         (64, 30.2, 2, 2),  # in a container that may use two
     ],
 )
-def test_expectedare_as_many_as_other_programs_leave_cores_for(cores, others, most, expected):
+def test_there_is_a_thread_for_each_core_that_other_programs_leave(cores, others, most, expected):
     assert threads.free_cores(cores, others, most) == expected
 
 
@@ -52,7 +52,7 @@ def test_the_number_follows_what_others_use_of_this_process_cores(monkeypatch):
         shares[:], own[:] = [100.0, 100.0, 100.0, 100.0], [100.0]  # two busy programs
         now[0] += 0.9
         hooks[0](None, (), {})
-        assert torch.get_num_threads() == 3  # looked at too lately
+        assert torch.get_num_threads() == 3  # the last measurement is too recent
         now[0] += 0.1
         hooks[0](None, (), {})
         assert torch.get_num_threads() == 1
@@ -61,14 +61,14 @@ def test_the_number_follows_what_others_use_of_this_process_cores(monkeypatch):
     assert limits == [3, 1] and threads.used == {1, 3}
 
 
-def test_a_number_that_is_fixed_stays_and_is_told(monkeypatch):
+def test_a_fixed_number_stays_and_is_recorded(monkeypatch):
     monkeypatch.setenv(threads.FIXED, "1")
-    monkeypatch.setattr(psutil, "cpu_percent", None)  # nothing is looked at
+    monkeypatch.setattr(psutil, "cpu_percent", None)  # nothing is measured
     threads.follow_load()
     assert threads.used == {torch.get_num_threads()}
 
 
-def test_a_training_goes_on_by_the_same_fixed_number_and_remembers_those_of_before(tmp_path, monkeypatch):
+def test_a_continued_training_has_the_same_fixed_number_and_remembers_earlier_ones(tmp_path, monkeypatch):
     threads.used.update({1, 2})
     save(tmp_path / "training.pt", {}, Progress(epoch=1))
     threads.used.clear()  # another process

@@ -21,7 +21,7 @@ def lengths(params, quick):
     return "Lengths.", [{"what": "a foot", "m": 0.1 if quick else 0.3048}], Figure()
 
 
-def test_text_table_and_picture_are_written_where_they_are_asked_for_and_a_mistake_is_one_line(tmp_path, monkeypatch):
+def test_text_table_and_picture_are_written_where_an_option_says_and_a_mistake_is_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     quick = CliRunner().invoke(lengths, ["--quick"])
@@ -37,7 +37,7 @@ def test_text_table_and_picture_are_written_where_they_are_asked_for_and_a_mista
     assert mistake.exit_code == 1 and mistake.output == "Error: views is 4; expected 8\n"
 
 
-def test_variants_take_turns_and_the_slower_one_is_found(monkeypatch):
+def test_variants_take_turns_and_the_ratio_is_the_median_of_the_rounds_ratios(monkeypatch):
     monkeypatch.setattr(command, "BLOCK", 1e-4)
     order = []
 
@@ -50,8 +50,5 @@ def test_variants_take_turns_and_the_slower_one_is_found(monkeypatch):
     changes = [name for name, before in zip(order, [None, *order], strict=False) if name != before]
     assert changes == ["fast", "plain"] * 3 and seconds["fast"].shape == (3,)
     assert (seconds["fast"] >= 1e-3).all() and (seconds["plain"] >= 2e-2).all()  # a sleep is never shorter
-
-
-def test_a_ratio_is_the_median_of_the_rounds_ratios():
     seconds, other = np.array([2.5, 2.0, 3.0]), np.array([0.5, 1.0, 2.0])
     assert median_ratio(seconds, other) == pytest.approx(2.0)  # of 5, 2, 1.5; of the medians it is 2.5

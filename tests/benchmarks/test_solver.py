@@ -34,19 +34,16 @@ def test_a_method_fails_where_the_equation_is_stiff_or_after_too_many_evaluation
         integrate_with_scipy("BDF", mechanics, 0, y[0], 1, FRAME, rtol=1e-6, max_evaluations=5)
 
 
-def test_the_stiffness_of_free_joints_is_spring_over_damping():
+def test_the_stiffness_of_free_joints_is_spring_over_damping_and_an_error_the_median_of_pressed_recordings():
     mechanics = free_finger(joint_damping=0.05)
-    states = np.tile([0.2] * 10 + [0, 0, 0.5], (1, 1, 1))
     mechanics.damping[10:] = 1e9  # the object's part vanishes
+    states = np.tile([0.2] * 10 + [0, 0, 0.5], (1, 1, 1))
     assert stiffness(mechanics, states, FRAME) == pytest.approx(JOINT.max() / 0.05 * FRAME)
-
-
-def test_relative_error_is_the_median_of_recordings_that_are_pressed():
     pressure = np.zeros((4, 2, 3))
     pressure[1:, 0, 0] = 2.0
-    off = pressure.copy()
-    off[1:, 1, 1] = [0.2, 0.4, 2.0]
-    assert solver.relative_error(off, pressure) == pytest.approx(0.2)
+    wrong = pressure.copy()
+    wrong[1:, 1, 1] = [0.2, 0.4, 2.0]
+    assert solver.relative_error(wrong, pressure) == pytest.approx(0.2)
 
 
 def test_a_quick_run_has_a_row_for_each_method_of_a_ball_and_a_coin_and_failures_their_reason(tmp_path, monkeypatch):

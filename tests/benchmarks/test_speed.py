@@ -42,7 +42,7 @@ def test_a_fast_path_that_answers_otherwise_is_refused(monkeypatch):
         plain.agreement(trained(), frames, sets)
 
 
-def test_the_sample_is_some_anchors_of_each_class_on_each_side_spread_over_its_recordings():
+def test_the_sample_has_anchors_of_each_class_on_each_side_from_all_its_recordings():
     small = anchors_of(table(), 20)
     assert small.anchor.all() and len(small.grasp) == len(small)
     for side in (TRAIN, TEST):
@@ -51,7 +51,7 @@ def test_the_sample_is_some_anchors_of_each_class_on_each_side_spread_over_its_r
         assert set(small.recording[on]) == set(table().recording[table().anchor & (table().side == side)])
 
 
-def test_a_quick_run_whose_variants_take_a_second_has_the_units_of_work_as_rates(tmp_path, monkeypatch):
+def test_in_a_quick_run_whose_variants_take_a_second_rates_are_units_of_work(tmp_path, monkeypatch):
     def called(variants, rounds):
         for variant in variants.values():
             variant()
