@@ -12,5 +12,5 @@ def test_each_variant_lacks_its_effect_the_last_one_all_and_a_row_has_the_median
     left_out = {name: frozenset(EFFECTS) - variant.effects for name, variant in variants.items()}
     assert left_out == {"nothing": set(), **{name: {name} for name in READING}, "all 7": set(READING)}
     whole, without = rows_of("reading", {"nothing": np.array([1.0, 2, 4]), "noise": np.array([0.5, 1.5, 1])}, 44)
-    assert (whole["left out"], whole["seconds"], whole["against all"], whole["frames a second"]) == ("nothing", 2, 1, 22)
+    assert whole == {"part": "reading", "left out": "nothing", "seconds": 2, "against all": 1, "frames a second": 22}
     assert (without["seconds"], without["against all"], without["frames a second"]) == (1, 0.5, 44)

@@ -36,8 +36,8 @@ def test_the_residual_is_the_slope_of_the_energy(motion):
     mechanics, y = gripping_hands(motion=motion)
     balance = balanced(mechanics, y)
     on_palm = balance.contacts.patch >= LINK_PATCHES
-    for held in (0, 1, 4):
-        assert {False, True} == set(on_palm[balance.contacts.row == held])  # fingers and palm
+    for row in (0, 1, 4):
+        assert {False, True} == set(on_palm[balance.contacts.row == row])  # fingers and palm
     step = 1e-7
     for unknown in range(mechanics.size):
         ahead, behind = y.copy(), y.copy()
@@ -80,8 +80,8 @@ def test_the_change_of_the_forces_is_that_of_a_small_step(motion):
     dy = 1e-7 * np.random.default_rng(0).normal(size=y.shape)
     after = balanced(mechanics, y + dy)
     np.testing.assert_array_equal(after.contacts.sensor, balance.contacts.sensor)
-    found = mechanics.force_change(balance, np.arange(len(y)), dy)
-    np.testing.assert_allclose(found, after.force - balance.force, atol=1e-3 * np.abs(found).max())
+    change = mechanics.force_change(balance, np.arange(len(y)), dy)
+    np.testing.assert_allclose(change, after.force - balance.force, atol=1e-3 * np.abs(change).max())
 
 
 @pytest.mark.parametrize("palm", [True, False])
@@ -91,7 +91,7 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
     hands, shapes, rows = mechanics.hands, mechanics.solids, np.array([2, 0, 5, 4, 1, 3])
     pose = hands.pose(rows, y[rows, :10].reshape(-1, 5, 2), mechanics.drive.opposition[rows, 0])
     rotation = Rotation.from_rotvec(mechanics.drive.rotation[rows, 0]).as_matrix()
-    found = collisions(hands, shapes, rows, pose, y[rows, 10:], rotation, palm=palm)
+    contacts = collisions(hands, shapes, rows, pose, y[rows, 10:], rotation, palm=palm)
     naive, one = [], np.zeros(1, dtype=int)
     for r, row in enumerate(rows):
         fit = replace(stag_hand(), local=hands.local[row])
@@ -106,10 +106,10 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
                     naive.append((r, s, fit.patch[s], depth, *slope, *places[s]))
     naive = np.array(naive)
     assert len(naive) > 50
-    np.testing.assert_array_equal(np.stack([found.row, found.sensor, found.patch], axis=1), naive[:, :3])
-    np.testing.assert_allclose(found.depth, naive[:, 3], atol=1e-15)
-    np.testing.assert_allclose(found.normal, naive[:, 4:7], atol=1e-12)
-    np.testing.assert_allclose(found.point, naive[:, 7:], atol=1e-15)
+    np.testing.assert_array_equal(np.stack([contacts.row, contacts.sensor, contacts.patch], axis=1), naive[:, :3])
+    np.testing.assert_allclose(contacts.depth, naive[:, 3], atol=1e-15)
+    np.testing.assert_allclose(contacts.normal, naive[:, 4:7], atol=1e-12)
+    np.testing.assert_allclose(contacts.point, naive[:, 7:], atol=1e-15)
 
 
 def test_facing_is_the_cosine_between_the_skin_and_the_pressure():
@@ -147,12 +147,12 @@ def test_finer_beds_come_ever_closer_to_the_closed_form():
         away = np.linalg.norm(balance.contacts.point[:, :2] - aside[row], axis=1)
         furthest = np.array([away[row == one].max() for one in range(16)])
         assert (np.abs(furthest - edge) < pitch).all()
-        found = np.stack([
+        shares = np.stack([
             np.bincount(row, -balance.force * balance.contacts.normal[:, 2]) / load,
             np.bincount(row, balance.force) / total,
             np.sqrt(np.bincount(row) / np.pi) * pitch / edge,  # the radius of a disc of the same area
         ])  # fmt: skip
-        errors.append(np.sqrt(((found - 1) ** 2).mean(axis=1)))
+        errors.append(np.sqrt(((shares - 1) ** 2).mean(axis=1)))
     assert (np.array(errors[0]) < 0.05).all() and (np.array(errors[-1]) < 1e-3).all()
     assert (np.diff(errors, axis=0) < 0).all()
 

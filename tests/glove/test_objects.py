@@ -1,7 +1,5 @@
 """The objects: their extents, and how a user names or describes others."""
 
-import re
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,7 +13,7 @@ CUP = {"name": "cup", "weight": 90, "stiffness": 1e9, "parts": [{"tube": TUBE}]}
 NAN = float("nan")
 
 
-def test_how_low_an_object_reaches_by_hand():
+def test_the_lowest_point_of_an_object_by_hand():
     upright, quarter = np.eye(3), Rotation.from_rotvec([0, np.pi / 2, 0]).as_matrix()  # x to -z
     one = GraspObject("one", 1, 1e9, (box(2, 4, 6),))
     assert one.lowest(upright) == pytest.approx(3) and one.lowest(quarter) == pytest.approx(1)
@@ -43,7 +41,7 @@ def test_names_and_descriptions_make_objects_in_their_order_after_the_empty_hand
     [
         (["empty_hand"], "no object besides the empty hand"),
         (["mugg"], "unknown object 'mugg'; did you mean mug?"),
-        (["xylophone"], "unknown object 'xylophone'; did you mean empty_hand or allen_key_set or ball or"),
+        (["xylophone"], "empty_hand or allen_key_set or ball"),
         (["tape", "ball", "tape"], "object tape: "),
         ([CUP | {"name": "empty_hand"}], "object empty_hand: "),
         ([CUP | {"parts": []}], "object cup: "),
@@ -54,21 +52,28 @@ def test_names_and_descriptions_make_objects_in_their_order_after_the_empty_hand
         ([CUP | {"weight": 1e30}], "object 'cup': weight: "),
         ([CUP | {"position": [0, 0, NAN]}], "object 'cup': position: "),
         ([CUP | {"orientation": [1e30, 0, 0]}], "object 'cup': orientation: "),
-        ([CUP | {"parts": [{"cone": {"radius": 1}}]}], "expected one of sphere, box,"),
-        ([CUP | {"parts": [{"sphere": {"radius": 1}, "box": {}}]}], "expected one of sphere, box,"),
-        ([CUP | {"parts": [{"box": {"x": "wide", "y": 1, "z": 1}}]}], "expected one of sphere, box,"),
-        ([CUP | {"parts": [{"sphere": {"radius": 1e30}}]}], "in {'sphere': {'radius': 1e+30}}"),
-        ([CUP | {"parts": [{"sphere": {"radius": -1}}]}], "in {'sphere': {'radius': -1}}"),
-        ([CUP | {"parts": [{"sphere": {"radius": 1, "offset": 1}}]}], "offset: "),
-        ([CUP | {"parts": [{"box": {"x": -1, "y": 1, "z": 1}}]}], "box side is -1 m; expected 0 or more"),
-        ([CUP | {"parts": [{}]}], "expected one of sphere, box,"),
-        ([CUP | {"parts": [{"sphere": {"radius": 0}}]}], "thinner than 1e-05 m"),
-        ([CUP | {"parts": [{"sphere": {"radius": 0.02, "cut": [0, 0, 0, 1]}}]}], "a cut without a direction"),
-        ([CUP | {"parts": [{"tube": TUBE | {"round": 0.003}}]}], "tube wall is 0.004 m, rounded by 0.003 m"),
-        ([CUP | {"parts": [{"tube": TUBE | {"inner": 0.05}}]}], "inner radius 0.05 m"),
+        *(
+            ([CUP | {"parts": [part]}], f"expected one of sphere, box,|{word}")
+            for part, word in (
+                ({}, "{}"),
+                ({"cone": {"radius": 1}}, "cone"),
+                ({"sphere": {"radius": 1}, "box": {}}, "box"),
+                ({"box": {"x": "wide", "y": 1, "z": 1}}, "wide"),
+                ({"sphere": {"radius": 1e30}}, "1e+30"),
+                ({"sphere": {"radius": -1}}, "-1"),
+                ({"sphere": {"radius": 1, "offset": 1}}, "offset: "),
+                ({"sphere": {"radius": 1, "colour": 1}}, "colour: "),
+                ({"box": {"x": -1, "y": 1, "z": 1}}, "box side is -1 m"),
+                ({"sphere": {"radius": 0}}, "thinner than 1e-05 m"),
+                ({"sphere": {"radius": 0.02, "cut": [0, 0, 0, 1]}}, "a cut without a direction"),
+                ({"tube": TUBE | {"round": 0.003}}, "tube wall is 0.004 m, rounded by 0.003 m"),
+                ({"tube": TUBE | {"inner": 0.05}}, "inner radius 0.05 m"),
+            )
+        ),
     ],
 )
-def test_no_object_is_refused_in_a_line_that_names_it(entries, named):
-    with pytest.raises(UserError, match=re.escape(named)) as refusal:
+def test_a_mistake_in_a_list_of_objects_is_refused_in_a_line_that_names_it(entries, named):
+    with pytest.raises(UserError) as refusal:
         select_objects(entries)
-    assert "\n" not in str(refusal.value)
+    line = str(refusal.value)
+    assert [word for word in named.split("|") if word not in line] == [] and "\n" not in line
