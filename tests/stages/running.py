@@ -1,4 +1,4 @@
-"""Stages run as their command line runs them, in this process."""
+"""Stages run from their command line, in this process; programs run in a folder."""
 
 import os
 import re
@@ -14,12 +14,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
+import yaml
+
 from tests.glove_data import ROOT
-from tests.stag_files import save_matlab5
 
 
 def sh(*words, cwd, **variables):
-    """What a command prints, without this session's settings of DVC and MLflow."""
+    """The output of a command, without this session's settings of DVC and MLflow."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_"))}
     environment |= {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | variables
     done = subprocess.run(list(map(str, words)), cwd=cwd, env=environment, capture_output=True, text=True, check=False)
@@ -33,7 +34,7 @@ def ran(output) -> list[str]:
 
 
 def copy_pipeline(place) -> None:
-    """What DVC needs of this repository, but for params.yaml."""
+    """The files of this repository that DVC needs, but for params.yaml."""
     for name in ("stages", "tactile_viewgcn"):
         shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
     (place / "data" / "virtual").mkdir(parents=True)
@@ -41,13 +42,20 @@ def copy_pipeline(place) -> None:
         shutil.copy(ROOT / name, place / name)
 
 
+def set_params(place, section, **values) -> None:
+    """Put values into a section of params.yaml."""
+    tree = yaml.safe_load((place / "params.yaml").read_text())
+    tree[section] |= values
+    (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+
+
 def run_stage(name, *words, cwd):
-    """A stage as its command line runs it, in this process: exit code and what it prints."""
+    """A stage from its command line, in this process: exit code and output."""
     return captured(lambda: runpy.run_path(str(ROOT / "stages" / f"{name}.py"), run_name="__main__"), *words, cwd=cwd)
 
 
 def captured(call, *words, cwd):
-    """A call that reads these words from the command line: exit code and what it prints."""
+    """A call that reads these words from the command line: exit code and output."""
     before, code, out, err = signal.getsignal(signal.SIGTERM), 0, StringIO(), StringIO()
     with ExitStack() as stack:
         stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": "disabled", "DVC_ROOT": str(cwd)}))
@@ -78,17 +86,6 @@ def refused(result) -> str:
     return lines[0]
 
 
-def ingest(place, tree=None, source="metadata.mat"):
-    if tree is not None:
-        save_matlab5(place / source, tree)
-    words = ("--out", "recordings.h5", "--record", "ingest.json")
-    return run_stage("ingest", *words, *changed(f"data.source={source}"), cwd=place)
-
-
-def preprocess(place, *changes):
-    outputs = ("--out", "frames.h5", "--kept", "kept.csv", "--record", "preprocess.json")
-    return run_stage("preprocess", "--recordings", "recordings.h5", *outputs, *changed(*changes), cwd=place)
-
-
 def left(place) -> set[str]:
+    """Names of the files that stages have written into a folder."""
     return {path.name for path in place.iterdir()} - {"params.yaml", "metadata.mat", "recordings.h5", "ingest.json"}

@@ -1,0 +1,202 @@
+"""The stages simulate, ingest, preprocess and needs at their command line: what they read, record and refuse."""
+
+import os
+import shutil
+import subprocess
+import sys
+from typing import get_args
+
+import numpy as np
+import pytest
+import yaml
+
+from tactile_viewgcn.files import md5
+from tactile_viewgcn.provenance import Record
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.systems import System
+from tactile_viewgcn.tables.frames import write_frames
+from tactile_viewgcn.tables.views import read_views
+from tests.glove_data import ROOT, SMALL, fewer_anchors, table
+from tests.readers.files import save
+from tests.stag_files import metadata, save_matlab5
+from tests.stages.running import changed, copy_pipeline, left, ran, refused, run_stage, set_params, sh
+
+GLOVE = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}  # the smallest
+LEFT_OUT = "pretrain: left out, model.system does not need it\n"
+
+
+def ingest(place, tree=None):
+    if tree is not None:
+        save_matlab5(place / "metadata.mat", tree)
+    words = ("--out", "recordings.h5", "--record", "ingest.json", *changed("data.source=metadata.mat"))
+    return run_stage("ingest", *words, cwd=place)
+
+
+def preprocess(place, *changes):
+    outputs = ("--out", "frames.h5", "--kept", "kept.csv", "--record", "preprocess.json")
+    return run_stage("preprocess", "--recordings", "recordings.h5", *outputs, *changed(*changes), cwd=place)
+
+
+def simulate(place, *changes):
+    set_params(place, "glove", **GLOVE)
+    return run_stage("simulate", "--out", "made", "--record", "simulate.json", *changed(*changes), cwd=place)
+
+
+def needs_of(system, place):
+    """The output of the stage `needs`, and the file that it writes."""
+    result = run_stage("needs", *changed(f"model.system={system}"), "--out", "needs.json", cwd=place)
+    assert result.returncode == 0, result.stderr
+    return result.stdout, (place / "needs.json").read_text()
+
+
+def repro(place):
+    """The stages that `dvc repro ingest` runs, and its output."""
+    output = sh("dvc", "repro", "ingest", cwd=place, MLFLOW_TRACKING_URI="disabled", DVC_NO_ANALYTICS="1")
+    return ran(output), output
+
+
+def test_the_glove_s_recordings_are_written_with_a_record(place):
+    result = simulate(place)
+    assert result.returncode == 0, result.stderr
+    assert "100 simulated frames of 4 recordings, virtual glove version" in result.stdout
+    source = open_source(place / "made")
+    assert source.objects == ["empty_hand", "ball"] and source.sessions == ["000", "001"]
+    record = Record.read(place / "simulate.json")
+    assert (record.stage, record.counts["frames"]) == ("simulate", 100) and record.seconds > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ("glove.objects=[{name: cup, weight: 90, stiffness: 1e9, parts: [{sphere: {radius: 0}}]}]", "'cup'"),
+        ("views=abc", "(got 'abc')"),  # parameters of later stages
+        ("model.neighbours=[3,3]", "model.neighbours"),
+    ],
+)
+def test_a_mistake_ends_in_one_line_before_anything_is_simulated(place, change, word):
+    assert word in refused(simulate(place, change))
+    assert [path.name for path in place.iterdir()] == ["params.yaml"]
+
+
+@pytest.mark.slow
+def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_else(place):
+    copy_pipeline(place)
+    set_params(place, "glove", **GLOVE)
+    sh("git", "init", "-q", cwd=place)
+    sh("dvc", "init", "-q", cwd=place)
+    assert repro(place)[0] == ["simulate", "ingest"]
+    assert open_source(place / "data" / "virtual" / "recordings").objects == ["empty_hand", "ball"]
+    assert (place / "runs" / "simulate.json").is_file()
+    assert repro(place)[0] == []
+    status = sh("git", "status", "--porcelain", "-uall", cwd=place)
+    kept = {line[3:] for line in status.splitlines()}
+    assert not any(name.startswith("data/virtual/recordings") or name.endswith(".h5") for name in kept)
+    assert "data/virtual/dvc.lock" in kept  # git does not ignore it
+    shutil.copytree(place / "data" / "virtual" / "recordings", place / "own")
+    set_params(place, "data", source="own")
+    set_params(place, "glove", seed=1)
+    assert repro(place)[0] == ["ingest"]
+    set_params(place, "data", source="data/virtual/recordings")
+    assert repro(place)[0] == ["simulate", "ingest"]
+
+
+def test_dvc_hands_on_a_source_whatever_letters_its_path_has_and_the_layout_of_arrays(place):
+    copy_pipeline(place)
+    save(place / (name := 'it\'s a "b" `c` $HOME & ${seed};#*') / "mug" / "1.npy", np.arange(24).reshape(4, 6))
+    set_params(place, "data", source=name, shape=[2, 3])
+    (place / ".dvc").mkdir()
+    shutil.copy(ROOT / ".dvc" / "config", place / ".dvc")
+    (place / ".dvc" / "config.local").write_text("[core]\n    no_scm = true\n")
+    assert "4 frames of 2 x 3" in repro(place)[1]
+    locked = yaml.safe_load((place / "dvc.lock").read_text())["stages"]["ingest"]["deps"]
+    assert name in {dep["path"] for dep in locked}
+
+
+def test_a_run_leaves_its_record(place):
+    result = ingest(place, metadata(objects=3, frames=10))
+    assert "90 frames of 32 x 32, 548 sensors, 3 objects, 9 recordings, 1 session\n" in result.stdout, result.stderr
+    record = Record.read(place / "ingest.json")
+    assert (record.stage, record.counts["frames"]) == ("ingest", 90) and record.seconds > 0 and record.peak_mb > 10
+    assert record.inputs == {"source": {"path": "metadata.mat", "md5": md5(place / "metadata.mat")}}
+    assert record.tags["md5.source"] == md5(place / "metadata.mat")
+    assert record.params["values"] == {"data.source": "metadata.mat", "data.shape": "auto"}
+    assert record.origin["python"].startswith("3.") and int(record.origin["cores"]) >= 1
+
+
+def test_bad_and_missing_files_are_refused_in_one_line_and_nothing_is_written(place):
+    assert "metadata.mat: no such file or folder" in refused(ingest(place))
+    tree = metadata(objects=3, frames=10)
+    pressure = np.where(tree["frame"][:, :, None] == 3, np.nan, tree["pressure"])
+    assert "pressure of frame 3 of recording " in refused(ingest(place, tree | {"pressure": pressure}))
+    assert left(place) == set() and not (place / "recordings.h5").exists()
+    ingest(place, tree | {"splitId": np.ones_like(tree["splitId"])})
+    assert "the train side of split.by source" in refused(preprocess(place)) and left(place) == set()
+
+
+def test_the_record_has_the_choices_of_auto_beside_the_parameters(place):
+    ingest(place, metadata(objects=3, frames=30, blank=8))
+    result = preprocess(place, "preprocess.contact_sensors=14")
+    record = Record.read(place / "preprocess.json")
+    values, counts = record.params["values"], record.counts
+    assert (values["preprocess.baseline"], counts["resolved.preprocess.baseline"]) == ("auto", "empty_hand")
+    assert (values["preprocess.filter"], counts["resolved.preprocess.filter"]) == ("auto", "flags")
+    assert "resolved.preprocess.contact_sensors" not in counts and counts["classes"] == 3
+    assert "  preprocess.baseline empty_hand: " in result.stdout
+    assert "preprocess.scale" in {note.key for note in record.notes}
+    assert "leak check" in {note.topic for note in record.notes}
+
+
+def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
+    networks = set(get_args(System)) - {"sensors"}
+    assert {needs_of(name, place)[1] for name in networks} == {'{"cluster": true, "pretrain": true}\n'}
+    assert needs_of("sensors", place)[1] == '{"cluster": false, "pretrain": false}\n'
+
+
+IMPORTS = """
+import runpy, sys
+
+runpy.run_module("stages.pretrain", run_name="__main__")
+print("imported", *{"torch", "mlflow", "sklearn", "scipy"} & set(sys.modules))
+"""
+
+
+def test_a_pretraining_that_is_left_out_loads_no_torch_and_makes_no_run_but_a_record(place):
+    (place / "frames.h5").write_text("not opened")
+    needs_of("sensors", place)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place)}
+    files = ("--needs", "needs.json", "--frames", "frames.h5", "--out", "backbone.pt", "--record", "pretrain.json")
+    run = [sys.executable, "-c", IMPORTS, *files]
+    done = subprocess.run(run, check=False, env=environment, cwd=place, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert LEFT_OUT in done.stdout and (place / "backbone.pt").read_text() == LEFT_OUT
+    assert done.stdout.split("imported")[1].split() == []
+    record = Record.read(place / "pretrain.json")
+    assert (record.stage, record.run_id, record.counts) == ("pretrain", None, {}) and not record.needed
+    assert record.seconds > 0 and set(record.inputs) == {"needs", "frames"}
+
+
+@pytest.mark.parametrize(("system", "fitted"), [("sensors", True), ("mean", False)])
+def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_and_no_other(place, system, fitted):
+    write_frames(place / "frames.h5", fewer_anchors(table(), 4))
+    (place / "backbone.pt").write_text(LEFT_OUT)
+    words = ("--frames", "frames.h5", *changed(*SMALL, "precision=float32", "device=cpu", f"model.system={system}"))
+    needs_of(system, place)
+    result = run_stage("cluster", "--needs", "needs.json", *words, "--out", "views.h5", cwd=place)
+    assert ("cluster: left out" in result.stdout) == fitted, result.stderr
+    assert read_views(place / "views.h5").clustered != fitted
+    files = ("--views", "views.h5", "--backbone", "backbone.pt", "--out", "classifier.pt")
+    result = run_stage("finetune", *words, *files, "--record", "finetune.json", cwd=place)
+    assert (place / "classifier.pt").exists() == fitted
+    if not fitted:
+        assert "backbone.pt: damaged" in refused(result)
+        return
+    assert "finetune: kernel + max_kernel fitted in " in result.stdout
+    counts = Record.read(place / "finetune.json").counts
+    assert (counts["weights.head"], counts["resolved.model.members"]) == (0, "kernel + max_kernel")
+    assert counts["threads.most"] >= counts["threads.fewest"] >= 1
+
+
+def test_a_launcher_that_starts_nothing_is_refused_before_the_trainings(place):
+    launcher = changed("launcher=OMP_NUM_THREADS=2 torchrn -m")
+    line = refused(run_stage("needs", *launcher, "--out", "needs.json", cwd=place))
+    assert "launcher" in line and "'torchrn'" in line and not (place / "needs.json").exists()
