@@ -30,7 +30,7 @@ def cluster(job: Job, needs: Path, frames: Path, out: Path) -> None:
     else:
         click.echo(f"cluster: {several(pools, 'pool')} in {several(count, 'cluster')} each")
     if empty and job.needed:
-        text = f"{empty} of {several(pools * count, 'view')}: no frame of its own, so one of its pool's is repeated"
+        text = f"{empty} of {several(pools * count, 'view')}: no frame in the cluster, so one of its pool is repeated"
         job.note(Note(text, topic="clusters"))
     write_views(out, views)
     job.counts = {"pools": pools, "empty_clusters": empty}

@@ -22,7 +22,7 @@ from tactile_viewgcn.training.distributed import process_group
 
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> None:
     params, table, clusters, compute = job.params, read_frames(frames), read_views(views), job.compute()
-    alone, pretrained = on_sensors(params.model.system), {}  # one process fits it
+    alone, pretrained = on_sensors(params.model.system), {}  # then one process fits it
     if alone and rank():
         return
     if not alone:

@@ -1,4 +1,4 @@
-"""Check the launcher, and say which stages the system needs: one on the sensors needs no clusters and no backbone."""
+"""Check the launcher, and write which stages the system needs: one on the sensors needs no clusters and no backbone."""
 
 import json
 import shutil
@@ -19,7 +19,7 @@ def needs(job: Job, out: Path) -> None:
         expected = "expected python -m, or torchrun --standalone ... -m"
         raise UserError(f"launcher: no program {program!r} here; {expected}")
     network = not on_sensors(system)
-    with atomic_write(out) as part:  # the same for all systems with a backbone
+    with atomic_write(out) as part:  # equal bytes for all systems with a backbone
         part.write_text(json.dumps({"cluster": network, "pretrain": network}) + "\n")
     click.echo(f"needs: {system} needs {'clusters and a' if network else 'no clusters and no'} pretrained backbone")
 

@@ -1,4 +1,4 @@
-"""What the pipelines' dvc.yaml say of a stage: the code that it uses, and the parameters that it reads."""
+"""The entries of stages in dvc.yaml: the code that a stage uses, and the parameters that it reads."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,7 +23,7 @@ def stages() -> dict[str, dict[str, Any]]:
 
 
 def code_of(entry: dict[str, Any], system: str = "*") -> list[bytes]:
-    """The contents of all Python files that the `deps` of a stage name, with those of one system or of all."""
+    """The contents of all Python files that the `deps` of a stage name, for one system or for all."""
     files: list[Path] = []
     for dep in entry["deps"]:
         if dep.startswith(CODE):
@@ -33,7 +33,7 @@ def code_of(entry: dict[str, Any], system: str = "*") -> list[bytes]:
 
 
 def params_of(entry: dict[str, Any], params: Params) -> Any:
-    """The keys and sections that a stage reads; of a section of which it reads parts, those parts."""
+    """The sections and keys that a stage reads; a section is cut to the keys that it reads."""
     only = SimpleNamespace()
     for key in entry["params"]:
         section, _, part = key.partition(".")

@@ -21,8 +21,8 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     made = preprocess_recordings(table, job.params.preprocess, job.params.split)
     frames, choice, notes = made.frames, made.choice, made.notes
     if choice.hand:
-        advised = choice.params.baseline != "grasp" and not choice.leaks  # `auto` took the one that leaks least
-        leak = check_leak(table, choice.baseline, choice.hand, made.sides.group)  # of both sides: nothing is chosen
+        advised = choice.params.baseline != "grasp" and not choice.leaks  # else `auto` took the one that leaks least
+        leak = check_leak(table, choice.baseline, choice.hand, made.sides.group)  # both sides: it chooses nothing
         notes = [*notes, *leak_notes(leak, advised=advised)]
     write_frames(out, frames)
     rows = kept_rows(table, made)

@@ -1,4 +1,4 @@
-"""Train the modified ResNet-18 from scratch to tell objects by single frames."""
+"""Train the modified ResNet-18 from scratch to recognise objects from single frames."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> None:
 
 
 def _pretrain(job: Job, frames: Path, out: Path) -> None:
-    import torch  # here: where this stage is left out, nothing loads it
+    import torch  # here, since a stage that is left out loads no torch
 
     from tactile_viewgcn.training.checkpoint import training_checkpoint
     from tactile_viewgcn.training.distributed import process_group

@@ -1,1 +1,1 @@
-"""Studies: a YAML file a question, run as DVC experiments by `python -m studies NAME`."""
+"""Studies: a YAML file for each question, run as DVC experiments by `python -m studies NAME`."""

@@ -17,8 +17,8 @@ from tactile_viewgcn.notes import several
 @click.argument("name", required=False)
 @click.option("--jobs", type=int, default=1, show_default=True, help="Cells at once on this machine.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask's scheduler, tcp://HOST:8786: its workers run the cells.")
-@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Put on top of every cell; needs --out.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results, not its own.")
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Change a key of every cell; needs --out.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
 @click.option("--quick", is_flag=True, help="A rehearsal: few cells on tiny data, into studies/.quick/NAME.")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def main(
@@ -30,7 +30,7 @@ def main(
     quick: bool,
     debug: bool,
 ) -> None:
-    """Run the study NAME, or go on where it was stopped; without NAME, list all studies."""
+    """Run the cells of the study NAME that are missing; without NAME, list all studies."""
     try:
         if jobs < 1:
             raise UserError(f"--jobs is {jobs}; expected 1 or more cells at once")
@@ -49,7 +49,7 @@ def main(
 
 
 def list_studies() -> None:
-    """A line for each study: cells, what they take one after the other, and the question."""
+    """Print a line for each study: number of cells, estimated time one after the other, and question."""
     print(f"{'study':<15} {'cells':>5}  {'estimate':<13}  question")
     code = code_of_stages()
     for study in map(read_study, names()):
@@ -68,12 +68,12 @@ def run(
     changes: tuple[str, ...] = (),
     out: Path | None = None,
 ) -> None:
-    """Run the cells that are missing, then write the report of all that are there; see the options of `main`.
+    """Run the cells that are missing, then write the report of all finished ones; arguments are the options of `main`.
 
     Raises:
         UserError: a cell's parameters are wrong, two cells are the same training, or cells failed.
     """
-    from studies.report import write_report  # late: it draws
+    from studies.report import write_report  # here, since it loads Matplotlib
 
     if quick:
         print(f"{study.name}: a rehearsal on tiny data; its figures mean nothing")

@@ -1,4 +1,4 @@
-"""The results of finished cells, kept by what they depend on, so that none runs twice."""
+"""The results of finished cells, stored by a hash of everything they depend on, so that no cell runs twice."""
 
 import hashlib
 import json
@@ -29,27 +29,27 @@ class Answers:
     cell: Cell
     predictions: Predictions
     costs: dict[str, float]  # by the names in `grid.COLUMNS`
-    sequential: dict[str, Any] | None = None  # see `evaluate.sequential_scores`; with `by_views` of `recording`
+    sequential: dict[str, Any] | None = None  # of metrics.json, with `by_views` of `recording`
 
 
 def key_of(cell: Cell, code: str) -> str:
-    """16 hexadecimal digits of all that the cell's results depend on: parameters, code and the data's source.
+    """16 hexadecimal digits of a hash of everything the cell's results depend on: parameters, code and data source.
 
     Raises:
         UserError: the cell's parameters are wrong.
     """
     params, content = flatten(load("params.yaml", cell.changes, f"variant {cell.variant}")), ""
-    if params["data.source"] != VIRTUAL:  # which its parameters describe; files may lie elsewhere on another machine
+    if params["data.source"] != VIRTUAL:  # files may have a different place on each machine
         content = content_of(params.pop("data.source"))
     return hashlib.sha256(repr((sorted(params.items()), code, content)).encode()).hexdigest()[:16]
 
 
 def content_of(source: str) -> str:
-    """md5 of a source, computed again once a file in it has another size or time."""
+    """md5 of a source, computed again when the size or time of a file in it has changed."""
     if not Path(source).exists():
-        raise UserError(f"data.source is {source}; expected a file or folder that is there")
+        raise UserError(f"data.source is {source}; expected an existing file or folder")
     paths = [Path(source), *Path(source).rglob("*")]
-    files = [path for path in paths if path.is_file() and path.suffix != VIDEO_SUFFIX]  # as `md5` takes them
+    files = [path for path in paths if path.is_file() and path.suffix != VIDEO_SUFFIX]  # the files of `md5`
     return _md5(source, frozenset((path, path.stat().st_size, path.stat().st_mtime_ns) for path in files))
 
 
@@ -77,7 +77,7 @@ def stored(key: str) -> bool:
 
 
 def seconds_per_cell(keys: Iterable[str]) -> float | None:
-    """Median over the finished ones of these cells; without any, of the pipeline's last run, or None."""
+    """Median time of these cells that are finished; without any, the time of the pipeline's last run, or None."""
     timings = [STORE / key / "timing.json" for key in keys if stored(key)] or [LAST] * LAST.exists()
     return median(json.loads(path.read_text())["seconds"]["total"] for path in timings) if timings else None
 

@@ -1,4 +1,4 @@
-"""The variants of a study compared: errors with intervals, paired differences to the references, costs, power."""
+"""Comparison of a study's variants: errors with intervals, paired differences to the references, costs, power."""
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from tactile_viewgcn.intervals import group_interval, proportion_interval
 from tactile_viewgcn.notes import several
 
 MIN_SEEDS = 3  # for an interval over trainings
-ENOUGH = 5.0  # points that a study is to be able to see
-WEIGHTINGS = ("frame", "group")  # what counts once: each anchor, or each split group with the mean of its anchors
+ENOUGH = 5.0  # points: largest acceptable value of the smallest difference that a study detects
+WEIGHTINGS = ("frame", "group")  # the unit that counts once: an anchor, or a split group with the mean of its anchors
 Training = tuple[int, int]  # seed and deal
 
 
 @dataclass(frozen=True)
 class Variant:
-    """All trainings of one variant: by seed and deal, its cells fold by fold.
+    """All trainings of one variant: the cells of all folds, by seed and deal.
 
     Arrays over anchors, (A,), have folds and deals side by side.
     """
@@ -33,7 +33,7 @@ class Variant:
     trainings: dict[Training, list[Answers]]
 
     def tested(self, among: Collection[Training]) -> np.ndarray:
-        """(2, A) names of the anchors' recordings and split groups, of these trainings.
+        """(2, A) names of the recordings and split groups of the anchors on which these trainings were tested.
 
         Raises:
             UserError: trainings on the same deal were tested on different anchors.
@@ -44,27 +44,27 @@ class Variant:
         return np.hstack([deal[0] for deal in deals])
 
     def wrong(self, protocol: str, among: Collection[Training]) -> np.ndarray:
-        """(A,) share of seeds and trials that were wrong, of these trainings."""
+        """(A,) share of wrong answers over seeds and trials of these trainings."""
         deals = self._by_deal(among, lambda fold: 1 - (fold.predicted[protocol] == fold.labels).mean(axis=0))
         return np.hstack([np.mean(deal, axis=0) for deal in deals])
 
     def _by_deal(
         self, among: Collection[Training], values: Callable[[Predictions], np.ndarray]
     ) -> list[list[np.ndarray]]:
-        """Of each deal the `values` of its trainings, folds side by side."""
+        """For each deal the `values` of its trainings, folds side by side."""
         deals: dict[int, list[np.ndarray]] = {deal: [] for deal in sorted(deal for _, deal in among)}
         for seed, deal in sorted(among):
             deals[deal].append(np.hstack([values(each.predictions) for each in self.trainings[seed, deal]]))
         return list(deals.values())
 
     def cost(self, name: str) -> float:
-        """The least over the trainings: of seconds summed over the folds, of everything else in the hungriest one."""
+        """The least over the trainings, of a cost that is summed over folds (seconds) or the largest of all folds."""
         total = sum if name.endswith(" s") else max
         return float(min(total(each.costs[name] for each in folds) for folds in self.trainings.values()))
 
 
 def pooled(answers: Iterable[Answers]) -> list[Variant]:
-    """The variants in the order of their appearance; trainings that lack a fold are left out.
+    """The variants in the order of their appearance, without trainings that lack a fold.
 
     Raises:
         UserError: no training has all folds.
@@ -87,14 +87,14 @@ def pooled(answers: Iterable[Answers]) -> list[Variant]:
 
 
 def rows_of(variants: list[Variant], references: Iterable[str], rng: np.random.Generator) -> pd.DataFrame:
-    """A row for each protocol, weighting and variant, in per cent; NaN where there is no such number.
+    """A row for each protocol, weighting and variant, in per cent; NaN stands for a missing number.
 
-    The columns `vs R more`, `low`, `high` and `p` are the paired difference to the reference R, NaN for R itself;
+    The columns `vs R more`, `low`, `high` and `p` have the paired difference to the reference R, NaN for R itself, and
     `seeds_low` and `seeds_high` its interval over trainings. In a crossed study `A / x` is compared with `R / x`. The
-    p values of a protocol and weighting are corrected together, whatever the reference.
+    p values of a protocol and weighting are corrected together, for all references.
 
     Raises:
-        UserError: a variant was tested on other view sets than a reference.
+        UserError: a variant and a reference were tested on different view sets.
     """
     by_name, rows = {variant.name: variant for variant in variants}, []
     for protocol in next(iter(variants[0].trainings.values()))[0].predictions.predicted:
@@ -121,7 +121,7 @@ def rows_of(variants: list[Variant], references: Iterable[str], rng: np.random.G
 def weighted(
     values: np.ndarray, variant: Variant, weighting: str, among: Collection[Training] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values (A,) and their groups as they are, or for the weighting `group` the mean (G,) of each group."""
+    """Values (A,) and their groups; for the weighting `group` the mean (G,) of each group, and the groups' names."""
     groups = variant.tested(among or variant.trainings)[1]
     if weighting == "frame":
         return values, groups
@@ -130,14 +130,14 @@ def weighted(
 
 
 def percent(names: tuple[str, ...], values: np.ndarray, ends: tuple[float, float] | None) -> dict[str, float]:
-    """The mean of values and the ends of its interval, in per cent, by these names."""
+    """The mean of values and the ends of its interval, in per cent, under these names."""
     return dict(zip(names, (100 * float(end) for end in (values.mean(), *(ends or (np.nan, np.nan)))), strict=True))
 
 
 def compared(
     variant: Variant, reference: Variant | None, protocol: str, weighting: str, head: str, rng: np.random.Generator
 ) -> dict[str, float]:
-    """The paired difference over common seeds and deals; NaN for the reference itself, or where none is common."""
+    """The paired difference over common seeds and deals; NaN for the reference itself, or without common trainings."""
     names = tuple(f"{head}{name}" for name in ("more", "low", "high", "p", "seeds_low", "seeds_high"))
     row = dict.fromkeys(names, np.nan)
     common = variant.trainings.keys() & reference.trainings.keys() if reference else set()
@@ -151,7 +151,7 @@ def compared(
     values, groups = weighted(more, variant, weighting, common)
     row |= percent(names[:3], values, group_interval(values, groups, rng)) | {names[3]: sign_flip(values, groups, rng)}
     if weighting == "frame" and len(common) >= MIN_SEEDS and len({deal for _, deal in common}) == 1:
-        # Student's interval of the mean difference; trainings on several deals share their groups, and have none
+        # Student's interval of the mean difference; trainings on several deals share groups and are not independent
         first, second = (
             np.array([each.wrong(protocol, {one}).mean() for one in sorted(common)]) for each in (variant, reference)
         )
@@ -162,9 +162,10 @@ def compared(
 
 
 def sequential_rows(variants: list[Variant]) -> pd.DataFrame:
-    """Rows of recognition frame by frame: the error by the number of views, and where it stops at a confidence.
+    """Rows of recognition frame by frame: the error by the number of views, and with a stop at a confidence.
 
-    Means over the cells of a variant, with an interval where there is one cell; `frames` is the mean number of frames.
+    They are means over the cells of a variant, with an interval if there is one cell; `frames` is the mean number of
+    frames.
     """
     rows = []
     for variant in variants:
@@ -182,7 +183,7 @@ def sequential_rows(variants: list[Variant]) -> pd.DataFrame:
 
 
 def power(rows: pd.DataFrame, groups: int) -> str:
-    """A sentence on the smallest difference that could have been seen: half of the widest interval of each kind."""
+    """A sentence on the smallest difference that the study detects: half of the widest interval of each kind."""
     protocol, widest = rows["protocol"].iloc[-1], {}
     for kind, weighting, end in (
         ("per frame", "frame", " "),
@@ -195,7 +196,7 @@ def power(rows: pd.DataFrame, groups: int) -> str:
             widest[kind] = np.nanmax(high - low) / 2
     most = max(widest.values(), default=0)
     if not most:
-        why = "What is compared here answered alike" if widest else "Nothing is compared in pairs here"
+        why = "All compared variants answered alike" if widest else "Nothing is compared in pairs here"
         return f"{why}, so no smallest difference can be stated."
     verdict = (
         f"below {ENOUGH:g} points: where it shows no difference, there is no larger one"
@@ -204,13 +205,13 @@ def power(rows: pd.DataFrame, groups: int) -> str:
     )
     points = ", ".join(f"{width:.1f} points {kind}" for kind, width in widest.items())
     return (
-        f"The smallest difference that this study could have seen is {points} ({protocol} protocol, half of the "
+        f"The smallest difference that this study detects is {points} ({protocol} protocol, half of the "
         f"widest paired interval, {several(groups, 'split group')}), {verdict}."
     )
 
 
 def pareto_front(costs: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Indices of the points that no other is as cheap and as good as, and better in one; from the cheapest on."""
+    """Indices of the points that no other point beats in cost or error without losing in the other, cheapest first."""
     order = np.lexsort((errors, costs))
     before = np.concatenate([[np.inf], np.minimum.accumulate(errors[order])[:-1]])
     return order[errors[order] < before]

@@ -1,4 +1,4 @@
-"""A cell as a DVC experiment of the repository in the working folder; a Dask worker's is a clone of its own."""
+"""A cell as a DVC experiment of the repository in the working folder, which for a Dask worker is a separate clone."""
 
 import os
 import re
@@ -18,18 +18,19 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 
 BUSY = 300.0  # seconds for which other experiments may hold DVC's lock, or have params.yaml changed
-REFUSAL = 30.0  # seconds that DVC takes to refuse its lock, at most; an attempt that takes longer trained
-TIED_DVC = Path(__file__).with_name("tied_dvc.py")  # by path: a `studies` in the working folder may be another one
+REFUSAL = 30.0  # seconds after which DVC has refused its lock at the latest; a longer attempt has trained
+TIED_DVC = Path(__file__).with_name("tied_dvc.py")  # by path: the working folder may have a different `studies`
 REFUSED = re.compile(r"^ERROR: (Unable to acquire lock|.* is busy)", re.MULTILINE)
 ended: set[str] = set()  # calls of `run_cells` that were stopped: none of their cells is tried again
-one_reader = Lock()  # DVC's index of the cache is not made for threads
+one_reader = Lock()  # threads must not share DVC's index of the cache
 
 
 def run_cell(experiment: str, key: str, cell: Cell, run: str, commit: str = "") -> dict[str, bytes]:
-    """Run a cell as `dvc exp run --temp`, unless its experiment is here already; the contents of its `RESULTS`.
+    """Run a cell as `dvc exp run --temp`, unless its experiment exists already; return the contents of its `RESULTS`.
 
     Args:
-        run: see `end_cells`; commit: what a worker's clone has to be at.
+        run: the call of `run_cells`, see `end_cells`.
+        commit: commit at which a worker's clone has to be.
 
     Raises:
         UserError: the cell failed, with the last error of its log; or code, parameters or data are not the study's.
@@ -47,8 +48,8 @@ def run_cell(experiment: str, key: str, cell: Cell, run: str, commit: str = "") 
         begin = time.monotonic()
         if key_of(cell, code_of_stages()) == key:
             fault, busy = attempt(experiment, cell, run, log)
-        else:  # for good, or for the seconds in which DVC changes params.yaml to start another cell
-            fault = "code, params.yaml or data are not those that the study began with"
+        else:  # for good, or for the seconds in which DVC changes params.yaml to start a different cell
+            fault = "code, params.yaml or data have changed since the study began"
             time.sleep(1)
         waited += min(time.monotonic() - begin, REFUSAL)
     log.unlink(missing_ok=True)
@@ -56,10 +57,10 @@ def run_cell(experiment: str, key: str, cell: Cell, run: str, commit: str = "") 
 
 
 def attempt(experiment: str, cell: Cell, run: str, log: Path) -> tuple[str, bool]:
-    """Run DVC once: the last error of its log, and whether it was only refused the lock.
+    """Run DVC once; return the last error of its log, and whether DVC only refused its lock.
 
-    That may be after the experiment is done. Without an error there may be no experiment yet: of two that start at once
-    DVC may run both in one process.
+    DVC may refuse the lock after the experiment is done. Without an error there may be no experiment yet: of two that
+    start at once DVC may run both in one process.
     """
     words = [word for change in settings(cell) for word in ("--set-param", change)]
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # the experiment's `python` is this one
@@ -78,9 +79,9 @@ def attempt(experiment: str, cell: Cell, run: str, log: Path) -> tuple[str, bool
 
 
 def settings(cell: Cell) -> list[str]:
-    """The cell's changes as `dvc exp run --set-param` takes them, the last one of each key.
+    """The last of the cell's changes of each key, for `dvc exp run --set-param`.
 
-    The source becomes an absolute path: an experiment runs in another folder, and sees no file that is not tracked.
+    The source becomes an absolute path: an experiment runs in a separate folder without untracked files.
     """
     last = dict(change.split("=", 1) for change in cell.changes)
     source = load("params.yaml", cell.changes).data.source
@@ -90,7 +91,7 @@ def settings(cell: Cell) -> list[str]:
 
 
 def experiments() -> dict[str, str]:
-    """Commits of all experiments that have ended well, by name."""
+    """Commits of all successful experiments, by name."""
     lines = git("for-each-ref", "--format=%(objectname) %(refname)", "refs/exps/").splitlines()
     return {ref.rpartition("/")[2]: commit for commit, ref in map(str.split, lines)}
 
@@ -99,7 +100,7 @@ def results(experiment: str, revision: str) -> dict[str, bytes]:
     """The contents of `RESULTS` of a finished experiment.
 
     Raises:
-        UserError: they are no longer in DVC's cache, nor in its remote.
+        UserError: neither DVC's cache nor its remote has them any more.
     """
     from dvc.api import DVCFileSystem
 
@@ -112,7 +113,7 @@ def results(experiment: str, revision: str) -> dict[str, bytes]:
 
 
 def last_error(log: str) -> str:
-    """The last error of a Python program in a log, else DVC's own, else the last line."""
+    """The last error of a Python program in a log, else DVC's last error, else the last line."""
     lines = [line.strip() for line in log.splitlines() if line.strip()]
     for form in (r"\w*(Error|Exception): ", r"ERROR: "):
         if errors := [line for line in lines if re.match(form, line)]:
@@ -122,12 +123,12 @@ def last_error(log: str) -> str:
 
 @cache
 def tie(run: str) -> tuple[int, int]:
-    """The pipe that ties the cells of one call of `run_cells` to this process: the end they read, the end it holds."""
+    """The pipe between the cells of one call of `run_cells` and this process: their end to read, this process's end."""
     return os.pipe()
 
 
 def end_cells(run: str) -> None:
-    """End the cells of one call of `run_cells` that this process runs."""
+    """End those cells of one call of `run_cells` that this process runs."""
     ended.add(run)
     os.close(tie(run)[1])
 

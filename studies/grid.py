@@ -1,4 +1,4 @@
-"""From studies/NAME.yaml to cells, each a training as changes to params.yaml."""
+"""The cells of studies/NAME.yaml: each is one training, as changes to params.yaml."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -12,7 +12,7 @@ from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.schema import as_change, read_yaml
 
 FOLDER = Path("studies")
-COLUMNS = {  # costs, and where results/timing.json has them
+COLUMNS = {  # costs, and their keys in results/timing.json
     "pretrain s": ("seconds", "pretrain"),
     "finetune s": ("seconds", "finetune"),
     "ms alone": ("latency_ms", "single", "median"),
@@ -20,7 +20,7 @@ COLUMNS = {  # costs, and where results/timing.json has them
     "peak MB": ("peak_mb",),
 }
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
-#: of every rehearsal: three objects and the empty hand of a small glove, trainings of one epoch
+#: Changes of every rehearsal: three objects and the empty hand of a small glove, trainings of one epoch
 QUICK = {
     "glove.objects": ["mug", "tape", "scissors"],
     "glove.sessions": 4,
@@ -52,11 +52,11 @@ class Cell(BaseModel):
 
 
 class Study(BaseModel):
-    """The content of studies/NAME.yaml; the keys are in docs/studies.md, "Write a study"."""
+    """The content of studies/NAME.yaml; docs/studies.md, "Write a study", explains the keys."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
     name: str
-    question: Annotated[str, Field(max_length=41)]  # what the list of studies prints
+    question: Annotated[str, Field(max_length=41)]  # it has to fit the list of studies
     variants: Variants
     reference: str | list[str] | None
     seeds: Annotated[list[Seed], Field(min_length=1)]
@@ -75,7 +75,7 @@ class Study(BaseModel):
         return [self.reference] if isinstance(self.reference, str) else self.reference or []
 
     def cells(self, *, quick: bool = False, on_top: tuple[str, ...] = ()) -> list[Cell]:
-        """Every cell, or those of a rehearsal, seed by seed and deal by deal; `on_top` are changes after all others.
+        """All cells, or those of a rehearsal, seed by seed and deal by deal; `on_top` are changes after all others.
 
         Raises:
             UserError: `on_top` names one of `AXES`.
@@ -111,7 +111,7 @@ def read_study(name: str) -> Study:
     """The study of that name.
 
     Raises:
-        UserError: there is none, its keys or types are not those of `Study`, or a name in it stands for nothing.
+        UserError: there is none, its keys or types are not those of `Study`, or it refers to an unknown variant.
     """
     path = FOLDER / f"{name}.yaml"
     if not path.exists():

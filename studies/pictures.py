@@ -31,10 +31,10 @@ def errors_by_variant(rows: pd.DataFrame, title: str) -> Figure:
 
 
 def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collection[str], title: str) -> Figure:
-    """Error under the last protocol against a cost. The Pareto front, presets and references have numbers.
+    """Error under the last protocol against a cost, with numbers for the Pareto front, presets and references.
 
     Args:
-        cost: `seconds` of both trainings, or a column of the rows; label: of its axis.
+        cost: `seconds` of both trainings, or a column of the rows; label: label of its axis.
     """
     rows = _of_last_protocol(rows)
     costs, errors, bars = rows[cost].to_numpy(), rows["error"].to_numpy(), _bars(rows)
@@ -60,9 +60,9 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
 
 
 def error_curves(rows: pd.DataFrame, title: str) -> Figure:
-    """A line for each variant under the last protocol: error along the crossing, against seconds and ms an answer.
+    """A line for each variant under the last protocol: error along the crossing, against seconds, and against ms.
 
-    A crossing's names begin with a number, as `8 recordings` does; the other words are the first panel's label.
+    A crossing's names begin with a number, as in `8 recordings`; the other words are the first panel's label.
     """
     rows = _of_last_protocol(rows)
     rows = rows.join(rows["variant"].str.extract(r"(?P<name>.*) / (?P<number>\d+) ?(?P<unit>.*)"))
@@ -85,13 +85,13 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
 
 
 def _of_last_protocol(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows of one protocol, with the `seconds` of both trainings."""
+    """The rows of the last protocol, with the `seconds` of both trainings."""
     chosen = rows[rows["protocol"] == rows["protocol"].iloc[-1]]
     return chosen.assign(seconds=chosen["pretrain s"] + chosen["finetune s"])
 
 
 def _log_axis(axes: Axes, costs: np.ndarray) -> None:
-    """A logarithmic axis over these costs, with so few labels that none touch."""
+    """Make the x axis logarithmic, with few enough labels for these costs that none touch."""
     axes.set_xscale("log")
     reach = costs.max() / costs.min()
     steps = range(1, 10) if reach < 5 else (1, 2, 5) if reach < 1e4 else (1,)
@@ -101,5 +101,5 @@ def _log_axis(axes: Axes, costs: np.ndarray) -> None:
 
 
 def _bars(rows: pd.DataFrame) -> np.ndarray:
-    """(2, n) reach of the intervals below and above the errors; NaN, which draws none, where there is none."""
+    """(2, n) lengths of the intervals below and above the errors; NaN, which draws nothing, where there is none."""
     return np.diff(rows[["low", "error", "high"]].to_numpy().T, axis=0).clip(0)

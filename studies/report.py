@@ -24,25 +24,25 @@ EXPLAINED = """Errors are in per cent, means over trials and over a variant's tr
 folds of one deal. `per frame` counts every anchor once, `per group` every split group once. In brackets: the 95 %
 interval that resamples these groups, conditional on the trainings; where a view set mixes an object's groups, as under
 `object` or with two grasps, it is optimistic. `std` is the standard deviation over the trainings, per frame."""
-DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times; it is resampled as
-one."""
+DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times; each is resampled
+as one unit."""
 COMPARED = """Differences are paired, over the seeds and deals that both were trained on. `p` says how often groups with
-their signs turned differ as much, corrected for all differences of a protocol and a weighting (Holm 1979); before that
+their signs flipped differ as much, corrected for all differences of a protocol and a weighting (Holm 1979); before that
 it is never below {least:.2g} with {groups}. `over trainings` is Student's 95 % interval of the difference per
-frame: what other seeds would give, not other recordings."""
+frame: the range for other seeds, not for other recordings."""
 PAID = """Costs are the least over the trainings, since other work only adds to them: seconds are summed over folds,
-milliseconds are per view set, the memory is that of the hungriest stage."""
-SEQUENTIAL = """So many frames of each view set; and frames of one recording in random order, one after the other, until
-the classifier is confident enough. `frames` is their mean number."""
+milliseconds are per view set, the memory is that of the stage that needs most."""
+SEQUENTIAL = """First a fixed number of frames of each view set; then frames of one recording in random order, one by
+one, until the classifier is confident enough. `frames` is their mean number."""
 
 
 def write_report(
     study: Study, answers: list[Answers], folder: Path, *, rehearsal: bool = False, on_top: tuple[str, ...] = ()
 ) -> str:
-    """results.csv, results.md and the pictures in `folder`; the text of results.md.
+    """Write results.csv, results.md and the pictures into `folder`, and return the text of results.md.
 
     Raises:
-        UserError: variants that cannot be compared.
+        UserError: variants cannot be compared.
     """
     params = load("params.yaml", answers[0].cell.changes)
     data = "Simulated by the virtual glove" if params.data.source == VIRTUAL else params.data.source
@@ -94,7 +94,7 @@ def pictures(
 
 
 def missing(study: Study, variants: list[Variant], on_top: tuple[str, ...]) -> list[str]:
-    """Variants of the study with how many of their trainings are not here, `mean 2 of 5`."""
+    """Variants of the study with the number of their missing trainings, as in `mean 2 of 5`."""
     planned = Counter(name for name, *_ in {(one.variant, one.seed, one.deal) for one in study.cells(on_top=on_top)})
     here = {variant.name: len(variant.trainings) for variant in variants}
     absent = {name: planned[name] - here.get(name, 0) for name, _ in study.crossed()}
@@ -104,7 +104,7 @@ def missing(study: Study, variants: list[Variant], on_top: tuple[str, ...]) -> l
 def tables(
     rows: pd.DataFrame, sequential: pd.DataFrame, references: Sequence[str], columns: Sequence[str]
 ) -> list[str]:
-    """The tables as Markdown, each after a line that names it; the last protocol, which is the user's, first."""
+    """The tables as Markdown, each after a line that names it; the last protocol, that of use, comes first."""
     parts = []
     for protocol in reversed(rows["protocol"].unique()):
         frame, group = (
@@ -146,7 +146,7 @@ def _intervals(rows: pd.DataFrame, key: str, ends: str = "") -> pd.Series:
 
 
 def _markdown(columns: dict[str, pd.Series], chosen: pd.Series | None = None) -> str:
-    """A table of the variants, or of the chosen ones, without columns that are blank."""
+    """A table of the variants, or of the chosen ones, without blank columns."""
     table = pd.DataFrame(columns).replace("nan", "")
     table = table if chosen is None else table[chosen]
     return table.loc[:, (table != "").any()].reset_index().to_markdown(index=False, disable_numparse=True)

@@ -1,4 +1,4 @@
-"""Run the cells of a study that are missing: in threads here, or on the workers of a Dask scheduler."""
+"""Run the missing cells of a study, in threads here or on the workers of a Dask scheduler."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
@@ -14,13 +14,16 @@ from tactile_viewgcn.errors import UserError
 
 
 def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:
-    """Run every cell that is not stored, and store its results. An interrupt ends those that run.
+    """Run every cell that is not stored, and store its results. An interrupt ends the running cells.
 
     Args:
-        name: of the study; cells: by their keys; jobs: cells at once, without a scheduler; scheduler: Dask's address.
+        name: name of the study.
+        cells: the cells, by their keys.
+        jobs: number of cells at once without a scheduler.
+        scheduler: address of Dask's scheduler.
 
     Returns:
-        What went wrong, by the key of the cell.
+        The faults of cells that failed, by their keys.
     """
     missing, faults, run = [key for key in cells if not stored(key)], {}, token_hex(4)
     commit = git("rev-parse", "HEAD").strip() if scheduler else ""
@@ -46,9 +49,9 @@ def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: st
 
 @contextmanager
 def workers(run: str, jobs: int, scheduler: str | None) -> Iterator[Executor]:
-    """What runs the cells; it ends those that run where the block is left by an exception.
+    """An executor for the cells, which ends the running ones if the block ends with an exception.
 
-    Dask's own executor, not joblib's backend, which waits for ever for a cell whose workers have all died.
+    It is Dask's own executor, since joblib's backend waits for ever for a cell whose workers have all died.
 
     Raises:
         UserError: Dask is not installed, or there is no such scheduler.

@@ -1,6 +1,6 @@
-"""`python studies/tied_dvc.py exp run ...`: DVC that ends with the process that started it, even by `kill -9`.
+"""`python studies/tied_dvc.py exp run ...`: DVC that ends when the process that started it ends, even by `kill -9`.
 
-That process holds the other end of the pipe that is standard input here, which closes with it.
+Standard input is a pipe from that process, and closes with it.
 """
 
 import os
@@ -13,7 +13,7 @@ GRACE = 30.0  # seconds in which DVC may end an experiment and remove its folder
 
 
 def end_with_starter() -> None:
-    """Interrupt DVC and its stages once standard input closes; kill what still runs after `GRACE`."""
+    """Interrupt DVC and its stages once standard input closes; kill those that still run after `GRACE`."""
     os.read(0, 1)
     os.killpg(0, signal.SIGINT)
     time.sleep(GRACE)
@@ -21,7 +21,7 @@ def end_with_starter() -> None:
 
 
 if __name__ == "__main__":
-    os.setsid()  # a session of its own: Ctrl-C in the terminal reaches the starter alone
+    os.setsid()  # a separate session: Ctrl-C in the terminal reaches the starting process alone
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a script's `&` makes its programs ignore the signal
     Thread(target=end_with_starter, daemon=True).start()
     from dvc.cli import main
