@@ -1,15 +1,18 @@
 """The cells of studies/NAME.yaml: each is one training, as changes to params.yaml."""
 
 from collections.abc import Iterator
+from dataclasses import field
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from annotated_types import MaxLen, MinLen
+from pydantic import StrictStr
+from pydantic.dataclasses import dataclass
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.params import load, preset_changes
-from tactile_viewgcn.schema import as_change, read_yaml
+from tactile_viewgcn.params import Natural, Seed, load, preset_changes
+from tactile_viewgcn.schema import SECTION, as_change, build, read_yaml
 
 FOLDER = Path("studies")
 COLUMNS = {  # costs, and their keys in results/timing.json
@@ -32,15 +35,14 @@ QUICK = {
     "finetune.epochs": 1,
     "evaluate.trials": 2,
 }
-Seed = Annotated[int, Field(ge=0, lt=2**32)]
-Fold = Annotated[int, Field(ge=0)]
-Variants = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]  # changes to params.yaml by name
+Seeds = Annotated[list[Seed], MinLen(1)]
+Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]  # changes to params.yaml by name
 
 
-class Cell(BaseModel):
+@dataclass(frozen=True)
+class Cell:
     """One training of a variant and its evaluation; `changes` to params.yaml are `key=value`."""
 
-    model_config = ConfigDict(frozen=True)
     variant: str
     seed: int
     deal: int  # `split.deal`
@@ -51,24 +53,24 @@ class Cell(BaseModel):
         return f"{self.variant}, seed {self.seed}, deal {self.deal}, fold {self.fold}"
 
 
-class Study(BaseModel):
+@dataclass(frozen=True, config=SECTION)
+class Study:
     """The content of studies/NAME.yaml; docs/studies.md, "Write a study", explains the keys."""
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
     name: str
-    question: Annotated[str, Field(max_length=41)]  # it has to fit the list of studies
+    question: Annotated[StrictStr, MaxLen(41)]  # it has to fit the list of studies
     variants: Variants
-    reference: str | list[str] | None
-    seeds: Annotated[list[Seed], Field(min_length=1)]
-    folds: Literal["all"] | Annotated[list[Fold], Field(min_length=1)]
+    reference: StrictStr | list[StrictStr] | None
+    seeds: Seeds
+    folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]
     columns: list[Literal[tuple(COLUMNS)]]
-    deals: Annotated[list[Seed], Field(min_length=1)] = [0]
-    set: dict[str, Any] = {}
-    cross: list[Variants] = []
-    one_seed: list[str] = []
-    one_deal: list[str] = []
+    deals: Seeds = field(default_factory=lambda: [0])
+    set: dict[StrictStr, Any] = field(default_factory=dict)
+    cross: list[Variants] = field(default_factory=list)
+    one_seed: list[StrictStr] = field(default_factory=list)
+    one_deal: list[StrictStr] = field(default_factory=list)
     picture: Literal["error", "seconds", "curves"] = "error"
-    quick: list[str] = []
+    quick: list[StrictStr] = field(default_factory=list)
 
     @property
     def references(self) -> list[str]:
@@ -116,11 +118,7 @@ def read_study(name: str) -> Study:
     path = FOLDER / f"{name}.yaml"
     if not path.exists():
         raise UserError(f"study is {name!r}; expected one of {', '.join(names())} (in the repository's root)")
-    try:
-        study = Study.model_validate({**read_yaml(path), "name": name})
-    except ValidationError as error:
-        mistakes = (f"{'.'.join(map(str, one['loc']))} is {one['input']!r}: {one['msg']}" for one in error.errors())
-        raise UserError(f"{path}: {'; '.join(mistakes)}") from None
+    study = build(Study, {**read_yaml(path), "name": name}, str(path))
     variants = [variant for variant, _ in study.crossed()]
     allowed = {"reference": [*variants, *study.variants], "one_seed": variants, "one_deal": variants, "quick": variants}
     for key, known in allowed.items():

@@ -9,6 +9,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from socket import socket
@@ -225,7 +226,7 @@ def test_a_failed_cell_has_the_stage_s_error_or_else_dvc_s(log, fault):
 
 
 def test_an_experiment_has_the_last_change_of_a_key_and_a_source_that_it_can_read():
-    cell = CELLS[KEYS[0]].model_copy(update={"changes": ("views=4", "seed=1", "views=2", "data.source=tests")})
+    cell = replace(CELLS[KEYS[0]], changes=("views=4", "seed=1", "views=2", "data.source=tests"))
     assert settings(cell) == ["views=2", "seed=1", f"data.source={Path('tests').resolve()}"]
 
 
