@@ -74,9 +74,13 @@ def test_only_tracking_knows_mlflow_and_imports_it_in_functions_alone():
     assert not any("mlflow" in ast.unparse(node) for node in top if isinstance(node, ast.Import | ast.ImportFrom))
 
 
-def test_the_package_and_its_commands_load_neither_torch_nor_mlflow():
-    code = "import sys, tactile_viewgcn, tactile_viewgcn.params, tactile_viewgcn.cli, tactile_viewgcn.tracking\n"
-    code += "loaded = {'torch', 'mlflow', 'sklearn'} & set(sys.modules)\nassert not loaded, loaded"
+def test_the_package_its_commands_and_the_virtual_glove_load_neither_torch_nor_mlflow():
+    code = (
+        "import sys, tactile_viewgcn.params, tactile_viewgcn.cli, tactile_viewgcn.tracking, stages.simulate\n"
+        "from tactile_viewgcn.errors import user_message\n"
+        "assert 'out of memory' in user_message(MemoryError()) and user_message(RuntimeError('x')) is None\n"
+        "loaded = {'torch', 'mlflow', 'sklearn', 'matplotlib'} & set(sys.modules)\nassert not loaded, loaded"
+    )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 

@@ -13,10 +13,11 @@ import yaml
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.systems import System
 from tactile_viewgcn.tables.frames import write_frames
 from tactile_viewgcn.tables.views import read_views
-from tests.glove_data import ROOT, SMALL, fewer_anchors, table
+from tests.glove_data import ROOT, SMALL, fewer_anchors, recipe, table, trained
 from tests.readers.files import save
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import changed, copy_pipeline, left, ran, refused, run_stage, set_params, sh
@@ -152,27 +153,52 @@ def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
     assert needs_of("sensors", place)[1] == '{"cluster": false, "pretrain": false}\n'
 
 
-IMPORTS = """
+PROGRAM = """
 import runpy, sys
 
-runpy.run_module("stages.pretrain", run_name="__main__")
-print("imported", *{"torch", "mlflow", "sklearn", "scipy"} & set(sys.modules))
+for stage, words in {stages}.items():
+    sys.argv = [stage, *words.split(), *sys.argv[1:]]
+    runpy.run_module(f"stages.{{stage}}", run_name="__main__")
+    del sys.argv[1 : len(words.split()) + 1]
+print("imported", *sys.modules)
 """
+
+
+def run_apart(place, stages, *changes):
+    """The output of stages, by name with their options, in a separate process, and the modules that it imported."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place), "MLFLOW_TRACKING_URI": "disabled"}
+    run = [sys.executable, "-c", PROGRAM.format(stages=stages), *changed(*changes)]
+    done = subprocess.run(run, check=False, cwd=place, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    output, _, modules = done.stdout.rpartition("imported ")
+    return output, set(modules.split())
 
 
 def test_a_pretraining_that_is_left_out_loads_no_torch_and_makes_no_run_but_a_record(place):
     (place / "frames.h5").write_text("not opened")
     needs_of("sensors", place)
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place)}
-    files = ("--needs", "needs.json", "--frames", "frames.h5", "--out", "backbone.pt", "--record", "pretrain.json")
-    run = [sys.executable, "-c", IMPORTS, *files]
-    done = subprocess.run(run, check=False, env=environment, cwd=place, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert LEFT_OUT in done.stdout and (place / "backbone.pt").read_text() == LEFT_OUT
-    assert done.stdout.split("imported")[1].split() == []
+    words = "--needs needs.json --frames frames.h5 --out backbone.pt --record pretrain.json"
+    output, imported = run_apart(place, {"pretrain": words})
+    assert LEFT_OUT in output and (place / "backbone.pt").read_text() == LEFT_OUT
+    assert imported.isdisjoint({"torch", "mlflow", "sklearn", "scipy"})
     record = Record.read(place / "pretrain.json")
     assert (record.stage, record.run_id, record.counts) == ("pretrain", None, {}) and not record.needed
     assert record.seconds > 0 and set(record.inputs) == {"needs", "frames"}
+
+
+@pytest.mark.slow
+@pytest.mark.stability("libraries")
+def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow(row, place):
+    write_frames(place / "frames.h5", table())
+    save_classifier(place / "classifier.pt", trained(), recipe().model, table())
+    words = {
+        "needs": "--out needs.json",
+        "cluster": "--frames frames.h5 --needs needs.json --out views.h5 --record cluster.json",
+        "evaluate": "--frames frames.h5 --classifier classifier.pt --out results --record evaluate.json",
+    }
+    _, imported = run_apart(place, words, *SMALL, "cluster.method=none", "evaluate.trials=1", "device=cpu")
+    row("scikit-learn in an unclustered run", "sklearn" in imported)
+    row("MLflow in a run with tracking disabled", "mlflow" in imported)
 
 
 @pytest.mark.parametrize(("system", "fitted"), [("sensors", True), ("mean", False)])
