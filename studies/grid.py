@@ -121,10 +121,10 @@ def read_study(name: str) -> Study:
     study = build(Study, {**read_yaml(path), "name": name}, str(path))
     variants = [variant for variant, _ in study.crossed()]
     allowed = {"reference": [*variants, *study.variants], "one_seed": variants, "one_deal": variants, "quick": variants}
-    for key, known in allowed.items():
+    for key, names_of in allowed.items():
         for each in study.references if key == "reference" else getattr(study, key):
-            if each not in known:
-                raise UserError(f"{path}: {key} is {each!r}; expected one of {', '.join(known)}")
+            if each not in names_of:
+                raise UserError(f"{path}: {key} is {each!r}; expected one of {', '.join(names_of)}")
     places = [place for axis in study.cross for place in axis]
     numbered = len(study.cross) == 1 and all(place.partition(" ")[0].isdecimal() for place in places)
     if study.picture == "curves" and not numbered:

@@ -126,7 +126,7 @@ def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
     try:
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
     except RecursionError:
-        raise UserError(f"{path}: folders lie too deep within each other; expected a few levels") from None
+        raise UserError(f"{path}: folders are nested too deep; expected a few levels") from None
     files = [file for file in files if file.suffix.lower() in suffixes]
     return [file for file in files if not any(part.startswith(".") for part in file.relative_to(path).parts)]
 

@@ -96,15 +96,15 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
 
 def _mistakes(kind: Any, tree: dict[str, Any], error: ValidationError) -> list[str]:
     """Pydantic's messages, those of one key joined, each with the key and its value."""
-    known, mistakes = list(_keys(kind)), []
+    keys, mistakes = list(_keys(kind)), []
     messages: dict[tuple[str, ...], dict[str, None]] = {}
     for one in error.errors(include_url=False, include_input=False):
         place = tuple(map(str, one["loc"]))
         if one["type"] == "unexpected_keyword_argument":
-            near = get_close_matches(".".join(place), known, n=1)
+            near = get_close_matches(".".join(place), keys, n=1)
             mistakes.append(f"unknown key {'.'.join(place)}" + (f"; did you mean {near[0]}?" if near else ""))
             continue
-        while place and ".".join(place) not in known:  # the place is inside a list or a union
+        while place and ".".join(place) not in keys:  # the place is inside a list or a union
             place = place[:-1]
         messages.setdefault(place, {})[one["msg"].removeprefix("Value error, ")] = None
     for place, texts in messages.items():

@@ -22,8 +22,8 @@ def stag_data() -> Path:
 
 @pytest.fixture
 def store(tmp_path, monkeypatch) -> Path:
-    """A folder whose store is found as a stage finds it inside a temporary workspace of DVC; there is none yet."""
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", "")  # MLflow itself sets it, which is undone so
+    """A folder that is the repository's root for MLflow's store, as in a temporary workspace of DVC; without a store."""
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "")  # MLflow sets it later; the fixture undoes that
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
     return tmp_path
 

@@ -133,9 +133,9 @@ def _grips():
     size = (SESSIONS, GRIP_OBJECTS, GRIP_RECORDINGS, FRAMES)
     session, label, number, frame = (axis.ravel() for axis in np.indices(size))
     counts = np.random.default_rng(0).normal(0, 0.95, size=(session.size, 12)) + 514 + 2 * session[:, None]
-    held = frame >= BLANK
-    counts[np.ix_(held & (label == 1), range(5))] += 40
-    counts[np.ix_(held & (label == 2), range(7, 12))] += 40
+    in_contact = frame >= BLANK
+    counts[np.ix_(in_contact & (label == 1), range(5))] += 40
+    counts[np.ix_(in_contact & (label == 2), range(7, 12))] += 40
     columns = {
         "object": label,
         "recording": (session * GRIP_OBJECTS + label) * GRIP_RECORDINGS + number,
@@ -143,7 +143,7 @@ def _grips():
         "frame": frame,
         "time": frame * 0.136,
         "split": (number == GRIP_RECORDINGS - 1).astype(np.int8),
-        "valid": held,
+        "valid": in_contact,
         "grasp": frame // 10,
     }
     return np.round(counts).astype(np.int16).reshape(-1, 3, 4), columns

@@ -16,17 +16,12 @@ NAMES = ("objects", "recordings", "batches", "splits")
 
 
 def metadata(
-    *,
-    objects: int = 4,
-    recordings: int = 3,
-    sessions: int = 1,
-    frames: int = 40,
-    blank: int = 0,
+    *, objects: int = 4, recordings: int = 3, sessions: int = 1, frames: int = 40, blank: int = 0
 ) -> dict[str, np.ndarray]:
     """The fields of a `classification` metadata.mat, as scipy reads them.
 
-    Class 0 is the empty hand. Each other object presses its own 30 sensors, the more the later in the recording;
-    each recording leaves some of them out. The last recording of every object is the published test side.
+    Class 0 is the empty hand. Each other object has 30 sensors, of which each of its recordings presses 20. The last
+    recording of every object is the published test side.
 
     Args:
         recordings: per object and session; frames: per recording.
@@ -43,8 +38,8 @@ def metadata(
             for number in range(recordings):
                 excess = np.zeros((frames, 1024), dtype=np.float32)
                 if label:
-                    some = rng.choice(pressed[label], 20, replace=False)
-                    excess[blank:, some] = rng.uniform(15, 60, size=(frames - blank, 20))
+                    sensors = rng.choice(pressed[label], 20, replace=False)
+                    excess[blank:, sensors] = rng.uniform(15, 60, size=(frames - blank, 20))
                 counts = np.full((frames, 1024), 510, dtype=np.int16)
                 baseline = 514 + session + rng.standard_normal((frames, len(places)), dtype=np.float32)
                 counts[:, places] = np.round(baseline + excess[:, places]).astype(np.int16)

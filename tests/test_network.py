@@ -1,4 +1,4 @@
-"""A trained network at the ends of inputs and precisions, against itself in float64; how it carries noise.
+"""A trained network with extreme inputs and in all precisions, against itself in float64; noise through its layers.
 
 It is the small classifier, or the pipeline's under `python -m benchmarks.stability`.
 """

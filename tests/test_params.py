@@ -57,7 +57,7 @@ def test_a_number_may_be_written_with_or_without_a_point(text):
 
 @pytest.mark.parametrize("key", sorted(flatten(params())))
 def test_every_key_refuses_a_value_of_another_type(key):
-    """A mapping is allowed nowhere; a text that is no choice only where any text is; true is no number."""
+    """No key takes a mapping, only data.source takes any text, and only a switch takes true."""
     assert f"{key}: " in (text := refusal(f"{key}={{a: 1}}")) and "(got {'a': 1})" in text
     if key != "data.source":
         assert f"{key}: " in (text := refusal(f"{key}=zzz")) and "(got 'zzz')" in text

@@ -1,4 +1,4 @@
-"""Pictures: what is drawn is what was given."""
+"""Pictures show the numbers that they are given."""
 
 import numpy as np
 

@@ -12,7 +12,7 @@ def test_seconds_count_from_the_start_of_the_process_and_grow():
 
 
 def test_the_peak_of_memory_counts_what_was_freed():
-    block = b"\1" * int(1e6 * (peak_mb() + 100))  # more than the process has held
+    block = b"\1" * int(1e6 * (peak_mb() + 100))  # more than the peak so far
     size = len(block) / 1e6
     del block
     assert peak_mb() > size

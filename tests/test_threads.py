@@ -35,12 +35,12 @@ def test_there_is_a_thread_for_each_core_that_other_programs_leave(cores, others
 
 
 def test_the_number_follows_what_others_use_of_this_process_cores(monkeypatch):
-    now, shares, own, hooks, limits = [100.0], [0.0, 0.0, 100.0, 0.0], [0.0], [], []
+    now, shares, of_process, hooks, limits = [100.0], [0.0, 0.0, 100.0, 0.0], [0.0], [], []
     monkeypatch.delenv(threads.FIXED)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 3}, raising=False)  # 2 is not for this process
     monkeypatch.setattr(joblib, "cpu_count", lambda: 3)
     monkeypatch.setattr(psutil, "cpu_percent", lambda **_: shares)
-    monkeypatch.setattr(psutil.Process, "cpu_percent", lambda _: own[0])
+    monkeypatch.setattr(psutil.Process, "cpu_percent", lambda _: of_process[0])
     monkeypatch.setattr(threads.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(sys.modules["torch.optim.optimizer"], "register_optimizer_step_post_hook", hooks.append)
     monkeypatch.setattr(threadpoolctl, "threadpool_limits", limits.append)
@@ -49,7 +49,7 @@ def test_the_number_follows_what_others_use_of_this_process_cores(monkeypatch):
     try:
         threads.follow_load()
         assert torch.get_num_threads() == 3
-        shares[:], own[:] = [100.0, 100.0, 100.0, 100.0], [100.0]  # two busy programs
+        shares[:], of_process[:] = [100.0, 100.0, 100.0, 100.0], [100.0]  # two busy programs
         now[0] += 0.9
         hooks[0](None, (), {})
         assert torch.get_num_threads() == 3  # the last measurement is too recent

@@ -1,4 +1,4 @@
-"""What the stability checks of a trained network compare: its logits in any precision, with the same views selected."""
+"""Logits of a trained network in any precision, with the same views selected, for its stability checks."""
 
 from collections.abc import Callable
 from copy import deepcopy

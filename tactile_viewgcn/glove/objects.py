@@ -166,17 +166,17 @@ def select_objects(selection: str | list[str | dict[str, Any]]) -> tuple[GraspOb
     """
     if selection == "all":
         return OBJECTS
-    known = {grasp_object.name: grasp_object for grasp_object in OBJECTS}
-    selected = {EMPTY_HAND: known[EMPTY_HAND]}
+    by_name = {grasp_object.name: grasp_object for grasp_object in OBJECTS}
+    selected = {EMPTY_HAND: by_name[EMPTY_HAND]}
     for entry in selection:
         if entry == EMPTY_HAND:
             continue
         if isinstance(entry, dict):
             grasp_object = build(GraspObject, entry, f"object {entry.get('name')!r}")
-        elif entry in known:
-            grasp_object = known[entry]
+        elif entry in by_name:
+            grasp_object = by_name[entry]
         else:
-            near = get_close_matches(entry, known, n=1) or known
+            near = get_close_matches(entry, by_name, n=1) or by_name
             raise UserError(f"unknown object {entry!r}; did you mean {' or '.join(near)}?")
         if grasp_object.name in selected or not grasp_object.parts:
             raise UserError(f"object {grasp_object.name}: expected a name that stands once, and a part or more")

@@ -26,7 +26,7 @@ Names = dict[str, str]  # the names of a recording, its object and its session, 
 
 @dataclass(frozen=True)
 class Header:
-    """What is known of a recording before its frames are read; columns are without the pressure (T, H, W)."""
+    """The description of a recording before its frames are read; `columns` are those besides the pressure (T, H, W)."""
 
     file: Path
     names: Names

@@ -1,4 +1,4 @@
-"""The table of what mutmut found, from results that are made up."""
+"""The table of mutmut's results."""
 
 import json
 

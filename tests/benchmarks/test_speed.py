@@ -1,4 +1,4 @@
-"""The benchmark of speed: its plain counterparts compute what the pipeline does, and a run whose clock is known."""
+"""The benchmark of speed: its plain counterparts compute what the pipeline does; a run with a fixed clock."""
 
 import csv
 

@@ -1,4 +1,4 @@
-"""Small scenes of the virtual glove whose end is known, or which SciPy's Radau solves soon."""
+"""Small scenes of the virtual glove with a known end, or which SciPy's Radau solves quickly."""
 
 from dataclasses import replace
 from itertools import pairwise

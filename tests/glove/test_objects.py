@@ -1,4 +1,4 @@
-"""The objects: their extents, and how a user names or describes others."""
+"""The objects: their extents, and a user's list of names and descriptions."""
 
 import numpy as np
 import pytest

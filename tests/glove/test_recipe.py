@@ -32,13 +32,13 @@ def test_two_sessions_at_most_are_the_training_side_and_never_all(sessions, side
 
 
 @pytest.mark.parametrize(
-    ("changes", "found"),
+    ("changes", "size"),
     [
         (("sessions=1214",), "32,778 recordings of 108 frames"),
         (("grasps=1000", "grasp_frames=124"), "81 recordings of 124,008 frames"),
     ],
 )
-def test_more_recordings_or_frames_than_a_table_holds_are_refused(changes, found):
-    with pytest.raises(UserError, match=found):
+def test_more_recordings_or_frames_than_a_table_holds_are_refused(changes, size):
+    with pytest.raises(UserError, match=size):
         recipe_from_params(load(PARAMS, tuple(f"glove.{change}" for change in changes)).glove)
     assert recipe_from_params(load(PARAMS, ("glove.sessions=1213",)).glove).sessions == 1213

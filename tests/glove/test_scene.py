@@ -32,7 +32,7 @@ HAND = stag_hand()
 FIXED = sum(PHASES.values())
 FRAMES, GRASPS = 50, 2
 PHASE, _, GRASP = schedule(FRAMES, GRASPS)
-ARRIVED = 1 + np.flatnonzero(list(PHASES).index("arrive") >= PHASE)  # knots at which nothing is held yet
+ARRIVED = 1 + np.flatnonzero(list(PHASES).index("arrive") >= PHASE)  # knots before the object is held
 
 
 def solids(objects):
@@ -79,14 +79,14 @@ def test_grasps_too_short_for_their_phases_are_refused(frames, grasps):
 def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_away_and_nothing_squeezes():
     drive, opening = planned(["ball", "mug"]), 1 + np.flatnonzero(PHASE == -1)
     for number in range(GRASPS):
-        held, end = holds(number)[0], 1 + np.flatnonzero(number == GRASP)[-1]
-        away = drive.position[:, held, None] + [0, 0, AWAY]
+        first, end = holds(number)[0], 1 + np.flatnonzero(number == GRASP)[-1]
+        away = drive.position[:, first, None] + [0, 0, AWAY]
         np.testing.assert_allclose(drive.position[:, [end]], away)
         if number == 0:
             np.testing.assert_allclose(drive.position[:, opening], np.repeat(away, len(opening), axis=1))
         assert (drive.posture[:, end] >= OPEN - 1e-12).all()
-        assert (drive.posture[:, end] <= drive.posture[:, held]).all()
-        assert (drive.posture[:, end] < drive.posture[:, held]).any()
+        assert (drive.posture[:, end] <= drive.posture[:, first]).all()
+        assert (drive.posture[:, end] < drive.posture[:, first]).any()
     np.testing.assert_allclose(drive.posture[:, opening], np.broadcast_to(OPEN, (2, len(opening), 5, 2)))
     np.testing.assert_array_equal(drive.squeeze[:, ARRIVED], 0)
     for values in vars(drive).values():

@@ -1,4 +1,4 @@
-"""Simulation: what the counts depend on, that each effect is felt, and what is written, which is whole or nothing."""
+"""Simulation: invariances of the counts, the effect of each effect, and files that are written whole or not at all."""
 
 from dataclasses import replace
 
@@ -102,8 +102,8 @@ def test_without_any_effect_a_sensor_reads_its_baseline_and_what_presses_it():
     baseline = np.rint(run.sensors.baseline)[:, None]
     np.testing.assert_array_equal(counts[[0, 2]], np.broadcast_to(baseline[[0, 2]], (2, 28, 548)))
     assert (counts >= baseline).all() and (counts[[1, 3]] > baseline[[1, 3]]).any()
-    held = np.flatnonzero(schedule(28, 1)[0] == HOLD)
-    assert np.ptp(counts[:, held[6:]], axis=1).max() <= 1  # once the fingers rest, nothing moves
+    steady = np.flatnonzero(schedule(28, 1)[0] == HOLD)
+    assert np.ptp(counts[:, steady[6:]], axis=1).max() <= 1  # once the fingers rest, nothing moves
 
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e5])

@@ -13,7 +13,7 @@ STAGES = stages()
 PARAMS = load(ROOT / "params.yaml")
 SYSTEM = "tactile_viewgcn/systems/${model.system}.py"
 SYSTEMS = sorted(path.stem for path in (ROOT / "tactile_viewgcn" / "systems").glob("[!_]*.py"))
-#: what changes no result but by rounding: it starts a stage, keeps and shows what comes out, or says what is wrong
+#: Files that change no result but by rounding: they start a stage, store and show results, or report mistakes
 NEUTRAL = {
     "stages/command.py",
     "stages/pipeline.py",

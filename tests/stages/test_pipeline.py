@@ -1,4 +1,4 @@
-"""The whole pipeline under DVC, on tiny data in a clone: what runs, what does not, and what it leaves behind."""
+"""The whole pipeline under DVC, on tiny data in a clone: the stages that run, and their results."""
 
 import json
 import re
@@ -65,7 +65,7 @@ def store_of(place):
 
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory):
-    """A repository of its own with the files of this one, set to tiny data, reproduced once and committed."""
+    """A repository with the files of this one, set to tiny data, reproduced once and committed."""
     place = tmp_path_factory.mktemp("clone") / "repository"
     for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
@@ -88,7 +88,7 @@ def clone(tmp_path_factory):
 
 
 def restore(place):
-    """Back to what is committed."""
+    """Restore the committed files."""
     sh("git", "checkout", "-q", "--", ".", cwd=place)
     sh("dvc", "checkout", "-q", "dvc.yaml", cwd=place)  # and not the virtual glove, which made nothing here
 

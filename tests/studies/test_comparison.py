@@ -100,7 +100,7 @@ def test_folds_stand_side_by_side_and_their_seconds_add_up_to_the_least_over_tra
 
 
 def dealt(variant, wrong, deals):
-    """In each deal the eight groups stand in an order of its own."""
+    """Answers in which each deal orders the eight groups differently."""
     for deal in range(deals):
         groups = np.repeat(np.random.default_rng(deal).permutation(8), 10)
         yield answers(variant, wrong, deal=deal, groups=groups)

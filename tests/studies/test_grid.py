@@ -1,4 +1,4 @@
-"""From a study's file to its cells, and what makes two cells the same."""
+"""The cells of a study's file, and their keys."""
 
 import json
 import os
@@ -55,7 +55,7 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
     variants = {"a": {}, "b": {"preset": "network", "augment.shift": 2}}
     made = study(variants=variants, folds="all", deals=[0, 3], set={"split.folds": 2})
     assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(product([0, 3], "ab", [0, 1]))
-    changes = made.cells()[-1].changes  # a preset stands for its own, and may be changed
+    changes = made.cells()[-1].changes  # those of the preset, then later ones
     assert "split.deal=3" in changes and "model.system=vote" in changes
     assert changes.index("augment.shift=1") < changes.index("augment.shift=2")
     grasps = made.cells(on_top=("split.folds=6", "split.by=grasp"))

@@ -1,4 +1,4 @@
-"""Cells as DVC experiments: in a small repository of their own, interrupted, killed, and on Dask's workers."""
+"""Cells as DVC experiments in a small repository: interrupted, killed, and on Dask's workers."""
 
 import csv
 import os
