@@ -22,7 +22,7 @@ def stag_data() -> Path:
 
 @pytest.fixture
 def store(tmp_path, monkeypatch) -> Path:
-    """A folder that is the repository's root for MLflow's store, as in a temporary workspace of DVC; without a store."""
+    """A folder without an MLflow store that is the repository's root, as in a temporary workspace of DVC."""
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "")  # MLflow sets it later; the fixture undoes that
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
     return tmp_path

@@ -1,6 +1,5 @@
 """Runs in MLflow, as its own client shows them: rows and stages, their content and end, and stores that fail."""
 
-import os
 import sqlite3
 import subprocess
 import sys
@@ -121,18 +120,6 @@ def test_a_stage_that_ends_early_leaves_a_run_with_its_traceback(store, client, 
     (ended,) = runs_of(client)
     assert ended.info.status == status
     assert f"{type(error).__name__}: {error}" in tracking.read_artifact(ended.info.run_id, "traceback.txt").decode()
-
-
-def test_disabled_imports_no_mlflow():
-    code = (
-        "import sys; from tactile_viewgcn import tracking\n"
-        "with tracking.stage_run('ingest') as run:\n"
-        "    run.metrics({'a': 1}); run.figure('a.png', None); run.dataset('a', 'b')\n"
-        "    run.parameters({'a': 1}); run.tags({'a': 1}); assert run.id is None\n"
-        "assert not {'mlflow', 'matplotlib'} & set(sys.modules)"
-    )
-    environment = os.environ | {"MLFLOW_TRACKING_URI": "disabled"}
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, env=environment)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, Hand, Hands, 
 from tactile_viewgcn.glove.objects import OBJECTS, select_objects
 from tactile_viewgcn.glove.recipe import EFFECTS, Recipe
 from tactile_viewgcn.glove.scene import OPEN
-from tactile_viewgcn.glove.shapes import Primitive, Solids, box, sphere
+from tactile_viewgcn.glove.shapes import Primitive, Solids, box, capsule, sphere
 from tactile_viewgcn.glove.simulation import Simulation
 
 RATE = 7.35  # frames a second, STAG's
@@ -103,6 +103,14 @@ def free_finger(*, posture=0.3, squeeze=0.0, knots=2, **layer: float) -> Mechani
     """Fingers and an object's position without any contact."""
     layer = replace(LAYER, **layer)
     return scene([[]], [0, 0, 0.5], posture=posture, hands=[bed(4, 0.01)], layer=layer, squeeze=squeeze, knots=knots)
+
+
+def rod(damping: float) -> Mechanics:
+    """Fingers, with a `damping` in N m s/rad, that would close behind a rod within a frame."""
+    across, layer = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)), replace(LAYER, joint_damping=damping)
+    mechanics = scene([[across]], [0.105, 0, 0.05], posture=0.1, layer=layer, knots=3, motion=False)
+    mechanics.drive.posture[0, 2:] = 1.5
+    return mechanics
 
 
 def skin(setting: tuple[float, float, float, float]) -> Layer:

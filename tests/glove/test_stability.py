@@ -18,7 +18,7 @@ from tactile_viewgcn.glove.contact import HOLDING, JOINT, LEVER, TENDON
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.newton import FORCE_FLOOR
 from tactile_viewgcn.glove.scene import AWAY
-from tactile_viewgcn.glove.shapes import capsule, sphere
+from tactile_viewgcn.glove.shapes import sphere
 from tests.glove.scenes import (
     BALL,
     BALL_AT,
@@ -35,6 +35,7 @@ from tests.glove.scenes import (
     radau,
     rel_norm_error,
     repeated_grasp,
+    rod,
     scene,
     skin,
 )
@@ -55,15 +56,6 @@ def against_radau(mechanics, y, states, frame=FRAME):
     """Error of the sensors' forces at states (1, T, n)."""
     exact = radau(mechanics, y, states.shape[1], frame=frame)
     return rel_norm_error(forces(mechanics, states), forces(mechanics, exact))
-
-
-def rod(damping):
-    """Fingers, with a `damping` in N m s/rad, that would close behind a rod within a frame."""
-    across = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0))
-    layer = replace(LAYER, joint_damping=damping)
-    mechanics = scene([[across]], [0.105, 0, 0.05], posture=0.1, layer=layer, knots=3, motion=False)
-    mechanics.drive.posture[0, 2:] = 1.5
-    return mechanics
 
 
 def wedge(setting):

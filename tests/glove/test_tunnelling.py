@@ -1,14 +1,12 @@
 """Tunnelling: what counts as it, and that the integrator rejects steps with it."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from tactile_viewgcn.glove import integrator
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.shapes import capsule, sphere
+from tactile_viewgcn.glove.shapes import sphere
 from tactile_viewgcn.glove.tunnelling import SAMPLE_DISTANCE, tunnels
-from tests.glove.scenes import LAYER, bed, scene
+from tests.glove.scenes import bed, rod, scene
 
 FRAME, RADIUS, MM = 0.1, 0.05, 1e-3  # s, m, m
 BALL, NOTHING = [sphere(RADIUS)], []
@@ -48,9 +46,7 @@ def test_an_empty_hand_never_tunnels_and_is_not_evaluated():
 
 def test_steps_that_would_tunnel_are_rejected(monkeypatch):
     """Of hardly damped fingers, three of which a rod stops on their way."""
-    rod, layer, frames = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)), replace(LAYER, joint_damping=1e-4), 2
-    mechanics = scene([[rod]], [0.105, 0, 0.05], posture=0.1, layer=layer, motion=False, knots=3)
-    mechanics.drive.posture[0, 2:] = 1.5
+    mechanics, frames = rod(1e-4), 2
     y = mechanics.initial_state()
     exact = ImplicitIntegrator(mechanics, FRAME, step=FRAME / 128).run(y, frames)[0, 1]
     solver = ImplicitIntegrator(mechanics, FRAME)
