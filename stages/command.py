@@ -22,7 +22,7 @@ from tactile_viewgcn.files import md5, readable
 from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import load
 from tactile_viewgcn.process import LOST, launched, peak_mb, rank, seconds_since_start
-from tactile_viewgcn.provenance import Record, changes_of, committed_params, origin, run_name, run_tags
+from tactile_viewgcn.provenance import Record, changes_of, committed_params, origin, run_name
 from tactile_viewgcn.schema import flatten
 
 if TYPE_CHECKING:
@@ -105,7 +105,6 @@ class Job:
             needed=self.needed,
             run_id=self.run.id,
             name=name,
-            tags=run_tags(self.stage) | self.computed | {f"md5.{each}": digest for each, digest in self.md5s.items()},
             seconds=seconds,
             peak_mb=peak_mb(),
             inputs={each: {"path": str(path), "md5": self.md5s[each]} for each, path in inputs.items()},
@@ -113,7 +112,7 @@ class Job:
             curves=self.curves,
             params=params,
             notes=self.notes,
-            origin=origin() | self.computed,
+            origin=origin(self.stage) | self.computed,
         )
 
 

@@ -34,7 +34,7 @@ class Record:
         stage: the stage's name.
         needed: whether `model.system` needs the stage.
         run_id: of the stage's own run in MLflow; None where it began none.
-        name, tags: of that run, or of the one that `evaluate` makes from the record.
+        name: of that run, or of the one that `evaluate` makes from the record.
         seconds: of the process, and of the training before an interruption; peak_mb: see `process.peak_mb`.
         inputs: `path` and `md5` of each input, by its name.
         counts: single values; curves: a value for each epoch; both by name.
@@ -47,7 +47,6 @@ class Record:
     needed: bool
     run_id: str | None
     name: str
-    tags: dict[str, str]
     seconds: float
     peak_mb: float
     inputs: dict[str, dict[str, str]]
@@ -56,6 +55,11 @@ class Record:
     params: dict[str, dict[str, Any]]
     notes: list[Note]
     origin: dict[str, str]
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """Tags of the run in MLflow: origin, and md5 of each input."""
+        return self.origin | {f"md5.{name}": each["md5"] for name, each in self.inputs.items()}
 
     def write(self, path: Path) -> None:
         """Write the record to a file of JSON."""
@@ -84,13 +88,6 @@ def git_revision() -> dict[str, str]:
     return revision | ({"git.changed": "\n".join(changed)} if changed else {})
 
 
-def run_tags(stage: str) -> dict[str, str]:
-    """Tags of a stage's run in MLflow: command, code and DVC experiment."""
-    tags = {"stage": stage, "command": " ".join(sys.orig_argv[1:]), "mlflow.source.name": f"stages/{stage}.py"}
-    experiment = {"dvc.experiment": os.environ["DVC_EXP_NAME"]} if "DVC_EXP_NAME" in os.environ else {}
-    return tags | experiment | git_revision()
-
-
 def committed_params(path: Path) -> dict[str, Any]:
     """The values of a params.yaml in git's HEAD, by dotted key; empty where git has none."""
     try:
@@ -117,18 +114,22 @@ def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str,
     return " ".join([*first, *(text for key, text in texts.items() if key not in changed)])
 
 
-def origin() -> dict[str, str]:
-    """Time, host, processor, number of cores, git revision, and versions of Python and of `PACKAGES`."""
+def origin(stage: str) -> dict[str, str]:
+    """Stage, command, DVC experiment, git revision, time, machine, and versions of Python and of `PACKAGES`."""
     versions = {}
     for name in PACKAGES:
         with suppress(PackageNotFoundError):
             versions[name] = version(name)
     return {
+        "stage": stage,
+        "command": " ".join(sys.orig_argv[1:]),
+        "mlflow.source.name": f"stages/{stage}.py",
+        **({"dvc.experiment": os.environ["DVC_EXP_NAME"]} if "DVC_EXP_NAME" in os.environ else {}),
+        **git_revision(),
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "host": socket.gethostname(),
         "processor": processor(),
         "cores": str(usable_cores()),
-        **git_revision(),
         "python": platform.python_version(),
         **versions,
     }

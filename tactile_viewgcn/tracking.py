@@ -24,7 +24,7 @@ from filelock import FileLock
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5, root
-from tactile_viewgcn.provenance import Record, run_tags
+from tactile_viewgcn.provenance import Record, origin
 
 EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
@@ -179,7 +179,7 @@ def stage_run(stage: str, name: str = "", params: dict[str, Any] | None = None, 
         return
     try:
         mlflow, (rows, stages) = _open(_address())
-        run = mlflow.start_run(experiment_id=rows if row else stages, run_name=name or stage, tags=run_tags(stage))
+        run = mlflow.start_run(experiment_id=rows if row else stages, run_name=name or stage, tags=origin(stage))
     except Exception as error:
         raise UserError(f"{_reason(error)}; correct MLFLOW_TRACKING_URI, or set it to {DISABLED}") from error
     logged, status = Run(mlflow, run.info.run_id, stages), "FINISHED"
