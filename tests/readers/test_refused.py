@@ -1,4 +1,4 @@
-"""Sources that cannot be read, by mistake, by damage or by intent: one line names the file, and nothing is left."""
+"""Sources with mistakes, damage or intent to harm: a line names the file, in time and within memory, without a trace."""
 
 import os
 import re
@@ -21,10 +21,8 @@ from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, sav
 
 TREE = metadata(objects=2, recordings=1, frames=4)
 FRAMES = 8  # of TREE
-NUMBER_17 = np.where(np.arange(FRAMES)[:, None, None] == 5, np.nan, TREE["pressure"])
-
-
-MISTAKES = {  # what a recording in HDF5 holds, and words of the line
+NOT_FINITE = np.where(np.arange(FRAMES)[:, None, None] == 5, np.nan, TREE["pressure"])
+MISTAKES = {  # the content of a recording in HDF5, and words of the line
     "no pressure": ({"pressure": None, "force": COUNTS}, "pressure; found force"),
     "no object": ({"attributes": {"object": None}}, "object"),
     "no session": ({"attributes": {"session": None}}, "session"),
@@ -48,7 +46,7 @@ MATLAB = {  # changes of a metadata.mat, and words of the line
     "two fields missing": ({"objects": None, "batchId": None}, "objects, batchId"),
     "pressure of rank 4": ({"pressure": TREE["pressure"][None]}, "pressure"),
     "complex pressure": ({"pressure": TREE["pressure"] * 1j}, "pressure"),
-    "no number": ({"pressure": NUMBER_17}, "pressure of frame 1 of recording 001-object1 is nan"),
+    "no number": ({"pressure": NOT_FINITE}, "pressure of frame 1 of recording 001-object1 is nan"),
     "object out of range": ({"objectId": TREE["objectId"] + 1}, "object of frame 0|is 2|0 to 1"),
     "broken index": ({"objectId": TREE["objectId"] + 0.5}, "object of frame 0|is 0.5|whole"),
     "split out of range": ({"splitId": TREE["splitId"] + 1}, "splitId"),
@@ -89,7 +87,7 @@ def saved(folder, name, content=COUNTS, below=True):
     return folder if below else path
 
 
-#: By a name: what makes a source in a folder, and words of the line that it ends in.
+#: By a name: a function that makes a source in a folder, and words of the line that refuses it.
 SOURCES = {
     **{f"HDF5: {name}": (partial(lambda folder, content: record(folder / "bad.h5", **content), content=content), words)
        for name, (content, words) in MISTAKES.items()},
@@ -103,7 +101,7 @@ SOURCES = {
            (save_folder, "000/001-object1/pressuredata.mat", "001-object1/pressuredata.mat: "),
            (save_hdf5, "001-object1.h5", "001-object1.h5: "))
        for share in (0.02, 0.3, 0.9)},
-    "lines of text as MATLAB": (partial(saved, name="a.mat", content="time,pressure\n0,513\n" * 50), "a.mat: damaged"),
+    "lines of text as MATLAB": (partial(saved, name="a.mat", content="0,513\n" * 99, below=False), "a.mat: damaged"),
     "zeros as MATLAB": (partial(saved, name="a.mat", content=bytes(2000), below=False), "a.mat: damaged"),
     "pictures": (partial(saved, name="photos/000000.jpg", content=b"\xff\xd8"), "STAG"),
     "a text": (partial(saved, name="table.txt", content="time,pressure\n0,513\n", below=False), "table.txt|STAG"),
@@ -153,7 +151,7 @@ def pickled(tmp_path):
 
 
 def declaring(tmp_path, shape):
-    """The bytes of an .npy file whose header declares a shape that its content has not."""
+    """The bytes of an .npy file whose header declares a shape, but not of its content."""
     with (tmp_path / "declaring.npy").open("wb") as file:
         np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
         file.write(b"\0" * 64)
