@@ -1,4 +1,4 @@
-"""Sources with mistakes, damage or intent to harm: a line names the file, in time and within memory, without a trace."""
+"""Sources with mistakes, damage or intent to harm: one line names the file, in time and memory, and nothing is left."""
 
 import os
 import re
