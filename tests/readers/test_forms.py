@@ -136,7 +136,8 @@ def test_a_single_file_is_a_recording_and_needs_no_object_where_none_is_asked_fo
     label = "" if is_array else "mug"
     session = "session" if is_array else "s1"
     assert (source.objects, source.recordings, source.sessions) == ([label], ["grip"], [session])
-    np.testing.assert_array_equal(next(source.blocks)["pressure"], COUNTS)
+    (block,) = source.blocks
+    np.testing.assert_array_equal(block["pressure"], COUNTS)
     if name == "grip.dat":
         return  # without the attribute nothing says that it is a recording
     if not is_array:
