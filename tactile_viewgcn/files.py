@@ -106,7 +106,7 @@ def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
         if path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken):
             raise UserError(f"{path}: it would be read as a recording; name a file in another folder")
         if real in taken:
-            raise UserError(f"{path}: it is an input, or named twice; name another file")
+            raise UserError(f"{path}: it is read here, or named twice; name another file")
         taken.add(real)
         try:
             part.touch(exist_ok=False)
