@@ -7,9 +7,8 @@ import numpy as np
 
 from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.account import frame_counts, kept_rows
 from tactile_viewgcn.frames.leak import check_leak, leak_counts, leak_notes
-from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.frames.preprocessing import frame_counts, kept_rows, preprocess_recordings
 from tactile_viewgcn.names import write_csv
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.tables.frames import SIDES, write_frames
@@ -23,7 +22,7 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     if choice.hand:
         advised = choice.params.baseline != "grasp" and not choice.leaks  # else `auto` took the one that leaks least
         leak = check_leak(table, choice.baseline, choice.hand, made.sides.group)  # both sides: it chooses nothing
-        notes = [*notes, *leak_notes(leak, advised=advised)]
+        notes = [*notes, *leak_notes(table, choice.hand, leak, advised=advised)]
     write_frames(out, frames)
     rows = kept_rows(table, made)
     with atomic_write(kept) as part, part.open("w", newline="") as file:

@@ -12,8 +12,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frames.account import kept_rows
-from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.frames.preprocessing import kept_rows, preprocess_recordings
 from tactile_viewgcn.names import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
 from tactile_viewgcn.readers.source import Source
@@ -92,6 +91,12 @@ class Drifting:
     columns: dict[str, np.ndarray]
     baseline: np.ndarray
     open: np.ndarray
+
+    def table(self, path: Path, kept: np.ndarray | slice = slice(None), **changes: object) -> Recordings:
+        """The frames to keep as a table at `path`, with other columns (T,) or names."""
+        parts = {name: each[kept] if isinstance(each, np.ndarray) else each for name, each in changes.items()}
+        columns = {name: values[kept] for name, values in self.columns.items()}
+        return written(path, self.counts[kept], **columns | parts)
 
 
 def drifting(*, objects=4, recordings=1, grasps=6, between=0.0, within=0.0, common=0.0, same=False) -> Drifting:

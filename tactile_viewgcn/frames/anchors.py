@@ -6,7 +6,7 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.tables.frames import SIDES
 
-MINIMUM = 100  # anchors that a class is reduced to at least; a class with fewer frames uses all of them
+MINIMUM = 100  # anchors that a class keeps at least; a class with fewer frames uses all of them
 
 
 def published_anchors(balanced: np.ndarray, side: np.ndarray) -> np.ndarray:
@@ -29,8 +29,8 @@ def balanced_anchors(
 ) -> tuple[np.ndarray, list[Note]]:
     """Anchors bool (T,), drawn at random, equally many of every class on a side; and notes on classes with fewer.
 
-    There are as many as the smallest class has frames, but at least `minimum`, so that one small class does not
-    reduce all others to a handful. A class with fewer frames than that uses all of them.
+    Their number is that of the smallest class's frames, but at least `minimum`, so that one small class does not reduce
+    all others to a handful. A class with fewer frames than that uses all of them.
     """
     anchor, notes = np.zeros(len(labels), dtype=bool), []
     for code, name in enumerate(SIDES):
@@ -41,12 +41,10 @@ def balanced_anchors(
         count = max(min(sizes), minimum)
         for index in of_class:
             anchor[rng.permutation(index)[:count]] = True
-        smaller = sum(size < count for size in sizes)
-        if smaller:
+        if smaller := sum(size < count for size in sizes):
             text = (
                 f"{smaller} of {several(len(sizes), 'class', 'classes')}: fewer than {several(count, 'anchor')}, so "
                 f"all frames are used, {min(sizes)} in the smallest"
             )
-            topic = {"train": "training"}.get(name, name)
-            notes.append(Note(text, topic=f"{topic} side"))
+            notes.append(Note(text, topic=f"{'training' if name == 'train' else name} side"))
     return anchor, notes

@@ -1,4 +1,4 @@
-"""The baseline of each sensor: mean and noise of what it reads without contact."""
+"""The baseline of each sensor: mean and noise of its readings without contact."""
 
 from dataclasses import dataclass, field
 
@@ -10,18 +10,18 @@ from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.tables.recordings import Recordings
 
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
-OUTLIER_SD = 3.0  # standard deviations beyond which a frame does not count: the empty hand bumps into objects
-MAX_PASSES = 5  # over the frames, to remove outliers
-MIN_FRAMES = 5  # of a mean
+OUTLIER_SD = 3.0  # standard deviations; frames further away are left out, since the empty hand bumps into objects
+MAX_PASSES = 5  # over the frames, to leave out outliers
+MIN_FRAMES = 5  # for a mean
 CUT_OFF = 0.25  # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
-HALF_SD = 0.584  # standard deviation of a normal distribution that is cut off at its mean, in those of the whole one
-SAMPLE = 2000  # frames by which noise counts as cut off
-MOST_FRAMES = 10_000  # of a session's empty hand that are measured, for a mean to a hundredth of the noise
+HALF_SD = 0.584  # standard deviation of a normal distribution cut off at its mean, relative to that of the whole
+SAMPLE = 2000  # frames that show whether noise is cut off
+MOST_FRAMES = 10_000  # for a mean, which then is exact to a hundredth of the noise
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Baselines of R sessions, of R grasps, or of all frames.
+    """R baselines: one for each session, one for each grasp, or one for all frames.
 
     Attributes:
         names: (R,) of the sessions or grasps.
@@ -40,9 +40,9 @@ class Baseline:
 def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation (H, W) of each sensor over counts (T, H, W), without outliers.
 
-    Frames further than three standard deviations from the mean are removed. A median would be no finer than whole
-    counts, and the signal's median is one count. The standard deviation is at least that of rounding, see `_step`, and
-    divided by `left`, see `noise_left`. Differences from the first frame are summed, so that an offset costs no digits.
+    Frames further than three standard deviations from the mean are left out. A median would be no finer than whole
+    counts, and the signal's median is one count. The standard deviation is divided by `left`, see `noise_left`, and at
+    least that of rounding, see `_step`. Differences from the first frame are summed, so that an offset costs no digits.
     """
     dtype, first = exact_float(counts.dtype), counts[0].astype(np.float64)
     rounding = ROUNDING_SD * _step(counts)
@@ -64,7 +64,7 @@ def evenly(index: np.ndarray, most: int) -> np.ndarray:
 
 
 def noise_left(recordings: Recordings) -> float:
-    """Share of the standard deviation of noise that the recordings show.
+    """Share of the noise's standard deviation that the recordings show.
 
     It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise is cut off there.
     """
@@ -75,7 +75,7 @@ def noise_left(recordings: Recordings) -> float:
 def _step(counts: np.ndarray) -> float:
     """Step that counts (T, H, W) are rounded to: 1 for integers, the smallest gap between real numbers.
 
-    Gaps of less than eight units of the last digit are rounding errors. If all are equal it is that unit.
+    Gaps below eight units of the last digit are rounding errors. If all counts are equal, the step is that unit.
     """
     if counts.dtype.kind in "iu":
         return 1.0
@@ -107,29 +107,24 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
     """Baseline of each session over its frames of the empty hand, as the paper subtracts it.
 
     Frames of the test side count too: the baseline calibrates the glove, and a user records it anew in each session.
-    The accuracy of the class empty hand is too high by that.
+    The accuracy of the class empty hand is too high because of that.
 
     Raises:
         UserError: a session without enough frames of the empty hand.
     """
-    if EMPTY_HAND not in recordings.objects:
-        raise UserError(
-            f"no object is named {EMPTY_HAND!r}; preprocess.baseline empty_hand needs its frames: "
-            "record the empty hand, or set preprocess.baseline to auto"
-        )
     sessions, empty = recordings.columns["session"], of_empty_hand(recordings)
-    unused = np.zeros(recordings.shape, np.float32), np.ones(recordings.shape, np.float32)  # without frames
-    entries, left = [], noise_left(recordings)
+    unused = np.zeros(recordings.shape, np.float32), np.ones(recordings.shape, np.float32)  # no frames
+    moments, left = [], noise_left(recordings)
     for number, name in enumerate(recordings.sessions):
         index = np.flatnonzero(empty & (sessions == number))
         if len(index) < MIN_FRAMES and (sessions == number).any():
             raise UserError(
                 f"session {name!r} has {several(len(index), 'frame')} of {EMPTY_HAND!r}; preprocess.baseline "
-                f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set it to auto"
+                f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set preprocess.baseline to auto"
             )
         frames = recordings.frames(evenly(index, MOST_FRAMES))
-        entries.append(trimmed_moments(frames, left) if len(index) else unused)
-    mean, noise = map(np.stack, zip(*entries, strict=True))
+        moments.append(trimmed_moments(frames, left) if len(index) else unused)
+    mean, noise = map(np.stack, zip(*moments, strict=True))
     return Baseline(recordings.sessions, mean, noise, sessions)
 
 

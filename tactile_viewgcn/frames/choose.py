@@ -1,4 +1,4 @@
-"""A value for every `auto` of the section `preprocess`, chosen on the training side: by measurement where it can be."""
+"""A value for every `auto` of the section `preprocess`, chosen on the training side: by measurement where possible."""
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -15,8 +15,7 @@ from tactile_viewgcn.frames.baseline import (
     has_empty_hand,
     of_empty_hand,
 )
-from tactile_viewgcn.frames.contact import quietest_are_contact, sensors_in_contact, smallest_reading
-from tactile_viewgcn.frames.filtering import flagged
+from tactile_viewgcn.frames.contact import flagged, quietest_are_contact, sensors_in_contact, smallest_reading
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.leak import check_leak
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording
@@ -31,19 +30,19 @@ BASELINES = ("empty_hand", "grasp", "none")  # an earlier one is taken unless a 
 CLEARLY = 2.0  # standard errors; of three baselines that err alike one is lower by 1 in 40 % of the cases, by 2 in 7 %
 SAMPLE = 2000  # frames whose readings are compared
 RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
-HEADROOM = 10.0  # times the strongest hundredth: the released scale is kept up to there
+HEADROOM = 10.0  # times the strongest hundredth of the readings: the released scale is kept up to there
 
 
 @dataclass(frozen=True)
 class Choice:
-    """How recordings are preprocessed, and what that was chosen by.
+    """How recordings are preprocessed, and the measurements behind that choice.
 
     Attributes:
         params: the settings, every `auto` decided.
         baseline: the one that `params` names.
         notes: of level `choice`, one for each value that was `auto`.
         hand: where the hand is open, and where it is in contact; None where nothing needed it.
-        errors: of a quick classifier on contact above each baseline, on left-out groups of the training side.
+        errors: by baseline, of a quick classifier on contact, on held-out groups of the training side.
         leaks: the same without contact: an error below chance is a leak.
     """
 
@@ -56,10 +55,10 @@ class Choice:
 
 
 def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Choice:
-    """Choose a value for every `auto`, and measure the baseline.
+    """Choose a value for every `auto`, and compute the baseline.
 
-    The baseline is the one that a quick classifier errs least with, unless the recordings follow the paper, or single
-    frames are held out. Objects of the training side alone are looked at.
+    The baseline is the one with the lowest error of a quick classifier, unless the recordings follow the paper, or
+    single frames are held out. Only objects of the training side are looked at.
 
     Raises:
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; readings too small or
@@ -86,25 +85,24 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
     training = sides.training if sides.training.any() else np.ones(len(recordings), dtype=bool)
     if quietest_are_contact(recordings, hand, sides.training):
         hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
-    errors, leaks = dict[str, QuickError](), dict[str, QuickError]()
+    baselines, errors, leaks = dict[str, Baseline](), dict[str, QuickError](), dict[str, QuickError]()
     if asked.baseline == "auto":
         zero = smallest_reading(hand, training)
-        baselines = _baselines(recordings, hand, zero)
-        if len(baselines) > 1 and sides.whole and not follows_paper(recordings):
+        if sides.whole and not hand.all_contact and not follows_paper(recordings):
+            kinds = BASELINES if has_empty_hand(recordings) else BASELINES[1:]
+            baselines = {kind: measure_baseline(recordings, kind, hand, zero) for kind in kinds}
             errors, leaks = measure(recordings, hand, baselines, sides)
         take("baseline", *_best_baseline(recordings, hand, errors, leaks), "baseline")
-        baseline = baselines[params.baseline]
         if params.baseline == "none":
-            reason = "what sensors without contact read" if zero else "sensors without contact read about 0"
+            reason = "the reading of sensors without contact" if zero else "sensors without contact read about 0"
             take("zero", zero, reason, "baseline")
-    else:
-        baseline = measure_baseline(recordings, params.baseline, hand, params.zero)
-        if params.baseline == "grasp" and hand.all_contact:
-            text = (
-                "grasp is made of frames in contact, as even the quietest are: it is subtracted from the signal; set "
-                "preprocess.baseline to auto, which takes the recordings as they are"
-            )
-            baseline.notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
+    baseline = baselines.get(params.baseline) or measure_baseline(recordings, params.baseline, hand, params.zero)
+    if params.baseline == "grasp" and hand.all_contact:
+        text = (
+            "grasp is made of frames in contact, as even the quietest are, so it is subtracted from the signal; set "
+            "preprocess.baseline to auto, which takes the recordings as they are"
+        )
+        baseline.notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
     if asked.filter == "auto":
         take("filter", *_filter(recordings, hand, params.baseline, training), "filter")
     if asked.scale == "auto":
@@ -113,22 +111,20 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
 
 
 def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline, usable: np.ndarray) -> np.ndarray:
-    """Counts (n,) above the baseline of the sensors in contact, in about 2,000 usable (T,) frames of contact."""
-    readings, session = [np.zeros(0)], recordings.columns["session"]
+    """Counts (n,) above the baseline of the sensors in contact, in about 2,000 usable frames bool (T,) of contact."""
     usable = usable & hand.contact & ~of_empty_hand(recordings)
     recorded = frames_by_recording(recordings)
-    for index in recorded:
-        sample = evenly(index[usable[index]], max(1, SAMPLE // len(recorded)))
-        excess = hand.counts[sample] - baseline.mean[baseline.of_frame[sample]][:, recordings.live]
-        readings.append(excess[excess > CONTACT_SIGMAS * hand.noise[session[index[0]]]])
-    return np.concatenate(readings)
+    most = max(1, SAMPLE // len(recorded))
+    sample = np.concatenate([evenly(index[usable[index]], most) for index in recorded])
+    excess = hand.counts[sample] - baseline.mean[baseline.of_frame[sample]][:, recordings.live]
+    return excess[excess > CONTACT_SIGMAS * hand.noise[recordings.columns["session"][sample]]].astype(np.float64)
 
 
 def measure_baseline(recordings: Recordings, kind: str, hand: OpenHand, zero: float) -> Baseline:
-    """The baseline of a kind that `preprocess.baseline` names; `zero` is the constant of `none`.
+    """The baseline that `preprocess.baseline` names; `zero` is the constant of `none`.
 
     Raises:
-        UserError: no empty hand where it is of that.
+        UserError: `empty_hand`, and the empty hand was not recorded in every session.
     """
     if kind == "empty_hand":
         return empty_hand_baseline(recordings)
@@ -138,9 +134,9 @@ def measure_baseline(recordings: Recordings, kind: str, hand: OpenHand, zero: fl
 def measure(
     recordings: Recordings, hand: OpenHand, baselines: dict[str, Baseline], sides: Sides
 ) -> tuple[dict[str, QuickError], dict[str, QuickError]]:
-    """`errors` and `leaks` of a `Choice`, where they can be measured: log(1 + counts above each baseline).
+    """`errors` and `leaks` of a `Choice`, where they can be measured.
 
-    The unit of the counts is what a pressed sensor reads at least.
+    The classifier reads log(1 + excess) above each baseline, in units of the smallest excess of a pressed sensor.
     """
     errors, leaks, label = dict[str, QuickError](), dict[str, QuickError](), recordings.columns["object"]
     usable = sides.training & hand.contact & ~of_empty_hand(recordings)
@@ -158,21 +154,12 @@ def measure(
     return errors, leaks
 
 
-def _baselines(recordings: Recordings, hand: OpenHand, zero: float) -> dict[str, Baseline]:
-    """The baselines that the recordings allow, by `preprocess.baseline`: of contact alone only the constant."""
-    baselines = {}
-    for kind in ("none",) if hand.all_contact else BASELINES:
-        with suppress(UserError):
-            baselines[kind] = measure_baseline(recordings, kind, hand, zero)
-    return baselines
-
-
 def _best_baseline(
     recordings: Recordings, hand: OpenHand, errors: dict[str, QuickError], leaks: dict[str, QuickError]
 ) -> tuple[str, str]:
-    """Value and reason: the first that errs within two standard errors of the lowest, of those that do not leak.
+    """Value and reason: the first baseline within two standard errors of the lowest error, of those that do not leak.
 
-    Where every baseline leaks, the one that leaks least; where nothing was measured, by what the recordings have.
+    If every baseline leaks, the one that leaks least; if nothing was measured, by what was recorded.
     """
     if follows_paper(recordings):
         return "empty_hand", "recorded in every session, and the split is published"
@@ -181,7 +168,7 @@ def _best_baseline(
     if not errors:
         has_empty = has_empty_hand(recordings)
         return ("empty_hand", "recorded in every session") if has_empty else ("grasp", "no empty hand in every session")
-    leaking = [kind for kind in errors if kind in leaks and leaks[kind].tells_object]
+    leaking = [kind for kind in errors if kind in leaks and leaks[kind].beats_chance]
     if len(leaking) == len(errors):
         best = max(leaking, key=lambda kind: leaks[kind].error)
         warning = "; every baseline leaks the object; this one leaks least"
@@ -201,18 +188,22 @@ def _first_of_lowest(errors: dict[str, QuickError]) -> str:
 
 
 def _filter(recordings: Recordings, hand: OpenHand, baseline: str, usable: np.ndarray) -> tuple[str, str]:
-    """Value and reason: flags where every object has some in usable frames (T,); else contact, above a baseline."""
+    """Value and reason: flags if every object has some in usable frames bool (T,), else contact above a baseline."""
     objects, of_object = recordings.columns["object"], usable & ~of_empty_hand(recordings)
     with suppress(UserError):
         if not len(np.setdiff1d(objects[of_object], objects[usable & flagged(recordings)])):
             return "flags", "the source says in which frames the object is held"
     if baseline == "none":
-        return "none", "without a baseline contact cannot be found: every frame is kept"
+        return "none", "contact cannot be detected without a baseline: every frame is kept"
     return "contact", f"{100 * hand.contact.mean():.0f} % of the frames are in contact"
 
 
 def _scale(in_contact: np.ndarray) -> tuple[float, str]:
-    """Value and reason, by readings (n,) of sensors in contact; a UserError where params would refuse the value."""
+    """Value and reason, by readings (n,) of sensors in contact.
+
+    Raises:
+        UserError: params would refuse the value.
+    """
     if not len(in_contact):
         return RELEASED_SCALE, "the released code's: no sensor is in contact"
     strongest = float(np.percentile(in_contact, 99))

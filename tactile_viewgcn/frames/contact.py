@@ -1,17 +1,20 @@
-"""When recordings are contact: how many sensors are pressed, what they read at least, and whether a hand ever opens."""
+"""Contact: how many sensors it presses, which frames it keeps, and whether recordings are contact from end to end."""
 
 import math
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, has_empty_hand
+from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, has_empty_hand, of_empty_hand
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import quick_error
-from tactile_viewgcn.params import CONTACT_SIGMAS
+from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
+from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
-SENSORS_IN_CONTACT = 14  # of a frame of contact, of STAG's 548
-CONTACT_SHARE = 1 / 40  # of the sensors of a smaller array: as STAG's 14
+SENSORS_IN_CONTACT = 14  # fewest in a frame of contact, of STAG's 548
+CONTACT_SHARE = 1 / 40  # the same share of a smaller array
 NEAR_ZERO = 0.05  # of the range of readings
 SAMPLE = 2000  # frames whose readings are compared
 
@@ -22,7 +25,7 @@ def sensors_in_contact(live: int) -> int:
 
 
 def smallest_reading(hand: OpenHand, usable: np.ndarray) -> float:
-    """The smallest reading in usable frames (T,), in counts, to three digits; 0 where that is near it."""
+    """The smallest reading in usable frames bool (T,), in counts, to three digits; 0 where that is near 0."""
     index = np.flatnonzero(usable)
     low, high = np.percentile(hand.counts[index[:: max(1, len(index) // SAMPLE)]], [0.1, 99])
     return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
@@ -31,12 +34,12 @@ def smallest_reading(hand: OpenHand, usable: np.ndarray) -> float:
 def quietest_are_contact(recordings: Recordings, hand: OpenHand, training: np.ndarray) -> bool:
     """Whether even the quietest frames are contact, so that there is no open hand to take a baseline from.
 
-    Without an empty hand in every session they are if hardly any frame is as quiet, or none reads more; or if they
-    differ between recordings by as much as contact, and predict the objects of the training side. Drift alone does not
-    predict them: sessions are held out where they can be, as it never comes again.
+    They are not where every session has an empty hand. Else they are if hardly any frame is as quiet, or none reads
+    more; or if they differ between recordings by as much as contact and predict the objects of the training side. Drift
+    alone does not predict them: sessions are held out where possible, since no drift comes twice.
 
     Args:
-        training: bool (T,) frames whose objects may be looked at: of a recording whose quietest frames are among them.
+        training: bool (T,) frames whose objects may be looked at; a recording counts if these include its quietest.
     """
     if has_empty_hand(recordings):
         return False
@@ -53,13 +56,75 @@ def quietest_are_contact(recordings: Recordings, hand: OpenHand, training: np.nd
         return False
     for group in (session, np.arange(len(label))):
         if error := quick_error("all contact", lambda index: difference[index], usable, label, group):
-            return error.tells_object
+            return error.beats_chance
     return False
 
 
 def session_medians(values: np.ndarray, session: np.ndarray) -> np.ndarray:
-    """Median (R, S) over the recordings of each one's session, of values (R, S)."""
+    """Median (R, S) over all recordings of each recording's session (R,), of values (R, S)."""
     medians = np.empty_like(values)
     for number in np.unique(session):
         medians[session == number] = np.median(values[session == number], axis=0)
     return medians
+
+
+def passing(recordings: Recordings, baseline: Baseline, preprocess: PreprocessSection) -> tuple[np.ndarray, list[Note]]:
+    """Frames bool (T,) that pass `preprocess.filter`, and notes on the others; `contact` passes all of the empty hand.
+
+    Raises:
+        UserError: flags that the recordings do not have, or a baseline without noise.
+    """
+    if preprocess.filter == "none":
+        return np.ones(len(recordings), dtype=bool), []
+    if preprocess.filter == "flags":
+        passed, condition = flagged(recordings), "a flag"
+    else:
+        sensors = int(preprocess.contact_sensors)
+        passed = pressed_frames(recordings, baseline, sensors) | of_empty_hand(recordings)
+        condition = f"{several(sensors, 'sensor')} above {CONTACT_SIGMAS:g} sd"
+    dropped = f"{(~passed).sum():,} of {several(len(passed), 'frame')} dropped, without {condition}"
+    notes = [Note(f"{preprocess.filter}: {dropped}", topic="filter")]
+    for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
+        before, after = np.unique(recordings.columns[column]), recordings.columns[column][passed]
+        if not len(emptied := np.setdiff1d(before, after)):
+            continue
+        count = f"{len(emptied)} of {several(len(before), column)}"
+        text = f"{count} dropped, no frame has {condition}: {listed([names[i] for i in emptied])}"
+        remedy = "; lower preprocess.contact_sensors, or choose another preprocess.filter"
+        notes.append(Note(text, topic="filter") if column == "recording" else Note(text + remedy, "warning", "filter"))
+    return passed, notes
+
+
+def flagged(recordings: Recordings) -> np.ndarray:
+    """bool (T,): the column `grasp_valid` if the recordings have it, as STAG's set of weights does, else `valid`.
+
+    Raises:
+        UserError: they have neither.
+    """
+    for column in ("grasp_valid", "valid"):
+        if column in recordings.columns:
+            return recordings.columns[column].copy()
+    raise UserError(
+        f"{recordings.path}: no validity flags (grasp_valid or valid), which preprocess.filter flags needs: "
+        "set it to auto"
+    )
+
+
+def pressed_frames(recordings: Recordings, baseline: Baseline, sensors: int) -> np.ndarray:
+    """bool (T,): at least `sensors` live sensors read more than five standard deviations above their baseline.
+
+    Raises:
+        UserError: a baseline without noise.
+    """
+    if baseline.noise is None:
+        raise UserError(
+            "preprocess.filter is contact, which needs the baseline's noise: "
+            "expected preprocess.filter auto, or preprocess.baseline empty_hand or grasp"
+        )
+    contact = np.zeros(len(recordings), dtype=bool)
+    threshold = baseline.mean + CONTACT_SIGMAS * baseline.noise  # (R, H, W)
+    for start, counts in recordings.blocks():
+        at = slice(start, start + len(counts))
+        above = (counts > threshold[baseline.of_frame[at]]) & recordings.live
+        contact[at] = above.sum(axis=(1, 2)) >= sensors
+    return contact

@@ -16,29 +16,29 @@ from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
-EMPTY, OPEN, KNOWN = "their session's empty hand", "their session's open hand", "the training's baseline"
-QUIETEST = "their own five quietest frames"
+EMPTY, OPEN, TRAINED = "their session's empty hand", "their session's open hand", "the training's baseline"
+QUIETEST = "their five quietest frames"
 
 
 def grasp_baseline(
-    recordings: Recordings, hand: OpenHand, known: list[tuple[np.ndarray, np.ndarray]] | None = None
+    recordings: Recordings, hand: OpenHand, trained: list[tuple[np.ndarray, np.ndarray]] | None = None
 ) -> Baseline:
     """Baseline of each grasp over the open-hand frames since the grasp before it, five at least.
 
-    A grasp without them has those of the nearest earlier grasp of its recording, or else of the nearest later one. A
-    recording without any has its session's empty hand, else the open hand of its session's other recordings, else what
-    is known, else its own quietest frames. The noise is the session's.
+    A grasp with fewer has the baseline of the nearest earlier grasp of its recording, or else of the nearest later one.
+    A recording without any has its session's empty hand, else the open hand of its session's other recordings, else
+    `trained`, else its five quietest frames. The noise is the session's.
 
     Args:
         hand: of the recordings, as `find_open_hand` returns it.
-        known: mean and noise (H, W) of the empty hand of each session, measured before; None: of none.
+        trained: mean and noise (H, W) for each session, from the training of a model; None without a model.
     """
     session, names = recordings.columns["session"], recordings.recordings
     rows: dict[tuple[str, int], tuple[np.ndarray, int]] = {}  # by name and session: mean (S,), and index of the row
     of_frame, with_contact, borrowed = np.empty(len(session), dtype=np.int32), 0, 0
-    stand_ins: dict[str, list[str]] = {}
+    replaced: dict[str, list[str]] = {}  # by what is used instead of an open hand: recordings
 
-    def take(index: np.ndarray, name: str, mean: np.ndarray) -> None:
+    def use(index: np.ndarray, name: str, mean: np.ndarray) -> None:
         of_frame[index] = rows.setdefault((name, int(session[index[0]])), (mean, len(rows)))[1]
 
     for index, quietest in zip(frames_by_recording(recordings), hand.quiet, strict=True):
@@ -46,12 +46,12 @@ def grasp_baseline(
         grasp = grasps(hand.open[index], hand.contact[index])
         source = _sources(grasp, hand.open[index])
         if source is None:
-            kind, mean = _stand_in(recordings, hand, number, known) or (QUIETEST, quietest)
-            take(index, name if kind == QUIETEST else recordings.sessions[number], mean)
-            stand_ins.setdefault(kind, []).append(name)
+            kind, mean = _replacement(recordings, hand, number, trained) or (QUIETEST, quietest)
+            use(index, name if kind == QUIETEST else recordings.sessions[number], mean)
+            replaced.setdefault(kind, []).append(name)
             continue
         for one in np.unique(source):
-            take(index[source == one], f"{name}, grasp {one}", _mean(hand, index[hand.open[index] & (grasp == one)]))
+            use(index[source == one], f"{name}, grasp {one}", _mean(hand, index[hand.open[index] & (grasp == one)]))
         with_contact += len(np.unique(grasp[hand.contact[index]]))
         borrowed += len(np.unique(grasp[hand.contact[index] & (source != grasp)]))
     mean = np.empty((len(rows), *recordings.shape), dtype=exact_float(recordings.dtype))
@@ -59,23 +59,23 @@ def grasp_baseline(
     noise = np.ones_like(mean)
     mean[:, recordings.live] = [row for row, _ in rows.values()]
     noise[:, recordings.live] = [hand.noise[number] for _, number in rows]
-    few = f"fewer than {MIN_FRAMES} open-hand frames"
+    lacking = f"fewer than {MIN_FRAMES} open-hand frames"
     texts = [
-        f"{len(without)} of {several(len(names), 'recording')}: {few}, so {kind} "
+        f"{len(without)} of {several(len(names), 'recording')}: {lacking}, so {kind} "
         f"{'are' if kind == QUIETEST else 'is'} used: {listed(without)}"
-        for kind, without in stand_ins.items()
+        for kind, without in replaced.items()
     ]
     if borrowed:
         nearest = "those of the nearest grasp of the recording are used"
-        texts.insert(0, f"{borrowed} of {several(with_contact, 'grasp')}: {few} before, so {nearest}")
+        texts.insert(0, f"{borrowed} of {several(with_contact, 'grasp')}: {lacking} before, so {nearest}")
     notes = [Note(text, topic="baseline") for text in texts]
     return Baseline([name for name, _ in rows], mean, noise, of_frame, notes)
 
 
 def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
-    """Number (n,) of the grasp of each frame of a recording, from 1: the next begins as the hand opens after contact.
+    """Number (n,) of the grasp of each frame of a recording, from 1: the next begins when the hand opens after contact.
 
-    Some frames are neither `opened` nor in `contact`, bool (n,).
+    Frames that are neither `opened` nor in `contact`, both bool (n,), belong to the grasp before them.
     """
     certain = np.flatnonzero(opened | contact)
     begins = np.zeros(len(opened), dtype=np.int64)
@@ -88,15 +88,15 @@ def _mean(hand: OpenHand, index: np.ndarray) -> np.ndarray:
     return trimmed_moments(hand.counts[evenly(index, MOST_FRAMES)])[0]
 
 
-def _stand_in(
-    recordings: Recordings, hand: OpenHand, number: int, known: list[tuple[np.ndarray, np.ndarray]] | None
+def _replacement(
+    recordings: Recordings, hand: OpenHand, number: int, trained: list[tuple[np.ndarray, np.ndarray]] | None
 ) -> tuple[str, np.ndarray] | None:
-    """What a recording of session `number` without an open hand has instead, and its mean (S,); None without any."""
+    """Kind and mean (S,) of the baseline for a recording of session `number` without an open hand; None without any."""
     for kind, usable in ((EMPTY, of_empty_hand(recordings)), (OPEN, hand.open)):
         index = np.flatnonzero(usable & (recordings.columns["session"] == number))
         if len(index) >= MIN_FRAMES:
             return kind, _mean(hand, index)
-    return (KNOWN, known[number][0][recordings.live]) if known else None
+    return (TRAINED, trained[number][0][recordings.live]) if trained else None
 
 
 def _sources(grasp: np.ndarray, opened: np.ndarray) -> np.ndarray | None:

@@ -1,4 +1,4 @@
-"""The leak check: can the object be told from frames without contact? Then an error says little about touch."""
+"""The leak check: do frames without contact predict the object? Then an error says little about touch."""
 
 import numpy as np
 
@@ -8,6 +8,8 @@ from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.tables.recordings import Recordings
 
+TOPIC = "leak check"
+
 
 def check_leak(
     recordings: Recordings,
@@ -16,10 +18,10 @@ def check_leak(
     group: np.ndarray,
     usable: np.ndarray | bool = True,
 ) -> QuickError | None:
-    """Tell the objects apart by open-hand frames; None without such frames that can be held out.
+    """Error of recognising objects by open-hand frames; None unless two objects have such frames in two groups each.
 
-    From a frame the baseline is subtracted that the last frame of contact before it has, as from a grasp: a baseline of
-    the open hand itself would hide its own drift. The empty hand is no object here, and an object needs two groups.
+    The baseline of the last frame of contact before is subtracted: one of the open hand itself would hide its own
+    drift. The empty hand is no object here.
 
     Args:
         group: (T,) split group of each frame.
@@ -30,15 +32,14 @@ def check_leak(
         of_frame = baseline.of_frame[_last_contact(recordings, hand.contact)[index]]
         return hand.counts[index] - baseline.mean[of_frame][:, recordings.live]
 
-    without_contact = hand.open & ~of_empty_hand(recordings) & usable
-    return quick_error("leak", excess, without_contact, recordings.columns["object"], group)
+    untouched = hand.open & ~of_empty_hand(recordings) & usable
+    return quick_error("leak", excess, untouched, recordings.columns["object"], group)
 
 
 def check_first_frames(recordings: Recordings, hand: OpenHand) -> QuickError | None:
-    """Tell the objects apart by the first frame of each recording alone; None where none can be held out.
+    """Error of recognising objects by the first frame of each recording; None unless two objects have two recordings.
 
-    From a frame the mean of the first frames of its session is subtracted. The empty hand is no object here, and an
-    object needs two recordings.
+    The mean over the first frames of the session is subtracted. The empty hand is no object here.
     """
     first = np.zeros(len(hand.open), dtype=bool)
     first[[index[0] for index in frames_by_recording(recordings)]] = True
@@ -54,33 +55,43 @@ def check_first_frames(recordings: Recordings, hand: OpenHand) -> QuickError | N
 
 
 def leak_counts(leak: QuickError | None) -> dict[str, float]:
-    """The numbers by the names that they are logged under."""
+    """The numbers of a leak check by the names that they are logged under."""
     names = ("error", "low", "high", "chance", "groups", "frames", "seconds")
     return {f"leak.{name}": getattr(leak, name) for name in names} if leak else {}
 
 
-def leak_notes(leak: QuickError | None, *, advised: bool) -> list[Note]:
-    """A leak check in one line, and a warning where the object is told, with the advice to take the baseline grasp."""
+def leak_notes(recordings: Recordings, hand: OpenHand, leak: QuickError | None, *, advised: bool) -> list[Note]:
+    """A leak check in one line, or why there is none, and a warning where the objects are recognised.
+
+    The value of a note on a check that was not made is the number of frames without contact, 0 where all are contact.
+
+    Args:
+        advised: to set the baseline to `grasp` is a remedy.
+    """
     if leak is None:
-        return [Note("no open-hand frames of two objects, each in two groups: not checked", topic="leak check")]
+        frames = int((hand.open & ~of_empty_hand(recordings)).sum())
+        text = "not checked: no frame of an object is without contact"
+        if frames:
+            text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
+        return [Note(text, topic=TOPIC, key="leak.frames", value=frames)]
     text = (
-        f"the object is told from frames without contact with an error of {100 * leak.error:.1f} % "
+        f"frames without contact predict the object with an error of {100 * leak.error:.1f} % "
         f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; "
         f"{several(leak.frames, 'frame')} in {several(leak.groups, 'group')}, {leak.seconds:.1f} s"
     )
-    notes = [Note(text, topic="leak check")]
-    if leak.tells_object:
-        text = "the object is told without contact better than by chance, so that errors say less about touch"
+    notes = [Note(text, topic=TOPIC)]
+    if leak.beats_chance:
+        text = "frames without contact predict the object better than chance, so errors say less about touch"
         if advised:
             text += ": set preprocess.baseline to grasp, or choose another split.by"
-            notes.append(Note(text, "warning", "leak check", "preprocess.baseline", "grasp"))
+            notes.append(Note(text, "warning", TOPIC, "preprocess.baseline", "grasp"))
         else:
-            notes.append(Note(f"{text}: choose another split.by", "warning", "leak check"))
+            notes.append(Note(f"{text}: choose another split.by", "warning", TOPIC))
     return notes
 
 
 def _last_contact(recordings: Recordings, contact: np.ndarray) -> np.ndarray:
-    """Index (T,) of the last frame of contact before each frame in its recording; its own where there is none."""
+    """Index (T,) of the last frame of contact before each frame in its recording; the frame itself if there is none."""
     last = np.arange(len(contact))
     for index in frames_by_recording(recordings):
         before = np.maximum.accumulate(np.where(contact[index], np.arange(len(index)), -1))

@@ -1,4 +1,4 @@
-"""The open hand: frames in which nothing is touched, found even where the baseline drifts.
+"""The open hand: frames in which nothing is touched, detected even where the baseline drifts.
 
 A baseline that a whole session shares shows contact everywhere once it has drifted by more than the signal. So each
 recording begins with its quietest frames, and the baseline follows the open hand from there. It stands still during a
@@ -23,13 +23,13 @@ from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings
 
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
-WEAK = 0.6  # of the threshold: a hand that closes, or holds little, is felt a little by several sensors
+WEAK = 0.6  # of the threshold: a hand that closes, or holds little, presses several sensors a little
 WEAK_SENSORS, WEAK_SHARE = 2, 0.01  # most sensors of an open hand above that: two and a hundredth of all
-MARGIN = 2  # frames so near to others are no open hand: it is closing, or has just let go
+MARGIN = 2  # frames this near to a touch do not count as open: the hand is closing, or has just let go
 FOLLOWED = 0.1  # share of the difference between an open-hand frame and the baseline that the baseline follows
 UNMOVED = 0.25  # share of the sensors that a dense grasp leaves as they are, and drift does not
-MAX_DIFFERENCES = 2000  # of successive frames, of which noise is estimated
-COMMON_SENSORS = 100  # about so many say what all sensors share, for a fifth of the time that 548 take
+MAX_DIFFERENCES = 2000  # of successive frames, from which noise is estimated
+COMMON_SENSORS = 100  # enough to estimate what all sensors share, in a fifth of the time that 548 take
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,14 @@ class OpenHand:
     """Which of T frames are without contact, and what that is computed from.
 
     Attributes:
-        counts: (T, S) of the live sensors, an array or what is read from the recordings' file.
+        counts: (T, S) of the live sensors, an array or read from the recordings' file when indexed.
         noise: (sessions, S) standard deviation in counts, see `noise_left`.
         contact: bool (T,) enough sensors are in contact, or a flag of the source says that an object is held.
-        open: bool (T,) the hand is open, and so it is in the two frames before and after: at most one sensor is in
-            contact, few are at three fifths of it, and no flag says that an object is held. Frames that are neither
-            open nor in contact lie between the two, or in a grasp that is hardly felt.
-        quietest: the five quietest successive frames (5,) of each of R recordings with frames; all of a shorter one.
+        open: bool (T,) the hand is open in this frame and in the two before and after it: at most one sensor is in
+            contact, few reach three fifths of that, and no flag says that an object is held. Frames that are neither
+            open nor in contact lie between the two, or in a grasp that hardly presses.
+        quietest: indices (5,) of the five quietest successive frames of each of R recordings with frames; all of a
+            shorter one.
         sensors: fewest that are pressed in a frame of contact.
     """
 
@@ -66,38 +67,39 @@ class OpenHand:
 
 
 def find_open_hand(
-    recordings: Recordings, sensors: int, known: list[tuple[np.ndarray, np.ndarray]] | None = None
+    recordings: Recordings, sensors: int, trained: list[tuple[np.ndarray, np.ndarray]] | None = None
 ) -> OpenHand:
     """Find the frames of the open hand.
 
     Args:
         sensors: fewest that are pressed in a frame of contact.
-        known: mean and noise (H, W) of the empty hand, for each session that has no frames of it; taken as they are.
+        trained: mean and noise (H, W) of each session from the training of a model, for sessions without enough frames
+            of the empty hand.
     """
     counts = recordings.live_counts()
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
     of_session, left = [], noise_left(recordings)
     for number in range(len(recordings.sessions)):
-        of_session.append(_empty_hand(counts, np.flatnonzero(session == number), empty, left))
-    for number, (mean, noise) in enumerate(known or []):
-        if of_session[number][0] is None:
-            of_session[number] = mean[recordings.live], noise[recordings.live]
+        mean, noise = _empty_hand(counts, np.flatnonzero(session == number), empty, left)
+        if mean is None and trained:
+            mean, noise = (values[recordings.live] for values in trained[number])
+        of_session.append((mean, noise))
     flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
     flagged = np.any([np.zeros(len(recordings), dtype=bool), *flags], axis=0) & ~empty  # an object is held
     contact, opened = np.zeros((2, len(counts)), dtype=bool)
-    all_quietest = []
+    quietest_of_all = []
     for index in frames_by_recording(recordings):
         mean, noise = of_session[session[index[0]]]
         pressed, still, start = _pressed(counts[index].astype(np.float64), CONTACT_SIGMAS * noise, sensors, mean)
-        all_quietest.append(index[start : start + MIN_FRAMES])
+        quietest_of_all.append(index[start : start + MIN_FRAMES])
         contact[index] = (pressed >= sensors) | flagged[index]
         opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
     noises = np.stack([noise for _, noise in of_session])
-    return OpenHand(counts, noises, contact, opened, all_quietest, sensors)
+    return OpenHand(counts, noises, contact, opened, quietest_of_all, sensors)
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
-    """Indices of the frames of each recording that has some."""
+    """Indices of the frames of each recording that has any."""
     recording = recordings.columns["recording"]
     order = np.argsort(recording, kind="stable")
     return np.split(order, 1 + np.flatnonzero(np.diff(recording[order])))
@@ -109,14 +111,14 @@ def _empty_hand(
     """Mean (S,) of the empty hand in a session, None without enough frames of it, and noise (S,).
 
     Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
-    few of them. `index` (n,) is of the session's frames, `empty` (T,) says which are of the empty hand.
+    few of them. `index` (n,) is of the session's frames, `empty` bool (T,) marks those of the empty hand.
     """
     of_empty = index[empty[index]]
     if len(of_empty) >= MIN_FRAMES:
         return trimmed_moments(counts[evenly(of_empty, MOST_FRAMES)], left)
     if len(index) < 2:
         return None, np.ones(counts.shape[1])
-    sample = np.unique(np.linspace(0, len(index) - 2, MAX_DIFFERENCES).astype(int))
+    sample = evenly(np.arange(len(index) - 1), MAX_DIFFERENCES)
     changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
     return None, trimmed_moments(changes, left)[1] / np.sqrt(2)
 
@@ -124,12 +126,12 @@ def _empty_hand(
 def _pressed(
     counts: np.ndarray, threshold: np.ndarray, sensors: int, empty: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Number of sensors (n,) that read contact in each frame (n, S) of a recording, whether it seems open (n,), and the
-    first of its quietest frames.
+    """Number of sensors (n,) in contact in each frame (n, S) of a recording, whether it seems open (n,), and the index
+    of the first of its quietest frames.
 
-    `threshold` (S,) is what a sensor in contact reads above the baseline, `empty` (S,) the session's empty hand. Frames
-    that fall below the baseline by as much as contact say that the hand was not open where it began: then the frames
-    with the smallest sums are tried, of which nothing is left out that all sensors share, as a dense grasp is.
+    `threshold` (S,) is the least that a sensor in contact reads above the baseline, `empty` (S,) the session's empty
+    hand. Frames that fall below the baseline by as much as contact show that the hand was not open where it began: then
+    the frames with the smallest sums are tried, without leaving out what all sensors share, as a dense grasp is shared.
     """
     results = []
     for start in dict.fromkeys((quietest(counts), quietest(counts, common=False))):
@@ -147,10 +149,13 @@ def _pressed(
 def _follow(
     counts: np.ndarray, start: int, baseline: np.ndarray, threshold: np.ndarray, sensors: int
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """As `_pressed`, with a `baseline` (S,) that follows from a frame on, and in how many frames it lies too high."""
+    """As `_pressed`, but the number of frames in which the baseline is too high instead of the quietest frames.
+
+    The `baseline` (S,) follows the open hand from the frame `start` forwards, and from there backwards.
+    """
     pressed, still, fallen = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool), 0
     weak, most_weak = WEAK * threshold, WEAK_SENSORS + WEAK_SHARE * len(threshold)
-    for numbers in (range(start, len(counts)), range(start - 1, -1, -1)):  # forwards, and backwards
+    for numbers in (range(start, len(counts)), range(start - 1, -1, -1)):
         following = baseline.copy()
         for number in numbers:
             excess = counts[number] - following
@@ -163,7 +168,10 @@ def _follow(
 
 
 def quietest(counts: np.ndarray, *, common: bool = True) -> int:
-    """First of the five successive frames that read least in counts (n, S); what all share is left out if `common`."""
+    """Index of the first of the five successive frames of counts (n, S) that read least.
+
+    With `common`, what all sensors share is left out.
+    """
     excess = counts - counts.mean(axis=0)
     activity = excess.sum(axis=1)
     if common:
@@ -172,7 +180,7 @@ def quietest(counts: np.ndarray, *, common: bool = True) -> int:
 
 
 def is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
-    """Whether an excess (S,) over the empty hand is contact and no drift.
+    """Whether an excess (S,) over the empty hand is contact and not drift.
 
     Drift moves all sensors together, or some up and some down. Contact moves less than half, all of them up; or more,
     and leaves a quarter where they are.

@@ -1,4 +1,4 @@
-"""From the table of raw counts to the frames that are learned from: split, choice, filter, classes and anchors."""
+"""From the table of raw counts to the frames that a system learns from, and an account of those that were dropped."""
 
 from dataclasses import asdict, dataclass
 
@@ -8,15 +8,14 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.anchors import balanced_anchors, published_anchors
 from tactile_viewgcn.frames.baseline import of_empty_hand
 from tactile_viewgcn.frames.choose import Choice, choose
-from tactile_viewgcn.frames.filtering import passing
+from tactile_viewgcn.frames.contact import passing
 from tactile_viewgcn.frames.scale_check import clipping_warnings
-from tactile_viewgcn.frames.sides import Sides, deal
+from tactile_viewgcn.frames.sides import Sides, deal, keep_testable
 from tactile_viewgcn.frames.split import SPLIT_SEED
-from tactile_viewgcn.names import EMPTY_HAND
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION, Frames
+from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.tables.recordings import Recordings
 
 
@@ -57,17 +56,14 @@ def preprocess_recordings(
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
     choice = choose(recordings, asked, sides)
     passed, notes = passing(recordings, choice.baseline, choice.params)
-    keep, published = passed.copy(), groups is None and split.by == "source"
-    if not asked.empty_hand_class:
-        keep &= ~empty
-    notes += _split_notes(recordings, keep, sides.side, split) if groups is None else []
+    keep = passed & (asked.empty_hand_class | ~empty)
     _require_classes(recordings, keep)
     if groups is None:
-        _require_sides(keep, sides, split)
-        notes += _drop_classes(recordings, keep, sides)
+        keep, of_split = keep_testable(recordings, sides, keep, split)
+        notes += of_split
         _require_classes(recordings, keep)
-        _require_sides(keep, sides, split)
-    if published and choice.params.filter == "flags" and "balanced" in recordings.columns:
+    published = groups is None and split.by == "source" and choice.params.filter == "flags"
+    if published and "balanced" in recordings.columns:
         anchors = published_anchors(recordings.columns["balanced"][keep], sides.side[keep])
         notes.append(Note("the source's balanced frames", topic="anchors"))
     else:
@@ -77,15 +73,15 @@ def preprocess_recordings(
     keep &= ~sides.surplus
     frames = _table(recordings, choice, sides, keep, anchors, float(passed.mean()))
     notes = [*choice.notes, *choice.baseline.notes, *notes]
-    if choice.hand:
-        notes += clipping_warnings(frames, choice.hand.noise, chosen=asked.scale == "auto")
+    if choice.hand and asked.scale != "auto":
+        notes += clipping_warnings(frames, choice.hand.noise)
     return Preprocessed(frames, choice, sides, passed, keep, notes)
 
 
 def _table(
     recordings: Recordings, choice: Choice, sides: Sides, keep: np.ndarray, anchors: np.ndarray, share: float
 ) -> Frames:
-    """The kept frames (T,), whose classes are numbered by their order in the recordings; `share` passed the filter."""
+    """Table of the frames to `keep` (T,), with classes in the order of the recordings; `share` passed the filter."""
     index, baseline, unknown = np.flatnonzero(keep), choice.baseline, np.full(recordings.shape, np.nan)
     columns = {name: values[index] for name, values in recordings.columns.items()}
     objects, label = np.unique(columns["object"], return_inverse=True)
@@ -114,37 +110,6 @@ def _table(
     )
 
 
-def _split_notes(recordings: Recordings, keep: np.ndarray, side: np.ndarray, split: Split) -> list[Note]:
-    """What a user should know of a split that does not hold out whole groups."""
-    if split.by == "frame":
-        return [Note("by single frames, whose neighbours in time are on the other side: it leaks", topic="split")]
-    if split.by != "source":
-        return []
-    recording = recordings.columns["recording"]
-    shared = np.intersect1d(recording[keep & (side == TRAIN)], recording[keep & (side == TEST)])
-    return [Note(f"the published split has {several(len(shared), 'recording')} on both sides", topic="split")]
-
-
-def _drop_classes(recordings: Recordings, keep: np.ndarray, sides: Sides) -> list[Note]:
-    """Remove classes without training frames from `keep`, and the empty hand where it has no test frames."""
-    objects, notes = recordings.columns["object"], []
-    for label, name in enumerate(recordings.objects):
-        of_class = keep & (objects == label)
-        trains, tests = (of_class & sides.training).any(), (of_class & (sides.side == TEST)).any()
-        if not of_class.any() or (trains and tests):
-            continue
-        if name == EMPTY_HAND:
-            keep &= ~of_class
-            text = "is not on both sides and is dropped; it still gives the baseline"
-        elif not trains:
-            keep &= ~of_class
-            text = "has no training frames and is dropped"
-        else:
-            text = "has no test frames; it is kept as a class that others can be mistaken for"
-        notes.append(Note(f"{name} {text}", topic="objects"))
-    return notes
-
-
 def one_class(name: str, where: str = "the recordings have") -> str:
     """The sentence on a single class: there is nothing to choose between."""
     return f"{where} one class, {name}; expected two or more"
@@ -158,13 +123,35 @@ def _require_classes(recordings: Recordings, keep: np.ndarray) -> None:
         raise UserError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
 
 
-def _require_sides(keep: np.ndarray, sides: Sides, split: Split) -> None:
-    """Raise a UserError if a side that is needed has no frames."""
-    needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
-    empty = [SIDES[code] for code in sorted(needed) if not (keep & (sides.side == code) & ~sides.surplus).any()]
-    if empty:
-        raise UserError(
-            f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has no "
-            "frames; expected some on each, so two groups of an object or more: record more, or choose another "
-            "split.by, folds or fold"
-        )
+def frame_counts(frames: Frames) -> dict[str, int]:
+    """Numbers of frames, anchors, groups and recordings on each side."""
+    counts: dict[str, int] = {}
+    for code, name in enumerate(SIDES):
+        on = frames.side == code
+        counts |= {
+            f"frames.{name}": int(on.sum()),
+            f"anchors.{name}": int((on & frames.anchor).sum()),
+            f"groups.{name}": len(np.unique(frames.group[on])),
+            f"recordings.{name}": len(np.unique(frames.recording[on])),
+        }
+    return counts
+
+
+def kept_rows(recordings: Recordings, made: Preprocessed) -> list[dict[str, object]]:
+    """Rows of a table, one per object and session: frames, how many were dropped and why, kept, and anchors."""
+    cell = recordings.columns["object"].astype(int) * len(recordings.sessions) + recordings.columns["session"]
+    anchor = np.zeros(len(recordings), dtype=bool)
+    anchor[made.keep] = made.frames.anchor
+    masks = {
+        "frames": np.ones(len(recordings), dtype=bool),
+        "dropped_by_filter": ~made.passed,
+        "dropped_with_class": made.passed & ~made.keep,
+        "kept": made.keep,
+        **{f"anchors_{name}": anchor & (made.sides.side == code) for code, name in enumerate(SIDES)},
+    }
+    rows = []
+    for number in np.unique(cell):
+        label, session = divmod(int(number), len(recordings.sessions))
+        counts = {name: int(mask[cell == number].sum()) for name, mask in masks.items()}
+        rows.append({"object": recordings.objects[label], "session": recordings.sessions[session], **counts})
+    return rows

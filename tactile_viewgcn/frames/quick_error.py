@@ -1,4 +1,4 @@
-"""A quick classifier of what sensors read on average, and its error on groups that it was not fitted to."""
+"""A quick classifier of mean readings, and its error on groups that it was not fitted to."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TEST
 
 MAX_FRAMES = 2000
-FRAMES = 8  # of a mean, at most: as many as the paper's views
+FRAMES = 8  # most frames in a mean: as many as the paper's views
 FOLDS = 3
 PENALTY = 2.0  # of ridge regression, for each sensor
 ROUNDING = 1e-9  # of a share
@@ -20,15 +20,15 @@ ROUNDING = 1e-9  # of a share
 
 @dataclass(frozen=True)
 class QuickError:
-    """How often means of eight frames are taken for another object's.
+    """How often the mean of eight frames is taken for a different object's.
 
     Attributes:
-        cells: (C, 2) object and group.
-        wrong: (C,) share of the means of each that are.
+        cells: (C, 2) pairs of an object and a group of it.
+        wrong: (C,) share of the wrong answers in each cell.
         low, high: 95 % interval of the error, which resamples groups.
-        chance: error of always naming the object with the most groups.
-        frames: number that was used.
-        seconds: that it took.
+        chance: error of always answering the object with the most groups.
+        frames: number of frames used.
+        seconds: time taken.
     """
 
     cells: np.ndarray
@@ -50,22 +50,22 @@ class QuickError:
         return len(np.unique(self.cells[:, 1]))
 
     @property
-    def tells_object(self) -> bool:
-        """Whether the object is told better than by chance."""
+    def beats_chance(self) -> bool:
+        """Whether the whole interval lies below chance: the readings predict the object."""
         return self.high < self.chance - ROUNDING
 
     @property
     def standard_error(self) -> float:
-        """Of the error, over groups; infinite with one group."""
+        """Standard error of the error over groups; infinite with one group."""
         return self._spread(self.wrong)
 
     def more_than(self, other: "QuickError") -> tuple[float, float]:
-        """By how much this error is above another of the same cells, and the standard error of that over groups."""
+        """Mean difference to another error of the same cells, and its standard error over groups."""
         more = self.wrong - other.wrong
         return float(more.mean()), self._spread(more)
 
     def _spread(self, values: np.ndarray) -> float:
-        """Standard error of the mean of values (C,), whose groups are drawn."""
+        """Standard error of the mean of values (C,), if groups are drawn."""
         _, group, sizes = np.unique(self.cells[:, 1], return_inverse=True, return_counts=True)
         of_group = np.bincount(group.ravel(), values - values.mean())
         count = len(sizes)
@@ -79,14 +79,15 @@ def quick_error(
     label: np.ndarray,
     group: np.ndarray,
 ) -> QuickError | None:
-    """Tell the objects apart by at most 2,000 usable frames bool (T,); None where no two objects have two groups.
+    """Error of recognising the objects in at most 2,000 frames; None unless two objects have two groups each.
 
-    Of an object's frames in a group, those of a mean are spread over all of them. A third of the groups is held out at
-    a time; those that span objects, as sessions do, for all objects at once.
+    Each mean is over frames that are spread over an object's frames in a group. A third of the groups is held out at a
+    time: of each object by itself, or of all objects at once where groups span objects, as sessions do.
 
     Args:
-        purpose: names the random numbers; those of one purpose are always the same.
-        readings: gives (n, S) of frames (n,).
+        purpose: names the stream of random numbers; equal purposes draw equal numbers.
+        readings: function from frames (n,) to their readings (n, S).
+        usable: bool (T,) frames to draw from.
         label, group: (T,) object and group of each frame.
     """
     start, rng = time.perf_counter(), stream(SPLIT_SEED, purpose)
@@ -95,7 +96,7 @@ def quick_error(
         return None
     cells, cell, sizes = _cells(label[index], group[index])
     rows = -(-sizes // FRAMES)
-    row = (np.cumsum(rows) - rows)[cell] + _places(cell) % rows[cell]
+    row = (np.cumsum(rows) - rows)[cell] + _rank(cell) % rows[cell]
     frames = np.bincount(row)
     values = np.asarray(readings(index), dtype=np.float64)[np.argsort(row, kind="stable")]
     means = np.add.reduceat(values, np.cumsum(frames) - frames, axis=0) / frames[:, None]
@@ -108,29 +109,29 @@ def quick_error(
 
 
 def _frames_to_use(usable: np.ndarray, label: np.ndarray, group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Rising indices of at most 2,000 usable frames of objects with two groups, as even as can be over groups."""
+    """Rising indices of at most 2,000 usable frames of objects with two groups, as even over groups as possible."""
     index = rng.permutation(np.flatnonzero(usable))
     cells, cell, _ = _cells(label[index], group[index])
     has_two = np.bincount(cells[:, 0])[label[index]] > 1
-    return np.sort(index[has_two][np.argsort(_places(cell)[has_two], kind="stable")[:MAX_FRAMES]])
+    return np.sort(index[has_two][np.argsort(_rank(cell)[has_two], kind="stable")[:MAX_FRAMES]])
 
 
 def _cells(label: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs (C, 2) of an object and a group that frames (n,) have, the pair (n,) of each, and their numbers (C,)."""
+    """Distinct pairs (C, 2) of object and group of frames (n,), the index (n,) of each one's pair, and counts (C,)."""
     pairs = np.stack([label, group], axis=1).astype(np.int64)
     cells, cell, sizes = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
     return cells, cell.ravel(), sizes
 
 
-def _places(cell: np.ndarray) -> np.ndarray:
-    """Place (n,) of each frame among those of its cell (n,)."""
-    order, places = np.argsort(cell, kind="stable"), np.empty_like(cell)
-    places[order] = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
-    return places
+def _rank(cell: np.ndarray) -> np.ndarray:
+    """Rank (n,) of each frame among those of its cell (n,), from 0."""
+    order, rank = np.argsort(cell, kind="stable"), np.empty_like(cell)
+    rank[order] = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
+    return rank
 
 
 def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """The object (n,) that mean frames (n, S) are given to by ridge regression on other groups."""
+    """Objects (n,) that ridge regression on other groups assigns to mean readings (n, S); -1 if none was fitted."""
     from sklearn.linear_model import RidgeClassifier
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
@@ -141,6 +142,6 @@ def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray) -> np.ndar
         test = fold_sides(group, label, folds=FOLDS, fold=fold, across=across) == TEST
         if test.any() and len(np.unique(label[~test])) > 1:
             model = make_pipeline(StandardScaler(), RidgeClassifier(PENALTY * means.shape[1]))
-            with threadpool_limits(1):  # so that no choice hangs on their number; more are no faster here
+            with threadpool_limits(1):  # so that no choice depends on their number; more are no faster here
                 answer[test] = model.fit(means[~test], label[~test]).predict(means[test])
     return answer

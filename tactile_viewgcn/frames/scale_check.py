@@ -6,33 +6,34 @@ from tactile_viewgcn.notes import Note
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.frames import Frames
 
-MOST_FRAMES = 1000  # whose readings are looked at
+MOST_FRAMES = 1000  # whose readings are compared with the scale
 MOST_CLIPPED = 0.2  # of the readings of sensors in contact
 OF_STRONGEST = 0.1  # of the strongest hundredth of the readings: contact, where the noise of sensors is unknown
 
 
-def clipping_warnings(frames: Frames, noise: np.ndarray, *, chosen: bool) -> list[Note]:
-    """A warning where the scale clips much of what sensors in contact read.
+def clipping_warnings(frames: Frames, noise: np.ndarray) -> list[Note]:
+    """A warning where the scale clips more than a fifth of the readings of sensors in contact.
 
     Args:
         noise: (sessions, S) standard deviation of the live sensors, in counts.
-        chosen: `auto` chose the scale, so that it is no remedy.
     """
     if frames.transform != "clip":
         return []
     index, excess = _sample(frames)
     above = excess[excess > CONTACT_SIGMAS * noise[frames.session[index]]]
-    if not len(above) or (above > frames.scale).mean() <= MOST_CLIPPED:
+    clipped = above > frames.scale
+    if not len(above) or clipped.mean() <= MOST_CLIPPED:
         return []
-    text = (
-        f"{frames.scale:g} clips {100 * (above > frames.scale).mean():.0f} % of what sensors in contact read; set "
-        f"preprocess.scale to {'' if chosen else 'auto, or to '}about"
-    )
-    return [_warning(text, above)]
+    share = f"{100 * clipped.mean():.0f} %"
+    return [_warning(f"{frames.scale:g} clips {share} of the readings of sensors in contact", above)]
 
 
 def noise_warnings(frames: Frames, noise: float) -> list[Note]:
-    """A warning where half of what sensors in contact read is below `noise`, which training adds, of full scale."""
+    """A warning where the median reading of a sensor in contact is below the noise that training adds.
+
+    Args:
+        noise: its standard deviation, relative to the scale.
+    """
     if frames.transform != "clip":
         return []
     excess, of_sensor = _sample(frames)[1], frames.noise[frames.live]
@@ -43,8 +44,7 @@ def noise_warnings(frames: Frames, noise: float) -> list[Note]:
         return []
     text = (
         f"at {frames.scale:g} the median reading of a sensor in contact, {np.median(above):.3g} counts, is below the "
-        f"noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the same for every "
-        "object; set preprocess.scale to about"
+        f"noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the same for every object"
     )
     return [_warning(text, above)]
 
@@ -58,4 +58,4 @@ def _sample(frames: Frames) -> tuple[np.ndarray, np.ndarray]:
 def _warning(text: str, in_contact: np.ndarray) -> Note:
     """A warning that ends with a better scale, the strongest hundredth of the readings (n,) in contact."""
     scale = float(f"{np.percentile(in_contact, 99):.2g}")
-    return Note(f"{text} {scale:g}", "warning", "scale", "preprocess.scale", scale)
+    return Note(f"{text}; set preprocess.scale to about {scale:g}", "warning", "scale", "preprocess.scale", scale)

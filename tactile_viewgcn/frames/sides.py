@@ -1,28 +1,24 @@
-"""The side of every frame, dealt before any reading is looked at, so that choices keep to the training side."""
+"""The side of every frame, dealt before any reading is looked at, and what each side must have."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import has_empty_hand, of_empty_hand
-from tactile_viewgcn.frames.split import (
-    fold_sides,
-    frame_sides,
-    spans_classes,
-    split_groups,
-    surplus_groups,
-    validation_sides,
-)
+from tactile_viewgcn.frames.split import fold_sides, spans_classes, split_groups, surplus_groups, validation_sides
+from tactile_viewgcn.names import EMPTY_HAND
+from tactile_viewgcn.notes import Note, several
 from tactile_viewgcn.params import Split
 from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
 from tactile_viewgcn.readers.source import TRAIN as PUBLISHED_TRAIN
-from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 from tactile_viewgcn.tables.recordings import Recordings
 
 
 @dataclass(frozen=True)
 class Sides:
-    """The side of every frame (T,), dealt before any reading is looked at.
+    """The side of every frame (T,).
 
     Attributes:
         group: int64, split group.
@@ -50,11 +46,11 @@ def deal(
     empty_hand_class: bool,
     groups: np.ndarray | None = None,
 ) -> Sides:
-    """Deal the split groups to the sides; the empty hand's frames only where it is a class.
+    """Deal the split groups to the sides; the empty hand's frames only if it is a class.
 
     Args:
-        groups: (T,) split group of each frame, where none is for the test: all are on the training side, but for
-            `split.validation` of the groups. None: `split.by` names the groups and the test side.
+        groups: (T,) split group of each frame, for a training without a test side; `split.validation` of the groups are
+            on the validation side. None: `split.by` names the groups and the test side.
 
     Raises:
         UserError: `split.by` is `grasp` or `source`, and the recordings have no such column.
@@ -67,14 +63,59 @@ def deal(
     across = by == "session" if by else spans_classes(of_used, label)
     if by == "source":
         side[columns["split"] == PUBLISHED_TEST] = TEST
-    elif by == "frame":
-        side[used] = frame_sides(label, folds=split.folds, fold=split.fold, rng=rng)
     elif by:
-        side[used] = fold_sides(of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
+        dealt, order = (np.arange(len(used)), rng) if by == "frame" else (of_used, None)
+        side[used] = fold_sides(
+            dealt, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal, rng=order
+        )
     side[used] = validation_sides(side[used], of_used, label, share=split.validation, across=across, rng=rng)
     if split.train_groups != "all":
         surplus[used] = surplus_groups(side[used], of_used, label, most=split.train_groups)
     return Sides(group, side, surplus, whole=by != "frame")
+
+
+def keep_testable(
+    recordings: Recordings, sides: Sides, keep: np.ndarray, split: Split
+) -> tuple[np.ndarray, list[Note]]:
+    """The frames of `keep` bool (T,) whose class has training frames, and notes on dropped classes and on the split.
+
+    The empty hand without test frames is dropped, too; any other class without them is kept.
+
+    Raises:
+        UserError: a side that is needed has no frames.
+    """
+    objects, recording = recordings.columns["object"], recordings.columns["recording"]
+    left, tested, notes = keep.copy(), sides.side == TEST, list[Note]()
+    if split.by == "frame":
+        notes.append(Note("by single frames, whose neighbours in time are on the other side: it leaks", topic="split"))
+    elif split.by == "source":
+        shared = np.intersect1d(recording[keep & (sides.side == TRAIN)], recording[keep & tested])
+        text = f"the published split has {several(len(shared), 'recording')} on both sides"
+        notes.append(Note(text, topic="split"))
+    for label, name in enumerate(recordings.objects):
+        of_class = keep & (objects == label)
+        trains, tests = (of_class & sides.training).any(), (of_class & tested).any()
+        if not of_class.any() or (trains and tests):
+            continue
+        if name == EMPTY_HAND or not trains:
+            left &= ~of_class
+        if name == EMPTY_HAND:
+            text = "is not on both sides and is dropped; it still gives the baseline"
+        elif trains:
+            text = "has no test frames; it is kept as a class that others can be mistaken for"
+        else:
+            text = "has no training frames and is dropped"
+        notes.append(Note(f"{name} {text}", topic="objects"))
+    needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
+    for frames in (keep, left):  # before classes are dropped, so that the message names the side that was empty then
+        empty = [SIDES[code] for code in sorted(needed) if not (frames & (sides.side == code) & ~sides.surplus).any()]
+        if empty:
+            raise UserError(
+                f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has "
+                "no frames; expected some on each, so two groups of an object or more: record more, or choose another "
+                "split.by, folds or fold"
+            )
+    return left, notes
 
 
 def has_published_split(recordings: Recordings) -> bool:

@@ -2,7 +2,7 @@
 
 Frames of one recording resemble each other far more than frames of two, so all frames of a group (a recording, a
 grasp, a session) are on one side. The published split is the exception: its sides are used as they are, and the
-number of recordings on both of them is reported. `frame_sides` leaks on purpose, for studies that measure how much.
+number of recordings on both of them is reported. Folds of single frames leak on purpose, for studies of how much.
 """
 
 import numpy as np
@@ -38,7 +38,14 @@ def spans_classes(groups: np.ndarray, labels: np.ndarray) -> bool:
 
 
 def fold_sides(
-    groups: np.ndarray, labels: np.ndarray, *, folds: int, fold: int, across: bool, deal: int = 0
+    groups: np.ndarray,
+    labels: np.ndarray,
+    *,
+    folds: int,
+    fold: int,
+    across: bool,
+    deal: int = 0,
+    rng: np.random.Generator | None = None,
 ) -> np.ndarray:
     """TRAIN or TEST, int8 (T,): the i-th group of a class is on the test side if i modulo `folds` is `fold`.
 
@@ -46,26 +53,19 @@ def fold_sides(
 
     Args:
         groups: (T,) split groups.
-        labels: (T,) classes; the groups of each class are counted on their own.
+        labels: (T,) classes; the groups of each class are counted by themselves.
         across: groups span classes, as sessions do, and are counted once for all classes.
-        deal: 0 counts the groups in their order; another number in an order drawn at random, the same for all folds.
+        deal: 0 counts the groups in their order; any other number in a random order, the same for all folds.
+        rng: draws the order instead of `deal`.
     """
     side = np.full(len(groups), TRAIN, dtype=np.int8)
     for label, of_class in _classes(labels, across):
         order = np.unique(groups[of_class])
         if len(order) == 1 and not across:
             continue
-        if deal:
-            order = stream(deal, "split.deal", *([] if across else [label])).permutation(order)
+        if rng or deal:
+            order = (rng or stream(deal, "split.deal", *([] if across else [label]))).permutation(order)
         side[of_class & np.isin(groups, order[fold::folds])] = TEST
-    return side
-
-
-def frame_sides(labels: np.ndarray, *, folds: int, fold: int, rng: np.random.Generator) -> np.ndarray:
-    """TRAIN or TEST, int8 (T,): of each class one frame in `folds`, drawn at random, is on the test side."""
-    side = np.full(len(labels), TRAIN, dtype=np.int8)
-    for _, of_class in _classes(labels):
-        side[rng.permutation(np.flatnonzero(of_class))[fold::folds]] = TEST
     return side
 
 

@@ -142,7 +142,7 @@ def _measured(of: Overview) -> Table:
         by = of.setting("split.by")
         remark += f" The one marked * was chosen on the training side of split.by {by} alone, as preprocess does."
     rows = [[name, *_errors(*pair)] for name, pair in measured.items() if any(pair)]
-    return Table("Baseline", remark, ["", "error, %", "without contact, %", "chance", "leaks"], rows)
+    return Table("Baseline", remark, ["", "error, %", "without contact, %", "chance, %", "leaks"], rows)
 
 
 def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
@@ -150,7 +150,7 @@ def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
     cells = [f"{100 * error.error:.1f} ± {100 * error.standard_error:.1f}" if error else "", "", "", ""]
     if leak:
         interval = percent_interval(leak.error, leak.low, leak.high)
-        cells[1:] = [interval, f"{100 * leak.chance:.1f}", "yes" if leak.tells_object else "no"]
+        cells[1:] = [interval, f"{100 * leak.chance:.1f}", "yes" if leak.beats_chance else "no"]
     return cells
 
 
@@ -163,14 +163,14 @@ def warnings(of: Overview) -> list[Note]:
 
     if names := _names(of, np.bincount(of.label, of.counts["in contact"], len(of.recordings.objects)) == 0):
         warn("contact", f"Never in contact: {names}. Record these objects again, held firmly.")
-    if of.leak and of.leak.tells_object:
+    if of.leak and of.leak.beats_chance:
         baseline = f"baseline {of.choice.params.baseline}"
         remedy = "Record each object in several sessions, in another order in each."
         warn("leak", f"The object can be recognised before it is touched ({baseline}): {LESS}. {remedy}")
-    if of.first_frame and of.first_frame.tells_object:
+    if of.first_frame and of.first_frame.beats_chance:
         leak = "The first frame of a recording, before anything is held, already predicts the object"
         warn("first frame", f"{leak}: {LESS}. Record the objects in another order in each session.")
-    if of.error and not of.error.tells_object:
+    if of.error and not of.error.beats_chance:
         guessing = "A quick classifier predicts the objects no better than guessing."
         warn("error", f"{guessing} Record more of each, held firmly.")
     if names := _names(of, _groups(of, by) == 1):
@@ -197,7 +197,7 @@ def verdict(of: Overview, warned: list[Note]) -> Verdict:
         return Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
     fewest = several(int(groups[groups > 0].min()), by)
     reasons = ["Each object is on both published sides." if by == "source" else f"Each object has {fewest} or more."]
-    if of.leak and not of.leak.tells_object:
+    if of.leak and not of.leak.beats_chance:
         reasons.append("Without contact the objects cannot be told apart, as it should be.")
     if warned:
         return Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", reasons)

@@ -107,8 +107,8 @@ def choose_members(
         f"the first of {len(rows)} candidates whose error is within a standard error of the lowest; compared on "
         f"{compared} training groups, each left out of the fits that answer it"
     )
-    columns = f"{'error':>5} {'whole':>5} {'fit s':>6} {'ms':>5}"
-    head = f"{columns}   % of {several(views, 'frame')}, of recordings; * taken"
+    columns = f"{'err %':>5} {'rec %':>5} {'fit s':>6} {'ms':>5}"
+    head = f"{columns}   of {several(views, 'frame')}, of recordings; * taken"
     notes = [_choice(best.members, text), Note(head, topic="candidates")]
     for row in sorted(rows, key=lambda row: row.wrong.mean()):
         errors = f"{100 * row.error:5.1f} {100 * row.whole_error:5.1f}"

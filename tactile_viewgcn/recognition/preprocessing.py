@@ -11,7 +11,7 @@ from tactile_viewgcn.frames.baseline import (
     of_empty_hand,
     trimmed_moments,
 )
-from tactile_viewgcn.frames.filtering import flagged, pressed_frames
+from tactile_viewgcn.frames.contact import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.notes import Note

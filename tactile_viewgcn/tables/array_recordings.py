@@ -1,4 +1,4 @@
-"""The table of raw counts of recordings that are given as arrays."""
+"""The table of raw counts of recordings in memory."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,11 +9,12 @@ from tactile_viewgcn.tables.recordings import Recordings
 
 
 class ArrayRecordings(Recordings):
-    """The table of raw counts of n recordings in memory; the recordings are named X[0], X[1] and so on.
+    """The table of raw counts of n arrays; the recordings are named X[0], X[1] and so on.
 
     Args:
         arrays: (T_i, H, W) each, of one type.
-        objects: names; labels: (n,) index of each recording's object.
+        objects: names.
+        labels: (n,) index of each recording's object.
         sessions: (n,) number of each recording's session, from 0.
     """
 

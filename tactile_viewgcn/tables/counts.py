@@ -1,4 +1,4 @@
-"""Counts of frames between memory and file: stored in one piece, memory-mapped, and gathered when they are indexed."""
+"""Counts of frames in files: stored in one piece, memory-mapped, and read when they are indexed."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def write_blocks(dataset: h5py.Dataset, blocks: Iterable[np.ndarray]) -> None:
-    """Fill a dataset (n, H, W) with blocks (k, H, W) of n frames in all."""
+    """Fill a dataset (n, H, W) with blocks (k, H, W) that have n frames together."""
     start = 0
     for block in blocks:
         dataset[start : start + len(block)] = block
@@ -17,18 +17,18 @@ def write_blocks(dataset: h5py.Dataset, blocks: Iterable[np.ndarray]) -> None:
 
 
 def mapped(path: str | Path | BinaryIO, dataset: h5py.Dataset) -> np.ndarray:
-    """A dataset as an array that the operating system reads from its file, page by page, when it is used.
+    """A dataset as an array that the operating system reads from its file page by page.
 
     Args:
         path: of the file; a stream, which cannot be mapped, is read whole.
 
     Raises:
-        TypeError: the dataset does not lie in its file in one piece.
+        TypeError: the dataset is not stored in one piece.
     """
     if not isinstance(path, str | Path) or not dataset.size:  # an empty dataset has no place in the file
         return np.asarray(dataset[()])
     if dataset.chunks or dataset.id.get_offset() is None:
-        raise TypeError(f"{dataset.name} does not lie in one piece")
+        raise TypeError(f"{dataset.name} is not stored in one piece")
     return np.asarray(np.memmap(path, dataset.dtype, "r", dataset.id.get_offset(), dataset.shape))
 
 
@@ -36,8 +36,8 @@ class Gathered:
     """An array (n, ...) whose rows are computed when they are indexed: by a slice, by indices or by a mask.
 
     Args:
-        rows_of: rows (k, ...) by indices (k,) into what they are computed from.
-        index: (n,) of these rows there.
+        rows_of: function from indices (k,) to rows (k, ...).
+        index: (n,) indices of all rows.
         shape: of a row.
         dtype: of the rows.
     """

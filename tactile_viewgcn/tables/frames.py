@@ -1,4 +1,4 @@
-"""The table of kept frames, data/frames.h5: counts, baseline, class, side and group of each."""
+"""The table of kept frames, data/frames.h5: counts, baseline, class, side and group of each frame."""
 
 import json
 from dataclasses import dataclass, fields
@@ -29,7 +29,7 @@ class Frames:
         grasp: (n,) number of the grasp inside its recording; 0 where grasps are not numbered.
         group: (n,) split group.
         side: (n,) TRAIN, VALIDATION or TEST.
-        anchor: bool (n,) view sets are drawn around it; the anchors are balanced over the classes.
+        anchor: bool (n,) frames that view sets are drawn around, balanced over the classes.
         baseline: (n,) index into `baseline_mean`.
         time: (n,) seconds since the recording's first frame.
         baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
@@ -37,8 +37,8 @@ class Frames:
         classes, recordings, sessions, baseline_names: names, by index.
         transform, scale: of counts above baseline to network input, see `network_input`.
         noise: (H, W) mean standard deviation of the baselines in counts, NaN where it was not measured.
-        preprocess: the section of params.yaml that it was made by; new recordings are treated by the same.
-        kept_share: of the recordings' frames, how many the filter keeps.
+        preprocess: the section of params.yaml behind this table, every `auto` decided; new recordings get the same.
+        kept_share: share of the recordings' frames that pass the filter.
     """
 
     counts: Counts
@@ -67,7 +67,7 @@ class Frames:
         return len(self.label)
 
     def inputs(self, index: np.ndarray, transform: str | None = None) -> np.ndarray:
-        """Network input float32 (k, H, W) of the frames in `index` (k,), by the table's transform or another."""
+        """Network input float32 (k, H, W) of the frames in `index` (k,), by the table's or the given transform."""
         inputs = np.empty((len(index), *self.counts.shape[1:]), dtype=np.float32)
         for start in range(0, len(index), INPUT_BLOCK):
             part = index[start : start + INPUT_BLOCK]
@@ -85,7 +85,7 @@ class Frames:
         """Mean network input float32 (H, W) of the frames in `index` (k,), one at least."""
         total = np.zeros(self.counts.shape[1:], dtype=np.float32)
         for start in range(0, len(index), BLOCK_FRAMES):
-            for frame in self.inputs(index[start : start + BLOCK_FRAMES]):  # one by one: the same in blocks of any size
+            for frame in self.inputs(index[start : start + BLOCK_FRAMES]):  # one by one: equal in blocks of any size
                 total += frame
         return total / np.float32(len(index))
 
@@ -112,7 +112,7 @@ def write_frames(path: str | Path, frames: Frames) -> None:
 
 
 def read_frames(path: str | Path | BinaryIO) -> Frames:
-    """Read the table that `write_frames` wrote; its counts are read when they are indexed."""
+    """Read a table of `write_frames`; its counts are read when they are indexed."""
     values: dict[str, Any] = {}
     with readable(path), h5py.File(path, "r") as file:
         for field in fields(Frames):

@@ -1,8 +1,8 @@
-"""The table of raw counts, data/recordings.h5: every frame of every recording, whatever form it was read from.
+"""The table of raw counts, data/recordings.h5: every frame of every recording, from any form of source.
 
 A reader describes recordings as a `Source`, whose frames come in blocks. `read_source` checks them and writes
-one HDF5 file, which `Recordings` reads. Counts are the sensors' raw ADC counts, or in whatever unit the glove reads;
-axes are (frame, row, column).
+one HDF5 file, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings in the glove's unit; axes
+are (frame, row, column).
 """
 
 import math
@@ -32,17 +32,17 @@ from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
 COLUMN_BYTES = 32  # of all columns, for each frame
-DISK, DISK_TIMES = 2**30, 200  # bytes of a table; times the bytes that its source stores, on top
+DISK, DISK_TIMES = 2**30, 200  # largest table: bytes, plus this many times the bytes of its source
 
 
 def check_disk(folder: Path, needed: int, path: Path) -> None:
-    """Raise a UserError for a table of `needed` bytes without room in `folder`, or too large for its source `path`."""
+    """Raise a UserError if a table of `needed` bytes has no room in `folder`, or is too large for its source `path`."""
     usage, stored = shutil.disk_usage(folder), stored_bytes(path)
     if needed > DISK + DISK_TIMES * stored:
         raise UserError(
             f"{path}: declares {needed / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
         )
-    if needed > usage.free and usage.total:  # some mounted folders do not know
+    if needed > usage.free and usage.total:  # a mounted folder may not know its size
         raise UserError(
             f"{path}: its table needs {needed / 1e6:,.0f} MB in {folder}, where {usage.free / 1e6:,.0f} MB are free; "
             "make room, or name another disk (TMPDIR for a temporary table)"
@@ -52,17 +52,17 @@ def check_disk(folder: Path, needed: int, path: Path) -> None:
 def read_source(
     path: Path, out: Path, md5: str = "", *, labelled: bool = True, layout: Sequence[int] | None = None
 ) -> None:
-    """Write the recordings at a path, see `open_source`, to a table, in a process of its own, see `run_apart`.
+    """Write the recordings at a path, see `open_source`, to a table, in a child process, see `run_apart`.
 
     Raises:
-        UserError: as `open_source` and `write_recordings`, or the reading crashed.
+        UserError: as `open_source` and `write_recordings`, or the child crashed.
     """
     with atomic_write(out) as part:
         run_apart(lambda: _write(part, open_source(path, labelled=labelled, layout=layout), md5), path)
 
 
 def write_recordings(path: str | Path, source: Source, md5: str) -> None:
-    """Write the frames of a source, whose md5 is given, to one HDF5 table, block by block.
+    """Write the frames of a source with this md5 to one HDF5 table, block by block.
 
     Raises:
         UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little; no
@@ -119,12 +119,12 @@ def recordings_of(
 
 
 class Recordings:
-    """The table of raw counts. Frames are read when they are asked for.
+    """The table of raw counts, whose frames are read when they are indexed.
 
     Attributes:
-        path: of the file, or of the source that it was written from; errors name it.
+        path: of the file, or of its source; errors name it.
         objects, recordings, sessions: names, by index.
-        columns: one array (T,) for each column that the source has, see `COLUMNS`.
+        columns: one array (T,) for each column of the source, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary.
     """
 
@@ -153,11 +153,11 @@ class Recordings:
         return height, width
 
     def frames(self, index: np.ndarray) -> np.ndarray:
-        """Counts (n, H, W) of the frames in an index (n,)."""
+        """Counts (n, H, W) of the frames in `index` (n,)."""
         return self._pressure[index]
 
     def kept_counts(self, index: np.ndarray) -> Counts:
-        """The same, read when they are indexed."""
+        """Counts (n, H, W) of the frames in `index` (n,), read when they are indexed."""
         return Gathered(self.frames, index, self.shape, self.dtype)
 
     def live_counts(self) -> Counts:

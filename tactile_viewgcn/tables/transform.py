@@ -10,7 +10,7 @@ def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarra
         excess: counts above baseline.
         transform: `clip` (released code): clip(x / scale, 0, 1); `log`: log(1 + max(x, 0)); `counts`: x, for systems
             without a network.
-        scale: counts at full scale; of `clip` alone.
+        scale: counts at full scale, for `clip` only.
     """
     excess = np.asarray(excess, dtype=np.float32)
     if transform == "clip":

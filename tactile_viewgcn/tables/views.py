@@ -44,6 +44,6 @@ def write_views(path: str | Path, views: Views) -> None:
 
 
 def read_views(path: str | Path | BinaryIO) -> Views:
-    """Read the table that `write_views` wrote."""
+    """Read a table of `write_views`."""
     with readable(path), h5py.File(path, "r") as file:
         return Views(**{field.name: file[field.name][()] for field in fields(Views)})

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 COMPONENTS = 8  # released: principal components that k-means uses
-MIN_DIFFERENCE = 2.0**-20  # of two rows, relative to the largest score; k-means' distances have no more digits
+MIN_DIFFERENCE = 2.0**-20  # of two rows, relative to the largest score: k-means' distances have no more digits
 
 
 def pool_ids(table: Frames, index: np.ndarray, scope: str) -> np.ndarray:
     """Pool int64 (n,) of each frame in `index` (n,), counted from 0.
 
     Args:
-        scope: `object`: a class on one side; `recording`: of that what is of one recording and one split group;
-            `grasp`: of that what is of one grasp, all of it where grasps are not numbered.
+        scope: of a pool's frames: `object`: one class on one side; `recording`: also one recording and one split group;
+            `grasp`: also one grasp, which has the number 0 where grasps are not numbered.
     """
     keys = [table.side, table.label]
     if scope != "object":
@@ -65,7 +65,7 @@ def cluster_pools(
         points: (n, d) network input at the live sensors.
         pool: (n,) counted from 0.
         views: V.
-        scores: result of `pool_scores` for these points, if it has been computed before.
+        scores: result of `pool_scores` for these points, to be computed once for several calls.
     """
     if params.method == "none" or views == 1:
         return random_clusters(pool, views, rng)
@@ -86,7 +86,7 @@ def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray) -> list[np.ndar
 def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     """Scores float64 (n, min(count, n, d)) of points (n, d) on their first principal components.
 
-    They are computed in one thread, so that they do not depend on the number of threads.
+    One thread computes them, so that they do not depend on the number of threads.
     """
     from sklearn.decomposition import PCA
 
@@ -106,7 +106,7 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
 def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.ndarray:
     """Cluster int64 (n,), 0 to V - 1, of each row of scores (n, c): the best of `restarts` runs of k-means.
 
-    With at most V distinct rows each is a cluster, and the other clusters are empty.
+    If at most V rows are distinct, each is a cluster, and the other clusters are empty.
     """
     from sklearn.cluster import KMeans
 
@@ -119,7 +119,7 @@ def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.nd
 
 @cache
 def _libraries() -> "ThreadpoolController":
-    """The numerical libraries whose threads can be limited, found once: that takes as long as half a small k-means."""
+    """The numerical libraries whose threads can be limited, listed once: that takes half as long as a small k-means."""
     import sklearn.cluster  # noqa: F401  loads them
     from threadpoolctl import ThreadpoolController
 
@@ -129,7 +129,7 @@ def _libraries() -> "ThreadpoolController":
 def distinct_rows(scores: np.ndarray, most: int) -> np.ndarray | None:
     """Number int64 (n,) of the distinct row that each row of scores (n, c) equals; None if more than `most` differ.
 
-    Rows are equal whose scores round to the same steps of `MIN_DIFFERENCE`, as nearly all do that differ by rounding.
+    Two rows are equal if their scores round to the same steps of `MIN_DIFFERENCE`: rounding errors hardly ever count.
     """
     step = MIN_DIFFERENCE * np.abs(scores).max(initial=0)
     rows, number = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)

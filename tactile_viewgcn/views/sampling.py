@@ -1,7 +1,7 @@
 """Drawing view sets: V frames that are classified together, one from each cluster of a pool.
 
 A pool is the frames of one object, recording or grasp, divided into V clusters. A view set is drawn around an anchor,
-which is the frame of its cluster. A view set that joins several pools takes as many frames of each, or one fewer.
+which represents its cluster. A view set that joins several pools takes equally many frames of each, or one fewer.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from tactile_viewgcn.tables.views import Views
 def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> np.ndarray:
     """Cluster int64 (n,), 0 to V - 1, at random and in equal numbers within each pool (n,): the unclustered ablation.
 
-    A view set from such clusters is V different frames of the pool at random.
+    A view set from these clusters is V different frames of the pool at random.
     """
     order = np.lexsort((rng.random(len(pool)), pool))
     ranked = pool[order]
@@ -25,27 +25,27 @@ def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> n
 def joined_pools(
     pool: np.ndarray, labels: np.ndarray, anchors: np.ndarray, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Pools int64 (A, count) that view sets join: the anchor's own, then others of its class at random.
+    """Pools int64 (A, count) that view sets join: the anchor's pool, then others of its class at random.
 
     Args:
-        pool, labels: (n,) of each frame; a pool is of one class, and each class has `count` pools at least.
+        pool, labels: (n,) of each frame; a pool is of one class, and each class has at least `count` pools.
         anchors: (A,) frame indices.
     """
-    joined = np.repeat(pool[anchors][:, None], count, axis=1)
+    pools = np.repeat(pool[anchors][:, None], count, axis=1)
     if count == 1:
-        return joined
+        return pools
     for label in np.unique(labels[anchors]):
         rows, of_class = np.flatnonzero(labels[anchors] == label), np.unique(pool[labels == label])
         key = rng.random((len(rows), len(of_class)))
-        key[of_class == joined[rows, :1]] = -1
-        joined[rows] = of_class[np.argsort(key, axis=1)[:, :count]]
-    return joined
+        key[of_class == pools[rows, :1]] = -1
+        pools[rows] = of_class[np.argsort(key, axis=1)[:, :count]]
+    return pools
 
 
 class ViewSets:
-    """Clusters that view sets are drawn from.
+    """The clusters of all pools, and view sets drawn from them.
 
-    A cluster without frames is drawn from its whole pool, so that frames repeat.
+    For a cluster without frames a frame of its whole pool is drawn, so that frames repeat.
 
     Args:
         cluster: (n,) cluster of each frame in its pool, 0 to V - 1.
@@ -82,9 +82,9 @@ class ViewSets:
             rng: for the draw.
             assignment: `anchor` (released code): the anchor first, frames of the other clusters in random order;
                 `random`: all in random order; otherwise column i holds a frame of cluster i, as in the paper.
-            pools: (A, G) that each view set joins, the anchor's own first; without them its own alone. Column i is of
-                pool i modulo G, there of cluster i // G, so that a pool needs no more than V / G clusters, rounded up.
-            views: frames of a view set, where they are not one of each cluster.
+            pools: (A, G) that each view set joins, the anchor's pool first; None: the anchor's pool alone. Column i is
+                of pool i modulo G and its cluster i // G, so that a pool needs only V / G clusters, rounded up.
+            views: number of frames in a view set, if it is not the number of clusters.
         """
         pools = self._pool[anchors][:, None] if pools is None else pools
         cluster, place = np.divmod(np.arange(views or self.views), pools.shape[1])
@@ -102,7 +102,7 @@ class ViewSets:
 
 
 def anchor_first(sets: np.ndarray, anchors: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The columns (A, V) of each view set (A, V), the anchor's first and the others in random order."""
+    """Indices (A, V) of the columns of each view set (A, V): the anchor's first, the others in random order."""
     key = rng.random(sets.shape)
     key[np.arange(len(sets)), (sets == anchors[:, None]).argmax(axis=1)] = -1
     return np.argsort(key, axis=1)
@@ -114,7 +114,7 @@ def powers_of_two(views: int) -> tuple[int, ...]:
 
 
 def sets_of(views: Views, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
-    """Clusters of the frames in `index` (k,), at random if nothing is clustered; view sets count them from 0."""
+    """View sets of the frames in `index` (k,), counted from 0; of random clusters if no frame has a cluster."""
     pool, count = np.unique(views.pool[index], return_inverse=True)[1].ravel(), len(views.viewpoints)
     cluster = views.cluster[index].astype(np.int64) if views.clustered else random_clusters(pool, count, rng)
     return ViewSets(cluster, pool, count)

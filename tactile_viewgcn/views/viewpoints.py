@@ -22,8 +22,8 @@ def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
     """Positions float64 (V, 3) of `views` viewpoints.
 
     Args:
-        views: V; `params` refuses another number than a cube or a dodecahedron has vertices.
-        kind: `cube`, `circle`, `dodecahedron`; `sphere`: evenly spread; `random`: anywhere on the sphere, a control
+        views: V; for a cube or a dodecahedron, `params` takes its number of vertices only.
+        kind: `cube`, `circle`, `dodecahedron`; `sphere`: evenly spread; `random`: anywhere on the sphere, as a control
             of whether the geometry matters; `auto`: 8 cube, 12 circle, 20 dodecahedron, any other number sphere.
         seed: of `random`.
 

@@ -1,38 +1,58 @@
-"""Which frames are without contact, on gloves whose baseline drifts."""
+"""The open hand and the baseline of each grasp, on gloves whose baseline drifts."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import open_hand as module
+from tactile_viewgcn.frames.baseline import trimmed_moments
+from tactile_viewgcn.frames.grasp_baseline import grasp_baseline, grasps
 from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
-from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, written
+from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting
 
 CONTACT = 5  # sensors
+SD = np.hypot(NOISE, 12**-0.5)  # of counts, which are rounded
+DRIFTS = {
+    "none": {},
+    "each sensor between recordings": {"between": 2 * SIGNAL},
+    "all sensors between recordings": {"common": 2 * SIGNAL},
+    "each sensor within a recording": {"within": SIGNAL / 2},
+    "everything": {"between": 2 * SIGNAL, "within": SIGNAL / 2, "common": 2 * SIGNAL},
+}
 
 
 def away(opened):
-    """Frames of the open hand with no other so near in their recording, frame by frame."""
+    """Frames of the open hand that are not near a touch in their recording, frame by frame."""
     each = 6 * (OPEN + CLOSED)
     recordings = opened.reshape(-1, each)
     return np.array([one[max(t - MARGIN, 0) : t + MARGIN + 1].all() for one in recordings for t in range(each)])
 
 
-DRIFTS = {
-    "none": {},
-    "each sensor by twice the signal between recordings": {"between": 2 * SIGNAL},
-    "all sensors by twice the signal between recordings": {"common": 2 * SIGNAL},
-    "each sensor by half the signal within a recording": {"within": SIGNAL / 2},
-    "everything": {"between": 2 * SIGNAL, "within": SIGNAL / 2, "common": 2 * SIGNAL},
-}
+BETWEEN = "each sensor between recordings", "all sensors between recordings"
 
 
-@pytest.mark.parametrize("drift", DRIFTS)
-def test_the_open_hand_and_contact_are_found_whatever_drifts(tmp_path, drift):
+@pytest.mark.parametrize(
+    ("drift", "first"),
+    [*((drift, "empty_hand") for drift in DRIFTS), *((drift, "cloth") for drift in BETWEEN)],  # a cloth presses nothing
+)
+def test_the_open_hand_and_contact_are_detected_whatever_drifts(tmp_path, drift, first):
     glove = drifting(**DRIFTS[drift])
-    recordings = written(tmp_path / "t", glove.counts, **glove.columns)
-    hand = find_open_hand(recordings, CONTACT)
-    assert (hand.contact != ~glove.open).mean() == 0
+    hand = find_open_hand(glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"]), CONTACT)
+    np.testing.assert_array_equal(hand.contact, ~glove.open)
     assert (hand.open != away(glove.open)).mean() < 0.01  # drift during a grasp lifts sensors at its end
+    if first == "cloth":
+        np.testing.assert_allclose(hand.noise, np.full((1, 40), SD), atol=0.15)
+
+
+@pytest.mark.parametrize("flag", ["valid", "grasp_valid"])
+def test_a_flag_makes_contact_where_nothing_is_pressed_but_not_of_the_empty_hand(tmp_path, flag):
+    glove = drifting()
+    pressed = np.where(glove.open[:, None, None], glove.counts, np.rint(glove.baseline))
+    flags = {flag: ~glove.open | (glove.columns["object"] == 0)}
+    hand = find_open_hand(replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags), CONTACT)
+    np.testing.assert_array_equal(hand.open, away(glove.open))
+    np.testing.assert_array_equal(hand.contact, ~glove.open)
 
 
 NONE, UP, DOWN = 0.0, 12.0, -12.0
@@ -51,28 +71,86 @@ EXCESS = {
 
 
 @pytest.mark.parametrize("case", EXCESS)
-def test_contact_is_told_from_drift(case):
+def test_contact_differs_from_drift(case):
     excess, expected = EXCESS[case]
     assert module.is_contact(np.array(excess), np.full(40, 5.0)) == expected
 
 
-def test_without_an_empty_hand_a_recording_s_quietest_frames_are_the_open_hand(tmp_path):
-    glove = drifting(between=2 * SIGNAL)
-    held = glove.columns["object"] > 0
-    columns = {name: values[held] - (name == "object") for name, values in glove.columns.items()}
-    names = [f"object{i}" for i in range(4)]
-    recordings = written(tmp_path / "t", glove.counts[held], **columns, objects=names)
-    hand = find_open_hand(recordings, CONTACT)
-    np.testing.assert_array_equal(hand.open, away(glove.open)[held])
-    np.testing.assert_allclose(hand.noise, np.hypot(NOISE, 12**-0.5), atol=0.15)
+def test_a_grasp_begins_when_the_hand_opens_after_contact_and_frames_between_belong_to_the_one_before():
+    states = "oo--##-#--oo-oo##o##--"
+    opened, contact = (np.array([state == letter for state in states]) for letter in "o#")
+    assert "".join(map(str, grasps(opened, contact))) == "1" * 10 + "2" * 7 + "3" * 5
 
 
-@pytest.mark.parametrize("flag", ["valid", "grasp_valid"])
-def test_a_flag_says_held_where_little_is_felt_but_not_of_the_empty_hand(tmp_path, flag):
-    glove = drifting()
-    light = np.where(glove.open[:, None, None], glove.counts, np.rint(glove.baseline))  # nothing is felt
-    columns = glove.columns | {flag: ~glove.open | (glove.columns["object"] == 0)}
-    recordings = written(tmp_path / "t", light.astype(np.int16), **columns)
+@pytest.mark.parametrize("drift", [{}, {"between": 2 * SIGNAL, "common": 2 * SIGNAL}, {"between": 5, "within": 10}])
+def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift):
+    glove = drifting(**drift)
+    recordings = glove.table(tmp_path / "t")
+    baseline = grasp_baseline(recordings, find_open_hand(recordings, CONTACT))
+    assert baseline.notes == []
+    assert len(baseline.names) == 1 + 4 * 6  # the empty hand never closes
+    assert baseline.names[:3] == ["recording0, grasp 1", "recording1, grasp 1", "recording1, grasp 2"]
+    for recording, grasp in np.ndindex(4, 6):
+        at = (glove.columns["recording"] == 1 + recording) & (glove.columns["grasp"] == grasp)
+        numbers = baseline.of_frame[at & ~glove.open]
+        assert np.unique(numbers).tolist() == [1 + 6 * recording + grasp]
+        truth = glove.baseline[at & glove.open].mean(axis=0)
+        np.testing.assert_allclose(baseline.mean[numbers[0]], truth, atol=5 * SD / np.sqrt(OPEN - 2 * MARGIN))
+    assert (baseline.mean.dtype, baseline.noise.dtype) == (np.float32, np.float32)
+
+
+def test_the_noise_is_that_of_the_grasp_s_session(tmp_path):
+    glove = drifting(objects=2, recordings=2, grasps=3)
+    session = glove.columns["recording"] % 2
+    more = np.random.default_rng(1).normal(0, 4, glove.counts.shape) * (session == 1)[:, None, None]
+    noisy = replace(glove, counts=glove.counts + np.rint(more).astype(np.int16))
+    recordings = noisy.table(tmp_path / "t", session=session)
+    baseline = grasp_baseline(recordings, find_open_hand(recordings, CONTACT))
+    for number, sd in enumerate((SD, np.hypot(SD, 4))):
+        of_session = np.unique(baseline.of_frame[session == number])
+        np.testing.assert_allclose(baseline.noise[of_session].mean(), sd, rtol=0.1)
+
+
+def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording_and_a_note(tmp_path):
+    glove = drifting(between=SIGNAL)
+    recording, grasp = glove.columns["recording"], glove.columns["grasp"]
+    brief = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & (np.arange(len(grasp)) % (OPEN + CLOSED) >= 6)
+    recordings = glove.table(tmp_path / "t", ~brief)  # 4 and 3 open-hand frames are left
+    baseline = grasp_baseline(recordings, find_open_hand(recordings, CONTACT))
+    last = dict(zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True))
+    (note,) = baseline.notes
+    assert note.topic == "baseline" and note.text.startswith("2 of 24 grasps")
+    assert last[1, 0] == last[1, 1] and last[1, 3] == last[1, 2] != last[1, 1]
+    assert len(baseline.names) == 1 + 24 - 2
+
+
+#: Whether there is an empty hand, open hands in other recordings of the session, and a training.
+REPLACEMENTS = {
+    "its session's empty hand": (True, True, True),
+    "its session's open hand": (False, True, True),
+    "the training's baseline": (False, False, True),
+    "its five quietest frames": (False, False, False),
+}
+
+
+@pytest.mark.parametrize("case", REPLACEMENTS)
+def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
+    has_empty, has_open, has_trained = REPLACEMENTS[case]
+    glove = drifting(objects=3, recordings=2, between=SIGNAL)
+    recording, session = glove.columns["recording"], glove.columns["recording"] % 2
+    objects = ["empty_hand" if has_empty else "cloth", "mug", "pen", "ball"]
+    recordings = glove.table(tmp_path / "t", session=session, objects=objects)
     hand = find_open_hand(recordings, CONTACT)
-    np.testing.assert_array_equal(hand.open, away(glove.open))
-    np.testing.assert_array_equal(hand.contact, ~glove.open)
+    hand = replace(hand, open=hand.open & ~np.isin(recording, [4, 5] if has_open else range(8)))
+    trained = [(np.full((5, 8), 500.0 + number), np.ones((5, 8))) for number in range(2)]
+    baseline = grasp_baseline(recordings, hand, trained if has_trained else None)
+    for number in (4, 5):
+        of_session = session == number % 2
+        used = of_session & (glove.columns["object"] == 0) if has_empty else of_session & hand.open
+        expected = trained[number % 2][0] if has_trained else hand.quiet[number].reshape(5, 8)
+        if has_open:
+            expected = trimmed_moments(glove.counts[used])[0]
+        (row,) = np.unique(baseline.of_frame[recording == number])
+        np.testing.assert_array_equal(baseline.mean[row], expected.astype(np.float32))
+        assert baseline.names[row] == (f"session{number % 2}" if has_trained else f"recording{number}")
+        assert any(f"recording{number}" in note.text and note.topic == "baseline" for note in baseline.notes)

@@ -1,4 +1,4 @@
-"""From raw recordings to frames to learn from: filter, baseline, and what is refused."""
+"""From raw recordings to the frames that a system learns from: baseline, filter, sides, classes, anchors, refusals."""
 
 import numpy as np
 import pytest
@@ -7,83 +7,197 @@ from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.stag import read_metadata
-from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-from tests.glove_data import COLUMNS, COUNTS, FILE, GRIP_FRAMES, prepared
+from tests.glove_data import BLANK, COLUMNS, COUNTS, FILE, FIXED, GRIP_FRAMES, SESSIONS, prepared, written
+
+OBJECT, RECORDING, SESSION, VALID = (COLUMNS[name] for name in ("object", "recording", "session", "valid"))
+
+
+def selected(kept):
+    """Counts and columns of the grips' frames to keep."""
+    return {"counts": COUNTS[kept], "columns": {name: values[kept] for name, values in COLUMNS.items()}}
+
+
+def notes_on(made, topic, text=""):
+    """The notes of a topic that contain a text."""
+    return [note for note in made.notes if note.topic == topic and text in note.text]
 
 
 def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
-    frames, _, _ = prepared(tmp_path)
+    frames, made, _ = prepared(tmp_path)
     assert frames.baseline_names == ["session0", "session1"]
     np.testing.assert_allclose(frames.baseline_mean.mean(axis=(1, 2)), [514, 516], atol=0.1)
-    inputs = frames.inputs(np.arange(len(frames)))
-    pressed = [range(0), range(5), range(7, 12)]
-    for label in range(3):
-        mean = inputs[frames.label == label].mean(axis=0).ravel() * 150
-        expected = np.zeros(12)
-        expected[pressed[label]] = 40
-        np.testing.assert_allclose(
-            mean, expected, atol=0.6
-        )  # of noise that is cut at the baseline, 0.4 counts are left
-
-
-def test_frames_keep_the_noise_of_their_baselines_and_the_share_that_the_filter_keeps(tmp_path):
-    frames, made, _ = prepared(tmp_path)
-    assert frames.noise.shape == (3, 4)
     np.testing.assert_allclose(frames.noise, np.hypot(0.95, 12**-0.5), rtol=0.3)
-    assert frames.kept_share == COLUMNS["valid"].mean() == made.passed.mean()
+    assert frames.kept_share == VALID.mean() == made.passed.mean()
+    inputs = frames.inputs(np.arange(len(frames)))
+    for label, pressed in enumerate([range(0), range(5), range(7, 12)]):
+        mean = inputs[frames.label == label].mean(axis=0).ravel() * 150
+        expected = 40.0 * np.isin(np.arange(12), pressed)
+        np.testing.assert_allclose(mean, expected, atol=0.6)  # noise that is cut at the baseline leaves 0.4 counts
 
 
 def test_without_a_baseline_a_constant_is_subtracted(tmp_path):
     frames, _, _ = prepared(tmp_path, "preprocess.baseline=none", "preprocess.zero=510", "preprocess.scale=20")
-    excess = COUNTS[COLUMNS["valid"]].astype(float) - 510
+    excess = COUNTS[VALID].astype(float) - 510
     np.testing.assert_allclose(frames.inputs(np.arange(len(frames))), np.clip(excess / 20, 0, 1), rtol=1e-6)
 
 
+def test_recordings_like_stags_are_preprocessed_as_in_the_paper_and_nothing_is_measured(tmp_path):
+    paper = ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150")
+    asked = [load(FILE, ("preprocess.contact_sensors=4", *changes)) for changes in ((), paper)]
+    recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
+    made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
+    assert made.choice.params == same.choice.params == asked[1].preprocess and made.choice.errors == {}
+    for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):
+        np.testing.assert_array_equal(getattr(made.frames, name), getattr(same.frames, name))
+
+
+@pytest.mark.parametrize("by", ["source", "recording", "grasp", "session"])
+@pytest.mark.parametrize("fold", [0, 1])
+def test_no_group_is_on_two_sides_both_have_every_class_and_the_account_adds_up(tmp_path, by, fold):
+    changes = (f"split.by={by}", "split.folds=2", f"split.fold={fold}", f"split.validation={0.3 * (by == 'grasp')}")
+    frames, made, rows = prepared(tmp_path, *changes)
+    for group in np.unique(frames.group):
+        assert len(np.unique(frames.side[frames.group == group])) == 1
+    for side in (TRAIN, TEST):
+        assert np.unique(frames.label[frames.side == side]).tolist() == [0, 1, 2]
+    np.testing.assert_array_equal(frames.side, made.sides.side[made.keep])
+    np.testing.assert_array_equal(frames.group, made.sides.group[made.keep])
+    assert not (made.keep & ~made.passed).any()
+    for row in rows:
+        assert row["frames"] == row["dropped_by_filter"] + row["dropped_with_class"] + row["kept"]
+    assert [sum(row[name] for row in rows) for name in ("frames", "kept")] == [len(COUNTS), len(frames)]
+    for code, name in enumerate(SIDES):
+        assert sum(row[f"anchors_{name}"] for row in rows) == (frames.anchor & (frames.side == code)).sum()
+
+
+def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares_are_counted(tmp_path):
+    split = COLUMNS["split"].copy()
+    split[np.isin(RECORDING, [0, 4, 7]) & (COLUMNS["frame"] >= 12)] = 1
+    split[(RECORDING == 9) & ~VALID] = 1  # frames that the filter drops share nothing
+    split[(RECORDING == 11) & ~VALID] = 0
+    for published, shared in ((COLUMNS["split"], 0), (split, 3)):
+        frames, made, _ = prepared(tmp_path, columns=COLUMNS | {"split": published})
+        np.testing.assert_array_equal(frames.side == TEST, published[VALID] == 1)
+        assert notes_on(made, "split", f" {shared} recordings")
+
+
+def test_sessions_are_held_out_for_all_objects_though_one_missed_the_first(tmp_path):
+    part = selected((OBJECT != 1) | (SESSION == 1))
+    for fold in range(SESSIONS):
+        _, made, rows = prepared(tmp_path, "split.by=session", "split.folds=2", f"split.fold={fold}", **part)
+        assert np.unique(part["columns"]["session"][made.sides.side == TEST]).tolist() == [fold]
+        assert [row["session"] for row in rows if row["object"] == "object1"] == ["session1"]
+
+
+def test_groups_of_a_training_leave_no_test_side(tmp_path):
+    params, groups = load(FILE, [f"preprocess.{key}" for key in FIXED]), RECORDING // 2
+    recordings = written(tmp_path / "glove", COUNTS, **COLUMNS)
+    made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
+    assert (made.frames.side == TRAIN).all()
+    np.testing.assert_array_equal(made.frames.group, groups[VALID])
+    baseline = made.choice.baseline
+    np.testing.assert_array_equal(baseline.mean[baseline.of_frame], made.frames.baseline_mean[SESSION])
+
+
+def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
+    frames, made, rows = prepared(tmp_path, "preprocess.empty_hand_class=false")
+    assert frames.classes == ["object1", "object2"]
+    assert np.unique(frames.label).tolist() == [0, 1]
+    np.testing.assert_array_equal(made.keep, VALID & (OBJECT > 0))
+    anchors = dict.fromkeys((f"anchors_{name}" for name in SIDES), 0)
+    dropped = {"frames": 60, "dropped_by_filter": 3 * BLANK, "dropped_with_class": 3 * GRIP_FRAMES, "kept": 0}
+    assert rows[0] == {"object": "empty_hand", "session": "session0", **dropped, **anchors}
+
+
+@pytest.mark.parametrize("by", ["recording", "source"])
+def test_an_empty_hand_that_is_not_on_both_sides_is_no_class_and_still_the_baseline(tmp_path, by):
+    part = selected((SESSION == 0) & ((OBJECT > 0) | (RECORDING == 0)))  # one recording of the empty hand
+    frames, made, _ = prepared(tmp_path, f"split.by={by}", **part)
+    assert notes_on(made, "objects", "empty_hand")
+    assert frames.classes == ["object1", "object2"]
+    assert not (made.keep & (part["columns"]["object"] == 0)).any()
+    np.testing.assert_allclose(frames.baseline_mean.mean(), 514, atol=0.2)
+
+
+def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_is_kept(tmp_path):
+    more = np.where(RECORDING == 6, 3, np.where(RECORDING == 7, 4, OBJECT))
+    split = np.where(more == 3, 1, np.where(more == 4, 0, COLUMNS["split"]))
+    frames, made, rows = prepared(tmp_path, columns=COLUMNS | {"object": more, "split": split})
+    assert [note.text.split()[0] for note in notes_on(made, "objects")] == ["object3", "object4"]
+    assert frames.classes == ["empty_hand", "object1", "object2", "object4"]
+    assert frames.label[frames.recording == 7].tolist() == [3] * GRIP_FRAMES
+    gone = next(row for row in rows if row["object"] == "object3")
+    assert (gone["dropped_by_filter"], gone["dropped_with_class"], gone["kept"]) == (BLANK, GRIP_FRAMES, 0)
+
+
+def test_a_class_whose_only_used_group_the_filter_empties_is_dropped(tmp_path):
+    first = np.unique(RECORDING[OBJECT == 2])[1]  # the first of fold 0 is its test group
+    changes = ("split.by=recording", "split.folds=3", "split.train_groups=1")
+    frames, made, _ = prepared(tmp_path, *changes, columns=COLUMNS | {"valid": VALID & (first != RECORDING)})
+    assert frames.classes == ["empty_hand", "object1"] and notes_on(made, "objects", "object2")
+
+
 def test_a_recording_and_an_object_that_the_filter_empties_are_named(tmp_path):
-    valid = COLUMNS["valid"] & (COLUMNS["object"] != 2) & (COLUMNS["recording"] != 4)
+    valid = VALID & (OBJECT != 2) & (RECORDING != 4)
     frames, made, rows = prepared(tmp_path, columns=COLUMNS | {"valid": valid})
-    dropped, emptied, warning = (note for note in made.notes if note.topic == "filter")
+    dropped, emptied, warning = notes_on(made, "filter")
     assert f"{360 - valid.sum()} of 360 frames" in dropped.text and "recording15, recording16" in emptied.text
     assert warning.level == "warning" and "object2" in warning.text
     assert frames.classes == ["empty_hand", "object1"]
     assert [row["kept"] for row in rows] == [3 * GRIP_FRAMES, 3 * GRIP_FRAMES, 2 * GRIP_FRAMES, 3 * GRIP_FRAMES, 0, 0]
 
 
-NO_FLAGS = {name: values for name, values in COLUMNS.items() if name != "valid"}
-NO_SPLIT = {name: values for name, values in COLUMNS.items() if name != "split"}
-NO_GRASP = {name: values for name, values in COLUMNS.items() if name != "grasp"}
-NO_EMPTY = ("preprocess.empty_hand_class=false",)
-LATE = (COLUMNS["session"] == 1) & (COLUMNS["object"] == 0)  # the empty hand of the second session
-REFUSED = {
-    "four frames of the empty hand in a session": (
-        (),
-        {"columns": COLUMNS | {"object": np.where(LATE & (np.cumsum(LATE) > 4), 2, COLUMNS["object"])}},
-        "'session1' has 4 frames",
-    ),
-    "no flags": ((), {"columns": NO_FLAGS}, r"glove\.h5: .*preprocess\.filter flags"),
-    "no published split": ((), {"columns": NO_SPLIT}, r"split\.by source"),
-    "no grasps": (("split.by=grasp",), {"columns": NO_GRASP}, r"split\.by grasp"),
-    "one class": (NO_EMPTY, {"columns": COLUMNS | {"object": np.minimum(COLUMNS["object"], 1)}}, "one class, object1"),
-    "one class left": (NO_EMPTY, {"columns": COLUMNS | {"valid": COLUMNS["object"] < 2}}, r"two classes .*\(object1\)"),
-    "no test side": ((), {"columns": COLUMNS | {"split": 0 * COLUMNS["split"]}}, r"the test side of split\.by source"),
-    "no group for the fold": (("split.by=recording", "split.folds=9", "split.fold=8"), {}, r"test side .*fold 8 of 9"),
-    "no group for validation": (("split.by=session", "split.folds=2", "split.validation=0.5"), {}, "validation side"),
-}
+def test_the_source_s_balanced_frames_are_the_anchors_of_its_split_and_flags_alone(tmp_path):
+    balanced = COLUMNS["frame"] % 2 == 0
+    columns = COLUMNS | {"balanced": balanced}
+    frames, made, _ = prepared(tmp_path, columns=columns)
+    np.testing.assert_array_equal(frames.anchor, balanced[VALID])
+    assert notes_on(made, "anchors")
+    for change in ("split.by=recording", "preprocess.filter=contact"):
+        frames, made, _ = prepared(tmp_path, change, columns=columns)
+        assert frames.anchor.all() and not notes_on(made, "anchors")  # no class has more than the fewest anchors
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_published_side_without_balanced_frames_is_refused(tmp_path, side):
+    with pytest.raises(UserError, match=f"the {['train', 'test'][side]} side .* has no balanced frames"):
+        prepared(tmp_path, columns=COLUMNS | {"balanced": COLUMNS["split"] != side})
+
+
+def without(name):
+    return {each: values for each, values in COLUMNS.items() if each != name}
 
 
 def test_grasps_keep_their_numbers_and_are_0_where_there_are_none(tmp_path):
     frames, made, _ = prepared(tmp_path)
     np.testing.assert_array_equal(frames.grasp, COLUMNS["grasp"][made.keep])
     assert len(np.unique(frames.grasp)) > 1
-    assert not prepared(tmp_path, columns=NO_GRASP)[0].grasp.any()
+    assert not prepared(tmp_path, columns=without("grasp"))[0].grasp.any()
+
+
+NO_EMPTY = ("preprocess.empty_hand_class=false",)
+LATE = (SESSION == 1) & (OBJECT == 0)  # the empty hand of the second session
+FOUR_LATE = np.where(LATE & (np.cumsum(LATE) > 4), 2, OBJECT)
+REFUSED = {
+    "four frames of the empty hand in a session": ((), COLUMNS | {"object": FOUR_LATE}, "'session1' has 4 frames"),
+    "no flags": ((), without("valid"), r"glove\.h5: .*preprocess\.filter flags"),
+    "no published split": ((), without("split"), r"split\.by source"),
+    "no grasps": (("split.by=grasp",), without("grasp"), r"split\.by grasp"),
+    "one class": (NO_EMPTY, COLUMNS | {"object": np.minimum(OBJECT, 1)}, "one class, object1"),
+    "one class left": (NO_EMPTY, COLUMNS | {"valid": OBJECT < 2}, r"two classes .*\(object1\)"),
+    "no test side": ((), COLUMNS | {"split": 0 * COLUMNS["split"]}, r"the test side of split\.by source"),
+    "no group for the fold": (("split.by=recording", "split.folds=9", "split.fold=8"), COLUMNS, "test side .*8 of 9"),
+    "no group to validate": (("split.by=session", "split.folds=2", "split.validation=0.5"), COLUMNS, "validation side"),
+}
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_data_that_cannot_be_learnt_from_is_refused_in_one_sentence(tmp_path, case):
-    changes, form, sentence = REFUSED[case]
+def test_data_that_cannot_be_learnt_from_are_refused_in_one_sentence(tmp_path, case):
+    changes, columns, sentence = REFUSED[case]
     with pytest.raises(UserError, match=sentence):
-        prepared(tmp_path, *changes, **form)
+        prepared(tmp_path, *changes, columns=columns)
 
 
 @pytest.mark.stag
@@ -91,10 +205,7 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     write_recordings(tmp_path / "t", read_metadata(stag_data / "blindfolded_lite" / "metadata.mat"), "0" * 32)
     auto = load(FILE, ("split.by=recording", "split.folds=4"))
     made = preprocess_recordings(Recordings(tmp_path / "t"), auto.preprocess, auto.split)
-    frames = made.frames
     assert (made.choice.params.baseline, made.choice.params.filter) == ("empty_hand", "flags")
-    assert made.passed.sum() == 525
-    assert len(frames) == 520
-    assert "empty_hand" not in frames.classes
-    assert [len(frames.on(side)) for side in (TRAIN, TEST)] == [26 * 3 * 5, 26 * 5]
-    assert any("empty_hand is not on both sides" in note.text for note in made.notes)
+    assert (made.passed.sum(), len(made.frames)) == (525, 520)
+    assert "empty_hand" not in made.frames.classes and notes_on(made, "objects", "empty_hand")
+    assert [len(made.frames.on(side)) for side in (TRAIN, TEST)] == [26 * 3 * 5, 26 * 5]

@@ -1,4 +1,4 @@
-"""Train, validation and test sides, by groups of frames."""
+"""Train, validation and test sides by groups of frames, and anchors."""
 
 import numpy as np
 import pytest
@@ -6,16 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.frames.anchors import balanced_anchors
-from tactile_viewgcn.frames.split import (
-    fold_sides,
-    frame_sides,
-    split_groups,
-    surplus_groups,
-    validation_sides,
-)
+from tactile_viewgcn.frames.split import fold_sides, split_groups, surplus_groups, validation_sides
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
-
-WAYS = pytest.mark.parametrize("by", ["recording", "grasp", "session"])
 
 
 def made(objects=4, sessions=3, recordings=2, grasps=3, frames=2):
@@ -23,8 +15,7 @@ def made(objects=4, sessions=3, recordings=2, grasps=3, frames=2):
     size = (sessions, objects, recordings, grasps, frames)
     session, label, number, grasp, _ = (axis.ravel() for axis in np.indices(size))
     recording = (session * objects + label) * recordings + number
-    split = (session == sessions - 1).astype(np.int8)
-    return {"object": label, "recording": recording, "session": session, "grasp": grasp, "split": split}
+    return {"object": label, "recording": recording, "session": session, "grasp": grasp}
 
 
 def test_groups_are_numbered_in_the_order_of_the_recordings():
@@ -44,7 +35,7 @@ def test_groups_are_numbered_in_the_order_of_the_recordings():
 @pytest.mark.parametrize(
     ("across", "groups", "labels", "tested"),
     [
-        # each class deals out its own groups in turn; one of a single group is trained on
+        # the groups of each class are dealt in turn; a class of one group is trained on
         (False, [0, 0, 1, 2, 3, 4, 4, 5, 7], [0, 0, 0, 0, 0, 1, 1, 1, 2], [[0, 2, 4], [1, 3, 5]]),
         (True, [0, 1, 2, 1, 2, 3], [0, 0, 0, 1, 1, 1], [[0, 2], [1, 3]]),  # sessions: once for all classes
     ],
@@ -57,33 +48,32 @@ def test_groups_are_dealt_to_the_folds_in_turn(across, groups, labels, tested):
         assert set(side[np.isin(groups, expected)]) == {TEST} and set(side) == {TRAIN, TEST}
 
 
-@pytest.mark.parametrize("across", [False, True])
-def test_a_deal_shuffles_the_groups_of_each_class_before_they_are_dealt(across):
-    groups, labels = np.repeat(np.arange(24), 2), np.repeat([0, 1], 24)
+def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes():
+    groups, labels = np.arange(24), np.repeat([0, 1], 12)
 
-    def tested(deal, of=slice(None)):
-        """(4, 24) or fewer: the groups that each fold tests, as 0 and 1."""
+    def tested(deal, of=slice(None), across=False):
+        """bool (4, 24) or fewer: the groups that each fold tests."""
         sides = [fold_sides(groups[of], labels[of], folds=4, fold=i, across=across, deal=deal) for i in range(4)]
-        return np.stack(sides)[:, ::2] == TEST
+        return np.stack(sides) == TEST
 
-    assert (tested(3).sum(axis=0) == 1).all()
-    assert tested(3).sum(axis=1).tolist() == [6] * 4
-    if not across:
-        assert tested(3)[:, :12].sum(axis=1).tolist() == [3] * 4  # of each class
-        np.testing.assert_array_equal(tested(3)[:, 12:], tested(3, labels == 1))  # the same without the other class
-        assert (tested(3)[:, :12] != tested(3)[:, 12:]).any()  # each class in an order of its own
-    np.testing.assert_array_equal(tested(3), tested(3))
-    assert len({tested(deal).tobytes() for deal in range(5)}) == 5
+    assert tested(3).reshape(4, 2, 12).sum(axis=2).tolist() == [[3, 3]] * 4
+    np.testing.assert_array_equal(tested(3)[:, 12:], tested(3, labels == 1))
+    assert (tested(3)[:, :12] != tested(3)[:, 12:]).any()
+    assert len({tested(deal, across=across).tobytes() for deal in range(5) for across in (False, True)}) == 9
 
 
-def _sides(columns, by, folds, fold, share, seed=0, deal=0):
-    groups, across = split_groups(columns, by), by == "session"
-    side = fold_sides(groups, columns["object"], folds=folds, fold=fold, across=across, deal=deal)
-    rng = np.random.default_rng(seed)
-    return groups, validation_sides(side, groups, columns["object"], share=share, across=across, rng=rng)
+def test_single_frames_are_dealt_at_random_and_equally_of_each_class():
+    """As with `split.by: frame`, where each frame is a group."""
+    labels, groups = np.repeat([0, 1], [30, 12]), np.arange(42)
+    sides = [
+        fold_sides(groups, labels, folds=3, fold=fold, across=False, rng=np.random.default_rng(4)) for fold in range(3)
+    ]
+    assert (np.sum([side == TEST for side in sides], axis=0) == 1).all()
+    assert [np.bincount(labels[side == TEST]).tolist() for side in sides] == [[10, 4]] * 3
+    assert np.unique(np.diff(np.flatnonzero(sides[0][:30] == TEST))).size > 1  # not every third
 
 
-@WAYS
+@pytest.mark.parametrize("by", ["recording", "grasp", "session"])
 @settings(max_examples=25, deadline=None)
 @given(
     st.integers(1, 4),
@@ -93,18 +83,20 @@ def _sides(columns, by, folds, fold, share, seed=0, deal=0):
     st.sampled_from([0, 0.2, 0.7]),
     st.integers(0, 9),
 )
-def test_every_group_stands_on_one_side_and_is_tested_in_exactly_one_fold(
+def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(
     by, objects, sessions, number, folds, share, deal
 ):
     columns = made(objects, sessions, number)
-    times = np.zeros(len(columns["object"]), dtype=int)
+    groups, label, across = split_groups(columns, by), columns["object"], by == "session"
+    times = np.zeros(len(label), dtype=int)
     for fold in range(folds):
-        groups, side = _sides(columns, by, folds, fold, share, deal=deal)
+        side = fold_sides(groups, label, folds=folds, fold=fold, across=across, deal=deal)
+        side = validation_sides(side, groups, label, share=share, across=across, rng=np.random.default_rng(0))
         for group in np.unique(groups):
             assert len(np.unique(side[groups == group])) == 1
         times += side == TEST
-    pairs = np.unique(np.stack([columns["object"], groups]), axis=1)
-    alone = np.bincount(pairs[0])[columns["object"]] == 1 if by != "session" else np.zeros(len(times), dtype=bool)
+    pairs = np.unique(np.stack([label, groups]), axis=1)
+    alone = (np.bincount(pairs[0])[label] == 1) & (not across)
     assert (times == ~alone).all()  # an object of one group is trained on
 
 
@@ -112,12 +104,10 @@ def test_every_group_stands_on_one_side_and_is_tested_in_exactly_one_fold(
     ("groups_of_class", "share", "count"),
     [(10, 0.3, 3), (10, 0.01, 1), (10, 0.99, 9), (2, 0.9, 1), (1, 0.9, 0), (4, 0.0, 0)],
 )
-def test_the_share_of_validation_groups_is_kept_and_the_last_group_too(groups_of_class, share, count):
-    groups = np.repeat(np.arange(groups_of_class), 3)
+def test_the_share_of_validation_groups_is_drawn_and_a_last_group_is_trained_on(groups_of_class, share, count):
+    groups, rng = np.repeat(np.arange(groups_of_class), 3), np.random.default_rng(0)
     side = np.full(len(groups), TRAIN, dtype=np.int8)
-    validation = validation_sides(
-        side, groups, np.zeros(len(groups)), share=share, across=False, rng=np.random.default_rng(0)
-    )
+    validation = validation_sides(side, groups, np.zeros(len(groups)), share=share, across=False, rng=rng)
     assert len(np.unique(groups[validation == VALIDATION])) == count
     assert (side == TRAIN).all()
 
@@ -126,12 +116,10 @@ def test_the_share_of_validation_groups_is_kept_and_the_last_group_too(groups_of
 def test_validation_sessions_are_drawn_once_for_all_objects(share):
     session, label = (axis.ravel() for axis in np.indices((10, 3)))
     there = session >= 3 * label  # objects that missed the first sessions
-    side = np.full(there.sum(), TRAIN, dtype=np.int8)
-    groups, labels = session[there], label[there]
-    validation = validation_sides(side, groups, labels, share=share, across=True, rng=np.random.default_rng(0))
-    drawn = np.unique(groups[validation == VALIDATION])
-    assert len(drawn) == round(10 * share)
-    np.testing.assert_array_equal(validation == VALIDATION, np.isin(groups, drawn))
+    groups, side, rng = session[there], np.full(there.sum(), TRAIN, dtype=np.int8), np.random.default_rng(0)
+    validation = validation_sides(side, groups, label[there], share=share, across=True, rng=rng) == VALIDATION
+    assert len(np.unique(groups[validation])) == round(10 * share)
+    np.testing.assert_array_equal(validation, np.isin(groups, groups[validation]))
 
 
 @settings(max_examples=25, deadline=None)
@@ -139,21 +127,12 @@ def test_validation_sessions_are_drawn_once_for_all_objects(share):
 def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes, minimum):
     labels = np.repeat([0, 1, 2, 0, 1, 2], sizes)
     side = np.repeat([TRAIN] * 3 + [VALIDATION] * 3, sizes)
-    drawn = [balanced_anchors(labels, side, minimum=minimum, rng=np.random.default_rng(0)) for _ in range(2)]
-    anchor, _ = drawn[0]
-    np.testing.assert_array_equal(anchor, drawn[1][0])
-    for code, groups_of_class in ((TRAIN, sizes[:3]), (VALIDATION, sizes[3:])):
-        count = max([minimum, *([min(size for size in groups_of_class if size)] if any(groups_of_class) else [])])
-        for label, size in enumerate(groups_of_class):
+    anchor, again = (balanced_anchors(labels, side, minimum=minimum, rng=np.random.default_rng(0))[0] for _ in "ab")
+    np.testing.assert_array_equal(anchor, again)
+    for code, of_side in ((TRAIN, sizes[:3]), (VALIDATION, sizes[3:])):
+        count = max(minimum, min(filter(None, of_side), default=0))
+        for label, size in enumerate(of_side):
             assert (anchor & (labels == label) & (side == code)).sum() == min(size, count)
-
-
-def test_frame_sides_deal_out_every_frame_once_and_equally_of_each_class():
-    labels = np.repeat([0, 1], [30, 12])
-    sides = [frame_sides(labels, folds=3, fold=fold, rng=np.random.default_rng(4)) for fold in range(3)]
-    assert (np.sum([side == TEST for side in sides], axis=0) == 1).all()
-    assert [np.bincount(labels[side == TEST]).tolist() for side in sides] == [[10, 4]] * 3
-    assert np.unique(np.diff(np.flatnonzero(sides[0][:30] == TEST))).size > 1  # at random, not every third
 
 
 def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_side():

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.frames.baseline import ROUNDING_SD, empty_hand_baseline, trimmed_moments
-from tactile_viewgcn.frames.filtering import pressed_frames
+from tactile_viewgcn.frames.contact import pressed_frames
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -28,16 +28,13 @@ PARAMS = recipe(
 )  # fmt: skip
 
 
-def with_counts(counts, baseline=None):
-    """The small table with other counts (n, H, W), and its first baseline or another (1, H, W)."""
+def input_error(counts, baseline=None, transform="clip"):
+    """Error of the network input of counts (n, H, W) above a baseline (1, H, W), of the small table or another."""
     mean = table().baseline_mean[:1] if baseline is None else baseline
-    return replace(table(), counts=counts, baseline=np.zeros(len(counts), dtype=int), baseline_mean=mean)
-
-
-def input_error(frames):
-    """Error of the network input of all frames against its definition in float64."""
-    excess = frames.counts.astype(np.float64) - frames.baseline_mean[frames.baseline].astype(np.float64)
-    exact = np.clip(excess / frames.scale, 0, 1) if frames.transform == "clip" else np.log1p(np.maximum(excess, 0))
+    of_frame = np.zeros(len(counts), dtype=int)
+    frames = replace(table(), counts=counts, baseline=of_frame, baseline_mean=mean, transform=transform)
+    excess = counts.astype(np.float64) - mean.astype(np.float64)
+    exact = np.clip(excess / frames.scale, 0, 1) if transform == "clip" else np.log1p(np.maximum(excess, 0))
     return max_rel_error(frames.inputs(np.arange(len(exact))), exact)
 
 
@@ -54,8 +51,8 @@ def exact_moments(counts):
 def test_network_input_of_frames_that_no_hand_makes(row):
     for name, counts in unusual_counts(table().baseline_mean[0]).items():
         for transform, suffix in (("clip", ""), ("log", ", log")):
-            frames = replace(with_counts(counts[None].astype(np.int16)), transform=transform)
-            row(f"network input, {name}{suffix}", input_error(frames), ROUNDING)
+            error = input_error(counts[None].astype(np.int16), transform=transform)
+            row(f"network input, {name}{suffix}", error, ROUNDING)
 
 
 @pytest.mark.stability("a large offset")
@@ -66,17 +63,12 @@ def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, k
     counts = (offset + np.random.default_rng(0).integers(-3, 4, (400, 2, 2))).astype(kind)
     mean, noise = trimmed_moments(counts)
     exact, spread = exact_moments(counts)
-    row(
-        f"mean baseline, in last digits of the offset, {name}",
-        np.abs(mean - exact).max() / np.spacing(float(offset)),
-        1,
-    )
+    off = np.abs(mean - exact).max() / np.spacing(float(offset))
+    row(f"mean baseline, in last digits of the offset, {name}", off, 1)
     row(f"noise of the baseline, {name}", max_rel_error(noise, spread), ROUNDING)
     pressed = np.concatenate([counts, counts, counts + kind(120)])
     recordings = written(tmp_path / "t", pressed, object=np.arange(1200) // 400)
-    baseline = empty_hand_baseline(recordings)
-    frames = with_counts(recordings.frames(np.arange(1200)), baseline.mean)
-    row(f"network input, {name}", input_error(frames), ROUNDING)
+    row(f"network input, {name}", input_error(pressed, empty_hand_baseline(recordings).mean), ROUNDING)
 
 
 @pytest.mark.stability("a million frames of drift")
@@ -101,16 +93,13 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(r
     recordings = written(tmp_path / "t", counts, object=np.arange(40) // 20)
     baseline = empty_hand_baseline(recordings)
     contact = pressed_frames(recordings, baseline, 8)
-    row(
-        f"noise of the baseline, {name}",
-        max_rel_error(baseline.noise.ravel()[:8], np.full(8, ROUNDING_SD * unit)),
-        1e-4,
-    )
+    noise = baseline.noise.ravel()[:8]
+    row(f"noise of the baseline, {name}", max_rel_error(noise, np.full(8, ROUNDING_SD * unit)), 1e-4)
     row(f"frames in contact, {name}", share_different(contact[20:], pressed > 5 * ROUNDING_SD))
 
 
 def prepared(path, counts, **columns):
-    """Frames of recordings (R, T, H, W), each with a name of its own; folds are recordings."""
+    """Frames of recordings (R, T, H, W), each with a different name; folds are recordings."""
     recording = np.repeat(np.arange(len(counts)), counts.shape[1])
     recordings = written(path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns)
     return preprocess_recordings(recordings, PARAMS.preprocess, PARAMS.split).frames
@@ -124,35 +113,33 @@ def pressed_by_objects(sensor, frames=12):
     return counts.astype(np.int16), np.repeat([0, 1, 2] * 2, frames)
 
 
-@pytest.mark.stability("sensors that never change")
-@pytest.mark.parametrize("value", [0, 1023])
-def test_a_glove_that_is_not_connected_is_refused(row, tmp_path, value):
-    counts = np.full((3, 30, 4, 4), value, dtype=np.int16)
-    objects = np.repeat([0, 1, 1], 30)
-    row.refused(f"all counts {value}", lambda: prepared(tmp_path / "t", counts, object=objects), "no sensor varies")
+NOISY = np.random.default_rng(0).integers(BASELINE, 700, (2, 12, 4, 4)).astype(np.int16)
+ONE_CLASS = "the recordings have one class"
+#: Of each check: quantity, recordings (R, T, 4, 4), the object of each, objects, and what the refusal says.
+REFUSED = [
+    ("sensors that never change", "all counts 0", np.zeros((3, 30, 4, 4), np.int16), [0, 1, 1], [], "no sensor varies"),
+    ("sensors that never change", "all counts 1023", np.full((3, 30, 4, 4), 1023), [0, 1, 1], [], "no sensor varies"),
+    ("too little data", "one frame", NOISY[:1, :1], [1], ["mug", "pen"], ONE_CLASS),
+    ("too little data", "one recording", NOISY, [0, 1], ["empty_hand", "pen"], "fewer than two classes left"),
+    (
+        "too little data",
+        "no empty hand",
+        NOISY,
+        [1, 2],
+        ["mug", "pen", "cat"],
+        "'session0' has 0 frames of 'empty_hand'",
+    ),
+    ("one class and 1,000", "one class", NOISY, [0, 0], ["empty_hand"], f"{ONE_CLASS}, empty_hand"),
+]
 
 
-@pytest.mark.stability("too little data")
 @pytest.mark.parametrize(
-    ("name", "frames", "objects", "message"),
-    [
-        ("one frame", 1, [1], "the recordings have one class"),
-        ("one recording", 12, [0, 1], "fewer than two classes left"),
-        ("no empty hand", 12, [1, 2], "no object is named 'empty_hand'"),
-    ],
+    ("quantity", "counts", "labels", "objects", "pattern"),
+    [pytest.param(*case, marks=pytest.mark.stability(check)) for check, *case in REFUSED],
 )
-def test_data_that_cannot_be_split_are_refused(row, tmp_path, name, frames, objects, message):
-    counts = np.random.default_rng(0).integers(BASELINE, 700, (len(objects), frames, 4, 4)).astype(np.int16)
-    columns = {"object": np.repeat(objects, frames), "objects": ["empty_hand" if 0 in objects else "mug", "pen", "cat"]}
-    row.refused(name, lambda: prepared(tmp_path / "t", counts, **columns), message)
-
-
-@pytest.mark.stability("one class and 1,000")
-def test_one_class_is_refused(row, tmp_path):
-    counts, _ = pressed_by_objects(np.random.default_rng(0).integers(0, 40, (12, 4, 4)))
-    columns = {"object": np.zeros(72, dtype=int), "objects": ["empty_hand"]}
-    pattern = "the recordings have one class, empty_hand; expected two or more"
-    row.refused("one class", lambda: prepared(tmp_path / "t", counts, **columns), pattern)
+def test_recordings_that_cannot_be_learnt_from_are_refused(row, tmp_path, quantity, counts, labels, objects, pattern):
+    columns = {"object": np.repeat(labels, counts.shape[1]), "objects": objects}
+    row.refused(quantity, lambda: prepared(tmp_path / "t", counts, **columns), pattern)
 
 
 @pytest.mark.stability("one live sensor")
@@ -210,19 +197,13 @@ def test_what_is_recommended_and_the_network_input_do_not_depend_on_the_unit(row
     ("factor", "message"),
     [
         (1e-300, "no sensor varies by more than .*e-299; expected 1e-30 or more: rescale the readings"),
-        (
-            2e28,
-            "the strongest hundredth of the sensors in contact reads .* expected 1e-30 to 1e.30: rescale the readings",
-        ),
+        (2e28, "strongest hundredth of the sensors in contact .* expected 1e-30 to 1e.30: rescale the readings"),
         (1e30, r"expected real numbers from -1e\+30 to 1e\+30"),
     ],
 )
-def test_readings_for_which_params_has_no_scale_are_refused_before_anything_is_recommended(
-    row, tmp_path, factor, message
-):
-    row.refused(
-        f"readings {factor:g} times", lambda: automatic(tmp_path / "t", factor * two_grasped_objects()), message
-    )
+def test_readings_for_which_params_has_no_scale_are_refused(row, tmp_path, factor, message):
+    readings = factor * two_grasped_objects()
+    row.refused(f"readings {factor:g} times", lambda: automatic(tmp_path / "t", readings), message)
 
 
 @pytest.mark.stability("the ends of 16 bits")
@@ -243,14 +224,13 @@ def test_the_order_in_the_file_is_the_order_of_time_whatever_the_stamps_say(row,
     counts, objects = pressed_by_objects(np.random.default_rng(0).integers(0, 40, (12, 4, 4)))
     straight = np.arange(12) / 10
     stamps = {
-        "": straight, "all equal": 0 * straight, "backwards": straight[::-1],
+        "all equal": 0 * straight,
+        "backwards": straight[::-1],
         "a jump back": np.where(straight > 0.5, straight - 5, straight),
-    }  # fmt: skip
-    frames = {
-        name: prepared(tmp_path / f"t{name}", counts, object=objects, time=np.tile(time, 6))
-        for name, time in stamps.items()
     }
-    for name in list(stamps)[1:]:
+    expected = prepared(tmp_path / "t", counts, object=objects, time=np.tile(straight, 6))
+    for name, time in stamps.items():
+        frames = prepared(tmp_path / name, counts, object=objects, time=np.tile(time, 6))
         columns = ("counts", "label", "side", "anchor")
-        different = max(share_different(getattr(frames[name], one), getattr(frames[""], one)) for one in columns)
+        different = max(share_different(getattr(frames, one), getattr(expected, one)) for one in columns)
         row(f"frames, sides and anchors, {name}", different)

@@ -68,7 +68,7 @@ IN_FIT = {
         {"X": np.ones((4, 2, 3, 3)), "params": {"preprocess.baseline": "grasp"}},
         "preprocess.baseline is grasp, and X holds view sets",
     ),
-    "no empty hand": ({"params": {"preprocess.baseline": "empty_hand"}}, "no object is named 'empty_hand'"),
+    "no empty hand": ({"params": {"preprocess.baseline": "empty_hand"}}, "'empty_hand'"),
 }
 
 

@@ -1,5 +1,6 @@
-"""Clustering the frames of each pool into views."""
+"""Clustering the frames of each pool into views, and which frames of a table get a cluster."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,25 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tactile_viewgcn.tables.views import NO_CLUSTER
 from tactile_viewgcn.views import clustering
 from tactile_viewgcn.views.clustering import (
     cluster_pools,
-    distinct_rows,
     kmeans,
     pool_ids,
     pool_scores,
     principal_components,
 )
-from tests.glove_data import recipe
+from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.glove_data import recipe, table, views_of
 
-KMEANS = recipe().cluster
-
-
-def blobs(count, each, rng, dimensions=20):
-    """Points (count * each, dimensions) in well separated blobs, in random order, and the blob of each."""
-    blob = rng.permutation(np.repeat(np.arange(count), each))
-    centres = 10 * np.eye(dimensions)[:count]
-    return (centres[blob] + 0.1 * rng.standard_normal((len(blob), dimensions))).astype(np.float32), blob
+PARAMS = recipe()
+VALIDATED = "split.validation=0.25"
 
 
 def same_partition(one, other):
@@ -34,14 +31,33 @@ def same_partition(one, other):
 
 @given(st.lists(st.tuples(*(st.integers(0, most) for most in (2, 1, 2, 2, 2))), min_size=1, max_size=30))
 @settings(max_examples=25, deadline=None)
-def test_pools_are_those_that_a_loop_finds(frames):
+def test_pools_are_those_of_a_loop(frames):
     columns = np.array(frames).T
-    table = SimpleNamespace(**dict(zip(("side", "label", "recording", "group", "grasp"), columns, strict=True)))
+    of_frames = SimpleNamespace(**dict(zip(("side", "label", "recording", "group", "grasp"), columns, strict=True)))
     index = np.arange(len(frames))[::2]
     for scope, length in (("object", 2), ("recording", 4), ("grasp", 5)):
         keys = [frames[i][:length] for i in index]
         numbers = {key: number for number, key in enumerate(sorted(set(keys)))}
-        assert pool_ids(table, index, scope).tolist() == [numbers[key] for key in keys]
+        assert pool_ids(of_frames, index, scope).tolist() == [numbers[key] for key in keys]
+
+
+def test_training_and_validation_frames_get_a_cluster_and_test_frames_none():
+    frames = table(VALIDATED)
+    views = views_of(frames, PARAMS)
+    assert (views.cluster[frames.side == TEST] == NO_CLUSTER).all() and views.cluster.dtype == np.int16
+    for number in np.unique(views.pool[frames.side != TEST]):
+        assert set(views.cluster[views.pool == number].tolist()) == set(range(4))
+    np.testing.assert_array_equal(views.pool, pool_ids(frames, np.arange(len(frames)), PARAMS.cluster.scope))
+    np.testing.assert_array_equal(views.viewpoints, viewpoints(PARAMS.views, PARAMS.viewpoints, PARAMS.seed))
+
+
+def test_clusters_of_the_training_side_depend_on_no_other_side():
+    frames = table(VALIDATED)
+    train, counts, label = frames.side == TRAIN, frames.counts[:].copy(), frames.label.copy()
+    counts[~train] = np.random.default_rng(0).permutation(counts[~train])
+    label[frames.side == TEST] = 0
+    views, other = (views_of(each, PARAMS) for each in (frames, replace(frames, counts=counts, label=label)))
+    np.testing.assert_array_equal(other.cluster[train], views.cluster[train])
 
 
 def test_kmeans_keeps_the_best_of_its_restarts():
@@ -56,27 +72,27 @@ def test_kmeans_keeps_the_best_of_its_restarts():
     assert max(once) > 1.05 * max(best)
 
 
-def test_each_pool_is_clustered_on_its_own():
+def test_each_pool_is_clustered_by_itself():
+    """Six well separated blobs in random order, three in each pool."""
     rng = np.random.default_rng(1)
-    points, blob = blobs(6, 10, rng)
-    pool = blob // 3
-    cluster = cluster_pools(points, pool, 3, KMEANS, rng)
-    for number in range(2):
-        assert set(cluster[pool == number].tolist()) == {0, 1, 2}
-        assert same_partition(cluster[pool == number], blob[pool == number])
+    blob = rng.permutation(np.repeat(np.arange(6), 10))
+    points = (10 * np.eye(20)[blob] + 0.1 * rng.standard_normal((60, 20))).astype(np.float32)
+    cluster = cluster_pools(points, blob // 3, 3, PARAMS.cluster, rng)
+    for pool in range(2):
+        assert set(cluster[blob // 3 == pool].tolist()) == {0, 1, 2}
+        assert same_partition(cluster[blob // 3 == pool], blob[blob // 3 == pool])
 
 
-def test_the_same_seed_gives_the_same_clusters():
-    points = np.random.default_rng(4).random((60, 30))
-    pool = np.arange(60) % 2
-    first, other = (cluster_pools(points, pool, 4, KMEANS, np.random.default_rng(seed)) for seed in (7, 8))
-    again = cluster_pools(points, pool, 4, KMEANS, np.random.default_rng(7), pool_scores(points, pool))
+def test_equal_seeds_give_equal_clusters():
+    points, pool = np.random.default_rng(4).random((60, 30)), np.arange(60) % 2
+    first, other = (cluster_pools(points, pool, 4, PARAMS.cluster, np.random.default_rng(seed)) for seed in (7, 8))
+    again = cluster_pools(points, pool, 4, PARAMS.cluster, np.random.default_rng(7), pool_scores(points, pool))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
 
 
 @pytest.mark.parametrize(("method", "views"), [("none", 4), ("kmeans", 1)])
-def test_without_clusters_to_find_nothing_is_searched(monkeypatch, method, views):
+def test_random_clusters_and_a_single_one_compute_nothing(monkeypatch, method, views):
     monkeypatch.setattr(clustering, "pool_scores", None)
     monkeypatch.setattr(clustering, "kmeans", None)
     params = recipe(f"cluster.method={method}").cluster
@@ -89,11 +105,3 @@ def test_components_are_those_of_the_singular_values(shape):
     points = np.random.default_rng(6).random(shape)
     left, values, _ = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     np.testing.assert_allclose(np.abs(principal_components(points, 4)), np.abs(left * values)[:, :4], atol=1e-9)
-
-
-@pytest.mark.parametrize(("most", "found"), [(3, True), (2, False)])
-def test_distinct_rows_are_equal_up_to_rounding(most, found):
-    rows = np.random.default_rng(0).random((3, 8))
-    which = np.arange(60) % 3
-    number = distinct_rows(rows[which] * (1 + 1e-13 * np.random.default_rng(1).random((60, 8))), most)
-    assert same_partition(number, which) if found else number is None
