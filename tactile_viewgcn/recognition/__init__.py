@@ -1,1 +1,1 @@
-"""The trained recogniser, its file, and predictions frame by frame."""
+"""The trained recogniser: its choice, calibration and file, and its answers to new recordings."""

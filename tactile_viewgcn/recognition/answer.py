@@ -1,10 +1,11 @@
-"""Answers: which object is in the hand, from the frames in contact of a recording, or of every one of a source."""
+"""Answers: the object in the hand, by the frames in contact of one recording, or of each recording of a source."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.special import softmax
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.notes import Note
@@ -22,47 +23,53 @@ OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
 
 @dataclass(frozen=True)
 class Answer:
-    """What is held in one recording, or in a window of it.
+    """The object in a recording, or in a window of it.
 
     Attributes:
-        status: OBJECT; UNKNOWN, `probabilities` then say what it is nearest to; or NO_CONTACT.
+        status: OBJECT; UNKNOWN, whose `probabilities` are those of the nearest objects; or NO_CONTACT.
         probabilities: (classes,), NaN with NO_CONTACT.
-        used: frames that were classified; contact: frames in contact; frames: all of them.
-        novelty: distance to the nearest training frames, 1 at the model's threshold; NaN without a threshold, or with
-            fewer than V frames in contact.
-        recording: its name; object: what it says is held, UNLABELLED if it does not.
+        used: number of frames that were classified.
+        contact: number of frames in contact; frames: number of all frames.
+        novelty: distance to the nearest training frames, 1 at the model's threshold; NaN for a model without a
+            threshold, and for fewer than V frames in contact.
+        stop_at: confidence that was asked for; 0 for none.
+        recording: its name; object: its label, UNLABELLED without one.
         start, end: seconds since the recording's first frame; NaN without times.
-        grasp_again: the confidence that was asked for was not reached.
     """
 
     status: str
     probabilities: np.ndarray
-    used: int
-    contact: int
+    used: int = 0
+    contact: int = 0
     novelty: float = float("nan")
+    stop_at: float = 0.0
     frames: int = 0
     recording: str = ""
     object: str = UNLABELLED
     start: float = float("nan")
     end: float = float("nan")
-    grasp_again: bool = False
+
+    @property
+    def grasp_again(self) -> bool:
+        """Whether the confidence that was asked for was not reached."""
+        return bool(self.probabilities.max() < self.stop_at)
 
 
 def answer_recording(
     recogniser: Recogniser, counts: np.ndarray, *, stop_at: float | None = None, name: str = "counts"
 ) -> Answer:
-    """The answer to one recording of raw counts (T, H, W) in the order of time, without a label.
+    """The answer to one unlabelled recording of raw counts (T, H, W), in the order of time.
 
-    Its baseline and its frames in contact are found as those of the training were, from these frames alone.
+    Baseline and frames in contact are found as in the training, from these frames alone.
 
     Args:
         stop_at: classify frame after frame until a class has this calibrated probability, see
-            `Recogniser.predict_sequential`; None: V frames at once.
+            `Recogniser.predict_sequential`; None: classify all that `Recogniser.of_recording` takes.
         name: of the counts, in errors.
 
     Raises:
-        UserError: counts of another shape or type, not finite, or outside int32; `stop_at` is no probability, or the
-            model takes V frames alone.
+        UserError: counts of a different shape or type, not finite, or outside int32; `stop_at` is no probability, or
+            the model takes V frames alone.
     """
     one = np.zeros(1, dtype=int)
     recordings = ArrayRecordings([checked_array(counts, name)], [UNLABELLED], one, one)
@@ -79,12 +86,12 @@ def answer_table(
     stop_at: float | None = None,
     any_scale: bool = False,
 ) -> tuple[list[Answer], list[Note]]:
-    """The answers to the recordings of a table, and notes on what was not as expected.
+    """The answers to the recordings of a table, and notes on baselines that could not be measured.
 
     Args:
         window: seconds that are answered together; None: whole recordings.
         stop_at: see `answer_recording`.
-        any_scale: readings in contact may be much stronger or weaker than the training's.
+        any_scale: allow readings in contact that are much stronger or weaker than the training's.
 
     Raises:
         UserError: recordings unlike the training's in form or scale, or without the times that windows need; a
@@ -102,12 +109,11 @@ def answer_table(
         pressed = index[contact[index]]
         excess = recordings.frames(pressed) - baseline.mean[baseline.of_frame[pressed]]
         classified.append(excess[spread_sets(len(pressed), recogniser.classifier.views)[0]] if len(pressed) else excess)
-        objects = {recordings.objects[number] for number in columns["object"][index]}
         answer = replace(
             answer_contact(recogniser, excess, stop_at=stop_at),
             frames=len(index),
             recording=recordings.recordings[columns["recording"][index[0]]],
-            object=objects.pop() if len(objects) == 1 else UNLABELLED,
+            object=_common(recordings.objects[number] for number in columns["object"][index]),
             start=float(columns["time"][index[0]]),
             end=float(columns["time"][index[-1]]),
         )
@@ -117,22 +123,26 @@ def answer_table(
     return answers, baseline.notes
 
 
-def _parts(recordings: Recordings, window: float | None) -> Iterator[np.ndarray]:
-    """Indices of the frames that are answered together, in order."""
+def _parts(recordings: Recordings, window: float | None) -> list[np.ndarray]:
+    """Rising indices of the frames that are answered together."""
     recording, time = recordings.columns["recording"], recordings.columns["time"]
     if window is not None and not LEAST_WINDOW <= window < np.inf:
         raise UserError(f"window is {window:g}; expected seconds, {LEAST_WINDOW:g} at least")
     if window is not None and np.isnan(time).any():
         raise UserError("the recordings have no times of their frames, which a window in seconds needs: leave it out")
-    place = np.zeros(len(time)) if window is None else np.floor(time / window)
-    for number in np.unique(recording):
-        index = np.flatnonzero(recording == number)
-        for part in np.unique(place[index]):
-            yield index[place[index] == part]
+    places = np.stack([recording, np.zeros(len(time)) if window is None else np.floor(time / window)])
+    part, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)[1:]
+    return np.split(np.argsort(part.ravel(), kind="stable"), np.cumsum(sizes)[:-1])
+
+
+def _common(objects: Iterable[str]) -> str:
+    """The one object's name that all have, else UNLABELLED."""
+    names = set(objects)
+    return names.pop() if len(names) == 1 else UNLABELLED
 
 
 def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float | None = None) -> Answer:
-    """The answer from the n frames of a recording that are in contact; V of them, evenly spread, are classified.
+    """The answer to a recording by its n frames in contact, of which some are classified, evenly spaced.
 
     Args:
         excess: (n, H, W) counts above baseline, in the order of time.
@@ -140,52 +150,50 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
     """
     count, views = len(excess), recogniser.classifier.views
     if not count:
-        return Answer(NO_CONTACT, np.full(len(recogniser.classes), np.nan), 0, 0)
+        return Answer(NO_CONTACT, np.full(len(recogniser.classes), np.nan))
     (spread,) = spread_sets(count, views)
-    if stop_at is not None:
+    if stop_at is None:
+        probabilities, used = recogniser.of_recording(excess, "subtracted")
+    else:
         index = bisecting(np.unique(spread))
         probabilities, used = recogniser.predict_sequential(excess[index], stop_at, "subtracted")
-    else:
-        probabilities, used = recogniser.of_recording(excess, "subtracted")
     novelty = float("nan")
     if recogniser.novelty and count >= views:
         novelty = recogniser.novelty.score(excess[spread][:, recogniser.preprocessing.live])
-    again = stop_at is not None and bool(probabilities.max() < stop_at)
-    return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty, grasp_again=again)
+    return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty, stop_at or 0.0)
 
 
-def answer_together(
-    recogniser: Recogniser, answers: list[Answer], name: str = "together", *, stop_at: float | None = None
-) -> Answer:
-    """The answer to one object that was recorded several times, from the answers to the recordings.
+def answer_together(recogniser: Recogniser, answers: list[Answer], name: str = "together") -> Answer:
+    """The answer to one object that was recorded several times, from the answers to its recordings.
 
-    Those without contact do not count. What is unlike anything seen in every recording is unlike anything seen.
+    Their log-probabilities are added, and calibrated for one to three recordings, if the training had as many of an
+    object. Recordings without contact do not count. The object is UNKNOWN if it is so in every recording that counts.
 
     Args:
-        name: that takes the place of the recording's.
-        stop_at: confidence below which another grasp is asked for.
+        name: stands in the place of the recording's.
     """
     pressed = [answer for answer in answers if answer.status != NO_CONTACT]
-    status = OBJECT if any(answer.status == OBJECT for answer in pressed) else UNKNOWN
-    probabilities = np.full(len(recogniser.classes), np.nan)
+    status, probabilities = NO_CONTACT, np.full(len(recogniser.classes), np.nan)
     if pressed:
-        probabilities = recogniser.together([answer.probabilities for answer in pressed])
-    used, contact, frames = (sum(getattr(answer, name) for answer in answers) for name in ("used", "contact", "frames"))
-    objects = {answer.object for answer in answers}
+        status = OBJECT if any(answer.status == OBJECT for answer in pressed) else UNKNOWN
+        temperatures = (recogniser.calibration and recogniser.calibration.by_recordings) or [1.0]
+        first, last = temperatures[0], temperatures[min(len(pressed), len(temperatures)) - 1]
+        shares = np.maximum([answer.probabilities for answer in pressed], np.finfo(np.float32).tiny)
+        probabilities = softmax(np.log(shares).sum(axis=0) * first / last)
     return Answer(
-        status if pressed else NO_CONTACT,
+        status,
         probabilities,
-        used,
-        contact,
-        min((answer.novelty for answer in pressed), default=float("nan")),
-        frames=frames,
+        used=sum(answer.used for answer in answers),
+        contact=sum(answer.contact for answer in answers),
+        novelty=min((answer.novelty for answer in pressed), default=float("nan")),
+        stop_at=max(answer.stop_at for answer in answers),
+        frames=sum(answer.frames for answer in answers),
         recording=name,
-        object=objects.pop() if len(objects) == 1 else UNLABELLED,
-        grasp_again=bool(pressed and stop_at is not None and probabilities.max() < stop_at),
+        object=_common(answer.object for answer in answers),
     )
 
 
 def bisecting(index: np.ndarray) -> np.ndarray:
-    """The indices (n,) in an order whose first k are spread over all of them, whatever k: bit reversal."""
+    """The indices (n,) in an order whose first k, for every k, are spread over all of them: bit reversal."""
     bits = max(1, (len(index) - 1).bit_length())
     return index[np.argsort([int(f"{place:0{bits}b}"[::-1], 2) for place in range(len(index))], kind="stable")]

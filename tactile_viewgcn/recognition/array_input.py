@@ -1,4 +1,4 @@
-"""What recordings, view sets or rows that are given as arrays have to be."""
+"""Checks of recordings, view sets and rows that are given as arrays."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,45 +15,47 @@ FORMS = (
 )
 
 
-def form_of(values: Any) -> str:
-    """Which of the three forms X has: a list of recordings, an array of view sets, or else rows.
+def form_of(X: Any) -> str:
+    """The form of X: RECORDINGS for a list of them, VIEW_SETS for an array of four axes, else ROWS.
 
     Raises:
         UserError: ragged, or neither of one, two or four axes.
     """
-    listed = isinstance(values, list | tuple) or (
-        isinstance(values, np.ndarray) and values.dtype == object and values.ndim == 1
-    )
-    try:
-        if listed and (not len(values) or any(_holds_recordings(row) or np.ndim(row) == 3 for row in values)):
-            return RECORDINGS
-        axes = values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
-    except ValueError:
-        raise UserError(f"X is ragged; expected {FORMS}") from None
+    is_list = isinstance(X, list | tuple) or (isinstance(X, np.ndarray) and X.dtype == object and X.ndim == 1)
+    if is_list and (not len(X) or any(_is_several(row) or _axes(row) == 3 for row in X)):
+        return RECORDINGS
+    axes = _axes(X)
     if axes not in (1, 2, 4):
-        raise UserError(f"X is of type {type(values).__name__} with {axes} axes; expected {FORMS}")
+        found = "is ragged" if axes is None else f"is of type {type(X).__name__} with {axes} axes"
+        raise UserError(f"X {found}; expected {FORMS}")
     return VIEW_SETS if axes == 4 else ROWS
 
 
 def recordings_by_row(X: Sequence[Any]) -> list[Sequence[Any]]:
-    """The recordings in each row of X, which is one or a list of several; a UserError for none."""
+    """The recordings in each row of X, which is one recording or a list of several; a UserError for no rows."""
     if not len(X):
         raise UserError("X holds no recordings; expected one or more, each an array (frames, rows, columns)")
-    return [row if _holds_recordings(row) else [row] for row in X]
+    return [row if _is_several(row) else [row] for row in X]
 
 
-def _holds_recordings(row: Any) -> bool:
-    """Whether a row is a list of recordings; one that is ragged is none."""
+def _is_several(row: Any) -> bool:
+    """Whether a row is a list of several recordings."""
+    return isinstance(row, list | tuple) and len(row) > 0 and all(_axes(recording) == 3 for recording in row)
+
+
+def _axes(values: Any) -> int | None:
+    """Number of axes of an array or of nested lists; None where these are ragged."""
     try:
-        return isinstance(row, list | tuple) and len(row) > 0 and all(np.ndim(recording) == 3 for recording in row)
+        return np.ndim(values)
     except ValueError:
-        return False
+        return None
 
 
 def checked_arrays(rows: Sequence[Sequence[Any]]) -> tuple[list[np.ndarray], np.ndarray]:
-    """All recordings as arrays (T_i, H, W) of one type, which holds the numbers of all of them, and the row of each.
+    """All recordings as arrays (T_i, H, W) of one type that holds all their numbers, and the row of each recording.
 
-    A UserError for one that `checked_array` refuses, and for another layout than the first one's.
+    Raises:
+        UserError: see `checked_array`; or a recording whose layout is not that of the first.
     """
     row = np.repeat(np.arange(len(rows)), [len(recordings) for recordings in rows])
     arrays = [checked_array(each, f"X[{number}]") for number, recordings in enumerate(rows) for each in recordings]
@@ -68,24 +70,25 @@ def checked_arrays(rows: Sequence[Sequence[Any]]) -> tuple[list[np.ndarray], np.
 def checked_array(recording: Any, name: str) -> np.ndarray:
     """One recording as an array (T, H, W) of the type in which pressure is stored.
 
-    A UserError, whose message begins with `name`, for other axes or types, no frames, and values that do not fit.
+    Raises:
+        UserError: begins with `name`; other axes or types, no frames, or values that the type cannot hold.
     """
     try:
         array = np.asarray(recording)
     except ValueError:
         raise UserError(f"{name} is ragged; expected frames of equal size, (frames, rows, columns)") from None
-    if array.ndim != 3 or not len(array):
-        raise UserError(f"{name} has shape {array.shape}; expected (frames, rows, columns), one frame or more")
     check_shape(array.shape, name)
     check_finite(array, name)
     dtype = storage_type(array.dtype, name)
+    if not len(array):
+        raise UserError(f"{name} has no frames; expected one or more")
     if dtype.kind == "i" and (array.min() < np.iinfo(dtype).min or array.max() > np.iinfo(dtype).max):
         raise UserError(f"{name} holds counts from {array.min()} to {array.max()}; expected them in {dtype}")
     return array.astype(dtype, copy=False)
 
 
 def check_finite(values: np.ndarray, where: str) -> None:
-    """Raise a UserError, whose message begins with `where`, for values that are no numbers, not finite or too large."""
+    """Raise a UserError that begins with `where` for values that are no numbers, not finite or too large."""
     if values.dtype.kind not in "iuf":
         raise UserError(f"{where} is of type {values.dtype}; expected integer counts or real numbers")
     unfit = np.argwhere(~(np.abs(values) <= np.float64(MAX_PRESSURE)))  # float16 has no such number

@@ -1,7 +1,7 @@
 """Temperature scaling: calibrated probabilities, fitted on groups that were left out of the training.
 
 Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599). There is a temperature for each number of
-frames, and for recordings of one object that are answered together.
+frames, and for each number of recordings of one object that are answered together.
 """
 
 from collections.abc import Iterable
@@ -20,16 +20,16 @@ from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.training.inputs import FrameInputs
 
-DRAWS = 10  # of recordings that are answered together, for each recording
+DRAWS = 10  # sets of recordings that are answered together, for each recording
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 
 
 def fit_temperature(logits: Tensor, labels: Tensor, recordings: int) -> float:
-    """Temperature whose softmax(logits / temperature) fits labels (n,) best, logits (n, Y), two classes at least.
+    """Temperature whose softmax(logits / temperature) fits labels (n,) best, logits (n, Y), at least two classes.
 
-    As Platt did (1999, section 2.2) a label counts as right with the probability that Laplace's rule gives after as
-    many right answers as there are recordings, (recordings + 1) / (recordings + 2): where every answer is right, the
-    confidence stays below 1.
+    As in Platt (1999, section 2.2), a label counts as right with the probability that Laplace's rule gives for as many
+    right answers as there are recordings, (recordings + 1) / (recordings + 2). So the confidence stays below 1 where
+    every answer is right.
     """
     from scipy.optimize import minimize_scalar
 
@@ -49,11 +49,11 @@ def calibrate(fits: Iterable[tuple[Classifier, Frames]], compute: Compute, seed:
     """The calibration of a classifier by its answers to groups that it was not fitted to.
 
     Args:
-        fits: a classifier, and the table whose validation side it has not met: a network alone; of a system on the
-            sensors, which is fitted in seconds, one for each of `left_out_parts`, for up to 32 frames.
+        fits: pairs of a classifier and a table whose validation side it was not fitted to. A network has one pair; a
+            system on the sensors, which is fitted in seconds, has one for each of `left_out_parts`.
 
     Returns:
-        None without any.
+        None without pairs.
     """
     parts, most_frames, views = [], 0, 0
     for classifier, table in fits:
@@ -81,7 +81,7 @@ def calibrate(fits: Iterable[tuple[Classifier, Frames]], compute: Compute, seed:
 
 
 def calibration_warning(classifier: Classifier, calibration: Calibration | None) -> list[Note]:
-    """A warning where a temperature is above 0.9 of the largest there is: all classes are then about as probable."""
+    """A warning where a temperature is near the largest one, which makes all classes about equally probable."""
     if not calibration or max(calibration.by_frames) <= 0.9 * MAX_TEMPERATURE:
         return []
     remedy = "" if isinstance(classifier, SensorClassifier) else ", or raise finetune.epochs"
@@ -93,7 +93,10 @@ def calibration_warning(classifier: Classifier, calibration: Calibration | None)
 
 
 def together_temperatures(logits: Tensor, classes: Tensor) -> list[float]:
-    """Temperatures of one, two and three recordings' added logits (P, classes), of classes (P,) with as many."""
+    """Temperatures of one, two and three recordings together, from logits (P, Y) of recordings and their classes (P,).
+
+    Only classes with that many recordings count; a number that no class has is left out.
+    """
     rng, temperatures = np.random.default_rng(0), []
     for count in range(1, MOST_RECORDINGS + 1):
         sets, labels = [], []

@@ -1,7 +1,7 @@
-"""The choice of a recogniser by one's own recordings: candidates compared by cross-validation on the training side.
+"""The choice of a recogniser: candidates are compared by cross-validation on the user's recordings for training.
 
-A candidate is one system on the sensors or several. Nothing is pretrained for these, so that groups can
-be left out of all that they learn.
+A candidate is one system on the sensors or several. Nothing is pretrained for them, so that a group can be left out of
+everything that they learn from.
 """
 
 import time
@@ -21,17 +21,17 @@ from tactile_viewgcn.training.sensor_fitting import training_frames
 
 FALLBACK: list[Member] = ["trees", "max_kernel"]  # where nothing can be compared
 ANSWERED_AT_ONCE = 200  # view sets
-REPEATS = 3  # of an answer that is timed
+REPEATS = 3  # of an answer whose time is measured
 
 
 class Candidate(NamedTuple):
     """A candidate and its errors on groups that it was not fitted to.
 
     Attributes:
-        members: of `model.members`.
-        error: of view sets of V frames; whole_error: of recordings as a whole.
-        wrong: (G,) share of wrong answers in each group, the mean over both kinds.
-        seconds: of its fits; milliseconds: of one answer from V frames.
+        members: a value of `model.members`.
+        error: for view sets of V frames; whole_error: for whole recordings.
+        wrong: (G,) share of wrong answers in each group, the mean over view sets and whole recordings.
+        seconds: of all its fits; milliseconds: of one answer from V frames.
     """
 
     members: list[Member]
@@ -43,14 +43,14 @@ class Candidate(NamedTuple):
 
 
 def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> list[Candidate]:
-    """The candidates on the training side's groups, each group answered by fits to others; empty where none can be."""
-    import sklearn.ensemble  # here, so that no import is within the seconds of a fit
+    """The candidates' results, each training group answered by fits to others; empty where none can be left out."""
+    import sklearn.ensemble  # here, so that the seconds of a fit include no import
     import sklearn.linear_model
     import sklearn.svm  # noqa: F401
 
     names = list(dict.fromkeys(name for members in candidates for name in members))
     seconds, milliseconds = dict.fromkeys(names, 0.0), dict.fromkeys(names, np.inf)
-    wrong: list[list[np.ndarray]] = [[] for _ in candidates]  # (2, groups of a part): of both kinds of view sets
+    wrong: list[list[np.ndarray]] = [[] for _ in candidates]  # (2, groups of a part): view sets, whole recordings
     for number, part in enumerate(left_out_parts(table)):
         left = LeftOut(part, views, stream(seed, "choice", number))
         sets = [left.drawn, left.whole]
@@ -80,7 +80,7 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
 
 
 def choose(rows: list[Candidate]) -> Candidate:
-    """The first whose error is within one standard error, of the difference over groups, of the lowest."""
+    """The first row whose error exceeds the lowest by at most one standard error of the difference over groups."""
     best = min(rows, key=lambda row: row.wrong.mean())
     for row in rows:
         more = row.wrong - best.wrong
@@ -92,13 +92,13 @@ def choose(rows: list[Candidate]) -> Candidate:
 def choose_members(
     table: Frames, views: int, candidates: list[list[Member]], seed: int
 ) -> tuple[list[Member], list[Note]]:
-    """The members for the table's training side, and notes: the choice, and a table of candidates.
+    """The members for the table's training side, and notes: the choice, and a table of the candidates.
 
-    Its lines fit a terminal of 80 columns; what they say is the value of the note, `taken` too.
+    A note of the table is a line that fits a terminal of 80 columns; its value has the same facts for programs.
     """
     rows = compare(table, views, candidates, seed)
     if not rows:
-        text = "no object has two groups to train on, so that nothing can be left out: taken without a comparison"
+        text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
         return FALLBACK, [_choice(FALLBACK, text)]
     best = choose(rows)
     groups, of = len(best.wrong), len(np.unique(table.group[table.on(TRAIN)]))
@@ -130,6 +130,6 @@ def set_logits(system: SensorSystem, values: np.ndarray, sets: np.ndarray) -> np
 
 
 def _milliseconds(system: SensorSystem, readings: np.ndarray) -> float:
-    """Median time from readings (k, S) of one view set to its answer."""
+    """Median time from the readings (k, S) of one view set to its answer."""
     taken = timeit.repeat(lambda: system.logits(system.frame_values(readings)[None]), number=1, repeat=REPEATS)
     return 1e3 * float(np.median(taken))

@@ -1,7 +1,7 @@
 """Cross-validation on the training side: a third of its groups at a time is answered by fits to the others.
 
-The choice of members and the calibration ask the same: random frames of a recording, and recordings as a whole. They
-fit for themselves: a comparison's fit is quick, and temperatures of quick fits are others, twice as high for `trees`.
+The choice of members and the calibration answer the same view sets: random frames of a recording, and whole recordings.
+Each makes its own fits: those of the choice are quick, and temperatures of quick fits differ, twice as high for `trees`.
 """
 
 from collections.abc import Iterator
@@ -16,16 +16,17 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames
 from tactile_viewgcn.training.sensor_fitting import thinned
 
 FOLDS = 3
-MOST_FRAMES, LEAST_FRAMES = 20_000, 16  # that are used, of the anchors and of the others; of a recording
-MOST_SETS = 1000  # of a part that are answered
+MOST_FRAMES, LEAST_FRAMES = 20_000, 16  # used of the anchors, and of the others; used of a recording
+MOST_SETS = 1000  # view sets of a part that are answered
 DRAWS = 10  # view sets around each anchor, at most
-WHOLE = 32  # frames that stand for a whole recording
+WHOLE = 32  # frames by which a whole recording is answered
 
 
 def left_out_parts(table: Frames) -> Iterator[Frames]:
-    """The table with a third of the training groups on the validation side, and nothing else there, at a time.
+    """Three tables, each with a third of the training groups, and nothing else, on the validation side.
 
-    A class of which a fold holds all groups is left out of it. Of many frames some are used, see `training_sample`.
+    A class stays on the training side where all its groups would be left out. Of many frames only some are used, see
+    `training_sample`.
     """
     train = training_sample(table)
     group, label = table.group[train], table.label[train]
@@ -42,10 +43,10 @@ class LeftOut:
     """View sets of the validation side of a table.
 
     Attributes:
-        index: (n,) of its frames; label, group: theirs.
-        drawn: (A, V) places of frames: an anchor, then others of its recording at random.
-        few: (P, V), whole: (P, k) places that stand for each recording, evenly spread. Where no recording has more than
-            V frames, k is V; else 32, or V where that is more.
+        index: (n,) of its frames in the table; label, group: (n,) of each.
+        drawn: (A, V) indices into these: an anchor, then others of its recording at random.
+        few: (P, V), whole: (P, k) indices into these, evenly spread over each of P recordings. k is V where no
+            recording has more than V frames; else it is 32, or V where that is more.
     """
 
     def __init__(self, table: Frames, views: int, rng: np.random.Generator):
@@ -71,7 +72,7 @@ class LeftOut:
 
 
 def training_sample(table: Frames) -> np.ndarray:
-    """Rising indices of training frames: 20,000 anchors at most, and as many other frames of their recordings."""
+    """Rising indices of training frames: at most 20,000 anchors, and as many other frames of their recordings."""
     train = table.on(TRAIN)
     anchor = table.anchor[train]
     anchors = thinned(table, train[anchor], most=MOST_FRAMES, each=LEAST_FRAMES)

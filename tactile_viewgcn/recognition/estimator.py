@@ -1,4 +1,4 @@
-"""scikit-learn's interface: a classifier of recordings, of view sets, or of rows of sensors, given as arrays."""
+"""scikit-learn's interface: a classifier of arrays, which are recordings, view sets, or rows of sensors."""
 
 import io
 import warnings
@@ -24,7 +24,7 @@ from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.systems import Member
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 
-#: view sets and rows are chosen frames above baseline
+#: parameters for view sets and rows, which are frames in contact, above baseline
 CHOSEN = {
     "preprocess.baseline": "none",
     "preprocess.zero": 0,
@@ -35,28 +35,29 @@ CHOSEN = {
 
 
 class TactileClassifier(ClassifierMixin, BaseEstimator):
-    """Recognises objects in tactile recordings; any system or preset of the pipeline, trained in memory.
+    """A classifier of objects in tactile recordings: any system or preset of the pipeline, trained in memory.
 
     X is one of
 
     - a list of recordings, each raw counts (T_i, H, W): the baseline is subtracted and the frames in contact are found
-      as the pipeline does it; a row may be a list of several recordings of one object, which are answered together;
-    - an array of view sets (n, V, H, W), counts above baseline, frames in contact;
-    - an array (n, S), or what scikit-learn makes one of: each row is one frame of 1 x S sensors, counts above baseline.
+      as in the pipeline; a row may be a list of several recordings of one object, which are answered together;
+    - an array of view sets (n, V, H, W), counts above baseline of frames in contact;
+    - an array (n, S), or anything that scikit-learn turns into one: each row is a frame of 1 x S sensors in contact,
+      counts above baseline.
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
         system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of params.yaml.
-        views: V, frames that a recording is classified by; an array of view sets has its own.
+        views: V, frames by which a recording is classified; an array of view sets has its own V.
         params: changes of params.yaml by dotted key, on top of all others, such as `{"preprocess.transform": "log"}`.
-        random_state: of every random choice: an integer, a generator of NumPy (RandomState), or None.
+        random_state: source of every random choice: an integer, a `RandomState` of NumPy, or None.
 
     Attributes:
         classes_: (Y,) labels, sorted.
-        params_: all parameters that it was trained with.
-        notes_: on what was chosen for the training data and left out of them, and why.
-        recogniser_: the trained `Recogniser`, which answers one set or recording at a time.
-        n_features_in_: S, of rows alone.
+        params_: all parameters of the training.
+        notes_: what was chosen for the training data, what was left out, and why.
+        recogniser_: the trained `Recogniser`, which answers one view set or recording at a time.
+        n_features_in_: S, for rows alone.
     """
 
     def __init__(
@@ -78,11 +79,11 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """Train on rows of X and their labels y (n,).
 
         Args:
-            groups: (n,) rows of one group are held out together, for the choice of `best`, for calibration and for
-                `split.validation`; None: each row is a group.
+            groups: (n,) group of each row; a group is held out as a whole, for the choice of `best`, calibration and
+                `split.validation`. None: each row is a group.
 
         Raises:
-            UserError, ValueError: an argument that is wrong, in one line.
+            UserError, ValueError: a wrong argument, in one line.
         """
         from tactile_viewgcn.recognition.training import train
 
@@ -94,10 +95,13 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             arrays, row = checked_arrays(recordings_by_row(X))
             y = column_or_1d(y, warn=True)
             check_consistent_length(X, y)
-        classes, labels = _classes(y)
-        group, params = _groups(groups, len(y))[row], self._parameters(form, arrays)
-        names, session = [str(label) for label in classes], np.zeros(len(arrays), dtype=int)
-        recordings = ArrayRecordings(arrays, names, labels[row], session)
+        classes, labels = _distinct(y)
+        groups = np.arange(len(y)) if groups is None else np.asarray(groups)
+        if groups.shape != (len(y),):
+            raise UserError(f"groups has shape {groups.shape}; expected ({len(y)},), a group for each row of X")
+        group, params = np.unique(groups, return_inverse=True)[1][row], self._parameters(form, arrays)
+        session = np.zeros(len(arrays), dtype=int)
+        recordings = ArrayRecordings(arrays, list(map(str, classes)), labels[row], session)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
             notes = train(recordings, params, group[recordings.columns["recording"]], path)
@@ -113,17 +117,17 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
         Raises:
             NotFittedError: before `fit`.
-            UserError, ValueError: X of another form or layout than in training.
+            UserError, ValueError: X of a different form or layout than in training.
         """
         check_is_fitted(self, "recogniser_")
         if (form := form_of(X)) != self._form:
             raise UserError(f"X holds {form}; expected {self._form}, as in training")
         if form == ROWS:
             X = validate_data(self, X, reset=False, dtype=(np.float64, np.float32))[:, None, None]
-        of_rows = self._of_recordings(X) if form == RECORDINGS else self.recogniser_.probabilities(np.asarray(X))
-        names = [str(label) for label in self.classes_]
-        probabilities = np.zeros((len(of_rows), len(names)), dtype=np.float32)
-        probabilities[:, [names.index(name) for name in self.recogniser_.classes]] = of_rows
+        answers = self._of_recordings(X) if form == RECORDINGS else self.recogniser_.probabilities(np.asarray(X))
+        names = list(map(str, self.classes_))
+        probabilities = np.zeros((len(answers), len(names)), dtype=np.float32)
+        probabilities[:, [names.index(name) for name in self.recogniser_.classes]] = answers
         return probabilities
 
     def predict(self, X: Any) -> np.ndarray:
@@ -132,7 +136,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         return self.classes_[best]
 
     def save(self, path: str | Path) -> None:
-        """Write the classifier's file, as the pipeline's models/classifier.pt: `Recogniser` and `predict` read it.
+        """Write a file like the pipeline's models/classifier.pt, which `Recogniser` and `predict` read.
 
         Its classes are the texts of `classes_`.
 
@@ -144,7 +148,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             part.write_bytes(self._file)
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the recogniser, which is loaded anew from the classifier's file."""
+        """All but the recogniser, which `__setstate__` loads again from the classifier's file."""
         return {name: value for name, value in super().__getstate__().items() if name != "recogniser_"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -153,66 +157,63 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             self._load()
 
     def _load(self) -> None:
-        import torch
-
         from tactile_viewgcn.recognition.recogniser import Recogniser
 
-        with torch.random.fork_rng():  # building a network draws weights
-            self.recogniser_ = Recogniser(io.BytesIO(self._file))
+        self.recogniser_ = Recogniser(io.BytesIO(self._file))
 
     def _parameters(self, form: str, arrays: list[np.ndarray]) -> Params:
-        """All parameters, for rows of this form."""
+        """All parameters for rows of this form."""
         if not isinstance(self.params, Mapping | None):
             raise UserError(f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, or None")
-        preset = "best" if self.preset is None and self.system is None else self.preset
-        seed = self.random_state
+        seed, chosen = self.random_state, {} if form == RECORDINGS else CHOSEN
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
-        changes = {"seed": seed, "views": self.views if form == RECORDINGS else len(arrays[0])}
+        changes = {"seed": seed, "views": len(arrays[0]) if chosen else self.views}
         if self.system in get_args(Member):
             changes |= {"model.system": "sensors", "model.members": [self.system]}
         elif self.system is not None:
             changes["model.system"] = self.system
-        changes |= CHOSEN | {"preprocess.scale": _strongest(arrays)} if form != RECORDINGS else {}
+        if chosen:
+            changes |= chosen | {"preprocess.scale": _strongest(arrays)}
         changes |= self.params or {}
         plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in changes.items()}
+        preset = "best" if self.preset is None and self.system is None else self.preset
         texts = preset_changes(preset) if preset is not None else []
         params = load(DEFAULTS, (*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
-        for key in ("baseline", "filter") if form != RECORDINGS else ():
-            value, expected = getattr(params.preprocess, key), CHOSEN[f"preprocess.{key}"]
-            if value != expected:
+        for key in ("preprocess.baseline", "preprocess.filter"):
+            value = getattr(params.preprocess, key.removeprefix("preprocess."))
+            if chosen and value != chosen[key]:
                 raise UserError(
-                    f"preprocess.{key} is {value}, and X holds {form}, which are chosen frames above baseline: "
-                    f"expected {expected}, or a list of recordings"
+                    f"{key} is {value}, and X holds {form}, frames in contact above baseline: expected {chosen[key]}, "
+                    "or a list of recordings"
                 )
         return params
 
     def _of_recordings(self, X: Any) -> np.ndarray:
-        """Probabilities (n, classes) of rows, by the frames in contact of their recordings of raw counts.
+        """Probabilities (n, classes) of rows by their recordings of raw counts.
 
-        Without any it is the empty hand, or where that is no class, each class is as probable as any other.
+        Without contact a row is the empty hand, or with a warning any class alike where the empty hand is none.
         """
         from tactile_viewgcn.recognition.answer import NO_CONTACT, answer_recording, answer_together
 
         recogniser, of_rows = self.recogniser_, []
-        without_contact = np.full(len(recogniser.classes), 1 / len(recogniser.classes))
-        if EMPTY_HAND in recogniser.classes:
-            without_contact = np.array([float(name == EMPTY_HAND) for name in recogniser.classes])
+        empty = np.array([float(name == EMPTY_HAND) for name in recogniser.classes])
         for number, recordings in enumerate(recordings_by_row(X)):
             answers = [answer_recording(recogniser, counts, name=f"X[{number}]") for counts in recordings]
             answer = answer_together(recogniser, answers) if len(answers) > 1 else answers[0]
-            of_rows.append(without_contact if answer.status == NO_CONTACT else answer.probabilities)
-            if answer.status == NO_CONTACT and EMPTY_HAND not in recogniser.classes:
+            if answer.status == NO_CONTACT and not empty.any():
                 warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=3)
+            without_contact = empty if empty.any() else np.full(len(empty), 1 / len(empty))
+            of_rows.append(without_contact if answer.status == NO_CONTACT else answer.probabilities)
         return np.stack(of_rows)
 
 
-def _classes(y: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct labels (Y,), sorted, and the index of each row's (n,)."""
+def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct labels (Y,), sorted, and the index (n,) of each row's label."""
     try:
         check_classification_targets(y)
         classes, labels = np.unique(y, return_inverse=True)
-    except TypeError:  # they have no order
+    except TypeError:  # the labels have no order
         raise UserError("y holds labels of different kinds; expected texts, or whole numbers") from None
     if len(classes) < 2:
         raise UserError(one_class(classes[0], "y has"))
@@ -220,14 +221,6 @@ def _classes(y: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _strongest(arrays: list[np.ndarray]) -> float:
-    """The reading above 0 that one in a hundred exceeds, of two digits: full scale of frames that have been chosen."""
+    """Full scale of frames in contact: the reading, to two digits, that one in a hundred positive readings exceeds."""
     readings = np.concatenate([array[array > 0] for array in arrays])
     return float(f"{np.percentile(readings, 99):.2g}") if len(readings) else 1.0
-
-
-def _groups(groups: Any, rows: int) -> np.ndarray:
-    """Group (n,) of each row, from 0."""
-    groups = np.arange(rows) if groups is None else np.asarray(groups)
-    if groups.shape != (rows,):
-        raise UserError(f"groups has shape {groups.shape}; expected ({rows},), a group for each row of X")
-    return np.unique(groups, return_inverse=True)[1]

@@ -24,7 +24,7 @@ from tactile_viewgcn.training.sensor_fitting import QUICK_FRAMES, fit_sensors, f
 
 
 class Fitted(NamedTuple):
-    """A trained classifier; `model` has every `auto` decided; without a `calibration` it takes V frames alone."""
+    """A trained classifier and its model options without `auto`; without a `calibration` it takes V frames alone."""
 
     classifier: Classifier
     model: Model
@@ -42,7 +42,7 @@ def fit_classifier(
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
 ) -> Fitted:
-    """Train the classifier that `model` asks for, and calibrate it where it takes any number of views.
+    """Train the classifier that `params.model` names, and calibrate it where it takes any number of views.
 
     A network is calibrated on the validation side, a system on the sensors by cross-validation on the training side.
     For the arguments see `finetune_classifier`.

@@ -1,13 +1,13 @@
 """The recogniser as an MLflow model: MLflow calls `_load_pyfunc` on its file and then `predict`."""
 
 import reprlib
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import several
 from tactile_viewgcn.readers.source import MAX_PRESSURE
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tracking import bad_request
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 class RecogniserModel:
-    """Raw counts (n, V, H, W) to class probabilities: a table with a row for each view set, a column for each class.
+    """Raw counts (n, V, H, W) to class probabilities: a table with a row for each view set and a column for each class.
 
-    Parameters of `predict`: `session`, a session of the training data whose baseline is subtracted, or `baseline`,
-    the mean of the caller's own empty hand, H * W counts row by row. Without either, the mean of the known baselines.
+    Parameters of `predict`: `session`, a session of the training, whose baseline is subtracted; or `baseline`, the
+    caller's mean empty hand, H * W counts row by row. Without either, the mean over the training's sessions is taken.
     """
 
     def __init__(self, recogniser: Recogniser):
@@ -30,7 +30,7 @@ class RecogniserModel:
         """Class probabilities of `model_input["counts"]`.
 
         Raises:
-            MlflowException: with the line of the recogniser's UserError; MLflow's server answers it with status 400.
+            MlflowException: has the recogniser's one line; MLflow's server answers with it and status 400.
         """
         from pandas import DataFrame  # comes with MLflow
 
@@ -42,27 +42,22 @@ class RecogniserModel:
 
     def _baseline(self, params: dict[str, Any]) -> np.ndarray:
         session, baseline = params.get("session", ""), np.asarray(params.get("baseline", ()), dtype=np.float64)
-        height, width = self.recogniser.shape
+        if session and baseline.size:
+            raise UserError(f"both session {session!r} and a baseline; expected one of the two")
         if not baseline.size:
             return self.recogniser.baseline(session)
-        if session:
-            raise UserError(f"session {session!r} and a baseline are given; expected one of the two")
-        if baseline.size != height * width:
-            raise UserError(f"baseline has {several(baseline.size, 'value')}; expected {height * width}, row by row")
-        return baseline.reshape(height, width)
+        shape = self.recogniser.shape
+        return baseline.reshape(shape) if baseline.size == np.prod(shape) else baseline  # which the recogniser refuses
 
 
 def _numbers(counts: np.ndarray) -> np.ndarray:
-    """Counts as MLflow hands them over, nested lists of JSON as an array of objects, as an array of numbers."""
+    """Counts as numbers: MLflow turns nested lists of JSON into an array of objects."""
     if counts.dtype != object:
         return counts
-    kinds = set(map(type, counts.flat))
-    if list in kinds:
-        raise UserError("counts is not rectangular; expected nested lists of equal lengths")
-    numbers = {kind for kind in kinds if kind is not bool and issubclass(kind, int | float | np.integer | np.floating)}
-    if foreign := kinds - numbers:  # NumPy would make numbers of true and "515"
-        value = next(value for value in counts.flat if type(value) in foreign)
-        raise UserError(f"counts holds {reprlib.repr(value)}; expected integer counts or real numbers")
+    kinds = set(map(type, counts.flat))  # NumPy would turn true and "515" into numbers
+    if wrong := {kind for kind in kinds if kind is bool or not issubclass(kind, Real)}:
+        value = next(value for value in counts.flat if type(value) in wrong)
+        raise UserError(f"counts holds {reprlib.repr(value)}; expected numbers, in nested lists of equal lengths")
     try:
         return counts.astype(np.float64)
     except OverflowError:

@@ -1,37 +1,43 @@
-"""Novelty: how far the frames of a recording are from everything that the classifier was trained on.
+"""Novelty: the distance of a recording's frames from the nearest frames of the training.
 
-A set of frames is described by the mean reading of each sensor. Its score is the distance to the nearest training set.
-The threshold is a quantile of the scores that training recordings have when each is compared with the others alone.
+A set of frames is described by the mean reading of each sensor. The threshold is a quantile of the distances from each
+training recording to the nearest of the others.
 """
 
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+import torch
 from annotated_types import Interval
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, PlainSerializer
 from torch import Tensor
 
 from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.sensors.unit import contact_unit
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
-QUANTILE = 0.99  # of the training recordings' scores
-DEAD_ZONE = 1.0  # units of a mean reading; below it is noise
-SETS = 5  # of a training recording
-MOST_SETS = 2000
-Array = Annotated[np.ndarray, BeforeValidator(Tensor.numpy)]  # a file has it as a tensor
+QUANTILE = 0.99  # of the training recordings' distances
+DEAD_ZONE = 1.0  # units; a weaker mean reading counts as noise
+SETS = 5  # frame sets of each training recording
+MOST_SETS = 2000  # of all training recordings
+#: an array in memory, a tensor in a model file
+Array = Annotated[
+    np.ndarray,
+    BeforeValidator(lambda value: value.numpy() if isinstance(value, Tensor) else value),
+    PlainSerializer(torch.from_numpy),
+]
 Unit = Annotated[float, Interval(gt=0, le=1e31)]  # counts
 
 
 @dataclass(frozen=True)
 class Novelty:
-    """What the score of new frames is computed from.
+    """A detector of frames that are unlike the training's.
 
     Attributes:
         maps: float32 (M, S) of training sets, see `sensor_map`.
         unit: of a reading, in counts, see `contact_unit`.
-        threshold: distance beyond which frames are unlike anything seen.
+        threshold: distance beyond which frames count as unlike the training's.
     """
 
     maps: Array
@@ -45,26 +51,26 @@ class Novelty:
 
 
 def sensor_map(readings: np.ndarray, unit: float) -> np.ndarray:
-    """log(1 + max(m - 1, 0)) float32 (S,) of the mean m over frames, in units, of readings (n, S) in counts."""
+    """log(1 + max(m - 1, 0)) float32 (S,), m the mean in units over the frames of readings (n, S) in counts."""
     return np.log1p(np.maximum(readings.mean(axis=0) / unit - DEAD_ZONE, 0)).astype(np.float32)
 
 
 def fit_novelty(frames: Frames, views: int) -> Novelty | None:
-    """The novelty of frames that are unlike the training side's, in sets of `views` frames.
+    """The detector for sets of `views` frames, fitted to the training side.
 
-    None where no class has two training recordings with that many frames, or all are copies: there is nothing to
-    compare with.
+    None where there is nothing to compare: no class has two training recordings of that many frames, or all recordings
+    are copies.
     """
     from sklearn.metrics import euclidean_distances
 
     train = frames.on(TRAIN)
-    places = np.stack([frames.label[train], frames.group[train], frames.recording[train]])
-    pools, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)[1:]
+    columns = np.stack([frames.label[train], frames.group[train], frames.recording[train]])
+    pools, sizes = np.unique(columns, axis=1, return_inverse=True, return_counts=True)[1:]
     members = np.split(train[np.argsort(pools.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
     members = [index for index in members if len(index) >= views]
     classes = np.array([frames.label[index[0]] for index in members], dtype=int)
-    some = np.sort(by_turns(classes, stream(0, "novelty"))[:MOST_SETS])
-    members, classes = [members[place] for place in some], classes[some]
+    used = np.sort(by_turns(classes, stream(0, "novelty"))[:MOST_SETS])
+    members, classes = [members[place] for place in used], classes[used]
     if not len(members) or np.bincount(classes).max() < 2:
         return None
     count = max(1, min(SETS, MOST_SETS // len(members)))
@@ -75,13 +81,13 @@ def fit_novelty(frames: Frames, views: int) -> Novelty | None:
     distance = euclidean_distances(maps) / maps.shape[1] ** 0.5
     pool, label = np.repeat(np.arange(len(members)), count), np.repeat(classes, count)
     distance[pool[:, None] == pool] = np.inf
-    of_several = np.bincount(classes)[label] > 1  # recordings
-    threshold = float(np.quantile(distance.min(axis=1)[of_several], QUANTILE))
+    compared = np.bincount(classes)[label] > 1  # sets of classes with several recordings
+    threshold = float(np.quantile(distance.min(axis=1)[compared], QUANTILE))
     return Novelty(maps, unit, threshold) if threshold > 0 else None
 
 
 def spread_sets(count: int, views: int, sets: int = 1) -> np.ndarray:
-    """Indices int64 (sets, views) into `count` frames: each row is evenly spread, and the rows lie between each other.
+    """Indices int64 (sets, views) into `count` frames, evenly spread in each row; the rows interleave.
 
     Frames repeat where there are fewer than `views`.
     """

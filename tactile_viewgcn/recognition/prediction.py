@@ -1,4 +1,4 @@
-"""The command `predict`: open the model and the recordings, print the answers, write them as CSV and JSON."""
+"""The command `predict`: opens the model and the recordings, prints the answers, writes them as CSV and JSON."""
 
 import io
 import json
@@ -30,24 +30,24 @@ def predict(
     together: bool,
     csv_path: Path | None,
     json_path: Path | None,
-    echo: Callable[[str], None],
+    echo: Callable[..., None],
 ) -> None:
-    """Print the answers as a table, and write them to the files that are named: both whole, or neither.
+    """Print the answers as a table, and write them to the named files: both whole, or neither.
 
     Args:
-        window: see `answer_table`.
-        stop_at: see `answer_table`.
-        together: one more answer for each folder of recordings, which are of one object, and for each of its objects
-            where they are labelled.
+        window, stop_at: see `answer_table`.
+        together: also answer the recordings of each folder together, as of one object, or each object of the folder
+            where recordings are labelled.
+        echo: prints lines.
 
     Raises:
         UserError, OSError: a mistake of the user.
     """
     check_outputs([path for path in (csv_path, json_path) if path is not None], [Path(model), Path(source)])
     recogniser = load_model(model)
-    views, calibrated = recogniser.classifier.views, recogniser.calibration is not None
+    classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.calibration is not None
     echo(
-        f"model: {recogniser.system}, {several(len(recogniser.classes), 'class', 'classes')}, "
+        f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}, "
         f"{'up to ' * (calibrated and views > 1)}{several(views, 'frame')}; "
         f"probabilities are {'' if calibrated else 'not '}calibrated"
     )
@@ -55,23 +55,15 @@ def predict(
         echo("  it does not recognise what is unlike anything seen")
     with recordings_of(source, labelled=False, layout=recogniser.shape) as recordings:
         answers, notes = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
-    records = [_record(answer, recogniser.classes) for answer in answers]
-    joined = _joined(recogniser, answers, stop_at) if together else []
-    joined_records = [_record(answer, recogniser.classes) for answer in joined]
-    for note in notes:
-        echo(str(note))
-    echo(f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
-    for record in records:
-        echo(_line(record))
-    for line in _summary(records, recogniser.classes):
-        echo(line)
+    records = [_record(answer, classes) for answer in answers]
+    joined = [_record(answer, classes) for answer in _joined(recogniser, answers)] if together else []
+    echo(*map(str, notes), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
+    echo(*_lines(records, classes))
     if joined:
-        echo("the recordings of a folder together, as one object:")
-        for line in [*map(_line, joined_records), *_summary(joined_records, recogniser.classes)]:
-            echo(line)
-    if not any(record["object"] in (*recogniser.classes, EMPTY_HAND) for record in records):
+        echo("the recordings of a folder together, as one object:", *_lines(joined, classes))
+    if not any(record["object"] in (*classes, EMPTY_HAND) for record in records):
         echo("how often it errs: `tactile-viewgcn report` says, where the pipeline trained it")
-    records += joined_records
+    records += joined
     content = {"model": model, "source": source, "calibrated": calibrated, "answers": records}
     texts = _as_csv(records), json.dumps(content, indent=1, ensure_ascii=False) + "\n"
     with ExitStack() as parts:
@@ -98,7 +90,7 @@ def load_model(name: str) -> Recogniser:
         return Recogniser(download_model(f"runs:/{name}" if is_run else name, Path(folder)))
 
 
-def _joined(recogniser: Recogniser, answers: list[Answer], stop_at: float | None) -> list[Answer]:
+def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
     """The answer to each object in each folder, named by both, from the answers to its recordings."""
     parts: dict[tuple[str, str], list[Answer]] = {}
     for answer in answers:
@@ -106,28 +98,31 @@ def _joined(recogniser: Recogniser, answers: list[Answer], stop_at: float | None
     joined = []
     for (folder, label), part in parts.items():
         within = label if label != folder.rpartition("/")[2] else ""
-        name = "/".join(filter(None, [folder, within])) or "together"
-        joined.append(answer_together(recogniser, part, name, stop_at=stop_at))
+        joined.append(answer_together(recogniser, part, "/".join(filter(None, [folder, within])) or "together"))
     return joined
 
 
 def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
     """The answer as plain values, NaN as None; no class has a probability without contact."""
     shares = {} if answer.status == NO_CONTACT else dict(zip(classes, answer.probabilities.tolist(), strict=True))
-    best = sorted(shares, key=lambda name: -shares[name])[:TOP]
+    best = [*sorted(shares, key=lambda name: -shares[name]), *[None] * TOP][:TOP]
     values: dict[str, Any] = {"recording": answer.recording, "start_s": answer.start, "end_s": answer.end}
     values["answer"] = best[0] if answer.status == OBJECT else answer.status
-    for place in range(TOP):
-        name = best[place] if place < len(best) else ""
-        values |= {f"class_{place + 1}": name or None, f"probability_{place + 1}": shares.get(name)}
+    for place, name in enumerate(best, start=1):
+        values |= {f"class_{place}": name, f"probability_{place}": shares.get(name)}
     values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
     values |= {"novelty": answer.novelty, "object": answer.object or None}
     values |= {"grasp_again": answer.grasp_again, "probabilities": shares}
     return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()}
 
 
+def _lines(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
+    """A line for each answer, and their summary."""
+    return [*map(_line, records), *_summary(records, classes)]
+
+
 def _line(record: dict[str, Any]) -> str:
-    """One line: name, frames used of frames in contact, first three classes; of what is unlike them the nearest."""
+    """One line: name, frames used of frames in contact, first three classes; of an unknown object the nearest one."""
     place = f" {record['start_s']:.1f} s" if record["start_s"] else ""
     name, width = record["recording"], NAME_WIDTH - len(place)
     name = (name if len(name) <= width else "…" + name[1 - width :]) + place
@@ -140,31 +135,30 @@ def _line(record: dict[str, Any]) -> str:
 
 
 def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
-    """How many answers there are of each kind; of labelled recordings how many were right."""
+    """Number of answers of each kind; for labelled recordings the number of right answers."""
     kinds = [record["answer"] if record["answer"] in (NO_CONTACT, UNKNOWN) else OBJECT for record in records]
     texts = {OBJECT: "with an object", NO_CONTACT: NO_CONTACT, UNKNOWN: UNKNOWN}
-    counts = [f"{kinds.count(kind)} {text}" for kind, text in texts.items() if kind in kinds]
-    lines = [f"answers: {', '.join(counts)}"]
-    known = [record for record in records if record["object"] in (*classes, EMPTY_HAND)]
-    other = [record["answer"] for record in records if record["object"] not in (*classes, EMPTY_HAND, None)]
-    if known:
-        named = [record for record in known if record["answer"] != UNKNOWN]
-        ranked = [(record["class_1"] or EMPTY_HAND, record["class_2"], record["class_3"]) for record in named]
-        first, among = (
-            sum(record["object"] in names[:top] for record, names in zip(named, ranked, strict=True))
-            for top in (1, TOP)
-        )
-        share = 100 * first / len(known)
+    lines = ["answers: " + ", ".join(f"{kinds.count(kind)} {text}" for kind, text in texts.items() if kind in kinds)]
+    names = {*classes, EMPTY_HAND}
+    places = [_place(record) for record in records if record["object"] in names]
+    if places:
+        right, among = places.count(1), len(places) - places.count(None)
         of_three = f"; among the first three: {among}" if len(classes) > TOP else ""
-        lines.append(f"right: {first} of {len(known)} ({share:.1f} %){of_three}")
-    if other:
+        lines.append(f"right: {right} of {len(places)} ({100 * right / len(places):.1f} %){of_three}")
+    if other := [record["answer"] for record in records if record["object"] not in {*names, None}]:
         count = f"{len(other)}, {other.count(UNKNOWN)} of them called {UNKNOWN}"
         lines.append(f"with a name that is no object of the model: {count}")
     return lines
 
 
+def _place(record: dict[str, Any]) -> int | None:
+    """Place of the labelled object among the three best classes, from 1; None for none of them, and for UNKNOWN."""
+    best = [record[f"class_{place}"] for place in range(1, TOP + 1)] if record["class_1"] else [EMPTY_HAND]
+    return best.index(record["object"]) + 1 if record["answer"] != UNKNOWN and record["object"] in best else None
+
+
 def _as_csv(records: list[dict[str, Any]]) -> str:
-    """A line an answer; there is one at least."""
+    """A heading, and a line for each of one or more answers."""
     file = io.StringIO()
     names = [name for name in records[0] if name != "probabilities"]
     write_csv(file, [names, *([record[name] for name in names] for record in records)])

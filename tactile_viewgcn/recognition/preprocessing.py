@@ -1,4 +1,4 @@
-"""The preprocessing of a model's training, on new recordings: raw counts that fit it, baseline, frames in contact."""
+"""The preprocessing of a model's training, applied to new recordings: checks of counts, baseline, frames in contact."""
 
 import numpy as np
 
@@ -19,17 +19,18 @@ from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.model_file import STRONG_SHARE, FittedPreprocessing
 from tactile_viewgcn.tables.recordings import Recordings
 
-MOST_TIMES = 4.0  # beyond the training's weakest and strongest recording
-ALL_KEPT = 0.99  # share of the training's frames that the filter keeps: its recordings are all contact
+MOST_TIMES = 4.0  # factor by which readings may be weaker or stronger than all recordings of the training
+ALL_KEPT = 0.99  # share of the training's frames that the filter kept, from which recordings count as all contact
 
 
 def check_counts(fitted: FittedPreprocessing, counts: np.ndarray, where: str, *, raw: bool = True) -> None:
     """Raise a UserError, whose message begins with `where`, for counts (..., H, W) that the model does not take.
 
-    They are no finite numbers, of another layout, or raw and no whole numbers in the range of the training's type.
+    These are numbers that are not finite, frames of a different layout, and raw counts that the training's integer type
+    cannot hold.
 
     Args:
-        raw: not yet above a baseline.
+        raw: the baseline is not subtracted yet.
     """
     check_finite(counts, where)
     if counts.shape[-2:] != fitted.live.shape:
@@ -46,26 +47,25 @@ def check_counts(fitted: FittedPreprocessing, counts: np.ndarray, where: str, *,
 
 
 def check_strength(fitted: FittedPreprocessing, excess: np.ndarray, where: str) -> None:
-    """Raise a UserError, whose message begins with `where`, for frames in contact of another scale.
+    """Raise a UserError, whose message begins with `where`, for readings that are far weaker or stronger than trained.
 
     Args:
-        excess: (n, H, W) counts above baseline.
+        excess: (n, H, W) counts above baseline of frames in contact.
     """
     if not len(excess):
         return
     reading, (weakest, strongest) = float(np.quantile(excess[:, fitted.live], 1 - STRONG_SHARE)), fitted.strong_readings
     if not weakest / MOST_TIMES <= reading <= strongest * MOST_TIMES:
         raise UserError(
-            f"{where}: one in a hundred readings in contact is above {reading:.3g} counts over its baseline; "
-            f"expected {weakest:.3g} to {strongest:.3g}, as in the training's recordings: is it another glove, or "
-            "another unit?"
+            f"{where}: one in a hundred readings in contact is above {reading:.3g} counts over its baseline; expected "
+            f"{weakest:.3g} to {strongest:.3g}, as in the training: is the glove or the unit a different one?"
         )
 
 
 def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[Baseline, np.ndarray]:
-    """The baseline of new recordings, and which frames are in contact, bool (T,).
+    """The baseline of new recordings, and whether each frame is in contact, bool (T,).
 
-    Every frame is, where the training could not find contact. Objects' names are not used, but for the empty hand's,
+    Every frame is where the training could not find contact. Names of objects are not used, but for the empty hand's,
     whose frames give the baseline of their session.
 
     Raises:
@@ -82,30 +82,26 @@ def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[B
 
 
 def _baseline(fitted: FittedPreprocessing, recordings: Recordings) -> Baseline:
-    """The baseline of the training's kind; where no open hand gives it, the training's own, which a note says.
+    """The baseline of the kind that the training had.
 
-    That of a session is of its empty hand, else of the open hand in its recordings, else the training's.
+    A session's is measured on its empty hand, else on the open hand in its recordings. Where there is neither, it is
+    the training's, and a note says so.
     """
     params = fitted.params
     if params.baseline == "none":
         return constant_baseline(recordings, params.zero)
-    average, noise = fitted.mean_baseline(), np.where(fitted.noise < 0, np.nan, fitted.noise)
-    trained = [(fitted.baselines.get(name, average), noise) for name in recordings.sessions]
+    average = fitted.mean_baseline()
+    trained = [(fitted.baselines.get(name, average), fitted.noise) for name in recordings.sessions]
     hand = find_open_hand(recordings, int(params.contact_sensors), trained)
     if params.baseline == "grasp":
         return grasp_baseline(recordings, hand, trained)
-    session, empty = recordings.columns["session"], of_empty_hand(recordings)
-    moments, notes, left = [], [], noise_left(recordings)
+    session, moments, notes, left = recordings.columns["session"], [], [], noise_left(recordings)
     for number, name in enumerate(recordings.sessions):
-        of_session = session == number
-        frames = np.flatnonzero(of_session & empty)
-        if len(frames) < MIN_FRAMES:
-            frames = np.flatnonzero(of_session & hand.open)
-        if len(frames) >= MIN_FRAMES:
-            moments.append(trimmed_moments(recordings.frames(frames), left))
-        else:
-            moments.append(trained[number])
-            text = f"session {name!r} has fewer than {MIN_FRAMES} frames of the open hand: the training's is taken"
+        measured = [np.flatnonzero((session == number) & frames) for frames in (of_empty_hand(recordings), hand.open)]
+        enough = [index for index in measured if len(index) >= MIN_FRAMES]
+        moments.append(trimmed_moments(recordings.frames(enough[0]), left) if enough else trained[number])
+        if not enough:
+            text = f"session {name!r} has fewer than {MIN_FRAMES} frames of the open hand: the training's is used"
             notes.append(Note(text, topic="baseline"))
     means, noises = map(np.stack, zip(*moments, strict=True))
     return Baseline(recordings.sessions, means, noises, session, notes)

@@ -6,7 +6,6 @@ from typing import BinaryIO, Literal
 
 import numpy as np
 import torch
-from scipy.special import softmax
 from torch import Tensor
 
 from tactile_viewgcn.device import select_device
@@ -19,7 +18,7 @@ from tactile_viewgcn.recognition.preprocessing import check_counts
 from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.transform import network_input
 
-MOST_FRAMES = 1024  # that are classified at once; a request may hold any number
+MOST_FRAMES = 1024  # frames that are classified at once; a request may hold any number
 Baseline = np.ndarray | Literal["subtracted"] | None
 
 
@@ -28,45 +27,44 @@ class Recogniser:
 
     Methods take raw counts and a baseline: (H, W) counts of the empty hand in the same session; None for the mean of
     the training's sessions; or "subtracted" where the counts are above their baseline already. They raise a UserError
-    for counts or a baseline of another shape, for values that are not finite or too large, and where the training's
-    counts are integers, for raw counts that these cannot be.
+    for counts or a baseline of a different shape, for values that are not finite or too large, and for raw counts
+    that the training's integer type cannot hold.
 
     Args:
-        path: a file of `save_classifier`, or one that is open for reading.
+        path: a file that `save_classifier` wrote, or that file open for reading.
 
     Attributes:
-        classes: names; shape: (H, W) of a frame.
-        calibration: temperatures, for 1 to V frames and whole recordings; None for a classifier of V views alone.
-        system: name of the system, or of the members of `sensors`; preprocessing: that of the training.
-        novelty: says which frames are unlike the training's; None where it could not be fitted.
+        classes: names.
+        shape: (H, W) of a frame.
+        calibration: temperatures for 1 to V frames and for whole recordings; None for a classifier of V views alone.
+        system: name of the system, or of the members of `sensors`.
+        preprocessing: that of the training.
+        novelty: measures how unlike the training's frames others are; None where it could not be fitted.
     """
 
     def __init__(self, path: str | Path | BinaryIO):
         self.classifier, content = load_classifier(path)
-        members = content.model.members
+        model, self.preprocessing = content.model, content.preprocessing
         self.classes, self.calibration, self.novelty = content.classes, content.calibration, content.novelty
-        self.system = " + ".join(members) if on_sensors(content.model.system) else content.model.system
-        self.preprocessing = content.preprocessing
-        self.shape = content.preprocessing.live.shape
+        self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
+        self.shape = self.preprocessing.live.shape
         self._transform, self._scale = content.transform, content.scale
         self._compute = select_device("cpu", content.precision)
 
     def baseline(self, name: str = "") -> np.ndarray:
-        """Baseline (H, W) in counts of a session of the training data; without a name, the mean of all sessions.
+        """Baseline (H, W) in counts of a session of the training; without a name, the mean over its sessions.
 
-        Where the baseline drifts, rather give the mean of your own open-hand frames, right before the grasp.
+        Where the baseline drifts, give the mean of your own open-hand frames right before the grasp instead.
 
         Raises:
             UserError: an unknown session.
         """
-        if not name:
-            return self.preprocessing.mean_baseline()
-        if name not in self.preprocessing.baselines:
+        baselines = self.preprocessing.baselines
+        if name and name not in baselines:
             raise UserError(
-                f"session is {name!r}; expected one of {', '.join(self.preprocessing.baselines)}, "
-                "or give the baseline of the empty hand itself"
+                f"session is {name!r}; expected one of {', '.join(baselines)}, or give the empty hand's baseline itself"
             )
-        return self.preprocessing.baselines[name]
+        return baselines[name] if name else self.preprocessing.mean_baseline()
 
     @torch.inference_mode()
     def probabilities(self, counts: np.ndarray, baseline: Baseline = None) -> np.ndarray:
@@ -74,7 +72,7 @@ class Recogniser:
 
         Args:
             counts: (B, V, H, W) of B view sets. Frame i of a set stands at viewpoint i; the systems that read frames
-                in the order of time (cnn_lstm, conv_lstm) take the earliest first. A calibrated one also takes
+                in the order of time (cnn_lstm, conv_lstm) take the earliest first. A calibrated classifier also takes
                 fewer frames, (B, k, H, W); its probabilities are calibrated for random frames of a recording.
         """
         most, least = self.classifier.views, 1 if self.calibration else self.classifier.views
@@ -91,35 +89,22 @@ class Recogniser:
 
     @torch.inference_mode()
     def of_recording(self, counts: np.ndarray, baseline: Baseline = None) -> tuple[np.ndarray, int]:
-        """Class probabilities (classes,) of a recording as a whole, and the number of frames that were used.
+        """Class probabilities (classes,) of a whole recording, and the number of distinct frames that were used.
 
         Args:
             counts: (n, H, W) of its frames in contact, in the order of time.
         """
-        views, calibration = self.classifier.views, self.calibration
+        views, calibration, temperature = self.classifier.views, self.calibration, None
         (index,) = spread_sets(len(counts), calibration.most_frames if calibration else views)
-        used, temperature = np.unique(index), None
+        used = np.unique(index)
         if calibration:
-            index = used
+            index = used  # it takes fewer frames too, so that none is repeated
             if len(used) >= views and calibration.by_recordings:
                 temperature = calibration.by_recordings[0]
         return self._of_sets(self._values(counts[index], baseline), len(index), temperature)[0], len(used)
 
-    def together(self, answers: list[np.ndarray]) -> np.ndarray:
-        """Class probabilities (classes,) of one object that was recorded several times: the answers' logarithms, added.
-
-        They are calibrated for one to three recordings, if the training had as many of an object.
-
-        Args:
-            answers: of `of_recording` to each.
-        """
-        temperatures = (self.calibration and self.calibration.by_recordings) or [1.0]
-        first, last = temperatures[0], temperatures[min(len(answers), len(temperatures)) - 1]
-        logarithms = np.log(np.maximum(answers, np.finfo(np.float32).tiny)).sum(axis=0)
-        return softmax(logarithms * first / last)
-
     def check_sequential(self, confidence_threshold: float) -> None:
-        """Raise a UserError if the classifier takes V views alone, or the threshold is no probability."""
+        """Raise a UserError for a classifier that takes V views alone, or a threshold that is no probability."""
         if not self.calibration:
             raise UserError(
                 f"the classifier takes {several(self.classifier.views, 'view')} and no fewer; fine-tune it with "
@@ -135,14 +120,14 @@ class Recogniser:
         """Class probabilities (classes,) and the number of frames used: as few as the confidence threshold needs.
 
         The probabilities are calibrated for random frames of a recording: leave time between frames. Where the
-        threshold is not reached, another grasp helps more than further frames, see `together`.
+        threshold is not reached, a second grasp helps more than further frames, see `answer.answer_together`.
 
         Args:
-            frames: (H, W), one after another; none is asked for once the threshold is reached, or after V.
-            confidence_threshold: of the most probable class.
+            frames: (H, W) each. None is asked for once the threshold is reached, or after V.
+            confidence_threshold: probability of the most probable class.
 
         Raises:
-            UserError: also see `check_sequential`; no frames.
+            UserError: no frames; or see `check_sequential`.
         """
         self.check_sequential(confidence_threshold)
         values: list[Tensor] = []
@@ -152,15 +137,15 @@ class Recogniser:
             values.append(self._values(np.asarray(frame)[None], baseline))
             (probabilities,) = self._of_sets(torch.cat(values), len(values))
             if probabilities.max() >= confidence_threshold or len(values) == self.classifier.views:
-                return probabilities, len(values)
+                break
         if not values:
-            raise UserError("frames holds none; expected one frame or more")
+            raise UserError("frames is empty; expected one frame or more")
         return probabilities, len(values)
 
     def _values(self, counts: np.ndarray, baseline: Baseline) -> Tensor:
-        """The classifier's values (n, ...) of n frames of counts (..., H, W): the one place where raw counts enter."""
+        """The classifier's values (n, ...) of the n frames in counts (..., H, W)."""
         if isinstance(baseline, str) and baseline != "subtracted":
-            raise UserError(f"baseline is {baseline!r}; expected an array, None or 'subtracted'; see baseline(session)")
+            raise UserError(f"baseline is {baseline!r}; expected an array, None or 'subtracted'")
         check_counts(self.preprocessing, counts, "counts", raw=not isinstance(baseline, str))
         if not isinstance(baseline, str):
             baseline = self.baseline() if baseline is None else baseline
@@ -173,7 +158,7 @@ class Recogniser:
             return self.classifier.frame_values(self._compute.frames(torch.from_numpy(inputs)))
 
     def _of_sets(self, values: Tensor, views: int, temperature: float | None = None) -> np.ndarray:
-        """Class probabilities (B, classes) of view sets of k `views` each, by the values (B k, ...) of their frames."""
+        """Class probabilities (B, classes) of view sets, from the values (B `views`, ...) of their frames in order."""
         logits = self.classifier.logits(values, torch.arange(len(values)).view(-1, views))
         if temperature is None:
             by_frames = self.calibration.by_frames if self.calibration else [1.0]

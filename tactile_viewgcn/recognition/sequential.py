@@ -1,35 +1,38 @@
 """Sequential prediction: frames are observed one after another until the classifier is confident.
 
-After each frame, the frames so far are classified by a network that was trained on view sets of every size; its
-probabilities are calibrated, see `calibration.py`. Later frames are unknown at that time, so nothing is clustered.
+After each frame, the frames so far are classified by a network that was trained on view sets of every size, with
+calibrated probabilities, see `calibration.py`. Later frames are not known then, so nothing is clustered.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
+from annotated_types import Interval, MaxLen
 from torch import Tensor
 
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 
 MOST_RECORDINGS = 3  # of one object that are answered together
+Temperature = Annotated[float, Interval(ge=1e-6, le=1e6)]
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Temperatures, and how many frames of a recording are taken.
+    """Temperatures of logits, and how many frames of a recording are used.
 
     Attributes:
-        by_frames: for 1 to V frames.
-        by_recordings: for recordings as a whole: one, two and three together; empty where they were not fitted.
-        most_frames: of a recording as a whole, evenly taken: V, or more where that errs less.
+        by_frames: of 1 to V frames.
+        by_recordings: of one, two and three whole recordings together; empty where they were not fitted.
+        most_frames: used of a whole recording, evenly spaced: V, or more where that errs less.
     """
 
-    by_frames: list[float]
-    by_recordings: list[float]
-    most_frames: int
+    by_frames: list[Temperature]
+    by_recordings: Annotated[list[Temperature], MaxLen(MOST_RECORDINGS)]
+    most_frames: Annotated[int, Interval(ge=1, le=1000)]
 
 
 @dataclass(frozen=True)
@@ -45,21 +48,22 @@ class SequentialTrials:
     confidence: np.ndarray
 
     def stopped(self, confidence_threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Whether each prediction is correct, its confidence and its frames, (T, A) each, stopping at that one."""
+        """Whether the prediction at this threshold is correct, its confidence and its number of frames, (T, A) each."""
         confident = self.confidence >= confidence_threshold
-        confident[:, -1] = True  # after the last frame the prediction stands
+        confident[:, -1] = True  # the prediction after the last frame stands
         last = confident.argmax(axis=1)[:, None]
         correct, confidence = (np.take_along_axis(of, last, axis=1)[:, 0] for of in (self.correct, self.confidence))
         return correct, confidence, last[:, 0] + 1
 
 
 def sequences(anchors: np.ndarray, recording: np.ndarray, length: int, rng: np.random.Generator) -> np.ndarray:
-    """Frame indices int64 (A, length): each anchor and then other frames of its recording at random.
+    """Frame indices int64 (A, length): each anchor, then other frames of its recording at random.
 
     Frames repeat where a recording has fewer.
 
     Args:
-        anchors: (A,) indices into the frames; recording: (n,) of each frame, 0 to R - 1.
+        anchors: (A,) indices into the n frames.
+        recording: (n,) of each frame, 0 to R - 1.
     """
     return ViewSets(random_clusters(recording, length, rng), recording, length).draw(anchors, rng, "anchor")
 
@@ -80,11 +84,13 @@ def sequential_trials(
     anchors: np.ndarray,
     rngs: Iterable[np.random.Generator],
 ) -> SequentialTrials:
-    """Predictions for one sequence of V frames from each anchor (A,), in each trial, which has a generator of its own.
+    """Predictions for one sequence of V frames from each anchor (A,) in each trial.
 
     Args:
         temperatures: for 1 to V frames.
-        values: (n, ...) of the frames, see `Classifier`; labels, recording: (n,); recordings are numbered from 0.
+        values: (n, ...) of the frames, see `Classifier`.
+        labels, recording: (n,) of the frames; recordings are numbered from 0.
+        rngs: a generator for each trial.
     """
     temperature, truth = torch.tensor(temperatures)[:, None, None], torch.from_numpy(labels[anchors].astype(np.int64))
     correct, confidence = [], []

@@ -1,4 +1,4 @@
-"""From recordings in memory to a classifier's file: what the stages preprocess to finetune do."""
+"""From recordings in memory to a classifier's file: the work of the stages preprocess to finetune."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,14 +22,14 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 
 
 def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path) -> list[Note]:
-    """Train a classifier on all recordings and write its file; torch's own generator is left as it was.
+    """Train a classifier on all recordings and write its file; torch's default generator is left as it was.
 
     Args:
-        groups: (T,) split group of each frame: groups are held out as a whole, for the choice of `best`, for
-            calibration and for `split.validation`.
+        groups: (T,) split group of each frame; a group is held out as a whole, for the choice of `best`, calibration
+            and `split.validation`.
 
     Returns:
-        Notes on what was chosen for the recordings and left out of them, and why.
+        Notes on what was chosen for the recordings, what was left out, and why.
 
     Raises:
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer than two classes

@@ -1,1 +1,1 @@
-"""Building blocks on what the sensors read: unit, maximum, kernels."""
+"""Classifiers of the sensors' readings, without a backbone: unit, estimators, systems."""

@@ -1,4 +1,4 @@
-"""One system on the sensors, or several together, as a classifier of view sets: it reads counts above baseline."""
+"""The classifier of view sets that one or more systems on the sensors make; it reads counts above baseline."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,12 +17,15 @@ MAX_SET_VALUES = 1 << 20  # numbers in the values of a batch of view sets
 
 
 class SensorClassifier:
-    """The classifier; what a frame or a view set is, see `ViewNetwork`, whose counterpart it is.
+    """Systems on the sensors as one classifier, with the methods of `ViewNetwork`.
 
     Args:
-        members: systems whose logarithms of probabilities are added.
+        members: systems whose log-probabilities are added.
         viewpoints: (V, 3); only V is used.
-        classes: their number.
+        classes: number of classes.
+
+    Attributes:
+        live: bool (H, W) sensors that it reads; unit: of a reading, in counts.
     """
 
     transform = "counts"
@@ -38,7 +41,7 @@ class SensorClassifier:
 
     @property
     def takes_fewer(self) -> bool:
-        """Whether it also answers fewer views than V."""
+        """Whether it also takes fewer views than V."""
         return all(member.takes_fewer for member in self.members)
 
     def fit(self, data: TrainingFrames, unit: float) -> None:
@@ -49,12 +52,12 @@ class SensorClassifier:
         self._measure()
 
     def _measure(self) -> None:
-        """Where the values of each member but the first begin in those of a frame."""
-        nothing = np.zeros((1, int(self.live.sum())), dtype=np.float32)
-        self._starts = np.cumsum([member.frame_values(nothing).shape[1] for member in self.members])[:-1]
+        """Set the columns of a frame's values at which those of the second and each later member begin."""
+        frame = np.zeros((1, int(self.live.sum())), dtype=np.float32)
+        self._starts = np.cumsum([member.frame_values(frame).shape[1] for member in self.members])[:-1]
 
     def prepare(self, compute: Compute) -> None:
-        """Nothing: it computes on the processor, in single precision."""
+        """Do nothing: it computes on the CPU, in single precision."""
 
     @torch.no_grad()
     def frame_values(self, frames: Batched) -> Tensor:
@@ -74,19 +77,18 @@ class SensorClassifier:
         return torch.from_numpy(np.concatenate(parts))
 
     def state_dict(self) -> dict[str, Any]:
-        """All that it has learnt: tensors and plain values."""
-        members = [member.state_dict() for member in self.members]
-        return {"live": torch.from_numpy(self.live), "unit": self.unit, "members": members}
+        """What it has learnt, without `live`: tensors and plain values."""
+        return {"unit": self.unit, "members": [member.state_dict() for member in self.members]}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over what `state_dict` gave.
+    def load_state_dict(self, state: dict[str, Any], live: np.ndarray) -> None:
+        """Take over what `state_dict` gave, for the sensors `live`, bool (H, W).
 
         Raises:
             ValueError: parts that do not go together.
         """
-        self.live, self.unit = state["live"].numpy(), float(state["unit"])
+        self.live, self.unit = live, float(state["unit"])
         if not self.unit > 0:
             raise ValueError(f"unit is {self.unit:g} counts")
         for member, of_member in zip(self.members, state["members"], strict=True):
-            member.load_state_dict(of_member, int(self.live.sum()), self.classes)
+            member.load_state_dict(of_member, live, self.classes)
         self._measure()

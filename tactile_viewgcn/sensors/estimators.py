@@ -1,4 +1,4 @@
-"""Estimators whose fitted state is arrays, which a file stores as tensors: scikit-learn fits some, and answers none."""
+"""Estimators whose fitted state is plain arrays: scikit-learn may fit them; they answer, and load, without it."""
 
 import warnings
 from dataclasses import dataclass
@@ -9,23 +9,25 @@ import torch
 from scipy.special import softmax
 from torch import Tensor
 
-MOST_SETS = 4000  # view sets of a size: a kernel is a matrix of their square
+MOST_SETS = 4000  # view sets of one size: a kernel matrix has their square
 ITERATIONS, QUICK_ITERATIONS = 500, 50  # of L-BFGS
 
 
 @dataclass(frozen=True)
 class TrainingFrames:
-    """What a system is fitted to.
+    """The frames that a system is fitted to.
 
     Attributes:
-        frames: float32 (n, S) of live sensors, in units.
-        labels: int64 (n,) class; classes: number of classes, also of those without frames.
-        pools: (n,) what view sets are drawn from: frames of one object in one split group of one recording.
+        frames: float32 (n, S) readings of the live sensors, in units.
+        labels: int64 (n,) class of each frame.
+        classes: number of classes, those without frames included.
+        pools: (n,) pool of each frame: a view set is drawn from one pool, which has the frames of one object, in one
+            recording and one split group.
         views: V.
         sizes: numbers of frames in the view sets that the system will answer, rising.
-        live: bool (H, W) with S sensors.
+        live: bool (H, W), S of them True.
         seed: of every random choice.
-        quick: a comparison or a calibration, not the final fit: fewer view sets, trees and iterations will do.
+        quick: fit with fewer view sets, trees and iterations, for a comparison or a calibration.
     """
 
     frames: np.ndarray
@@ -39,13 +41,10 @@ class TrainingFrames:
     quick: bool = False
 
     def view_sets(self, count: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Random view sets, each of frames of one pool.
+        """Random view sets, each from one pool: an array (M, k) of frame indices for each size k; and labels (M,).
 
         Args:
-            count: of each pool and size; more where a pool has more than `count` times V frames.
-
-        Returns:
-            sets: one array (M, k) of frame indices for each size k; and labels (M,).
+            count: number of view sets of each pool and size; more where a pool has more than `count` times V frames.
         """
         rng = np.random.default_rng(self.seed)
         members = [np.flatnonzero(self.pools == pool) for pool in np.unique(self.pools)]
@@ -59,12 +58,15 @@ class TrainingFrames:
 
 
 class Estimator:
-    """What all share: their annotated arrays, each with its type and a letter for each axis, are all that is fitted.
+    """Base of the estimators: all that is fitted are arrays, annotated with type, axes, and the axis that they index.
 
-    Axes of one letter are equally long; F is that of the points. `classes` are the labels of the fit.
+    Axes with the same letter are equally long. F is the length of a point, C the number of the classifier's classes.
+
+    Attributes:
+        classes: (K,) the distinct labels that it was fitted to, rising.
     """
 
-    classes: Annotated[np.ndarray, np.int64, "K"]
+    classes: Annotated[np.ndarray, np.int64, "K", "C"]
 
     def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
         """Fit to points (n, F) and labels (n,), made from the training frames `data`."""
@@ -75,13 +77,13 @@ class Estimator:
         raise NotImplementedError
 
     @classmethod
-    def form(cls) -> dict[str, tuple[type, str]]:
-        """Type and axes of each array, by its name."""
+    def form(cls) -> dict[str, tuple]:
+        """Type and axes of each array, by its name; of indices also the axis that they point into."""
         return {name: hint.__metadata__ for name, hint in get_type_hints(cls, include_extras=True).items()}
 
     def take(self, **arrays: Any) -> Self:
-        """Take the arrays over, contiguous, so that answers are equal after a file has kept them."""
-        for name, (dtype, _) in self.form().items():
+        """Set the arrays, contiguous: so answers are equal to the last digit after a file has kept them."""
+        for name, (dtype, *_) in self.form().items():
             setattr(self, name, np.asarray(arrays[name], dtype=dtype, order="C"))
         return self
 
@@ -90,35 +92,36 @@ class Estimator:
         return {name: torch.from_numpy(getattr(self, name)) for name in self.form()}
 
     def load_state_dict(self, state: dict[str, Tensor], features: int, classes: int) -> Self:
-        """Take over what `state_dict` gave of points (n, `features`) of labels below `classes`.
+        """Set the arrays that `state_dict` gave, for points (n, `features`) and labels below `classes`.
 
         Raises:
-            ValueError: an array of another name, type or shape, or an index in it that leads nowhere.
+            ValueError: an array of a different name, type or shape, or an index that points outside.
         """
-        form, sizes = self.form(), {"F": features}
+        form, sizes = self.form(), {"F": features, "C": classes}
         if state.keys() != form.keys():
             raise ValueError(f"arrays {', '.join(map(str, state))}; expected {', '.join(form)}")
         arrays = {name: tensor.numpy() for name, tensor in state.items()}
-        for name, (dtype, axes) in form.items():
+        for name, (dtype, axes, *_) in form.items():
             array = arrays[name]
             fits = array.dtype == dtype and array.ndim == len(axes)
             if not fits or any(sizes.setdefault(*one) != one[1] for one in zip(axes, array.shape, strict=True)):
-                raise ValueError(f"array {name} is {array.dtype} {array.shape}, which the others do not go with")
+                raise ValueError(f"array {name} is {array.dtype} {array.shape}, which does not fit the other arrays")
+        for name, (_, _, *target) in form.items():
+            if target and not ((arrays[name] >= 0) & (arrays[name] < sizes[target[0]])).all():
+                raise ValueError(f"array {name} holds an index outside 0 to {sizes[target[0]] - 1}")
         self.take(**arrays)
-        if not ((self.classes >= 0) & (self.classes < classes)).all():
-            raise ValueError("an estimator answers with a class that there is not")
         self.check(features)
         return self
 
     def check(self, features: int) -> None:
-        """Raise a ValueError where the arrays do not go together, for points (n, features)."""
+        """Raise a ValueError where the arrays do not fit each other, or points (n, `features`)."""
 
 
 class Logistic(Estimator):
-    """Multinomial logistic regression with scikit-learn's penalty, 500 iterations of L-BFGS at most.
+    """Multinomial logistic regression with scikit-learn's penalty, by at most 500 iterations of L-BFGS.
 
     Args:
-        C: inverse of the penalty.
+        C: inverse strength of the penalty.
     """
 
     weights: Annotated[np.ndarray, np.float64, "FK"]
@@ -132,11 +135,11 @@ class Logistic(Estimator):
         from sklearn.linear_model import LogisticRegression
 
         iterations = QUICK_ITERATIONS if data.quick else ITERATIONS
-        with warnings.catch_warnings():  # that it has reached its limit of iterations is no fault
+        with warnings.catch_warnings():  # to stop at the limit of iterations is no fault
             warnings.simplefilter("ignore", ConvergenceWarning)
             fitted = LogisticRegression(C=self.C, max_iter=iterations).fit(points, labels)
         weights, offsets = fitted.coef_.T.astype(np.float64), fitted.intercept_.astype(np.float64)
-        if len(fitted.classes_) == 2:  # it has those of the second class alone
+        if len(fitted.classes_) == 2:  # scikit-learn keeps the weights of the second class alone
             weights, offsets = np.concatenate([0 * weights, weights], axis=1), np.append(0.0, offsets)
         return self.take(classes=fitted.classes_, weights=weights, offsets=offsets)
 

@@ -1,7 +1,7 @@
-"""Extremely randomised trees (Geurts et al. 2006), grown by scikit-learn and followed in plain arrays.
+"""Extremely randomised trees (Geurts et al. 2006), grown by scikit-learn and evaluated in plain arrays.
 
-scikit-learn's own trees follow whatever a file says: a child that is its own parent never ends, one outside the tree
-reads foreign memory. For a few points it also takes most of its time to call 500 trees one by one.
+scikit-learn's own trees, read from an altered file, may walk for ever or read memory outside their arrays. For a few
+points they are also slow, because 500 trees are called one by one.
 """
 
 import warnings
@@ -12,25 +12,26 @@ import numpy as np
 from tactile_viewgcn.sensors.estimators import Estimator, TrainingFrames
 
 TREES, FEWEST_TREES = 500, 100
-MOST_LEAF_VALUES = 60_000_000  # probabilities of classes in leaves: 0.25 GB
-MOST_PATHS = 1 << 16  # points times trees at once
+MOST_LEAF_VALUES = 60_000_000  # class probabilities in the leaves: 0.25 GB
+MOST_PATHS = 1 << 16  # points times trees that are evaluated at once
 
 
 class Forest(Estimator):
-    """Fully grown trees: 500, or as few as 100 where their leaves would hold more than 60 million numbers.
+    """Fully grown trees: 500, or as few as 100 where the leaves of 500 would hold more than 60 million numbers.
 
-    The nodes of all trees stand in one row, a parent before its children. A leaf is its own child.
+    The nodes of all trees are numbered in one sequence, a parent before its children. A leaf is its own child.
 
     Attributes:
         roots: (T,) node at which each tree begins.
-        left, right: (N,) child where the feature is at most the threshold, and where it is above.
-        shares: (L, K) of the training points' classes in each leaf, in the order of nodes.
+        left, right: (N,) child of each node for a feature up to the threshold, and above it.
+        feature, threshold: (N,) of each node.
+        shares: (L, K) share of each class in the training points of a leaf, in the order of nodes.
     """
 
-    roots: Annotated[np.ndarray, np.int64, "T"]
-    left: Annotated[np.ndarray, np.int64, "N"]
-    right: Annotated[np.ndarray, np.int64, "N"]
-    feature: Annotated[np.ndarray, np.int64, "N"]
+    roots: Annotated[np.ndarray, np.int64, "T", "N"]
+    left: Annotated[np.ndarray, np.int64, "N", "N"]
+    right: Annotated[np.ndarray, np.int64, "N", "N"]
+    feature: Annotated[np.ndarray, np.int64, "N", "F"]
     threshold: Annotated[np.ndarray, np.float64, "N"]
     shares: Annotated[np.ndarray, np.float32, "LK"]
 
@@ -39,24 +40,24 @@ class Forest(Estimator):
 
         fitting = MOST_LEAF_VALUES // (len(data.frames) * data.classes)
         count = FEWEST_TREES if data.quick else int(np.clip(fitting, FEWEST_TREES, TREES))
-        with warnings.catch_warnings(record=True):  # its threads change one list of filters, and then warn of that
+        with warnings.catch_warnings(record=True):  # its threads warn of each other's change to the list of filters
             grown = ExtraTreesClassifier(count, random_state=data.seed, n_jobs=-1).fit(points, labels)
         trees = [each.tree_ for each in grown.estimators_]
-        sizes = np.array([tree.node_count for tree in trees])
-        roots, node = np.cumsum(sizes) - sizes, np.arange(sizes.sum())
-        start = np.repeat(roots, sizes)
-        left, right = (
-            np.concatenate([getattr(tree, f"children_{side}") for tree in trees]) for side in ("left", "right")
+        left, right, feature, threshold, shares = (
+            np.concatenate([getattr(tree, name) for tree in trees])
+            for name in ("children_left", "children_right", "feature", "threshold", "value")
         )
-        inner = left >= 0
+        sizes = np.array([tree.node_count for tree in trees])
+        roots, node, inner = np.cumsum(sizes) - sizes, np.arange(sizes.sum()), left >= 0
+        start = np.repeat(roots, sizes)
         return self.take(
             classes=grown.classes_,
             roots=roots,
             left=np.where(inner, left + start, node),
             right=np.where(inner, right + start, node),
-            feature=np.where(inner, np.concatenate([tree.feature for tree in trees]), 0),
-            threshold=np.where(inner, np.concatenate([tree.threshold for tree in trees]), 0),
-            shares=np.concatenate([tree.value[:, 0] for tree in trees])[~inner],
+            feature=np.where(inner, feature, 0),
+            threshold=np.where(inner, threshold, 0),
+            shares=shares[~inner, 0],
         )
 
     def take(self, **arrays: Any) -> Self:
@@ -66,16 +67,11 @@ class Forest(Estimator):
 
     def check(self, features: int) -> None:
         node = np.arange(len(self.left))
-        for child in (self.left, self.right):
-            if not ((node <= child) & (child < len(node))).all():
-                raise ValueError("a tree's node has a child that is not below it")
-        if not len(self.roots) or not ((self.roots >= 0) & (self.roots < len(node))).all():
-            raise ValueError("a tree begins outside its nodes")
-        if not ((self.feature >= 0) & (self.feature < features)).all():
-            raise ValueError("a tree's node asks for a feature that there is not")
         leaf = self.left == node
-        if len(self.shares) != leaf.sum() or (leaf != (self.right == node)).any():
-            raise ValueError("a tree's leaves have other shares than their nodes")
+        if (self.left < node).any() or (self.right < node).any() or (leaf != (self.right == node)).any():
+            raise ValueError("a tree's node has a child that is not below it")
+        if not len(self.roots) or len(self.shares) != leaf.sum():
+            raise ValueError("there are no trees, or their leaves have too few or too many shares")
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         points, total = np.ascontiguousarray(points, dtype=np.float32), np.zeros((len(points), len(self.classes)))
@@ -84,10 +80,10 @@ class Forest(Estimator):
         return total / len(self.roots)
 
     def _ends(self, points: np.ndarray, roots: np.ndarray) -> np.ndarray:
-        """The leaves (t, n) in which points (n, F) end that begin at the roots (t,) of trees; all walk down at once."""
+        """The leaves (t, n) that points (n, F) reach from the roots (t,) of trees; all points walk down at once."""
         ends = np.repeat(roots, len(points))
         path, node = np.arange(len(ends)), ends
-        first = path % len(points) * points.shape[1]  # of the point's features
+        first = path % len(points) * points.shape[1]  # place of the point's first feature
         while len(path):
             above = points.ravel()[first + self.feature[node]] > self.threshold[node]
             child = np.where(above, self.right[node], self.left[node])

@@ -8,20 +8,22 @@ from scipy.special import softmax
 
 from tactile_viewgcn.sensors.estimators import Estimator, TrainingFrames
 
-MOST_POINTS = 4000  # that a classifier is fitted to: the kernel is a matrix of their square
-BLOCKS = (2, 4, 8)  # rows and columns
-LIVE_SHARE = 0.5  # of a block's cells, at least
+MOST_POINTS = 4000  # that an estimator is fitted to: a kernel matrix has their square
+BLOCKS = (2, 4, 8)  # rows and columns of a block
+LIVE_SHARE = 0.5  # of a block's cells that are live, at least
 WIDTH, RIDGE, SHARPNESS = 2.0, 0.3, 8.0  # of kernel ridge regression
 C = 10.0  # of the support vector machines
-MOST_VALUES = 1 << 24  # numbers of pairs of classes at once
+MOST_VALUES = 1 << 24  # margins between two classes that are computed at once
 
 
 class Kernel(Estimator):
-    """The Gaussian kernel exp(-gamma d^2) between points and those that it was fitted to, in single precision.
+    """The Gaussian kernel exp(-gamma d^2) between points and the points that it was fitted to, in single precision.
 
     Attributes:
-        points: (M, P) about their mean, in a unit in which gamma is a half; half_squares: (M,) of their lengths.
-        centre: (P,) their mean; scale: what they are multiplied by.
+        centre: (P,) mean of the fitted points.
+        scale: factor that turns gamma into a half.
+        points: (M, P) fitted points, less `centre`, times `scale`.
+        half_squares: (M,) half of their squared lengths.
     """
 
     scale: Annotated[np.ndarray, np.float32, ""]
@@ -30,7 +32,7 @@ class Kernel(Estimator):
     half_squares: Annotated[np.ndarray, np.float32, "M"]
 
     def centred(self, points: np.ndarray, gamma: float) -> Self:
-        """Take the points (M, P) that others are compared with."""
+        """Set the points (M, P) that others are compared with."""
         self.scale = np.array((2 * gamma) ** 0.5, dtype=np.float32)
         self.centre = points.mean(axis=0, dtype=np.float64).astype(np.float32)
         self.points = self._scaled(points)
@@ -52,8 +54,11 @@ class Kernel(Estimator):
 class KernelRidge(Kernel):
     """Ridge regression of the classes' indicators with the kernel exp(-2 d^2 / m), m the mean squared distance.
 
-    To readings (n, F) of live sensors means over square blocks of them are added, which distinguish neighbouring
-    sensors from distant ones. Probabilities are the softmax of eight times the regression's values.
+    Means over square blocks of sensors are added to the readings (n, F) of the live sensors, so that neighbouring
+    sensors count as more alike than distant ones. Probabilities are the softmax of eight times the regression's values.
+
+    Attributes:
+        blocks: (F, B), see `block_weights`; weights: (M, K) of the kernel's values.
     """
 
     blocks: Annotated[np.ndarray, np.float32, "FB"]
@@ -61,7 +66,7 @@ class KernelRidge(Kernel):
 
     def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
         blocks = block_weights(data.live)
-        points, labels = some_points(np.concatenate([points, points @ blocks], axis=1), labels, data.seed)
+        points, labels = sampled(np.concatenate([points, points @ blocks], axis=1), labels, data.seed)
         spread = float(points.var(axis=0).sum())  # half of the mean squared distance
         kernel = self.centred(points, WIDTH / (2 * spread) if spread else 1.0).kernel(points)
         kernel[np.diag_indices(len(points))] += RIDGE
@@ -72,7 +77,7 @@ class KernelRidge(Kernel):
 
     def check(self, features: int) -> None:
         if len(self.centre) != features + self.blocks.shape[1]:
-            raise ValueError("a kernel has points of other sensors than its blocks")
+            raise ValueError("a kernel has points and blocks of different sensors")
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         points = np.concatenate([points, points @ self.blocks], axis=1)
@@ -85,18 +90,19 @@ class SupportVectors(Kernel):
     v is the variance of all values of the points (n, F). Probabilities are the softmax of the classes' votes.
 
     Attributes:
-        class_of: (M,) number of each support vector's class; weights: (M, K - 1) against each other class.
-        offsets: (K (K - 1) / 2,) of pairs of classes, in order.
+        class_of: (M,) index into `classes` of each support vector.
+        weights: (M, K - 1) of each support vector against each other class.
+        offsets: (K (K - 1) / 2,) of the pairs of classes: (0, 1), (0, 2) and so on.
     """
 
-    class_of: Annotated[np.ndarray, np.int64, "M"]
+    class_of: Annotated[np.ndarray, np.int64, "M", "K"]
     weights: Annotated[np.ndarray, np.float32, "MO"]
     offsets: Annotated[np.ndarray, np.float32, "Q"]
 
     def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
         from sklearn.svm import SVC
 
-        points, labels = some_points(points, labels, data.seed)
+        points, labels = sampled(points, labels, data.seed)
         spread = float(points.var()) * points.shape[1]
         kernel = self.centred(points, 1 / spread if spread else 1.0).kernel(points)
         machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
@@ -115,33 +121,33 @@ class SupportVectors(Kernel):
         others = len(self.classes) - 1
         sizes = len(self.centre), self.weights.shape[1], len(self.offsets)
         if sizes != (features, others, (others + 1) * others // 2):
-            raise ValueError("support vectors of other sensors or classes than theirs")
+            raise ValueError("support vectors are of different sensors or classes")
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        parts = -(-len(points) * len(self.classes) ** 2 // MOST_VALUES)
-        return np.concatenate([self._probabilities(part) for part in np.array_split(points, max(1, parts))])
+        count = max(1, -(-len(points) * len(self.classes) ** 2 // MOST_VALUES))  # parts that fit memory
+        return np.concatenate([self._probabilities(part) for part in np.array_split(points, count)])
 
     def _probabilities(self, points: np.ndarray) -> np.ndarray:
-        """The same of few points: all pairs of classes are compared at once."""
+        """Probabilities (n, K) of few points: all pairs of classes are compared at once."""
         kernel, classes = self.kernel(points), len(self.classes)
-        parts = np.zeros((classes, len(points), classes), dtype=np.float32)  # of a class' vectors, against each other
+        parts = np.zeros((classes, len(points), classes), dtype=np.float32)  # of a margin, by a class against another
         for number in range(classes):
             members = np.flatnonzero(self.class_of == number)
             others = np.delete(np.arange(classes), number)
             parts[number][:, others] = kernel[:, members] @ self.weights[members]
         first, second = np.triu_indices(classes, 1)
         margin = parts[first, :, second] + parts[second, :, first] + self.offsets[:, None]  # above 0: the first class
-        margin = margin if classes > 2 else -margin  # SVC's own sign
+        margin = margin if classes > 2 else -margin  # as SVC stores the weights of two classes
         votes, confidence = np.zeros((2, classes, len(points)), dtype=np.float32)
         for side, winner in ((margin, first), (-margin, second)):
             np.add.at(votes, winner, (side > 0).astype(np.float32))
             np.add.at(confidence, winner, side)
-        votes += confidence / (3 * (np.abs(confidence) + 1))  # less than a third: it decides between equal votes
+        votes += confidence / (3 * (np.abs(confidence) + 1))  # below a third: it only decides between equal votes
         return softmax(votes.T, axis=1)
 
 
 def block_weights(live: np.ndarray) -> np.ndarray:
-    """float32 (S, blocks): a column has equal weights, of sum 1, on the live sensors (H, W) of one block."""
+    """float32 (S, B): a column has equal weights, of sum 1, on the live sensors, bool (H, W), of one block."""
     rows, columns = np.nonzero(live)
     weights = []
     for size in BLOCKS:
@@ -151,8 +157,8 @@ def block_weights(live: np.ndarray) -> np.ndarray:
     return np.concatenate(weights, axis=1).astype(np.float32)
 
 
-def some_points(points: np.ndarray, labels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most 4,000 of the points (n, F) and their labels (n,), drawn at random; of each class one at least."""
+def sampled(points: np.ndarray, labels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """The points (n, F) and labels (n,); of more than 4,000 a random 4,000 of them, and the first of each class."""
     if len(points) <= MOST_POINTS:
         return points, labels
     index = np.random.default_rng(seed).permutation(len(points))[:MOST_POINTS]

@@ -14,16 +14,17 @@ from tactile_viewgcn.sensors.unit import above_dead_zone
 WIDTH, DROPOUT = 32, 0.3  # channels of the first stage; share of the features dropped
 STEPS, BATCH = 1500, 64  # view sets
 LR, WEIGHT_DECAY = 3e-3, 0.05
-SHIFT = 1  # most rows and columns that a batch is shifted by
+SHIFT = 1  # rows and columns that a batch is shifted by at most
 
 
 class MaxNetwork:
-    """The network is trained on random view sets of 1 to V frames, as many of each pool of frames as of another.
+    """A network that is trained on random view sets of 1 to V frames, equally many of each pool of frames.
 
-    AdamW, the learning rate in one cycle (Smith and Topin 2019). One network answers every number of frames.
+    The optimiser is AdamW, with one cycle of the learning rate (Smith and Topin 2019). One network answers every number
+    of frames.
     """
 
-    takes_fewer = False  # each view set would pass the network once more
+    takes_fewer = False  # each number of views would cost one more pass through the network
 
     def fit(self, data: TrainingFrames) -> Self:
         values, rng = torch.from_numpy(self.frame_values(data.frames)), np.random.default_rng(data.seed)
@@ -47,13 +48,11 @@ class MaxNetwork:
         return self
 
     def state_dict(self) -> dict[str, Any]:
-        """The network's weights, the live sensors (H, W), and the root mean square of the training values."""
-        return {"weights": self._network.state_dict(), "live": self._live, "scale": self._scale}
+        """The network's weights, and the root mean square of the training values."""
+        return {"weights": self._network.state_dict(), "scale": self._scale}
 
-    def load_state_dict(self, state: dict[str, Any], sensors: int, classes: int) -> None:
-        self._live, self._scale = state["live"], float(state["scale"])
-        if self._live.dtype != torch.bool or self._live.ndim != 2 or self._live.sum() != sensors:
-            raise ValueError("a network on the maximum has other live sensors than the classifier")
+    def load_state_dict(self, state: dict[str, Any], live: np.ndarray, classes: int) -> None:
+        self._live, self._scale = torch.from_numpy(live), float(state["scale"])
         with torch.random.fork_rng(devices=[]):  # building a network draws weights
             self._network = build_network(classes).eval()
         self._network.load_state_dict(state["weights"])
@@ -67,19 +66,19 @@ class MaxNetwork:
         return torch.cat([self._network(self._maps(part)) for part in parts]).numpy()
 
     def _maps(self, values: Tensor) -> Tensor:
-        """Values of view sets (B, k, S) to the maximum's maps (B, 1, H, W)."""
+        """Maps (B, 1, H, W) of each sensor's maximum, from values (B, k, S) of view sets."""
         maps = values.new_zeros(len(values), 1, *self._live.shape)
         maps[:, 0, self._live] = values.amax(dim=1) / self._scale
         return maps
 
 
 def build_network(classes: int) -> nn.Sequential:
-    """Maps (B, 1, H, W) to logits (B, classes); weights come from torch's own generator."""
+    """The network from maps (B, 1, H, W) to logits (B, classes); weights come from torch's default generator."""
     body = Backbone(WIDTH, blocks=1, readout="grid")
     return nn.Sequential(body, nn.Dropout(DROPOUT), nn.Linear(body.features, classes))
 
 
 def shifted(maps: Tensor, row: int, column: int) -> Tensor:
-    """Maps (B, 1, H, W) moved up by `row` - SHIFT rows, and to the left likewise; zeros move in."""
+    """Maps (B, 1, H, W) moved up by `row` - SHIFT rows and left by `column` - SHIFT columns; zeros move in."""
     height, width = maps.shape[2:]
     return functional.pad(maps, (SHIFT,) * 4)[:, :, row : row + height, column : column + width]

@@ -1,8 +1,7 @@
-"""The systems on the sensors by name: an estimator, and what it reads of the frames.
+"""The systems on the sensors, by name: an estimator, and its input from the frames.
 
-Readings are in units of the glove. Below two units is a dead zone, made for sparse, weak readings; a name that ends in
-`_log` is a system without it, on log(1 + x). `max_` is on each sensor's maximum over the frames, `statistics_` on five
-statistics of each sensor.
+Readings are in units of the glove. A dead zone of two units suits sparse, weak readings; a name that ends in `_log` has
+log(1 + x) without it. `max_` reads each sensor's maximum over the frames, `statistics_` five statistics of each sensor.
 """
 
 from collections.abc import Callable
@@ -22,28 +21,28 @@ ROUNDING = 1e-6  # of a reading in units
 
 
 def above_thresholds(sensors: np.ndarray) -> np.ndarray:
-    """Whether readings (n, S) in units reach each of three thresholds, float32 (n, 3 S).
+    """1 where readings (n, S) in units reach each of three thresholds, else 0, float32 (n, 3 S).
 
-    All that a glove's pressed sensors read may be the lowest threshold, where they are saturated or tell contact alone.
+    To be equal, but for rounding, counts as reaching: saturated or on-off sensors may all read the lowest threshold.
     """
     reached = [sensors > (1 - ROUNDING) * threshold for threshold in THRESHOLDS]
     return np.concatenate(reached, axis=1).astype(np.float32)
 
 
 def maximum(points: np.ndarray) -> np.ndarray:
-    """Points (B, k, F) of view sets to their maximum (B, F)."""
+    """Maximum (B, F) over the points (B, k, F) of view sets."""
     return points.max(axis=1)
 
 
 def direction(points: np.ndarray) -> np.ndarray:
-    """Points (B, k, F) of view sets to their maximum (B, F), divided by its length where that is not 0."""
+    """Maximum (B, F) over the points (B, k, F) of view sets, divided by its length where that is not 0."""
     largest = points.max(axis=1)
     length = np.linalg.norm(largest, axis=1, keepdims=True)
     return largest / np.where(length > 0, length, 1)
 
 
 def statistics(points: np.ndarray) -> np.ndarray:
-    """Mean, standard deviation, maximum, minimum and median (B, 5 F) of points (B, k, F) of view sets."""
+    """Mean, standard deviation, maximum, minimum and median (B, 5 F) over the points (B, k, F) of view sets."""
     parts = [points.mean(axis=1), points.std(axis=1), points.max(axis=1), points.min(axis=1), np.median(points, axis=1)]
     return np.concatenate(parts, axis=1)
 
