@@ -1,7 +1,7 @@
 """Cross-validation on the training side: a third of its groups at a time is answered by fits to the others.
 
 The choice of members and the calibration answer the same view sets: random frames of a recording, and whole recordings.
-Each makes its own fits: those of the choice are quick, and temperatures of quick fits differ, twice as high for `trees`.
+Each makes its own fits: the choice's are quick, and temperatures of quick fits differ, twice as high for `trees`.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Temperatures: found where labels were drawn with them, and fitted to nothing but groups that were left out."""
+"""Temperatures: those that labels were drawn with, fitted to answers on groups that were left out."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trai
 
 
 @pytest.mark.parametrize("true", [0.3, 1.0, 4.0])
-def test_the_temperature_is_found_that_labels_were_drawn_with(true):
+def test_the_temperature_is_that_of_the_drawn_labels(true):
     generator = torch.Generator().manual_seed(0)
     logits = torch.randn(20_000, 5, generator=generator) * 3
     labels = torch.multinomial((logits / true).softmax(dim=-1), 1, generator=generator).squeeze(1)
@@ -53,7 +53,7 @@ def test_labels_at_random_get_a_high_temperature_and_a_warning_with_a_remedy():
     assert temperature > 0.9 * MAX_TEMPERATURE
     unsure, sure = (Calibration([1.0, last], [], 8) for last in (temperature, 0.8 * MAX_TEMPERATURE))
     (network,), sensors = calibration_warning(trained(), unsure), fit(table())
-    assert network.level == "warning" and "raise finetune.epochs" in network.text
+    assert network.level == "warning" and "finetune.epochs" in network.text
     assert "finetune.epochs" not in calibration_warning(sensors, unsure)[0].text  # these have none
     assert calibration_warning(trained(), sure) == calibration_warning(sensors, None) == []
 
@@ -61,15 +61,12 @@ def test_labels_at_random_get_a_high_temperature_and_a_warning_with_a_remedy():
 def test_a_network_s_probabilities_are_as_often_right_as_they_say():
     frames = table("split.validation=0.25")
     temperatures = calibrate([(trained(), frames)], CPU, 0).by_frames
-    assert len(temperatures) == 4
     index = frames.on(VALIDATION)
     with torch.inference_mode():
         values = trained().frame_values(CPU.frames(torch.from_numpy(frames.inputs(index))))
     recording = np.unique(frames.recording[index], return_inverse=True)[1]
-    rngs = [np.random.default_rng(number) for number in range(10)]
-    trials = sequential_trials(
-        trained(), temperatures, values, frames.label[index], recording, np.arange(len(index)), rngs
-    )
+    rngs, anchors = [np.random.default_rng(number) for number in range(10)], np.arange(len(index))
+    trials = sequential_trials(trained(), temperatures, values, frames.label[index], recording, anchors, rngs)
     assert trials.confidence.shape == trials.correct.shape == (10, 4, len(index))
     laplace = (4 * trials.correct.mean(axis=(0, 2)) + 1) / (4 + 2)  # of four recordings
     np.testing.assert_allclose(trials.confidence.mean(axis=(0, 2)), laplace, atol=0.12)
@@ -91,45 +88,18 @@ def cross_calibrate(frames, system: str = "logistic"):
     return calibrate(((fit(part, system), part) for part in left_out_parts(frames)), CPU, 0)
 
 
-@pytest.mark.parametrize("validation", ["0", "0.25"])
-def test_each_training_group_is_left_out_once_and_no_other_frame_is_used(validation):
-    """Neither the test side nor a validation side that the table has is trained on or calibrated with."""
-    frames = table("split.folds=6", f"split.validation={validation}")
-    assert (frames.side == VALIDATION).any() == (validation != "0")
-    parts = list(left_out_parts(frames))
-    left_out = np.stack([part.side == VALIDATION for part in parts])
-    assert (left_out.sum(axis=0) == (frames.side == TRAIN)).all()
-    for part in parts:
-        assert not set(part.group[part.side == VALIDATION]) & set(part.group[part.side == TRAIN])
-        assert ((part.side == TEST) == (frames.side != TRAIN)).all()
-
-
-def test_a_class_with_one_group_stays_and_without_two_nothing_is_left_out():
-    frames = table()
-    of_one = frames.label == 3
-    parts = left_out_parts(replace(frames, group=np.where(of_one, 1000, frames.group)))
-    assert all((part.side[of_one] != VALIDATION).all() for part in parts)
-    assert cross_calibrate(replace(frames, group=frames.label.astype(np.int64))) is None
-
-
-def test_groups_that_span_classes_are_left_out_as_a_whole():
-    frames = table()
-    parts = list(left_out_parts(replace(frames, group=frames.recording % 3)))
-    assert parts
-    assert not any(set(part.group[part.side == VALIDATION]) & set(part.group[part.side == TRAIN]) for part in parts)
-
-
 def test_answers_that_are_random_are_made_unsure():
-    """Labels dealt at random to the recordings: what is left out is at chance, and so is the confidence after it."""
+    """Labels dealt at random to the recordings: answers to left-out groups are at chance, and so is confidence."""
     frames = table("split.folds=6")
     dealt = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
     shuffled = replace(frames, label=dealt[frames.recording].astype(frames.label.dtype))
     random, true = (cross_calibrate(one, "kernel").by_frames for one in (shuffled, frames))
     assert min(random) > 2 * max(true) and np.isfinite(random).all()
+    assert cross_calibrate(replace(frames, group=frames.label.astype(np.int64))) is None  # one group a class
 
 
 def test_recordings_of_one_object_are_calibrated_together():
-    """Answers drawn apart from each other: added, they are as sure as they should be without further temperature."""
+    """Independent answers: added, they are as sure as they should be without a further temperature."""
     rng = np.random.default_rng(0)
     classes = torch.from_numpy(np.arange(3000) % 3)
     logits = torch.from_numpy(rng.normal(size=(3000, 3))) + 1.0 * torch.nn.functional.one_hot(classes, 3)
@@ -141,8 +111,7 @@ def test_recordings_of_one_object_are_calibrated_together():
 def test_all_frames_of_a_recording_are_taken_only_where_they_err_less():
     frames = table("split.folds=6")
     assert cross_calibrate(frames, "kernel").most_frames in (4, 32)
-    cut = replace(frames, side=np.where(frames.anchor, frames.side, TEST).astype(frames.side.dtype))
-    first = np.unique(np.stack([cut.recording, cut.label]), axis=1, return_index=True)[1]
-    few = np.isin(np.arange(len(cut)), first)
-    alone = replace(cut, side=np.where(few, TRAIN, TEST).astype(cut.side.dtype), anchor=few)
+    first = np.unique(np.stack([frames.recording, frames.label]), axis=1, return_index=True)[1]
+    few = np.isin(np.arange(len(frames)), first)
+    alone = replace(frames, side=np.where(few, TRAIN, TEST).astype(frames.side.dtype), anchor=few)
     assert cross_calibrate(alone, "kernel").most_frames == 4

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-import torch
 
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
-from tactile_viewgcn.recognition.model_file import FittedPreprocessing, session_baselines, strong_readings
+from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.recognition.preprocessing import find_contact
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tests.glove_data import FILE
@@ -31,19 +30,11 @@ def table(seeds, *, empty):
 def test_noise_that_is_cut_off_is_corrected_once(baseline):
     fixed = "filter=contact", "contact_sensors=5", "empty_hand_class=false"
     changes = [f"preprocess.{change}" for change in (f"baseline={baseline}", *fixed)]
-    params, known = load(FILE, ("split.by=recording", *changes)), table(range(7), empty=True)
-    made = preprocess_recordings(known, params.preprocess, params.split)
-    noise = made.frames.noise[known.live]
+    params, training = load(FILE, ("split.by=recording", *changes)), table(range(7), empty=True)
+    made = preprocess_recordings(training, params.preprocess, params.split)
+    noise = made.frames.noise[training.live]
     np.testing.assert_allclose(np.median(noise), NOISE, rtol=0.25)
-    fitted = FittedPreprocessing(
-        params=made.frames.preprocess,
-        kept_share=made.frames.kept_share,
-        dtype=str(known.dtype),
-        strong_readings=strong_readings(made.frames),
-        live=torch.from_numpy(known.live),
-        noise=torch.from_numpy(made.frames.noise),
-        baselines={name: torch.from_numpy(mean) for name, mean in session_baselines(made.frames).items()},
-    )
+    fitted = FittedPreprocessing.of(made.frames)
     new = table([8, 9], empty=False)
     estimate, contact = find_contact(fitted, new)
     np.testing.assert_allclose(np.median(estimate.noise[estimate.of_frame]), NOISE, rtol=0.25)

@@ -1,4 +1,4 @@
-"""What a user can get wrong: one line each, and nothing trained."""
+"""What a user of the estimator can get wrong: one line each that names it, and nothing trained."""
 
 from functools import cache
 
@@ -11,6 +11,7 @@ from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.errors import UserError
 
 CHOSEN = {"preprocess.baseline": "none", "preprocess.zero": 0, "preprocess.filter": "none"}
+Y = ["a", "a", "b", "b"]
 
 
 def recordings(count: int = 4) -> list[np.ndarray]:
@@ -28,59 +29,61 @@ def changed(value: float, dtype: type = float) -> np.ndarray:
     return counts
 
 
-Y = ["a", "a", "b", "b"]
-
-#: what is given to `fit` besides the classifier's own arguments, and what the line has to say
+#: an argument of `fit` or of the classifier, its value, and what the line names
 IN_FIT = {
-    "no recordings": ({"X": [], "y": []}, "X holds no recordings"),
-    "a text": ({"X": "data/recordings"}, "X is of type str with 0 axes; expected a list of"),
-    "nothing": ({"X": None}, "X is of type NoneType with 0 axes; expected"),
-    "one recording, not in a list": ({"X": recordings()[0]}, "with 3 axes.* one recording is \\[recording\\]"),
-    "a ragged frame": ({"X": with_third([[[1, 2], [3]]])}, "ragged"),
-    "an axis too few": ({"X": with_third(np.ones((4, 4)))}, r"X\[2\] has shape \(4, 4\); expected \(frames, rows"),
-    "another layout": (
-        {"X": with_third(np.ones((5, 4, 3)))},
-        r"X\[2\] has frames of 4 x 3; expected 4 x 4, as X\[0\]",
-    ),
-    "no frames": ({"X": with_third(np.ones((0, 4, 4)))}, r"X\[2\] has shape \(0, 4, 4\)"),
-    "too many rows": ({"X": [np.ones((2, 65, 4))] * 4}, r"X\[0\]: frames of 65 x 4; expected 1 x 1 to 64 x 64"),
-    "NaN": ({"X": with_third(changed(np.nan))}, r"X\[2\] holds nan in frame 1, row 2, column 3"),
-    "NaN in rows": ({"X": [[1, np.nan], [2, 3], [4, 5], [6, 7]]}, "NaN"),
-    "counts too large": ({"X": with_third(changed(2**40, np.int64))}, r"X\[2\] holds counts from 1 to 1099511627776"),
-    "texts": ({"X": with_third(np.full((5, 4, 4), "1"))}, r"X\[2\] is of type <U1"),
-    "sparse": ({"X": sparse.csr_array(np.eye(4))}, "[Ss]parse"),
-    "no sensor varies": ({"X": [np.ones((5, 4, 4))] * 4}, "no sensor varies"),
-    "labels of another length": ({"y": ["a", "b"]}, r"inconsistent numbers of samples: \[4, 2\]"),
-    "one class": ({"y": ["a"] * 4}, "y has one class, a; expected two or more"),
-    "labels of two columns": ({"y": [["a", "b"]] * 4}, "y should be a 1d array"),
-    "real numbers as labels": ({"y": [0.1, 0.2, 0.3, 0.4]}, "Unknown label type: continuous"),
-    "a missing label": ({"y": ["a", "a", "b", None]}, "y holds labels of different kinds"),
-    "groups of another length": ({"groups": [0, 1, 2]}, r"groups has shape \(3,\); expected \(4,\)"),
-    "no such preset": ({"preset": "bset"}, "preset is 'bset'; did you mean best"),
-    "no such system": ({"system": "mvccn"}, "model.system: .*'mvcnn'.*got 'mvccn'"),
-    "no views": ({"views": 0}, r"views: .*\(got 0\)"),
-    "no such key": ({"params": {"preprocess.scal": 2}}, "preprocess.scal"),
-    "a value YAML has not": ({"params": {"preprocess.scale": object()}}, "preprocess.scale: <object"),
-    "params as a text": ({"params": "views=4"}, "params is 'views=4'; expected a mapping"),
-    "a negative seed": ({"random_state": -1}, r"seed: .*\(got -1\)"),
-    "a system that needs all views": ({"preset": "best", "system": "stag"}, "which needs all views"),
-    "view sets with a baseline": (
-        {"X": np.ones((4, 2, 3, 3)), "params": {"preprocess.baseline": "grasp"}},
-        "preprocess.baseline is grasp, and X holds view sets",
-    ),
-    "no empty hand": ({"params": {"preprocess.baseline": "empty_hand"}}, "'empty_hand'"),
+    "no recordings": ("X", [], "X holds no recordings"),
+    "a text": ("X", "data/recordings", "str with 0 axes"),
+    "nothing": ("X", None, "NoneType with 0 axes"),
+    "one recording, not in a list": ("X", recordings()[0], "with 3 axes.*is \\[recording\\]"),
+    "ragged rows": ("X", [[1, 2], [3]], "X is ragged"),
+    "a ragged frame": ("X", with_third([[[1, 2], [3]]]), r"X\[2\] is ragged"),
+    "an axis too few": ("X", with_third(np.ones((4, 4))), r"X\[2\].*\(4, 4\)"),
+    "a different layout": ("X", with_third(np.ones((5, 4, 3))), r"X\[2\].*4 x 3.*4 x 4"),
+    "no frames": ("X", with_third(np.ones((0, 4, 4))), r"X\[2\] has no frames"),
+    "too many rows": ("X", [np.ones((2, 65, 4))] * 4, r"X\[0\].*65 x 4.*64 x 64"),
+    "NaN": ("X", with_third(changed(np.nan)), r"X\[2\] holds nan in frame 1, row 2, column 3"),
+    "NaN in rows": ("X", [[1, np.nan], [2, 3], [4, 5], [6, 7]], "NaN"),
+    "counts too large": ("X", with_third(changed(2**40, np.int64)), r"X\[2\].* 1 to 1099511627776"),
+    "texts": ("X", with_third(np.full((5, 4, 4), "1")), r"X\[2\].*<U1"),
+    "sparse": ("X", sparse.csr_array(np.eye(4)), "[Ss]parse"),
+    "no sensor varies": ("X", [np.ones((5, 4, 4))] * 4, "no sensor varies"),
+    "labels of a different length": ("y", ["a", "b"], r"\[4, 2\]"),
+    "one class": ("y", ["a"] * 4, "y has one class, a"),
+    "labels of two columns": ("y", [["a", "b"]] * 4, "y should be a 1d array"),
+    "real numbers as labels": ("y", [0.1, 0.2, 0.3, 0.4], "continuous"),
+    "a missing label": ("y", ["a", "a", "b", None], "y holds labels of different kinds"),
+    "groups of a different length": ("groups", [0, 1, 2], r"groups.*\(3,\).*\(4,\)"),
+    "no such preset": ("preset", "bset", "'bset'.*best"),
+    "no such system": ("system", "mvccn", "model.system: .*'mvccn'"),
+    "no views": ("views", 0, r"views: .*\(got 0\)"),
+    "no such key": ("params", {"preprocess.scal": 2}, "preprocess.scal"),
+    "a value YAML has not": ("params", {"preprocess.scale": object()}, "preprocess.scale: <object"),
+    "params as a text": ("params", "views=4", "'views=4'"),
+    "no empty hand": ("params", {"preprocess.baseline": "empty_hand"}, "'empty_hand'"),
+    "a negative seed": ("random_state", -1, r"seed: .*\(got -1\)"),
 }
 
 
-@pytest.mark.parametrize("mistake, line", IN_FIT.values(), ids=IN_FIT)
-def test_a_mistake_in_fit_ends_in_one_line(mistake, line):
-    arguments = {key: mistake[key] for key in ("preset", "system", "views", "random_state") if key in mistake}
-    params = mistake.get("params", {})
-    classifier = TactileClassifier(**arguments, params=CHOSEN | params if isinstance(params, dict) else params)
+def one_line(line: str, call, *arguments, **options) -> None:
+    """The call ends in an error that names something; in one line, if it is ours: scikit-learn's may have more."""
     with pytest.raises((ValueError, TypeError), match=line) as error:
-        classifier.fit(mistake.get("X", recordings()), mistake.get("y", Y), groups=mistake.get("groups"))
-    assert len(str(error.value).splitlines()) == 1 or error.type is not UserError  # scikit-learn's own may have more
+        call(*arguments, **options)
+    assert len(str(error.value).splitlines()) == 1 or error.type is not UserError
+
+
+@pytest.mark.parametrize("argument, value, line", IN_FIT.values(), ids=IN_FIT)
+def test_a_mistake_in_fit_ends_in_one_line(argument, value, line):
+    data, options = {"X": recordings(), "y": Y, "groups": None}, {"params": CHOSEN}
+    (data if argument in data else options)[argument] = CHOSEN | value if isinstance(value, dict) else value
+    classifier = TactileClassifier(**options)
+    one_line(line, classifier.fit, data["X"], data["y"], groups=data["groups"])
     assert not hasattr(classifier, "recogniser_")
+
+
+def test_options_that_do_not_go_together_end_in_one_line():
+    one_line("needs all views", TactileClassifier("best", "stag").fit, recordings(), Y)
+    sets = TactileClassifier(params={"preprocess.baseline": "grasp"})
+    one_line("preprocess.baseline is grasp, and X holds view sets", sets.fit, np.ones((4, 2, 3, 3)), Y)
 
 
 @cache
@@ -90,20 +93,18 @@ def fitted(form: str) -> TactileClassifier:
 
 
 IN_PREDICT = {
-    "another layout": ("recordings", [np.ones((5, 4, 3))], r"X\[0\]: frames of 4 x 3; expected 4 x 4"),
+    "a different layout": ("recordings", [np.ones((5, 4, 3))], r"X\[0\].*4 x 3.*4 x 4"),
     "no recordings": ("recordings", [], "X holds no recordings"),
     "view sets for recordings": ("recordings", np.ones((2, 5, 4, 4)), "X holds view sets; expected recordings"),
     "recordings for view sets": ("view sets", recordings(), "X holds recordings; expected view sets"),
-    "too many views": ("view sets", np.ones((2, 6, 4, 4), int), r"counts has shape \(2, 6, 4, 4\)"),
-    "rows of other sensors": ("rows", np.ones((2, 3)), "X has 3 features, but TactileClassifier is expecting 4"),
+    "too many views": ("view sets", np.ones((2, 6, 4, 4), int), r"\(2, 6, 4, 4\)"),
+    "rows of other sensors": ("rows", np.ones((2, 3)), "X has 3 features.*4"),
 }
 
 
 @pytest.mark.parametrize("form, X, line", IN_PREDICT.values(), ids=IN_PREDICT)
 def test_a_mistake_in_predict_ends_in_one_line(form, X, line):
-    with pytest.raises(ValueError, match=line) as error:
-        fitted(form).predict(X)
-    assert len(str(error.value).splitlines()) == 1
+    one_line(line, fitted(form).predict, X)
 
 
 def test_nothing_is_predicted_or_saved_before_fit(tmp_path):
@@ -116,7 +117,6 @@ def test_nothing_is_predicted_or_saved_before_fit(tmp_path):
 def test_a_fit_that_fails_leaves_the_trained_classifier_as_it_was():
     classifier = TactileClassifier(system="logistic", params=CHOSEN).fit(recordings(), Y)
     before = classifier.predict_proba(recordings())
-    with pytest.raises(ValueError, match="no sensor varies"):
-        classifier.fit([np.ones((5, 4, 4))] * 4, ["c", "c", "d", "d"])
+    one_line("no sensor varies", classifier.fit, [np.ones((5, 4, 4))] * 4, ["c", "c", "d", "d"])
     assert classifier.classes_.tolist() == ["a", "b"]
     assert (classifier.predict_proba(recordings()) == before).all()

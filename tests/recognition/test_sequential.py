@@ -38,16 +38,14 @@ TEMPERATURES = [8.0, 4.0, 2.0, 0.5]
     ],
 )
 def test_it_stops_at_the_first_frame_that_is_certain_or_at_the_last(confidence_threshold, count, correct):
-    right, _, taken = SequentialTrials(RIGHT, CERTAINTY).stopped(confidence_threshold)
-    assert (right.tolist(), taken.tolist()) == ([correct], [count])
-
-
-def test_the_summary_by_hand():
-    scores = sequential_scores(SequentialTrials(RIGHT, CERTAINTY), 0.6, np.array([0, 1, 1]), np.random.default_rng(0))
-    assert scores["confidence_threshold"] == 0.6
-    assert scores["frames"] == pytest.approx(2)
-    assert scores["error"]["mean"] == 0
-    assert scores["calibration_error"] == pytest.approx((0.25 + 0.3 + 0.6) / 3)  # right, with 0.75, 0.7 and 0.4
+    trials = SequentialTrials(RIGHT, CERTAINTY)
+    right, _, used = trials.stopped(confidence_threshold)
+    assert (right.tolist(), used.tolist()) == ([correct], [count])
+    scores = sequential_scores(trials, confidence_threshold, np.array([0, 1, 1]), np.random.default_rng(0))
+    assert scores["confidence_threshold"] == confidence_threshold
+    assert scores["frames"] == pytest.approx(np.mean(count)) and scores["error"]["mean"] == 1 - np.mean(correct)
+    if confidence_threshold == 0.6:  # all are right, with a confidence of 0.75, 0.7 and 0.4
+        assert scores["calibration_error"] == pytest.approx((0.25 + 0.3 + 0.6) / 3)
 
 
 @given(st.integers(1, 6), st.lists(st.integers(0, 3), min_size=1, max_size=30), st.integers(0, 1000))
@@ -87,22 +85,17 @@ def test_each_number_of_frames_has_its_own_temperature_in_trials():
 
 
 def evaluated(confidence_threshold, temperatures):
-    params = recipe(
-        "finetune.num_views=random", "split.validation=0.25", f"evaluate.confidence_threshold={confidence_threshold}"
-    )
+    changes = "finetune.num_views=random", "split.validation=0.25"
+    params = recipe(*changes, f"evaluate.confidence_threshold={confidence_threshold}")
     return evaluate_table(trained(), table(), params.cluster, params.evaluate, CPU, 0, temperatures, timed=False)
 
 
 def test_evaluation_reports_sequential_trials_where_asked_and_all_else_unchanged():
     plain, sequential = evaluated(0, None).metrics, evaluated(0.9, [1.0] * 4).metrics
-    assert set(sequential) - set(plain) == {"sequential"}
-    assert plain["object"] == sequential["object"]
+    assert set(sequential) - set(plain) == {"sequential"} and plain["object"] == sequential["object"]
     assert 1 <= sequential["sequential"]["frames"] <= 4
     assert evaluated(0.999999, [50.0] * 4).metrics["sequential"]["frames"] == 4
-
-
-def test_sequential_trials_of_a_classifier_that_is_not_calibrated_are_refused():
-    with pytest.raises(UserError, match=r"evaluate\.confidence_threshold is 0\.9.*not calibrated"):
+    with pytest.raises(UserError, match=r"evaluate\.confidence_threshold is 0\.9"):  # it is not calibrated
         evaluated(0.9, None)
 
 
@@ -116,16 +109,13 @@ def recogniser(tmp_path_factory) -> Recogniser:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_probabilities_of_fewer_views_are_calibrated(recogniser, count):
-    frames = table()
-    index = frames.on(TEST)[:count]
-    probabilities = recogniser.probabilities(
-        frames.counts[index][None], frames.baseline_mean[frames.baseline[index[0]]]
-    )
+    frames, index = table(), table().on(TEST)[:count]
+    baseline = frames.baseline_mean[frames.baseline[index[0]]]
     with torch.inference_mode():
         values = trained().frame_values(CPU.frames(torch.from_numpy(frames.inputs(index))))
         logits = trained().logits(values, torch.arange(count)[None])
     expected = (logits / TEMPERATURES[count - 1]).softmax(dim=-1)
-    np.testing.assert_allclose(probabilities, expected, atol=1e-5)
+    np.testing.assert_allclose(recogniser.probabilities(frames.counts[index][None], baseline), expected, atol=1e-5)
 
 
 def test_the_recogniser_asks_for_no_more_frames_than_it_needs(recogniser):
@@ -141,18 +131,21 @@ def test_the_recogniser_asks_for_no_more_frames_than_it_needs(recogniser):
         np.testing.assert_allclose(probabilities, recogniser.probabilities(counts[None, :taken])[0], rtol=1e-5)
 
 
-def test_no_frames_more_than_v_and_what_is_no_probability_are_refused(recogniser):
-    for count in (0, 5):
-        with pytest.raises(UserError, match=r"counts has shape .*; expected .* \(any, 1 to 4, 12, 12\)"):
-            recogniser.probabilities(np.zeros((1, count, 12, 12)))
-    with pytest.raises(UserError, match="frames holds none"):
-        recogniser.predict_sequential([], 0.9)
-    for confidence_threshold in (90, -1, float("nan")):
-        with pytest.raises(UserError, match=r"confidence threshold is .*; expected a probability, 0 to 1"):
-            recogniser.predict_sequential([np.zeros((12, 12))], confidence_threshold)
+@pytest.mark.parametrize("count", [0, 5])
+def test_no_frames_and_more_than_v_are_refused(recogniser, count):
+    with pytest.raises(UserError, match=r"any, 1 to 4, 12, 12"):
+        recogniser.probabilities(np.zeros((1, count, 12, 12)))
 
 
-def test_a_classifier_of_v_views_takes_no_fewer(tmp_path):
-    save_classifier(tmp_path / "classifier.pt", trained(), recipe().model, table())
-    with pytest.raises(UserError, match=r"takes 4 views and no fewer; fine-tune it with finetune\.num_views"):
-        Recogniser(tmp_path / "classifier.pt").predict_sequential([np.zeros((12, 12))], 0.9)
+@pytest.mark.parametrize(
+    ("frames", "threshold", "message"),
+    [
+        ([], 0.9, "frames"),
+        ([np.zeros((2, 12, 12))], 0.9, r"\(2, 12, 12\)"),
+        ([np.zeros((12, 12))], 90, "threshold is 90"),
+        ([np.zeros((12, 12))], float("nan"), "threshold is nan"),
+    ],
+)
+def test_what_is_no_sequence_or_no_probability_is_refused(recogniser, frames, threshold, message):
+    with pytest.raises(UserError, match=message):
+        recogniser.predict_sequential(frames, threshold)

@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import softmax
 
 from tactile_viewgcn.sensors import kernels
-from tactile_viewgcn.sensors.kernels import BLOCKS, Kernel, KernelRidge, SupportVectors, block_weights, some_points
+from tactile_viewgcn.sensors.kernels import BLOCKS, Kernel, KernelRidge, SupportVectors, block_weights, sampled
 
 APART = np.arange(20).reshape(2, 10) % 2 + np.arange(2)[:, None] == 0  # five sensors, none with another in its block
 NO_BLOCKS = SimpleNamespace(live=APART, seed=0)
@@ -60,8 +60,8 @@ def test_the_kernel_is_exact_where_points_lie_far_from_0(row):
 def test_of_many_points_some_are_taken_and_of_every_class_one(monkeypatch):
     monkeypatch.setattr(kernels, "MOST_POINTS", 30)
     points, labels = np.arange(300.0)[:, None] * np.ones(5), np.r_[np.zeros(298, int), 1, 2]
-    some, of_some = some_points(points, labels, 0)
-    assert 30 <= len(some) <= 33 and set(of_some) == {0, 1, 2} and (labels[some[:, 0].astype(int)] == of_some).all()
+    taken, classes = sampled(points, labels, 0)
+    assert 30 <= len(taken) <= 33 and set(classes) == {0, 1, 2} and (labels[taken[:, 0].astype(int)] == classes).all()
     for classifier in (KernelRidge(), SupportVectors()):
         assert len(classifier.fit(points, labels, NO_BLOCKS).points) <= 33
         assert classifier.predict_proba(points).shape == (300, 3)

@@ -1,4 +1,4 @@
-"""Systems on the sensors: what they answer is what scikit-learn's pipelines answer, joined by hand."""
+"""Systems on the sensors answer as scikit-learn's estimators on the same values, joined by hand."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,7 +13,6 @@ from sklearn.svm import SVC
 
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
-from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors import forest, max_network, pipelines
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.estimators import MOST_SETS, TrainingFrames
@@ -32,7 +31,6 @@ PLAIN = {
     "trees": lambda: ExtraTreesClassifier(500, random_state=0),
     "logistic": lambda: LogisticRegression(max_iter=500),
 }
-
 SEED = SimpleNamespace(seed=0)
 
 
@@ -80,14 +78,14 @@ def counts_above(index: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
-@pytest.mark.parametrize("name", PLAIN)
-def test_answers_are_the_plain_estimators_averaged_by_hand(name):
+@pytest.mark.parametrize(("name", "paths"), [("logistic", 0), ("trees", forest.MOST_PATHS), ("trees", 300)])
+def test_answers_are_the_plain_estimators_averaged_by_hand(monkeypatch, name, paths):
+    monkeypatch.setattr(forest, "MOST_PATHS", paths)  # all trees at once, or a few at a time
     frames = table()
-    assert frames.transform == "clip"  # and yet the pipeline reads counts
-    train = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
-    test = np.flatnonzero(frames.side == TEST)
-    unit = contact_unit(counts_above(train))
-    points = [np.log1p(np.maximum(counts_above(index) / np.float32(unit), 0)) for index in (train, test)]
+    assert frames.transform == "clip"  # and yet the system reads counts
+    train, test = np.flatnonzero(frames.anchor & (frames.side == TRAIN)), np.flatnonzero(frames.side == TEST)
+    unit = np.float32(contact_unit(counts_above(train)))
+    points = [np.log1p(np.maximum(counts_above(index) / unit, 0)) for index in (train, test)]
     expected = PLAIN[name]().fit(points[0], frames.label[train]).predict_proba(points[1]).astype(np.float32)
     classifier = fitted(name)
     values = classifier.frame_values(inputs(test))
@@ -100,8 +98,7 @@ def test_answers_are_the_plain_estimators_averaged_by_hand(name):
 @pytest.mark.parametrize("name", [*PLAIN, "kernel", "svm", "max_logistic", "max_kernel", "max_network"])
 def test_equal_trainings_give_equal_files_and_answers_better_than_chance(tmp_path, name):
     params, frames, classifier = alone(name), table(), fitted(name)
-    again = fitted(name)
-    for folder, one in (("first", classifier), ("again", again)):
+    for folder, one in (("first", classifier), ("again", fitted(name))):
         save_classifier(tmp_path / folder / "classifier.pt", one, params.model, frames)
     assert (tmp_path / "first/classifier.pt").read_bytes() == (tmp_path / "again/classifier.pt").read_bytes()
     loaded, _ = load_classifier(tmp_path / "first/classifier.pt")
@@ -119,21 +116,17 @@ def test_a_class_without_training_frames_is_never_answered():
     assert probabilities.shape[1] == 4 and (probabilities[:, 2] == 0).all()
 
 
-def test_trees_are_fewer_where_their_leaves_would_hold_too_much_and_in_a_comparison(monkeypatch):
-    frames = data()  # 72 of 3 classes
-
-    def count(frames):
-        return len(MEMBERS["trees"]().fit(frames).fitted[1].roots)
-
-    for most, trees in ((150 * 72 * 3, 150), (50 * 72 * 3, 100), (10**9, 500)):
-        monkeypatch.setattr(forest, "MOST_LEAF_VALUES", most)
-        assert count(frames) == trees
-    assert count(replace(frames, quick=True)) == 100
-
-
-@pytest.mark.parametrize(("quick", "sets"), [(False, 10), (True, 4)])
-def test_a_comparison_fits_to_fewer_view_sets(quick, sets):
-    assert len(MEMBERS["max_kernel"]().fit(replace(data(), quick=quick)).fitted[4].points) == 6 * sets
+@pytest.mark.parametrize(
+    ("most", "quick", "trees", "sets"),
+    [(150 * 72 * 3, False, 150, 10), (50 * 72 * 3, False, 100, 10), (10**9, False, 500, 10), (10**9, True, 100, 4)],
+)
+def test_fewer_trees_where_their_leaves_would_hold_too_much_and_in_a_comparison_fewer_sets(
+    monkeypatch, most, quick, trees, sets
+):
+    frames = replace(data(), quick=quick)  # 72 of 3 classes, in 6 pools
+    monkeypatch.setattr(forest, "MOST_LEAF_VALUES", most)
+    assert len(MEMBERS["trees"]().fit(frames).fitted[1].roots) == trees
+    assert len(MEMBERS["max_kernel"]().fit(frames).fitted[4].points) == 6 * sets
 
 
 def test_view_sets_stay_in_a_pool_and_have_its_label():
@@ -141,16 +134,12 @@ def test_view_sets_stay_in_a_pool_and_have_its_label():
     sets, labels = frames.view_sets(5)
     assert [of_size.shape for of_size in sets] == [(30, 1), (30, 4)]
     for members, label in zip([*sets[0], *sets[1]], [*labels, *labels], strict=True):
-        assert len(set(frames.pools[members])) == 1
-        assert set(frames.labels[members]) == {label}
+        assert len(set(frames.pools[members])) == 1 and set(frames.labels[members]) == {label}
         assert len(set(members)) == len(members)  # there are enough frames
     assert all((first == second).all() for first, second in zip(sets, frames.view_sets(5)[0], strict=True))
-
-
-def test_frames_repeat_where_a_pool_has_fewer_and_large_pools_give_more_sets():
-    assert data(frames=2).view_sets(5)[0][0].shape == (30, 4)
-    assert data(frames=400).view_sets(5)[0][0].shape == (600, 4)  # a hundred of each pool
-    assert len(data(pools=60, frames=400).view_sets(5)[0][0]) == 60 * (MOST_SETS // 60)
+    # frames repeat where a pool has fewer, and large pools give more sets
+    for pools, size, count in ((6, 2, 30), (6, 400, 600), (60, 400, 60 * (MOST_SETS // 60))):
+        assert data(pools, size).view_sets(5)[0][0].shape == (count, 4)
 
 
 def test_view_sets_mix_neither_objects_nor_split_groups_nor_recordings(monkeypatch):
@@ -165,19 +154,21 @@ def test_view_sets_mix_neither_objects_nor_split_groups_nor_recordings(monkeypat
     assert all(len(np.unique(whole[:, pools == pool], axis=1).T) == 1 for pool in np.unique(pools))
 
 
-def test_sizes_are_powers_of_two_and_all_views():
+@pytest.mark.parametrize(
+    ("names", "sizes", "takes_fewer"),
+    [
+        (["kernel", "max_kernel"], (1, 2, 4), True),
+        (["kernel"], (4,), True),
+        (["kernel", "max_kernel"], (4,), False),
+        (["kernel", "max_network"], (1, 2, 4), False),
+    ],
+)
+def test_fewer_views_are_asked_of_systems_that_were_fitted_to_them(names, sizes, takes_fewer):
+    assert classifier_of(names, data(sizes=sizes)).takes_fewer == takes_fewer
+
+
+def test_each_size_has_an_estimator_of_the_maximum_and_sizes_in_between_take_the_smaller():
     assert [powers_of_two(views) for views in (8, 12, 1)] == [(1, 2, 4, 8), (1, 2, 4, 8, 12), (1,)]
-
-
-def test_fewer_views_are_asked_of_what_was_fitted_to_them():
-    def takes_fewer(*names, sizes=(1, 2, 4)):
-        return classifier_of(names, data(sizes=sizes)).takes_fewer
-
-    assert takes_fewer("kernel", "max_kernel") and takes_fewer("kernel", sizes=(4,))
-    assert not takes_fewer("kernel", "max_kernel", sizes=(4,)) and not takes_fewer("kernel", "max_network")
-
-
-def test_each_size_has_a_pipeline_of_the_maximum_and_sizes_in_between_take_the_smaller():
     frames = data(sizes=(2, 4))
     system = MEMBERS["max_logistic"]().fit(frames)
     sets, labels = frames.view_sets(10)
@@ -193,7 +184,7 @@ def test_each_size_has_a_pipeline_of_the_maximum_and_sizes_in_between_take_the_s
     assert (system.logits(values[:, ::-1]) == system.logits(values)).all()
 
 
-def test_the_network_learns_view_sets_of_every_size_and_sees_their_maximum_alone(monkeypatch):
+def test_the_network_learns_view_sets_of_every_size_and_reads_their_maximum_alone(monkeypatch):
     monkeypatch.setattr(max_network, "SHIFT", 0)  # the objects here are a row apart
     frames, before = data(sizes=(1, 2, 4)), torch.get_rng_state()
     system = MEMBERS["max_network"]().fit(frames)
@@ -214,10 +205,8 @@ def test_maps_are_shifted_by_a_row_or_a_column_at_most():
     assert moved.tolist() == [[0, 4, 5], [0, 7, 8], [0, 0, 0]]
 
 
-@pytest.mark.parametrize(
-    "names", [["logistic", "kernel"], ["trees", "max_kernel"], ["logistic", "max_kernel", "trees", "max_logistic"]]
-)
-def test_the_ensemble_adds_its_members_logarithms(names):
+@pytest.mark.parametrize("names", [["trees", "max_kernel"], ["logistic", "max_kernel", "trees", "max_logistic"]])
+def test_an_ensemble_adds_its_members_logarithms(names):
     frames = data()
     classifier = classifier_of(names, frames)
     sets, expected = frames.view_sets(1)[0][0], 0
@@ -228,28 +217,14 @@ def test_the_ensemble_adds_its_members_logarithms(names):
     np.testing.assert_allclose(classifier.logits(values, torch.from_numpy(sets)), expected, rtol=1e-5, atol=1e-5)
 
 
-def test_a_glove_of_another_scale_gets_the_same_answers(tmp_path):
-    """Counts and baselines a thousand times as large: the unit takes care of it."""
-    frames, params, answers = table(), alone("max_kernel"), []
-    counts = frames.counts[np.arange(len(frames))] * 1000.0
-    larger = replace(frames, counts=counts, baseline_mean=frames.baseline_mean * 1000.0)
-    for scaled in (frames, larger):
-        save_classifier(tmp_path / "classifier.pt", fitted("max_kernel", scaled), params.model, scaled)
-        counts = scaled.counts[np.flatnonzero(scaled.side == TEST)[:8]].reshape(2, 4, *scaled.live.shape)
-        answers.append(Recogniser(tmp_path / "classifier.pt").probabilities(counts))
-    np.testing.assert_allclose(*answers, rtol=1e-3)
-
-
 def test_members_are_those_that_params_allows():
     assert MEMBERS.keys() == set(get_args(Member))
 
 
-def test_statistics_and_directions_are_those_of_the_frames():
+def test_statistics_and_directions_by_hand():
     values = np.array([[[1.0, 0.0], [3.0, 0.0], [2.0, 4.0]]], dtype=np.float32)
-    mean, std, largest, least, median = np.split(pipelines.statistics(values)[0], 5)
-    np.testing.assert_allclose(mean, [2, 4 / 3], rtol=1e-6)
-    np.testing.assert_allclose(std, [(2 / 3) ** 0.5, (32 / 9) ** 0.5], rtol=1e-6)
-    assert (largest == [3, 4]).all() and (least == [1, 0]).all() and (median == [2, 0]).all()
+    expected = [2, 4 / 3, (2 / 3) ** 0.5, (32 / 9) ** 0.5, 3, 4, 1, 0, 2, 0]  # mean, std, maximum, minimum, median
+    np.testing.assert_allclose(pipelines.statistics(values), [expected], rtol=1e-6)
     np.testing.assert_allclose(pipelines.direction(values), [[0.6, 0.8]], rtol=1e-6)
     assert (pipelines.direction(0 * values) == 0).all()
 
