@@ -87,12 +87,12 @@ def test_frames_are_spread_evenly(indices, expected):
         (np.full((5, *SHAPE), np.inf, np.float16), "counts holds inf in frame 0, row 0, column 0"),
     ],
 )
-def test_another_layout_type_or_no_numbers_are_refused(counts, message):
+def test_a_different_layout_or_type_and_numbers_that_are_not_finite_are_refused(counts, message):
     with pytest.raises(UserError, match=f"^{message}"):
         answer_recording(recogniser(), counts)
 
 
-def test_whole_counts_are_the_same_in_any_type_of_numbers(tmp_path):
+def test_whole_counts_of_any_type_have_the_same_answer(tmp_path):
     counts = recording("pen", 54)
     same = [answer_recording(recogniser(), counts.astype(kind)).probabilities for kind in (np.int16, np.uint16, float)]
     np.testing.assert_allclose(same[1:], [same[0]] * 2, atol=1e-6)
@@ -109,7 +109,7 @@ def test_whole_counts_are_the_same_in_any_type_of_numbers(tmp_path):
         ("weak", lambda counts: 500 + (counts - 500) // 6, r"weak.h5: .*above \d"),
     ],
 )
-def test_a_file_of_fractions_or_of_another_scale_is_refused(tmp_path, name, change, message):
+def test_a_file_of_fractions_or_of_a_different_scale_is_refused(tmp_path, name, change, message):
     write(tmp_path / f"{name}.h5", change(recording("ball", 55)))
     with pytest.raises(UserError, match=message):
         answered(recogniser(), tmp_path / f"{name}.h5")

@@ -16,7 +16,7 @@ NEAREST = 0.5 / np.sqrt(2)  # distance of the two recordings of a; those of b ar
 
 
 def frames_with(maps):
-    """Frames whose recordings have these maps: each reads the same in all of its frames, 500 counts above nothing."""
+    """Frames of recordings that have these maps: all frames of a recording are equal, 500 counts above the readings."""
     every = [(label, values) for label, recordings in enumerate(maps.values()) for values in recordings]
     label, number = (np.repeat(column, FRAMES) for column in ([one[0] for one in every], np.arange(len(every))))
     readings = np.repeat([np.where(np.array(one[1]) > 0, np.exp(one[1]), 0) for one in every], FRAMES, axis=0)

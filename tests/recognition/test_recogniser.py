@@ -1,4 +1,4 @@
-"""The trained recogniser and its file."""
+"""The trained recogniser: probabilities of raw counts, baselines, refusals."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from tests.glove_data import CPU, recipe, table, trained
 
 @pytest.fixture
 def saved(tmp_path):
-    """The trained classifier's checkpoint."""
+    """The trained classifier's file."""
     path = tmp_path / "classifier.pt"
     save_classifier(path, trained(), recipe().model, table())
     return path
@@ -43,7 +43,7 @@ def test_many_view_sets_are_classified_a_few_at_a_time(saved, monkeypatch):
     np.testing.assert_allclose(recogniser.probabilities(counts), whole, rtol=1e-5)
 
 
-def test_an_offset_of_a_billion_takes_nothing_of_the_excess(tmp_path):
+def test_an_offset_of_a_billion_costs_no_digits_of_the_excess(tmp_path):
     frames = replace(table(), counts=table().counts[np.arange(len(table()))].astype(np.int32))
     save_classifier(tmp_path / "c.pt", trained(), recipe().model, frames)
     recogniser = Recogniser(tmp_path / "c.pt")
@@ -63,7 +63,7 @@ def test_a_session_with_many_baselines_has_their_mean(tmp_path):
 
 
 @pytest.mark.parametrize("shape", [(4, 12, 12), (2, 3, 12, 12), (2, 4, 12, 13), (2, 4, 12, 12, 1)])
-def test_counts_of_another_shape_are_refused_and_none_have_no_probabilities(saved, shape):
+def test_counts_of_a_different_shape_are_refused_and_no_counts_have_no_probabilities(saved, shape):
     with pytest.raises(UserError, match="counts") as error:
         Recogniser(saved).probabilities(np.zeros(shape))
     assert str(shape) in str(error.value) and "(any, 4, 12, 12)" in str(error.value)
@@ -78,7 +78,7 @@ def test_counts_of_another_shape_are_refused_and_none_have_no_probabilities(save
         ("monday", "baseline is 'monday'"),
     ],
 )
-def test_a_baseline_that_is_no_baseline_is_refused(saved, baseline, message):
+def test_wrong_baselines_are_refused(saved, baseline, message):
     with pytest.raises(UserError, match=message):
         Recogniser(saved).probabilities(np.zeros((1, 4, 12, 12)), baseline)
     with pytest.raises(UserError, match=r"'monday'.*000"):
@@ -87,7 +87,7 @@ def test_a_baseline_that_is_no_baseline_is_refused(saved, baseline, message):
 
 @pytest.mark.parametrize("system", ["view_gcn", "stag", "cnn_lstm", "conv_lstm", "gvcnn"])
 @pytest.mark.parametrize("transform", ["clip", "log"])
-def test_a_saved_system_gives_a_user_the_probabilities_that_evaluation_has(tmp_path, system, transform):
+def test_a_saved_system_has_the_same_probabilities_as_in_the_evaluation(tmp_path, system, transform):
     torch.manual_seed(0)
     params, frames = recipe(f"model.system={system}", "model.backbone.width=8"), replace(table(), transform=transform)
     classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, params.model, (12, 12)).eval()

@@ -1,4 +1,4 @@
-"""Frames are observed only while they are needed."""
+"""Sequential prediction: no more frames are observed than the confidence needs."""
 
 from types import SimpleNamespace
 
@@ -37,7 +37,7 @@ TEMPERATURES = [8.0, 4.0, 2.0, 0.5]
         (1.0, [3, 3, 3], [False, True, True]),
     ],
 )
-def test_it_stops_at_the_first_frame_that_is_certain_or_at_the_last(confidence_threshold, count, correct):
+def test_it_stops_at_the_first_confident_frame_or_at_the_last(confidence_threshold, count, correct):
     trials = SequentialTrials(RIGHT, CERTAINTY)
     right, _, used = trials.stopped(confidence_threshold)
     assert (right.tolist(), used.tolist()) == ([correct], [count])
@@ -75,7 +75,7 @@ def test_logits_after_each_frame_are_those_of_the_frames_so_far():
 
 
 def test_each_number_of_frames_has_its_own_temperature_in_trials():
-    """A classifier whose logits are the first frame's one-hot features: confidences by hand."""
+    """A classifier whose logits are the first frame's one-hot features, so that confidences are worked out by hand."""
     first = SimpleNamespace(views=2, logits=lambda values, sets: values[sets[:, 0]])
     trials = sequential_trials(
         first, [2.0, 0.5], torch.eye(2), np.arange(2), np.zeros(2, dtype=int), np.arange(2), [np.random.default_rng(0)]
@@ -146,6 +146,6 @@ def test_no_frames_and_more_than_v_are_refused(recogniser, count):
         ([np.zeros((12, 12))], float("nan"), "threshold is nan"),
     ],
 )
-def test_what_is_no_sequence_or_no_probability_is_refused(recogniser, frames, threshold, message):
+def test_wrong_frames_and_thresholds_are_refused(recogniser, frames, threshold, message):
     with pytest.raises(UserError, match=message):
         recogniser.predict_sequential(frames, threshold)

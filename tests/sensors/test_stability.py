@@ -1,6 +1,6 @@
-"""Every candidate of the preset `best` on extreme readings, numbers of classes and of views, through its unit.
+"""Every candidate of the preset `best` on extreme readings, numbers of classes and of views, in the glove's unit.
 
-Objects that press sensors of their own have to be told apart wherever the readings leave anything to tell them by.
+Objects that press different sensors have to be distinguished wherever the readings differ.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ LABELS = np.repeat(np.arange(3), 24)
 COUNTS = np.random.default_rng(0).normal(0, 1, (72, 9))
 COUNTS[np.arange(72), LABELS] += 60  # an object presses one sensor
 STRENGTH = np.random.default_rng(0).normal(0, 1, (72, 1)) + 60 * LABELS[:, None]
-TELLING = {  # counts (n, S) above the baseline of three objects, and standard deviation of their noise if it is known
+DISTINCT = {  # counts (n, S) above baseline of three objects, and the standard deviation of their noise
     "a constant sensor": (np.concatenate([COUNTS[:, :8], np.full((72, 1), 500.0)], axis=1), 1.0),
     "a sensor that reads 0": (np.concatenate([COUNTS[:, :8], np.zeros((72, 1))], axis=1), 1.0),
     "0 and the most of 16 bits": (np.where(COUNTS > 30, 65535.0, 0.0), np.inf),
@@ -31,7 +31,7 @@ BLANK = {"all equal": np.ones((72, 9)), "all 0": np.zeros((72, 9)), "below the b
 
 
 def training(counts, labels, *, noise=1.0, live=WHOLE, views=4, pool=12):
-    """Frames of recordings of `pool` frames as the pipeline fits to them, in units."""
+    """Frames in units, as the pipeline fits systems to them, of recordings of `pool` frames each."""
     frames = (counts / np.float32(contact_unit(counts, noise))).astype(np.float32)
     return TrainingFrames(
         frames, labels, labels.max() + 1, np.arange(len(labels)) // pool, views, (views,), live, 0, True
@@ -39,7 +39,7 @@ def training(counts, labels, *, noise=1.0, live=WHOLE, views=4, pool=12):
 
 
 def answers(name, data):
-    """Logits (P, classes) of a view set of 50 pools at most, evenly spaced, or of each; and its label (P,)."""
+    """Logits (P, classes) and labels (P,) of a view set from each pool, or from 50 of them, evenly spaced."""
     system, pools = MEMBERS[name]().fit(data), np.unique(data.pools)
     pools = pools[:: -(-len(pools) // 50)]
     sets = np.stack([np.resize(np.flatnonzero(data.pools == pool), data.views) for pool in pools])
@@ -48,21 +48,21 @@ def answers(name, data):
 
 
 def wrong(name, data):
-    """Share of wrong answers; infinite where a logit is none."""
+    """Share of wrong answers; infinite where a logit is not finite."""
     logits, labels = answers(name, data)
     return float((logits.argmax(axis=1) != labels).mean()) if np.isfinite(logits).all() else np.inf
 
 
 @pytest.mark.stability("candidates on extreme readings")
 @pytest.mark.parametrize("name", CANDIDATES)
-def test_every_candidate_tells_objects_apart_by_extreme_readings(row, name):
-    for case, (counts, noise) in TELLING.items():
+def test_every_candidate_distinguishes_objects_by_extreme_readings(row, name):
+    for case, (counts, noise) in DISTINCT.items():
         row(f"wrong answers, {case}, {name}", wrong(name, training(counts, LABELS, noise=noise)))
 
 
 @pytest.mark.stability("candidates on extreme readings")
 @pytest.mark.parametrize("name", CANDIDATES)
-def test_a_candidate_that_has_nothing_to_go_by_answers_with_numbers(row, name):
+def test_answers_to_readings_without_differences_are_finite(row, name):
     for case, counts in BLANK.items():
         logits, _ = answers(name, training(counts, LABELS))
         row(f"logits that are not finite, {case}, {name}", int((~np.isfinite(logits)).sum()))
@@ -72,7 +72,7 @@ def test_a_candidate_that_has_nothing_to_go_by_answers_with_numbers(row, name):
 @pytest.mark.stability("candidates on extreme readings")
 @pytest.mark.parametrize("name", CANDIDATES)
 def test_every_candidate_answers_by_a_single_live_sensor(row, name):
-    """A light, a firm and no touch; the angle and the first threshold alone leave two of the three."""
+    """A light, a firm and no touch, of which the angle and the first threshold distinguish only two."""
     one = np.eye(3, dtype=bool) & (np.arange(3) == 1)
     tolerance = {"max_kernel_cosine": 1 / 3, "max_logistic": 1 / 3}.get(name, 0.0)
     row(f"wrong answers, one live sensor, {name}", wrong(name, training(STRENGTH, LABELS, live=one)), tolerance)
