@@ -15,7 +15,6 @@ from tactile_viewgcn.frames.contact import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.model_file import STRONG_SHARE, FittedPreprocessing
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -26,13 +25,12 @@ ALL_KEPT = 0.99  # share of the training's frames that the filter kept, from whi
 def check_counts(fitted: FittedPreprocessing, counts: np.ndarray, where: str, *, raw: bool = True) -> None:
     """Raise a UserError, whose message begins with `where`, for counts (..., H, W) that the model does not take.
 
-    These are numbers that are not finite, frames of a different layout, and raw counts that the training's integer type
-    cannot hold.
+    These are frames of a different layout, and raw counts that the training's integer type cannot hold. Whether counts
+    are finite is checked where they come in, see `check_finite` and `checked_blocks`.
 
     Args:
         raw: the baseline is not subtracted yet.
     """
-    check_finite(counts, where)
     if counts.shape[-2:] != fitted.live.shape:
         layout, expected = (" x ".join(map(str, shape)) for shape in (counts.shape[-2:], fitted.live.shape))
         raise UserError(f"{where}: frames of {layout}; expected {expected}, as the model was trained on")

@@ -146,6 +146,7 @@ class Recogniser:
         """The classifier's values (n, ...) of the n frames in counts (..., H, W)."""
         if isinstance(baseline, str) and baseline != "subtracted":
             raise UserError(f"baseline is {baseline!r}; expected an array, None or 'subtracted'")
+        check_finite(counts, "counts")
         check_counts(self.preprocessing, counts, "counts", raw=not isinstance(baseline, str))
         if not isinstance(baseline, str):
             baseline = self.baseline() if baseline is None else baseline

@@ -31,17 +31,13 @@ def first(value):
     return lambda array: array.index_fill(0, torch.tensor([0]), value)
 
 
-def give_leaf_a_child(right):
-    leaf = int((right == torch.arange(len(right))).nonzero()[0])
-    return right.index_fill(0, torch.tensor([leaf]), leaf + 1)
+def leaves_have_children(right):
+    """Each leaf, which is its own child, gets the next node as its right child; but the last."""
+    return (right + (right == torch.arange(len(right)))).clamp(max=len(right) - 1)
 
 
 def calibration(**changes):
     return {"by_frames": [1.0] * 8, "by_recordings": [], "most_frames": 8} | changes
-
-
-def contiguous(change):
-    return lambda array: change(array).contiguous()
 
 
 def nested(depth: int) -> list:
@@ -58,7 +54,7 @@ ALTERED = {
     "a pickle as an array": (f"{ESTIMATOR}/left", Code(), "UnpicklingError"),
     "a tree that loops": (f"{ESTIMATOR}/right", lambda right: right.clamp(max=1), "child"),
     "half a leaf": (f"{ESTIMATOR}/right", first(0), "child"),
-    "a leaf with a child": (f"{ESTIMATOR}/right", give_leaf_a_child, "child"),
+    "a leaf with a child": (f"{ESTIMATOR}/right", leaves_have_children, "child"),
     "a child outside": (f"{ESTIMATOR}/right", first(10**9), "right"),
     "a child below 0": (f"{ESTIMATOR}/left", first(-1), "left"),
     "a feature outside": (f"{ESTIMATOR}/feature", first(80), "feature"),
@@ -69,7 +65,7 @@ ALTERED = {
     "fewer nodes": (f"{ESTIMATOR}/threshold", lambda threshold: threshold[:-1], "threshold"),
     "children as real numbers": (f"{ESTIMATOR}/left", torch.Tensor.double, "left"),
     "leaves without shares": (f"{ESTIMATOR}/shares", lambda shares: shares[:-1], "shares"),
-    "leaves of fewer classes": (f"{ESTIMATOR}/shares", contiguous(lambda shares: shares[:, :2]), "shares"),
+    "leaves of fewer classes": (f"{ESTIMATOR}/shares", lambda shares: shares[:, :2], "shares"),
     "a leaf that is no number": (f"{ESTIMATOR}/shares", lambda shares: shares * np.nan, "finite"),
     "an array missing": (f"{ESTIMATOR}/roots", ABSENT, "roots"),
     "a text as an array": (f"{ESTIMATOR}/roots", "0", "AttributeError"),
@@ -106,8 +102,8 @@ ALTERED = {
 OF_SYSTEMS = {
     "a vector of a different size": ("svm", f"{ESTIMATOR}/centre", lambda centre: centre[1:], "points"),
     "a vector of no class": ("svm", f"{ESTIMATOR}/class_of", first(3), "class_of"),
-    "fewer weights of a vector": ("svm", f"{ESTIMATOR}/weights", contiguous(lambda weights: weights[:, 1:]), "vectors"),
-    "other blocks": ("kernel", f"{ESTIMATOR}/blocks", contiguous(lambda blocks: blocks[:, 1:]), "blocks"),
+    "fewer weights of a vector": ("svm", f"{ESTIMATOR}/weights", lambda weights: weights[:, 1:], "vectors"),
+    "other blocks": ("kernel", f"{ESTIMATOR}/blocks", lambda blocks: blocks[:, 1:], "blocks"),
     "a different estimator": ("kernel", "model/members", ["trees"], "half_squares"),
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "weights"),
     "weights of a different type": ("mvcnn", "learnt/head.classifier.3.bias", torch.Tensor.double, "weights"),
@@ -123,7 +119,7 @@ def altered(path: Path, system: str, place: str, value) -> Path:
     *keys, last = place.split("/")
     for key in keys:
         part = part[int(key)] if isinstance(part, list) else part[key]
-    new = value(part[last]) if callable(value) else value
+    new = value(part[last]).contiguous() if callable(value) else value
     if new is ABSENT:
         del part[last]
     else:
