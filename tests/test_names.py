@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.names import shown, write_csv
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.pages.html import environment, picture
+from tactile_viewgcn.pages.html import environment, svg
 from tactile_viewgcn.plots import confusions, mean_frames
 
 NAME = "m\x1b[31mu\ng\u202e\udcff\uffff"
@@ -46,9 +46,9 @@ def test_pictures_and_pages_show_names():
         confusions({"both": np.eye(2)}, pair),
         mean_frames(np.ones((2, 2, 2)), live, pair, "counts"),
     ):
-        svg = b64decode(picture(figure, NAME).address.partition(",")[2]).decode()
-        ElementTree.fromstring(svg)
-        assert r"m\x1b[31mu\ng" in svg
+        image = b64decode(svg(figure)[0].partition(",")[2]).decode()
+        ElementTree.fromstring(image)
+        assert r"m\x1b[31mu\ng" in image
     assert (
         environment().from_string("<p>{{ name }}</p>\n<b>{{ 3 }}</b>").render(name=NAME) == f"<p>{SHOWN}</p>\n<b>3</b>"
     )

@@ -1,4 +1,4 @@
-"""An evaluated pipeline as its files tell it: of the workspace, of a DVC experiment, or of an MLflow run."""
+"""An evaluated pipeline, read from its files: of the workspace, of a DVC experiment, or of an MLflow run."""
 
 import json
 import re
@@ -24,10 +24,10 @@ MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """What an evaluated pipeline has left.
+    """The files of an evaluated pipeline.
 
     Attributes:
-        name: what it was asked for by; empty for the workspace.
+        name: as the user named it; empty for the workspace.
         metrics, timing: results/metrics.json and timing.json.
         predictions: of every trial.
         records: by stage, see `stages.command`.
@@ -55,7 +55,7 @@ class FinishedRun:
         return self.records["evaluate"]["params"]["changed"]
 
     def notes(self, level: str) -> list[Note]:
-        """What the stages noted of that level, in their order."""
+        """The stages' notes of that level, in the order of the stages."""
         notes = [Note(**note) for record in self.records.values() for note in record["notes"]]
         return [note for note in notes if note.level == level]
 
@@ -68,35 +68,34 @@ def read_run(name: str = "") -> FinishedRun:
             the workspace.
 
     Raises:
-        UserError: no such run; files of it are missing, do not belong together, or are of an earlier version.
+        UserError: no such run; its files are missing, damaged, do not belong together, or are of an earlier version.
     """
-    where, reader = name or "the workspace", _reader(name)
+    where, read_file = name or "the workspace", _reader(name)
 
     def read(path: str) -> bytes:
         try:
-            return reader(path)
+            return read_file(path)
         except FileNotFoundError:
             raise UserError(f"{where}: no {path}; {REMEDY}") from None
 
     contents = {stage: read(f"runs/{stage}.json") for stage in STAGES}
-    with readable(f"{where}: a stage's record in runs/"):
+    metrics, timing = (read(f"results/{file}.json") for file in ("metrics", "timing"))
+    predictions = read("results/predictions.npz")
+    with readable(f"{where}: a file of runs/ or results/"):
         records = {stage: json.loads(content) for stage, content in contents.items()}
+        declared = sum(member.file_size for member in ZipFile(BytesIO(predictions)).infolist())
+        if declared > MOST_TIMES * len(predictions):
+            raise ValueError(f"predictions.npz declares {declared / 1e6:,.0f} MB")
+        run = FinishedRun(
+            name, json.loads(metrics), json.loads(timing), read_predictions(BytesIO(predictions)), records
+        )
         evaluated = records["evaluate"]["inputs"]
-    for stage, record in records.items():
-        if "origin" not in record or not all(isinstance(note, dict) for note in record["notes"]):
-            raise UserError(f"{where}: runs/{stage}.json was written by an earlier version; run `dvc repro --force`")
-        if stage in evaluated and evaluated[stage]["md5"] != md5(contents[stage], usedforsecurity=False).hexdigest():
+    for stage, content in contents.items():
+        if stage in evaluated and evaluated[stage]["md5"] != md5(content, usedforsecurity=False).hexdigest():
             raise UserError(
                 f"{where}: `{stage}` ran again after `evaluate`, so that the results are of an earlier run; {REMEDY}"
             )
-    results = [read(f"results/{file}") for file in ("metrics.json", "timing.json", "predictions.npz")]
-    with readable(f"{where}: a file of results/"):
-        metrics, timing = map(json.loads, results[:2])
-        declared = sum(member.file_size for member in ZipFile(BytesIO(results[2])).infolist())
-        if declared > MOST_TIMES * len(results[2]):
-            raise ValueError(f"predictions.npz declares {declared / 1e6:,.0f} MB")
-        predictions = read_predictions(BytesIO(results[2]))
-    return FinishedRun(name, metrics, timing, predictions, records)
+    return run
 
 
 def _read_file(path: str) -> bytes:
@@ -105,7 +104,7 @@ def _read_file(path: str) -> bytes:
 
 
 def _reader(name: str) -> Callable[[str], bytes]:
-    """What reads a file of that run by its path in the workspace, or raises FileNotFoundError."""
+    """A function that reads a file of that run by its path in the workspace, or raises FileNotFoundError."""
     if not name:
         return _read_file
     if MLFLOW_ID.fullmatch(name):

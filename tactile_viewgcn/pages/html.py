@@ -1,43 +1,31 @@
 """Self-contained HTML pages from the templates in `templates/`: no script, and no request leaves a page.
 
-Jinja2 escapes whatever a template is given, and names are shown, see `names.shown`.
+Jinja2 escapes every value, and `names.shown` escapes control characters.
 """
 
 import base64
 import re
 import warnings
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.names import shown
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.schema import as_change
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GLOSSARY = "index.md"  # a link to the manual's first page
-NARROWEST = 0.7  # of its width that a picture keeps on a phone; it scrolls sideways then
 PIXELS = 96 / 72  # of a point
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A drawn figure as an SVG: what it shows, its address, its width in pixels and the least that it keeps of it."""
-
-    caption: str
-    address: str
-    width: int
-    narrowest: int
-
-
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """Whether something is good: `good`, `unsure` or `bad`, the answer in a sentence, and the reasons for it."""
 
     kind: str
@@ -45,28 +33,15 @@ class Verdict:
     reasons: list[str]
 
 
-def picture(figure: "Figure", caption: str) -> Picture:
-    """A figure as a template takes it."""
-    from matplotlib import rc_context
-
-    buffer = BytesIO()
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "page"}), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # the browser has the letters that matplotlib's font lacks
-        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None})
-    data = base64.b64encode(buffer.getvalue()).decode()
-    width = PIXELS * float(re.findall(rb'width="([\d.]+)pt"', buffer.getvalue())[0])
-    return Picture(caption, f"data:image/svg+xml;base64,{data}", round(width), round(NARROWEST * width))
-
-
 def render(template: str, **content: Any) -> str:
-    """The whole page; a name that the template uses and is not given is an error."""
+    """The whole page; a name that the template uses and `content` lacks is an error."""
     return environment().get_template(template).render(content)
 
 
 def environment() -> Environment:
-    """Of the templates."""
+    """The templates' environment, with the filters that they use."""
     loader = PackageLoader("tactile_viewgcn.pages")
-    made = Environment(
+    templates = Environment(
         loader=loader,
         autoescape=True,
         undefined=StrictUndefined,
@@ -74,20 +49,16 @@ def environment() -> Environment:
         lstrip_blocks=True,
         finalize=_finalize,
     )
-    made.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", loader.get_source(made, GLOSSARY)[0], re.MULTILINE)[1:]
-    made.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent}
-    made.filters |= {"duration": duration, "lines": _lines}
-    return made
+    glossary = loader.get_source(templates, GLOSSARY)[0]
+    templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
+    templates.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent, "svg": svg}
+    templates.filters |= {"duration": duration, "lines": _lines, "change": _change}
+    return templates
 
 
 def _finalize(value: Any) -> Any:
-    """A value as a page shows it; what is markup already is not touched."""
+    """A text with its control characters shown; markup stays as it is."""
     return shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value
-
-
-def _lines(commands: str) -> Markup:
-    """Commands, one a line."""
-    return Markup("\n").join(map(shown, commands.split("\n")))
 
 
 def write(path: Path, text: str) -> str:
@@ -95,6 +66,18 @@ def write(path: Path, text: str) -> str:
     with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
     return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
+
+
+def svg(figure: "Figure") -> tuple[str, int]:
+    """A figure as the address of an SVG, and its width in pixels."""
+    from matplotlib import rc_context
+
+    buffer = BytesIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "page"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # the browser has the letters that matplotlib's font lacks
+        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None})
+    width = PIXELS * float(re.findall(rb'width="([\d.]+)pt"', buffer.getvalue())[0])
+    return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}", round(width)
 
 
 def percent(share: float) -> str:
@@ -108,6 +91,16 @@ def duration(seconds: float) -> str:
         return f"{seconds:.1f} s"
     minutes, left = divmod(round(seconds), 60)
     return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {left} s"
+
+
+def _lines(commands: str) -> Markup:
+    """Commands, one a line."""
+    return Markup("\n").join(map(shown, commands.split("\n")))
+
+
+def _change(note: Note) -> str:
+    """A chosen value as `key=value`."""
+    return as_change(note.key, note.value)
 
 
 def _anchor(name: str) -> str:

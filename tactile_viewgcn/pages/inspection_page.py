@@ -1,15 +1,14 @@
 """The page of an inspection: whether the recordings can be used, the settings that fit them, and pictures of both."""
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from tactile_viewgcn import plots
 from tactile_viewgcn.frames.baseline import evenly, of_empty_hand
 from tactile_viewgcn.frames.open_hand import frames_by_recording
 from tactile_viewgcn.pages import html, inspection_text
-from tactile_viewgcn.pages.html import Picture, picture
 from tactile_viewgcn.pages.source_inspection import Overview
 from tactile_viewgcn.params import VIRTUAL
-from tactile_viewgcn.schema import as_change
 
 MOST_LINES = 12  # recordings whose time lines are drawn
 MOST_OBJECTS = 48  # whose mean frames are drawn
@@ -20,7 +19,6 @@ STATES = ["varies", "does not vary", "hardly varies", "often at the largest read
 def inspection_page(overview: Overview) -> str:
     """The page as HTML."""
     path, warnings = overview.recordings.path, inspection_text.warnings(overview)
-    noise = plots.mean_frames(overview.noise[None], overview.recordings.live, [""], "counts")
     return html.render(
         "inspection.html",
         title=f"Recordings: {path.name}",
@@ -29,17 +27,14 @@ def inspection_page(overview: Overview) -> str:
         verdict=inspection_text.verdict(overview, warnings),
         facts=inspection_text.facts(overview),
         command="\n".join(inspection_text.command_lines(overview)),
-        settings=[(as_change(note.key, note.value), note.text) for note in overview.settings],
+        settings=overview.settings,
         warnings=warnings,
         tables=inspection_text.tables(overview),
-        pictures={
-            "Objects": [_mean_frames(overview)],
-            "Sessions": [_time_lines(overview)],
-            "Readings": [
-                _sensor_states(overview),
-                picture(noise, "Noise of each sensor: how much it varies without contact."),
-            ],
-        },
+        mean_frames=_mean_frames(overview),
+        time_lines=_time_lines(overview),
+        sensor_states=_sensor_states(overview),
+        noise=plots.mean_frames(overview.noise[None], overview.recordings.live, [""], "counts"),
+        noise_pairs=overview.noise_pairs,
     )
 
 
@@ -50,7 +45,7 @@ def _excess(overview: Overview, index: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return excess, overview.hand.contact[index] & ~of_empty_hand(recordings)[index]
 
 
-def _mean_frames(overview: Overview) -> Picture:
+def _mean_frames(overview: Overview) -> Figure:
     """Mean frame of each object with frames in contact; an empty one where there is none."""
     recordings, label = overview.recordings, overview.label
     sums, number = np.zeros((len(recordings.objects), *recordings.shape)), np.zeros(len(recordings.objects))
@@ -62,15 +57,10 @@ def _mean_frames(overview: Overview) -> Picture:
     frames, names = sums[drawn] / number[drawn, None, None], [recordings.objects[label] for label in drawn]
     if not len(drawn):
         frames, names = sums[:1], ["no contact"]
-    figure = plots.mean_frames(frames, recordings.live, names, "counts above baseline", columns=5)
-    return picture(
-        figure,
-        "Mean of the frames in contact. All objects have the same colours. Grey: no sensor, or one that does not vary. "
-        "Objects that look alike here will be hard to tell apart.",
-    )
+    return plots.mean_frames(frames, recordings.live, names, "counts above baseline", columns=5)
 
 
-def _time_lines(overview: Overview) -> Picture:
+def _time_lines(overview: Overview) -> Figure:
     """The load of the first recording of each object over time."""
     rows = evenly(np.unique(overview.label, return_index=True)[1], MOST_LINES)
     recorded, lines, in_contact = frames_by_recording(overview.recordings), [], []
@@ -80,15 +70,13 @@ def _time_lines(overview: Overview) -> Picture:
         lines.append(np.array([part.mean() for part in np.array_split(excess.mean(axis=1), points)]))
         in_contact.append(np.array([part.mean() for part in np.array_split(contact, points)]))
     names = [overview.recordings.objects[overview.label[row]] for row in rows]
-    figure = plots.time_lines(lines, in_contact, overview.seconds[rows].tolist(), names)
-    return picture(figure, "Mean over all sensors in the first recording of some objects. Filled: in contact.")
+    return plots.time_lines(lines, in_contact, overview.seconds[rows].tolist(), names)
 
 
-def _sensor_states(overview: Overview) -> Picture:
+def _sensor_states(overview: Overview) -> Figure:
     """Sensors that are dead, stuck or saturated, on the layout."""
     states = np.where(overview.recordings.live, 0, 1)
     states[overview.stuck] = 2
     states[overview.saturated] = 3
     numbers = np.bincount(states.ravel(), minlength=len(STATES))
-    names = [f"{name}: {number:,}" for name, number in zip(STATES, numbers, strict=True)]
-    return picture(plots.sensor_states(states, names), "What the sensors do. A place without one does not vary either.")
+    return plots.sensor_states(states, [f"{name}: {number:,}" for name, number in zip(STATES, numbers, strict=True)])

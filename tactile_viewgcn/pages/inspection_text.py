@@ -1,4 +1,4 @@
-"""What an inspection says, on a page and as text of 80 columns: facts, tables, warnings, a verdict and a command."""
+"""The words of an inspection, for a page and as text of 80 columns: facts, tables, warnings, a verdict, a command."""
 
 import shlex
 import textwrap
@@ -40,37 +40,40 @@ class Table(NamedTuple):
 
 def inspection_lines(overview: Overview) -> list[str]:
     """The inspection, the command to use, and the reason of each setting."""
-    lines = [str(overview.recordings.path), *_wrapped(f"{figure} {what}" for figure, what in facts(overview))]
+    lines = [str(overview.recordings.path), *_wrapped(f"{figure} {text}" for figure, text in facts(overview))]
     for table in tables(overview):
         lines += [table.title, *_aligned(table), *_wrapped([table.remark])]
     warned = warnings(overview)
     judged = verdict(overview, warned)
-    answer = " ".join([judged.answer, *judged.reasons])
-    lines += ["Can they be used?", *_wrapped([answer, *(note.text for note in warned)])]
+    lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons])])]
+    lines += _wrapped(note.text for note in warned)
     if command := command_lines(overview):
         lines.append("Until then, to try out the commands" if judged.kind == "bad" else "To use")
         lines += [*_wrapped(map(str, overview.settings)), "", *command]
     return lines
 
 
-def facts(of: Overview) -> list[tuple[str, str]]:
-    """A figure each, and what it is of."""
-    table, (height, width), frames = of.recordings, of.recordings.shape, of.counts["frames"]
-    objects, sessions = several(len(np.unique(of.label)), "object"), several(len(np.unique(of.session)), "session")
+def facts(overview: Overview) -> list[tuple[str, str]]:
+    """Pairs of a figure and a text, which read as one sentence."""
+    table, counts = overview.recordings, overview.counts
+    (height, width), frames = table.shape, counts["frames"]
+    objects = several(len(np.unique(overview.label)), "object")
+    sessions = several(len(np.unique(overview.session)), "session")
     low, middle, high = np.percentile(frames, [0, 50, 100])
     lengths = f"{low:g} to {high:g} frames, median {middle:g}" if low < high else f"{several(int(low), 'frame')} each"
-    pressed = "all are, even the quietest" if of.hand.all_contact else f"{of.hand.sensors} or more sensors are pressed"
-    rate, times = "no", "times of the frames"
-    if of.interval:
-        gaps = f"{several(of.gaps, 'gap')} of more than {GAP} intervals"
-        rate = f"{1 / of.interval:.4g} Hz"
-        times = f"is the frame rate; {gaps}, {np.median(of.seconds):.3g} s a recording"
-    hardly = f"hardly: {of.stuck.sum()}, {LARGEST}: {of.saturated.sum()}"
+    pressed = f"{overview.hand.sensors} or more sensors are pressed"
+    pressed = "all are, even the quietest" if overview.hand.all_contact else pressed
+    often = f"{overview.stuck.sum()} of them hardly, {overview.saturated.sum()} are {LARGEST}"
+    rate, times = "no times", "of frames in the recordings, so no frame rate"
+    if overview.interval:
+        gaps = f"{several(overview.gaps, 'gap')} of more than {GAP} intervals"
+        rate = f"{1 / overview.interval:.4g} Hz"
+        times = f"is the frame rate; {gaps}, {np.median(overview.seconds):.3g} s a recording"
     rows = [
         _counted(frames.sum(), "frame", f" of {height} x {width}, kept as {table.dtype}"),
         _counted(len(frames), "recording", f" of {objects} in {sessions}: {lengths}"),
-        (f"{100 * of.counts['in contact'].sum() / frames.sum():.0f} %", f"of the frames are in contact: {pressed}"),
-        (f"{table.live.sum()} of {table.live.size}", f"sensors vary; {hardly}"),
+        (f"{100 * counts['in contact'].sum() / frames.sum():.0f} %", f"of the frames are in contact: {pressed}"),
+        (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary; {often}"),
         (rate, times),
     ]
     if optional := [name for name in table.columns if name not in EVERY_SOURCE]:
@@ -86,62 +89,67 @@ def facts(of: Overview) -> list[tuple[str, str]]:
 
 
 def _counted(count: int, thing: str, rest: str) -> tuple[str, str]:
-    """A number of things as a figure and what it is of."""
+    """A number of things as a figure and a text."""
     figure, _, things = several(count, thing).partition(" ")
     return figure, things + rest
 
 
-def tables(of: Overview) -> list[Table]:
-    """Objects, sessions, readings, and what was measured of baselines; the chosen one is marked."""
-    flagged = "; flagged is what the recordings say" if "flagged" in of.counts else ""
-    objects = [
-        [of.recordings.objects[label], *(f"{count[of.label == label].sum():,}" for count in of.counts.values())]
-        for label in np.unique(of.label)
-    ]
-    readings = [[name, *("" if np.isnan(x) else f"{x:.4g}" for x in values)] for name, values in of.readings.items()]
+def tables(overview: Overview) -> list[Table]:
+    """Objects, sessions, readings, and the measurements of baselines, the chosen one marked."""
+    label, counts, recordings = overview.label, overview.counts, overview.recordings
+    flagged = "; flagged: by the recordings themselves" if "flagged" in counts else ""
     every_table = [
-        Table("Objects", f"Frames of each kind{flagged}.", ["object", *of.counts], objects),
+        Table(
+            "Objects",
+            f"Frames of each kind{flagged}.",
+            ["object", *counts],
+            [
+                [recordings.objects[one], *(f"{count[label == one].sum():,}" for count in counts.values())]
+                for one in np.unique(label)
+            ],
+        ),
         Table(
             "Sessions",
             "Frames of the empty hand; noise of the median sensor, in counts; drift of the open hand in the median "
             "recording, in standard deviations of noise.",
             ["session", "recordings", "empty hand", "noise", "drift"],
-            [_session(of, number) for number in np.unique(of.session)],
+            [_session(overview, number) for number in np.unique(overview.session)],
         ),
         Table(
             "Readings",
-            "The second row is of sensors in contact. 1 % of the readings are less than what stands under 1 %.",
+            "The second row is of sensors in contact. 1 % of the readings are below the number under 1 %.",
             ["counts", "least", "1 %", "median", "99 %", "most"],
-            readings,
+            [
+                [name, *("" if np.isnan(value) else f"{value:.4g}" for value in values)]
+                for name, values in overview.readings.items()
+            ],
         ),
-        _measured(of),
+        _measured(overview),
     ]
     return [table for table in every_table if table.rows]
 
 
-def _session(of: Overview, number: int) -> list[str]:
-    drift = of.drift[of.session == number]
+def _session(overview: Overview, number: int) -> list[str]:
+    drift = overview.drift[overview.session == number]
     finite = drift[np.isfinite(drift)]
     drifts = f"{np.median(finite):.2g}, at most {finite.max():.2g}" if len(finite) else "-"
-    noise = f"{np.median(of.hand.noise[number]):.3g}"
-    return [of.recordings.sessions[number], f"{len(drift):,}", f"{of.empty[number]:,}", noise, drifts]
+    noise = f"{np.median(overview.hand.noise[number]):.3g}"
+    return [overview.recordings.sessions[number], f"{len(drift):,}", f"{overview.empty[number]:,}", noise, drifts]
 
 
-def _measured(of: Overview) -> Table:
-    errors, leaks, taken = of.choice.errors, of.choice.leaks, of.choice.params.baseline
-    measured: dict[str, tuple[QuickError | None, QuickError | None]] = {
-        kind + " *" * (kind == taken): (error, leaks.get(kind)) for kind, error in errors.items()
-    }
-    measured |= {"all recordings": (of.error, of.leak), "first frame": (None, of.first_frame)}
+def _measured(overview: Overview) -> Table:
+    errors, leaks, taken = overview.choice.errors, overview.choice.leaks, overview.choice.params.baseline
     remark = (
         "Errors of a quick classifier on held-out groups, with a standard error. Without contact: on frames of the "
         "open hand, or on the first frame of a recording; an error below chance there is a leak. All recordings: of "
         "both sides, above the baseline that is taken."
     )
     if errors:
-        by = of.setting("split.by")
+        by = overview.setting("split.by")
         remark += f" The one marked * was chosen on the training side of split.by {by} alone, as preprocess does."
-    rows = [[name, *_errors(*pair)] for name, pair in measured.items() if any(pair)]
+    measured = [(kind + " *" * (kind == taken), error, leaks.get(kind)) for kind, error in errors.items()]
+    measured += [("all recordings", overview.error, overview.leak), ("first frame", None, overview.first_frame)]
+    rows = [[name, *_errors(error, leak)] for name, error, leak in measured if error or leak]
     return Table("Baseline", remark, ["", "error, %", "without contact, %", "chance, %", "leaks"], rows)
 
 
@@ -154,88 +162,87 @@ def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
     return cells
 
 
-def warnings(of: Overview) -> list[Note]:
-    """What may spoil a result with the settings that are recommended, each with what to do about it."""
-    by, notes = of.setting("split.by"), list[Note]()
+def warnings(overview: Overview) -> list[Note]:
+    """What may spoil a result with the recommended settings, each with a remedy."""
+    by, stuck, saturated = overview.setting("split.by"), int(overview.stuck.sum()), int(overview.saturated.sum())
+    contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
+    untouched, single = _names(overview, contact == 0), _names(overview, _groups(overview, by) == 1)
+    notes: list[Note] = []
 
     def warn(topic: str, text: str) -> None:
         notes.append(Note(text, "warning", topic))
 
-    if names := _names(of, np.bincount(of.label, of.counts["in contact"], len(of.recordings.objects)) == 0):
-        warn("contact", f"Never in contact: {names}. Record these objects again, held firmly.")
-    if of.leak and of.leak.beats_chance:
-        baseline = f"baseline {of.choice.params.baseline}"
-        remedy = "Record each object in several sessions, in another order in each."
-        warn("leak", f"The object can be recognised before it is touched ({baseline}): {LESS}. {remedy}")
-    if of.first_frame and of.first_frame.beats_chance:
-        leak = "The first frame of a recording, before anything is held, already predicts the object"
+    if untouched:
+        warn("contact", f"Never in contact: {untouched}. Record these objects again, held firmly.")
+    if overview.leak and overview.leak.beats_chance:
+        leak = f"The object can be recognised before it is touched (baseline {overview.choice.params.baseline})"
+        warn("leak", f"{leak}: {LESS}. Record each object in several sessions, in another order in each.")
+    if overview.first_frame and overview.first_frame.beats_chance:
+        leak = "The first frame of a recording, before the hand holds anything, already predicts the object"
         warn("first frame", f"{leak}: {LESS}. Record the objects in another order in each session.")
-    if of.error and not of.error.beats_chance:
+    if overview.error and not overview.error.beats_chance:
         guessing = "A quick classifier predicts the objects no better than guessing."
         warn("error", f"{guessing} Record more of each, held firmly.")
-    if names := _names(of, _groups(of, by) == 1):
-        once = f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {names}."
+    if single:
+        once = f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {single}."
         warn("split", f"{once} Nothing is left to test with. {TWICE}")
-    if of.gaps > MANY_GAPS * of.counts["frames"].sum():
+    if overview.gaps > MANY_GAPS * overview.counts["frames"].sum():
         remedy = "Look at the cable, and at the program that records."
-        warn("time", f"Frames are missing at {several(of.gaps, 'place')}. {remedy}")
-    if number := int(of.stuck.sum()):
-        warn("stuck", f"{several(number, 'sensor')} hardly {'varies' if number == 1 else 'vary'}. Check their wiring.")
-    if number := int(of.saturated.sum()):
-        sensors = f"{several(number, 'sensor')} {'is' if number == 1 else 'are'} {LARGEST}."
+        warn("time", f"Frames are missing at {several(overview.gaps, 'place')}. {remedy}")
+    if stuck:
+        warn("stuck", f"{several(stuck, 'sensor')} hardly {'varies' if stuck == 1 else 'vary'}. Check their wiring.")
+    if saturated:
+        sensors = f"{several(saturated, 'sensor')} {'is' if saturated == 1 else 'are'} {LARGEST}."
         warn("saturated", f"{sensors} Lower the gain of the electronics, or grip less.")
     return notes
 
 
-def verdict(of: Overview, warned: list[Note]) -> Verdict:
+def verdict(overview: Overview, warned: list[Note]) -> Verdict:
     """Whether the recordings can be trained and tested on."""
-    by = of.setting("split.by")
-    groups = _groups(of, by)
-    if len(np.unique(of.label)) == 1:
-        return Verdict("bad", f"Not yet: {one_class(of.recordings.objects[of.label[0]])}.", [])
+    by = overview.setting("split.by")
+    groups = _groups(overview, by)
+    if len(np.unique(overview.label)) == 1:
+        return Verdict("bad", f"Not yet: {one_class(overview.recordings.objects[overview.label[0]])}.", [])
     if (groups > 1).sum() < 2:
         return Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
     fewest = several(int(groups[groups > 0].min()), by)
     reasons = ["Each object is on both published sides." if by == "source" else f"Each object has {fewest} or more."]
-    if of.leak and not of.leak.beats_chance:
+    if overview.leak and not overview.leak.beats_chance:
         reasons.append("Without contact the objects cannot be told apart, as it should be.")
     if warned:
         return Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", reasons)
     return Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
 
 
-def command_lines(of: Overview) -> list[str]:
-    """The command `dvc exp run` with these settings, in lines of a shell that go on after a backslash.
+def command_lines(overview: Overview) -> list[str]:
+    """The command `dvc exp run` with the recommended settings, in lines of a shell that go on after a backslash.
 
-    None for recordings of one class, which no setting makes usable.
-
-    What `auto` decides is left to it: `preprocess` does not look at the test side for that.
+    None for recordings of one class, which no setting makes usable. Every `auto` of `preprocess` stays `auto`: unlike
+    an inspection, `preprocess` does not look at the test side.
     """
-    if len(np.unique(of.label)) == 1:
+    if len(np.unique(overview.label)) == 1:
         return []
-    path, chosen = of.recordings.path, of.settings
+    path, settings = overview.recordings.path, overview.settings
     tracked = path == Path(VIRTUAL) or path.absolute().with_name(f"{path.name}.dvc").exists()
     source = path if tracked else path.absolute()  # a temporary folder holds what git and DVC track alone
-    presets = [f"$(tactile-viewgcn preset {note.value})" for note in chosen if note.key == "preset"]
-    changes = [as_change("data.source", str(source))]
+    presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
+    values = {"data.source": str(source)}
     if files_below(path, ARRAYS):
-        changes.append(as_change("data.shape", list(of.recordings.shape)))
-    changes += [
-        as_change(note.key, note.value) for note in chosen if not note.key.startswith(("preset", "preprocess."))
-    ]
-    lines = [" ".join(["dvc exp run", *presets]), *(f"  -S {shlex.quote(change)}" for change in changes)]
-    return " \\\n".join(lines).split("\n")
+        values["data.shape"] = list(overview.recordings.shape)
+    values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
+    options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]
+    return " \\\n".join([" ".join(["dvc exp run", *presets]), *options]).split("\n")
 
 
-def _names(of: Overview, chosen: np.ndarray) -> str:
+def _names(overview: Overview, chosen: np.ndarray) -> str:
     """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
-    names = [of.recordings.objects[label] for label in np.unique(of.label) if chosen[label]]
+    names = [overview.recordings.objects[label] for label in np.unique(overview.label) if chosen[label]]
     return listed([name for name in names if name != EMPTY_HAND])
 
 
-def _groups(of: Overview, by: str) -> np.ndarray:
-    """How many groups of the recommended split each object has, (O,); recordings where single frames are held out."""
-    return of.groups["recording" if by == "frame" else by]
+def _groups(overview: Overview, by: str) -> np.ndarray:
+    """Number of each object's groups (O,) in the recommended split; of recordings where single frames are held out."""
+    return overview.groups["recording" if by == "frame" else by]
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:

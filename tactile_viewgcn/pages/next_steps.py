@@ -1,4 +1,4 @@
-"""What to do after a run, the most urgent first."""
+"""Advice after a run, the most urgent first."""
 
 import shlex
 from itertools import starmap
@@ -8,12 +8,12 @@ from tactile_viewgcn.pages.outcome import Outcome
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.systems import on_sensors
 
-FOLDED = ("recording", "grasp", "session")  # of `split.by`, what folds are made of
-LEARNING = ("model.", "pretrain.", "finetune.")  # parameters that a preset is about
+FOLDED = ("recording", "grasp", "session")  # values of `split.by` that have folds
+LEARNING = ("model.", "pretrain.", "finetune.")  # parameters that a preset sets
 
 
 class Step(NamedTuple):
-    """Something to do next: what, why, and the command, which may be empty."""
+    """A piece of advice: what to do, why, and the command, which may be empty."""
 
     what: str
     why: str = ""
@@ -21,13 +21,13 @@ class Step(NamedTuple):
 
 
 def next_steps(outcome: Outcome) -> list[Step]:
-    """What to do, the most urgent first."""
+    """The steps that the outcome suggests, the most urgent first."""
     run, params, changed = outcome.run, outcome.run.params, outcome.run.changed
     by, network, steps = params["split.by"], not on_sensors(params["model.system"]), list[Step]()
     if outcome.warnings:
         remedies = {note.key: note.value for note in outcome.warnings if note.key in params and note.value is not None}
         command = again(changed | remedies) if remedies else ""
-        steps.append(Step("Mend what is warned of, and run again.", command=command))
+        steps.append(Step("Mend the causes of the warnings, and run again.", command=command))
     if outcome.guesses:
         why = "The page shows contact, mean frames and faulty sensors, and the settings that fit."
         shape = params.get("data.shape", "auto")
@@ -39,7 +39,7 @@ def next_steps(outcome: Outcome) -> list[Step]:
         why = "A network that gives one answer always has not learnt yet."
         steps.append(Step("Train longer.", why, again(changed | longer)))
     if by == "frame":
-        why = "Only then the error says how well a new recording is answered. Each object needs two recordings."
+        why = "Only then does the error say how well a new recording is recognised. Each object needs two recordings."
         steps.append(Step("Hold out whole recordings.", why, again(changed | {"split.by": "recording"})))
     if outcome.uncertain and not run.simulated:
         why = "More recordings of each object, in more sessions. More frames of the same recordings hardly help."

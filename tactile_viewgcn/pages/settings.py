@@ -17,18 +17,18 @@ def _choice(key: str, value: str | int, reason: str) -> Note:
 
 
 def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
-    """What to hold out: recordings, grasps where more objects have two of them, or single frames."""
+    """Hold out recordings, or grasps where more objects have two of them, or single frames."""
     if "source" in groups and (groups["source"][groups["recording"] > 0] == 2).all():
         return [_choice("split.by", "source", "every object is on both published sides")]
     counts = {by: groups[by][groups["recording"] > 0] for by in ("recording", "grasp") if by in groups}
-    by = max(counts, key=lambda by: (counts[by] >= 2).sum())  # the first of two that are as many: recordings
+    by = max(counts, key=lambda by: (counts[by] >= 2).sum())  # recordings, if as many objects have two of them
     if (counts["recording"] >= 2).sum() >= 0.5 * len(counts["recording"]):
         by = "recording"
     repeated = counts[by] >= 2
     if repeated.sum() < 2:
         few = "one recording an object" if not repeated.any() else "only one object has two recordings"
-        reason = f"{few}: nothing can be held out. Frames beside each other are on both sides, and the "
-        return [_choice("split.by", "frame", f"{reason}error says nothing about a new recording: record each twice")]
+        reason = f"{few}: no whole recording can be held out. Neighbouring frames are on both sides, and the error "
+        return [_choice("split.by", "frame", f"{reason}says nothing about a new recording: record each twice")]
     single, fewest = int((~repeated).sum()), int(counts[by][repeated].min())
     alone = f"; {several(single, 'object')} {'has' if single == 1 else 'have'} one and cannot be tested" * (single > 0)
     folds = min(MOST_FOLDS, fewest)
@@ -52,5 +52,5 @@ def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
             "lowest"
         )
         settings.append(_choice("preset", "best", reason))
-        settings = [note for note in settings if note.key != "preprocess.scale"]  # which networks alone read
+        settings = [note for note in settings if note.key != "preprocess.scale"]  # networks alone read it
     return settings

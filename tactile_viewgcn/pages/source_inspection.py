@@ -1,22 +1,20 @@
-"""What the text and the page of an inspection show: a rehearsal of `preprocess`, and facts that only they need."""
+"""What an inspection shows: a rehearsal of `preprocess`, and further facts of the recordings."""
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly, of_empty_hand
-from tactile_viewgcn.frames.choose import Choice, choose, contact_readings, measure
+from tactile_viewgcn.frames.choose import choose, contact_readings, measure
 from tactile_viewgcn.frames.contact import session_medians
 from tactile_viewgcn.frames.leak import check_first_frames
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
-from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.frames.sides import deal
 from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
-from tactile_viewgcn.notes import Note
 from tactile_viewgcn.pages.settings import preprocess_settings, split_settings
 from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream
@@ -24,71 +22,13 @@ from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 
 PERCENTILES = (0, 1, 50, 99, 100)
-SAMPLE = 2000  # frames of which percentiles are computed
+SAMPLE = 2000  # frames for percentiles, pairs of frames for noise
 STUCK = 0.1  # of the median sensor's noise
-SATURATED = 0.01  # share of frames at the largest reading there is
+SATURATED = 0.01  # share of frames at the largest reading of all sensors
 GAP = 2.5  # median intervals: frames are missing
 
 
-@dataclass(frozen=True)
-class Overview:
-    """What is shown of R recordings with frames, of O objects.
-
-    Attributes:
-        recordings: the table; its frames stay mapped after its file is gone.
-        choice: what `preprocess` chooses with the recommended split.
-        settings: recommended values with reasons, of level `choice`.
-        label, session: (R,) index of each recording's object and session.
-        counts: (R,) numbers of each recording's frames by their kind: `frames`, `in contact`, `open hand` and, where
-            the source flags that an object is held, `flagged`; `recordings` are ones.
-        empty: (sessions,) frames of the empty hand.
-        groups: by `split.by`, each object's number of groups (O,), 0 of the empty hand's.
-        error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
-            where no whole groups can be held out.
-        first_frame: error on the first frame of each recording; None where all frames are contact.
-        seconds: (R,) from first to last frame; NaN where the source has no time.
-        interval: median seconds between frames, or None; gaps: intervals of more than 2.5 times that.
-        drift: (R,) largest change of the open hand, see `_drift`.
-        readings: percentiles (5,) 0, 1, 50, 99 and 100 of `all` readings in counts, and of those of sensors in contact
-            `above the baseline`; NaN without any.
-        stuck: bool (H, W) sensors that vary by less than a tenth of the median sensor's noise.
-        saturated: bool (H, W) sensors that read the largest number that any does in more than 1 % of the frames; none
-            where only one reading is that large.
-        noise: (H, W) standard deviation of a sensor without contact, the median of the sessions.
-    """
-
-    recordings: Recordings
-    choice: Choice
-    settings: list[Note]
-    label: np.ndarray
-    session: np.ndarray
-    counts: dict[str, np.ndarray]
-    empty: np.ndarray
-    groups: dict[str, np.ndarray]
-    error: QuickError | None
-    leak: QuickError | None
-    first_frame: QuickError | None
-    seconds: np.ndarray
-    interval: float | None
-    gaps: int
-    drift: np.ndarray
-    readings: dict[str, np.ndarray]
-    stuck: np.ndarray
-    saturated: np.ndarray
-    noise: np.ndarray
-
-    @property
-    def hand(self) -> OpenHand:
-        """Where the hand is open, and where it is in contact."""
-        assert self.choice.hand  # all is `auto`
-        return self.choice.hand
-
-    def setting(self, key: str) -> str:
-        """The recommended value of a parameter."""
-        return next(str(note.value) for note in self.settings if note.key == key)
-
-
-def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Overview:
+def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> "Overview":
     """Inspect a source in any form that `ingest` reads, see `open_source`.
 
     Raises:
@@ -97,65 +37,90 @@ def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> Ove
     """
     with recordings_of(path, layout=layout) as recordings:
         asked = load(DEFAULTS).preprocess
-        return overview(
+        return Overview(
             recordings, replace(asked, baseline="auto", filter="auto", contact_sensors="auto", scale="auto")
         )
 
 
-def overview(recordings: Recordings, asked: PreprocessSection) -> Overview:
-    """Inspect the table of raw counts: split and settings are those that `preprocess` takes with the recommended ones.
+class Overview:
+    """What an inspection shows of R recordings with frames, of O objects.
+
+    Split and settings are those that `preprocess` takes with the recommended ones.
 
     Args:
-        asked: every value that is chosen here is `auto`.
+        recordings: the table of raw counts.
+        asked: settings of `preprocess`; `auto` where this chooses.
+
+    Attributes:
+        recordings: the table; its frames stay mapped after its file is gone.
+        settings: recommended values with reasons, of level `choice`.
+        choice: what `preprocess` chooses with the recommended split; hand: its frames of the open hand and of contact.
+        label, session: (R,) index of each recording's object and session.
+        counts: (R,) number of each recording's frames by kind: `frames`, `in contact`, `open hand` and, where the
+            source flags that an object is held, `flagged`; `recordings` are ones.
+        empty: (sessions,) frames of the empty hand.
+        groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand.
+        error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
+            where no whole groups can be held out.
+        first_frame: error on the first frame of each recording; None where all frames are contact.
+        seconds: (R,) from first to last frame; NaN where the source has no time.
+        interval: median seconds between frames, or None; gaps: number of intervals of more than 2.5 times that.
+        drift: (R,) largest change of the open hand, see `_drift`.
+        readings: percentiles (5,) 0, 1, 50, 99 and 100 of `all` readings in counts, and of those of sensors in contact
+            `above the baseline`; NaN without any.
+        stuck: bool (H, W) sensors that vary by less than a tenth of the median sensor's noise.
+        saturated: bool (H, W) sensors that read the largest number that any does in more than 1 % of the frames; none
+            where only one reading is that large.
+        noise: (H, W) standard deviation of a sensor's changes between successive frames, divided by the root of two;
+            noise_pairs: number of pairs of open-hand frames that show it, 0 where the changes are of all frames.
     """
-    columns, empty, recorded = recordings.columns, of_empty_hand(recordings), frames_by_recording(recordings)
-    first, groups = np.array([index[0] for index in recorded]), _groups(recordings, empty)
-    settings = split_settings(groups)
-    split = replace(load(DEFAULTS).split, **{note.key.removeprefix("split."): note.value for note in settings})
-    rng = stream(SPLIT_SEED, "preprocess")
-    sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
-    choice = choose(recordings, asked, sides)
-    hand, kind = choice.hand, choice.params.baseline
-    assert hand  # all is `auto`
-    everything = replace(sides, side=np.full_like(sides.side, TRAIN))
-    errors, leaks = measure(recordings, hand, {kind: choice.baseline}, everything) if sides.whole else ({}, {})
-    kinds = {"frames": np.ones(len(recordings), dtype=bool), "in contact": hand.contact, "open hand": hand.open}
-    if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
-        kinds["flagged"] = flags[0]
-    counts = {name: np.array([mask[index].sum() for index in recorded]) for name, mask in kinds.items()}
-    interval, gaps, seconds = _sampling([columns["time"][index] for index in recorded])
-    above = contact_readings(recordings, hand, choice.baseline, np.ones(len(recordings), dtype=bool))
-    sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
-    smallest, largest, at_largest = _extremes(hand, recorded)
-    noise = np.median(hand.noise[np.unique(columns["session"][first])], axis=0)
-    stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
-    saturated = (at_largest / len(recordings) > SATURATED) & (at_largest.sum() > 1)
-    return Overview(
-        recordings=recordings,
-        choice=choice,
-        settings=[*preprocess_settings(recordings, choice), *settings],
-        label=columns["object"][first],
-        session=columns["session"][first],
-        counts={"recordings": np.ones(len(recorded), dtype=np.int64)} | counts,
-        empty=np.bincount(columns["session"][empty], minlength=len(recordings.sessions)),
-        groups=groups,
-        error=errors.get(kind),
-        leak=leaks.get(kind),
-        first_frame=None if hand.all_contact else check_first_frames(recordings, hand),
-        seconds=seconds,
-        interval=interval,
-        gaps=gaps,
-        drift=_drift(hand, recorded, columns["session"][first]),
-        readings={
+
+    def __init__(self, recordings: Recordings, asked: PreprocessSection):
+        columns, empty, recorded = recordings.columns, of_empty_hand(recordings), frames_by_recording(recordings)
+        first, everything = np.array([index[0] for index in recorded]), np.ones(len(recordings), dtype=bool)
+        self.recordings, self.label, self.session = recordings, columns["object"][first], columns["session"][first]
+        self.groups = _groups(recordings, empty)
+        settings = split_settings(self.groups)
+        split = replace(load(DEFAULTS).split, **{note.key.removeprefix("split."): note.value for note in settings})
+        rng = stream(SPLIT_SEED, "preprocess")
+        sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
+        self.choice = choice = choose(recordings, asked, sides)
+        self.settings = [*preprocess_settings(recordings, choice), *settings]
+        assert choice.hand  # all is `auto`
+        self.hand = hand = choice.hand
+
+        kind, all_training = choice.params.baseline, replace(sides, side=np.full_like(sides.side, TRAIN))
+        errors, leaks = measure(recordings, hand, {kind: choice.baseline}, all_training) if sides.whole else ({}, {})
+        self.error, self.leak = errors.get(kind), leaks.get(kind)
+        self.first_frame = None if hand.all_contact else check_first_frames(recordings, hand)
+
+        kinds = {"frames": everything, "in contact": hand.contact, "open hand": hand.open}
+        if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
+            kinds["flagged"] = flags[0]
+        self.counts = {"recordings": np.ones(len(recorded), dtype=np.int64)}
+        self.counts |= {name: np.array([mask[index].sum() for index in recorded]) for name, mask in kinds.items()}
+        self.empty = np.bincount(columns["session"][empty], minlength=len(recordings.sessions))
+        self.interval, self.gaps, self.seconds = _sampling([columns["time"][index] for index in recorded])
+        self.drift = _drift(hand, recorded, self.session)
+
+        above = contact_readings(recordings, hand, choice.baseline, everything)
+        sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
+        smallest, largest, at_largest = _extremes(hand, recorded)
+        self.readings = {
             "all": np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
-            "above the baseline": np.percentile(above, PERCENTILES)
-            if len(above)
-            else np.full(len(PERCENTILES), np.nan),
-        },
-        stuck=_on_layout(stuck, recordings.live),
-        saturated=_on_layout(saturated, recordings.live),
-        noise=_on_layout(noise, recordings.live),
-    )
+            "above the baseline": np.percentile(above, PERCENTILES) if len(above) else np.full(5, np.nan),
+        }
+        noise = np.median(hand.noise[np.unique(self.session)], axis=0)
+        stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
+        saturated = (at_largest / len(recordings) > SATURATED) & (at_largest.sum() > 1)
+        open_noise, self.noise_pairs = _open_noise(hand, recorded)
+        layouts = np.zeros((3, *recordings.shape))
+        layouts[:, recordings.live] = stuck, saturated, open_noise if self.noise_pairs else noise
+        self.stuck, self.saturated, self.noise = layouts[0] > 0, layouts[1] > 0, layouts[2]
+
+    def setting(self, key: str) -> str:
+        """The recommended value of a parameter."""
+        return next(str(note.value) for note in self.settings if note.key == key)
 
 
 def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
@@ -168,13 +133,6 @@ def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
             pairs = np.unique(np.stack([columns["object"], columns["split"] if by == "source" else group]), axis=1)
             groups[by] = np.bincount(pairs[0], minlength=len(recordings.objects))
     return groups
-
-
-def _on_layout(values: np.ndarray, live: np.ndarray) -> np.ndarray:
-    """Values (S,) of the live sensors as (H, W); 0 elsewhere."""
-    layout = np.zeros(live.shape, dtype=values.dtype)
-    layout[live] = values
-    return layout
 
 
 def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:
@@ -207,3 +165,14 @@ def _extremes(hand: OpenHand, recorded: list[np.ndarray]) -> tuple[float, float,
     smallest, largest = (float(end([end(hand.counts[index]) for index in recorded])) for end in (np.min, np.max))
     at_largest = sum((hand.counts[index] == largest).sum(axis=0) for index in recorded)
     return smallest, largest, np.asarray(at_largest)
+
+
+def _open_noise(hand: OpenHand, recorded: list[np.ndarray]) -> tuple[np.ndarray, int]:
+    """Noise (S,) of the open hand, and the number of pairs of successive frames that it is measured on; 0 of too few.
+
+    In all frames a light grip would count as noise.
+    """
+    before, after = (np.concatenate([index[part] for index in recorded]) for part in (slice(-1), slice(1, None)))
+    pairs = evenly(np.flatnonzero(hand.open[before] & hand.open[after]), SAMPLE)
+    changes = hand.counts[after[pairs]].astype(np.float64) - hand.counts[before[pairs]]
+    return (changes.std(axis=0) / np.sqrt(2), len(pairs)) if len(pairs) >= MIN_FRAMES else (np.zeros(0), 0)

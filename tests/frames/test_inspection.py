@@ -11,7 +11,7 @@ from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.notes import warnings_of
 from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
-from tactile_viewgcn.pages.source_inspection import inspect_source, overview
+from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
@@ -38,7 +38,7 @@ def recommended(page):
 
 def inspected(recordings, *changes):
     """The inspection of a table of recordings; contact is of five sensors."""
-    return overview(recordings, load(FILE, ("preprocess.contact_sensors=5", *changes)).preprocess)
+    return Overview(recordings, load(FILE, ("preprocess.contact_sensors=5", *changes)).preprocess)
 
 
 def preprocessed(recordings, *changes):

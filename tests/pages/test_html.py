@@ -1,4 +1,4 @@
-"""HTML pages: what is given is escaped, and nothing leaves the page."""
+"""HTML pages: texts are escaped, and no request leaves a page."""
 
 import base64
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from tactile_viewgcn.pages.html import Verdict, duration, environment, picture
+from tactile_viewgcn.pages.html import Verdict, duration, environment, svg
 from tactile_viewgcn.pages.next_steps import Step
 
 NASTY = '<script>alert("x")</script> & "Öl" 気'
@@ -24,7 +24,7 @@ PAGE = """
 {% call page.table([text, "error"], "tn") %}
 <tr><td>{{ page.named(text, text) }}</td><td class="n">{{ page.bar(0.5) }}</td></tr>
 {% endcall %}
-{{ page.picture(image) }}
+{{ page.picture(figure, text) }}
 {% endcall %}
 {% endblock %}
 """
@@ -60,14 +60,14 @@ def text_of(page):
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", page.partition("<body>")[2])))
 
 
-def drawn(title="a", caption="b"):
+def drawn(title="a"):
     figure = Figure(figsize=(2, 1))
     figure.add_subplot().set_title(title, parse_math=False)
-    return picture(figure, caption)
+    return figure
 
 
 def page_of(text):
-    content = {"verdict": Verdict("bad", text, [text]), "step": Step(text, text, text), "image": drawn(caption=text)}
+    content = {"verdict": Verdict("bad", text, [text]), "step": Step(text, text, text), "figure": drawn()}
     return environment().from_string(PAGE).render(title=text, text=text, **content)
 
 
@@ -92,9 +92,9 @@ def test_every_page_ends_with_the_manual_s_glossary():
 
 
 def test_a_picture_is_an_svg_with_its_letters_as_text():
-    svg = base64.b64decode(drawn("Öl 気 $x$").address.partition("base64,")[2]).decode()
-    assert ">Öl 気 $x$</text>" in svg and "<script" not in svg
-    assert drawn() == drawn(), "equal pictures give equal pages"
+    image = base64.b64decode(svg(drawn("Öl 気 $x$"))[0].partition("base64,")[2]).decode()
+    assert ">Öl 気 $x$</text>" in image and "<script" not in image
+    assert svg(drawn()) == svg(drawn()), "equal pictures give equal pages"
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(3.74, "3.7 s"), (119.7, "2 min 0 s"), (3599.6, "1 h 0 min")])

@@ -1,5 +1,6 @@
-"""The page of an inspection, of a glove made so that everything on it is known."""
+"""The page of an inspection, of a glove whose facts are chosen."""
 
+from copy import copy
 from dataclasses import replace
 
 import h5py
@@ -32,21 +33,30 @@ def overview(tmp_path_factory):
     return inspect_source(folder)
 
 
-def test_the_page_says_what_the_inspection_found(overview):
+def test_the_page_shows_the_facts_and_the_settings(overview):
     page = inspection_page(overview)
     text = text_of(page)
-    assert "12 recordings of 3 objects in 2 sessions" in text and "95 of 96 sensors vary; hardly: 0" in text
+    assert "12 recordings of 3 objects in 2 sessions" in text and "95 of 96 sensors vary; 0 of them hardly" in text
     assert all(name in text for name in NAMES) and "-S 'data.source=\"" in text
     assert all(note.text in text and note.key in text for note in overview.settings)
     assert verdict(overview, warnings(overview)).kind == "good"  # most healthy sensors are pressed by no object
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
+    assert "light grip" not in text and "light grip" in text_of(inspection_page(changed(overview, noise_pairs=0)))
+    timed = changed(overview, interval=0.05, seconds=np.full(12, 3.0))
+    assert (facts(overview)[4][0], facts(timed)[4][0]) == ("no times", "20 Hz")
 
 
-def test_what_was_not_measured_has_no_table_and_flags_are_spoken_of_where_there_are_some(overview):
+def test_noise_is_that_of_the_open_hand_and_contact_adds_nothing(overview):
+    live = overview.recordings.live
+    np.testing.assert_allclose(overview.noise[live], 0.02, rtol=0.3)
+    assert 0 < overview.noise_pairs < overview.counts["open hand"].sum() and overview.noise[~live].tolist() == [0]
+
+
+def test_only_measured_baselines_have_a_table_and_only_flags_of_the_source_a_column(overview):
     titles = [table.title for table in tables(overview)]
     assert titles == ["Objects", "Sessions", "Readings", "Baseline"]
     choice, counts = replace(overview.choice, errors={}), overview.counts | {"flagged": overview.counts["frames"]}
-    unmeasured = replace(overview, choice=choice, error=None, leak=None, first_frame=None, counts=counts)
+    unmeasured = changed(overview, choice=choice, error=None, leak=None, first_frame=None, counts=counts)
     assert [table.title for table in tables(unmeasured)] == titles[:3]
     for each, shown in ((overview, False), (unmeasured, True)):
         objects = tables(each)[0]
@@ -63,7 +73,7 @@ def test_what_was_not_measured_has_no_table_and_flags_are_spoken_of_where_there_
         ([(20, 16, 60), (20, 16, 60)], ""),
     ],
 )
-def test_arrays_whose_axes_may_mean_something_else_are_pointed_out(tmp_path, shapes, hint):
+def test_arrays_whose_axes_may_have_another_meaning_get_a_hint(tmp_path, shapes, hint):
     rng = np.random.default_rng(0)
     for name in ("mug", "pen"):
         (tmp_path / name).mkdir()
@@ -73,11 +83,18 @@ def test_arrays_whose_axes_may_mean_something_else_are_pointed_out(tmp_path, sha
     assert len(hints) == bool(hint) and all(hint in text for text in hints)
 
 
-def with_groups(overview, groups, **changes):
-    """The overview of recordings with other numbers of groups, and the split recommended for them."""
+def changed(overview, **facts):
+    """The overview of recordings with other facts."""
+    other = copy(overview)
+    vars(other).update(facts)
+    return other
+
+
+def with_groups(overview, groups, **facts):
+    """The same with other numbers of groups, and the split recommended for them."""
     groups = {by: np.array(numbers) for by, numbers in groups.items()}
     others = [note for note in overview.settings if not note.key.startswith("split.")]
-    return replace(overview, groups=groups, settings=[*others, *split_settings(groups)], **changes)
+    return changed(overview, groups=groups, settings=[*others, *split_settings(groups)], **facts)
 
 
 def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):

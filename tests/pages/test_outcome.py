@@ -1,4 +1,4 @@
-"""What a run's answers are worth, and what to do next, of runs made up so that the answer is known."""
+"""The worth of a run's answers, and the next steps, of runs with chosen answers."""
 
 from dataclasses import asdict, replace
 
@@ -30,12 +30,12 @@ def finished(answers, *, notes=(), **changes):
     """
     answers = np.repeat(np.array(answers), 10, axis=1)
     labels, predicted = np.repeat(np.arange(3), answers.shape[1]), answers.ravel()
-    groups = np.arange(len(labels)) // 10
-    wrong = (predicted != labels).astype(float)
+    groups, wrong = np.arange(len(labels)) // 10, (predicted != labels).astype(float)
     low, high = proportion_interval(wrong, groups, np.random.default_rng(0))
     score = {"error": {"mean": float(wrong.mean()), "low": low, "high": high}, "top3_error": 0.0}
+    layout = np.zeros(3), np.ones(1)
     predictions = Predictions(
-        {"recording": predicted[None]}, labels, groups, groups.astype(str), np.array(NAMES), np.zeros(3), np.ones(1)
+        {"recording": predicted[None]}, labels, groups, groups.astype(str), np.array(NAMES), *layout
     )
     changed = {key.replace("_", ".", 1): value for key, value in changes.items()}
     values = {"data.source": "my glove", "split.by": "recording", "split.folds": 3, "model.system": "sensors"}
@@ -55,15 +55,8 @@ def advice(run):
 def test_objects_pairs_and_guessing_by_hand():
     labels = np.array([0, 0, 0, 0, 1, 1])  # cup: 4 view sets of two recordings, twice; pen: 2 of one; no tape
     answers = np.array([[0, 0, 1, 2, 1, 1], [0, 1, 1, 0, 1, 0]])
-    predictions = Predictions(
-        {"recording": answers},
-        labels,
-        groups=labels,
-        recordings=np.array(["c1", "c1", "c2", "c2", "p1", "p1"]),
-        classes=np.array(["cup", "pen", "tape"]),
-        mean_frames=np.zeros((3, 2, 2)),
-        live=np.ones((2, 2), dtype=bool),
-    )
+    names, recordings = np.array(["cup", "pen", "tape"]), np.array(["c1", "c1", "c2", "c2", "p1", "p1"])
+    predictions = Predictions({"recording": answers}, labels, labels, recordings, names, np.zeros(3), np.ones(1))
     outcome = Outcome(replace(finished(FEW), predictions=predictions))
     assert outcome.tested == "3 recordings, 1 to 2 of each object"
     assert outcome.objects == [("cup", 2, 8, 0.5, "pen (37.5\xa0%)"), ("pen", 1, 4, 0.25, "cup (25.0\xa0%)")]
@@ -71,31 +64,27 @@ def test_objects_pairs_and_guessing_by_hand():
     assert outcome.chance == pytest.approx(2 / 6) and outcome.only == ""
 
 
+QUEUE = "-S split.fold=0,1,2 -S views=4\ndvc q"
+LONGER = "-S pretrain.epochs=60 -S finetune.epochs=30"
+SIMULATED = {"data_source": "data/virtual/recordings"}
+
+
 @pytest.mark.parametrize(
     ("answers", "changes", "kind", "reason", "first_step", "command"),
     [
         (RIGHT, {}, "good", "whole interval lies below", "Ask the classifier about new", PREDICT),
-        (
-            FEW,
-            {"views": 4},
-            "unsure",
-            "6 recordings, 2 of each",
-            "Record more.",
-            "-S split.fold=0,1,2 -S views=4\ndvc q",
-        ),
+        (FEW, {"views": 4}, "unsure", "6 recordings, 2 of each", "Record more.", QUEUE),
         (ALWAYS_BALL, {}, "bad", "Every answer was ball", "See whether", "inspect 'my glove' --html inspection.html"),
-        (ALWAYS_BALL, {"model_system": "view_gcn"}, "bad", "guessing", "See whether", "-S pretrain.epochs=60 -S finet"),
+        (ALWAYS_BALL, {"model_system": "view_gcn"}, "bad", "guessing", "See whether", LONGER),
         (RIGHT, {"split_by": "frame"}, "unsure", "Single frames", "Hold out whole", "-S split.by=recording"),
-        (RIGHT, {"data_source": "data/virtual/recordings"}, "good", "", "Take your own", "inspect data/my_glove"),
+        (RIGHT, SIMULATED, "good", "", "Take your own", "inspect data/my_glove"),
     ],
 )
-def test_the_verdict_and_what_to_do_follow_from_error_interval_and_split(
-    answers, changes, kind, reason, first_step, command
-):
+def test_verdict_and_steps_follow_from_error_interval_and_split(answers, changes, kind, reason, first_step, command):
     judged, steps, commands = advice(finished(answers, **changes))
     assert judged.kind == kind and reason in " ".join(judged.reasons)
     assert steps[0].startswith(first_step) and command in commands
-    assert ("predict" in commands) == (kind != "bad" and "data_source" not in changes)
+    assert ("predict" in commands) == (kind != "bad" and changes != SIMULATED)
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,8 @@ from tactile_viewgcn import cli
 from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.notes import Note
-from tactile_viewgcn.pages import run_page as module
+from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.finished_run import read_run
-from tactile_viewgcn.pages.html import Picture
 from tactile_viewgcn.pages.run_page import run_page
 from tests.glove_data import SMALL
 from tests.pages.test_html import parsed, text_of
@@ -78,7 +77,7 @@ def test_the_page_says_what_the_files_say(workspace):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages without pictures, whose drawing takes longer than all else."""
-    monkeypatch.setattr(module, "picture", lambda figure, caption: Picture(caption, "data:", 100, 70))
+    monkeypatch.setattr(html, "svg", lambda _: ("data:", 100))
 
 
 def test_a_section_is_shown_where_there_is_something_to_show(workspace, undrawn):
