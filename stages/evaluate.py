@@ -22,8 +22,9 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     metrics, predictions = evaluation.metrics, evaluation.predictions
     write_predictions(out / "predictions.npz", predictions)
     row.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
-    row.tags(report.row_tags(metrics, records))
-    row.parameters(report.row_constants(metrics, records))
+    tags, constants = report.row_tags_and_parameters(metrics, records)
+    row.tags(tags)
+    row.parameters(constants)
     if row.id:
         from tactile_viewgcn.plots import confusions
 

@@ -62,10 +62,9 @@ def training_step(
     config, copy = sample.params.pretrain, deepcopy(backbone).train()
     linear = nn.Linear(copy.features, len(sample.table.classes), device=compute.device)
     optimiser = build_optimiser(config, [{"params": [*copy.parameters(), *linear.parameters()]}])
-    augment = sample.augmentation(config)
-    loss = FrameLoss(copy, linear, augment, compute)
-    loss_of = loss if launched else Replay(loss, loss.parameters(), [augment.rng])
-    return lambda: descend(optimiser, [loss_of(frames, labels)])
+    augment, loss = sample.augmentation(config), FrameLoss(copy, linear, compute)
+    loss_of = loss if launched else Replay(loss, loss.parameters())
+    return lambda: descend(optimiser, [loss_of(augment(frames), labels)])
 
 
 def descend(optimiser: torch.optim.Optimizer, losses: Iterable[Tensor]) -> None:
@@ -84,10 +83,11 @@ def time_finetuning(sample: Sample) -> list[dict]:
     parts = torch.from_numpy(sets).to(frames.device).split(plain.SETS)
     linear = nn.Linear(slow.backbone.features, len(sample.table.classes))
     pretrained = {"backbone": sample.classifier.backbone.state_dict(), "classifier": linear.state_dict()}
-    loss_of = SetLoss(slow, None, sample.augmentation(config), Compute(sample.compute.device, "float32"))
+    augment = sample.augmentation(config)
+    loss_of = SetLoss(slow, None, Compute(sample.compute.device, "float32"))
 
     def plainly() -> None:  # every column is fresh; without a bank nothing else of `sets`, `fresh` and `first` counts
-        descend(optimiser, (loss_of(frames[p].flatten(0, 1), labels[p[:, 0]], p, p, p) for p in parts))
+        descend(optimiser, (loss_of(augment(frames[p].flatten(0, 1)), labels[p[:, 0]], p, p, p) for p in parts))
 
     def fast(reuse: int) -> None:
         finetune = replace(config, epochs=EPOCHS, feature_reuse=reuse, num_views="full")

@@ -29,7 +29,7 @@ from tactile_viewgcn.views.clustering import pool_ids
 SECONDS = 1.0  # for each of the two measurements of latency
 MAX_REPEATS = 50
 MAX_BATCH = 256
-SHARE = 1 / 8  # of the seconds, that a batch may take: slower hardware gets smaller batches
+SHARE = 1 / 8  # of the seconds that a batch may take: slower hardware gets smaller batches
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Evaluation:
     Attributes:
         protocols: trials by protocol.
         predictions: their answers.
-        metrics: sizes and scores, equal on every run with one seed; errors are fractions. Of each protocol, see
-            `scores_of`, and of `recording` how many grasps are `joined`, if not all; of `sequential` prediction, if
-            asked for, see `sequential_scores`.
+        metrics: sizes and scores, equal on every run with one seed; errors are fractions. For each protocol see
+            `scores_of`; `recording` also has the number of grasps `joined`, if not all. For `sequential` prediction,
+            if asked for, see `sequential_scores`.
         seconds: of all trials, including features and clustering.
         latency_ms: see `latency`; empty if it was not measured.
     """
@@ -80,15 +80,14 @@ def evaluate_table(
             "calibrated: fine-tune it with finetune.num_views random and split.validation above 0"
         )
     begin = time.perf_counter()
-    index = table.on(SIDES.index(evaluate.side))
-    anchors = np.flatnonzero(table.anchor[index])
-    frames = FrameInputs(table, index, compute, classifier.transform)
+    sides = {name: table.on(SIDES.index(name)) for name in ("train", evaluate.side)}
+    index = sides[evaluate.side]
+    anchors, frames = np.flatnonzero(table.anchor[index]), FrameInputs(table, index, compute, classifier.transform)
     classifier.prepare(compute)
     with compute.autocast():
         features = classifier.frame_values(frames)
     protocols = all_trials(classifier, features, table, cluster, evaluate, seed, temperatures)
     groups = table.group[index][anchors]
-    sides = {name: table.on(SIDES.index(name)) for name in ("train", evaluate.side)}
     kept = {f"kept_{name}": len(side) for name, side in sides.items()}
     metrics: dict[str, Any] = {
         "views": classifier.views,
@@ -165,7 +164,7 @@ def latency(
     """Milliseconds per view set from network input to logits, alone and in batches of `sets`.
 
     Args:
-        frames: (n, 1, H, W); the view sets timed are its frames over and over, n need not reach V.
+        frames: (n, 1, H, W); the timed view sets repeat them, n may be below V.
         seconds: for each of the two.
 
     Returns:

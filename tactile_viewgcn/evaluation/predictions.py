@@ -1,4 +1,4 @@
-"""The file of every answer of an evaluation: what a paired comparison with another classifier needs."""
+"""The file of every answer of an evaluation, for paired comparisons with other classifiers."""
 
 from dataclasses import dataclass
 from pathlib import Path

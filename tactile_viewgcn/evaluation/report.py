@@ -1,4 +1,4 @@
-"""What evaluate leaves behind: metrics, costs, tables, the row in MLflow and `dvc exp show`, and lines of text."""
+"""The results of `evaluate`: metrics, costs, tables, the row in MLflow and `dvc exp show`, and lines of text."""
 
 import json
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from tactile_viewgcn.names import write_csv
 from tactile_viewgcn.notes import several
 from tactile_viewgcn.schema import flatten
 
-RECORD = ("stage", "seconds", "peak_mb", "inputs", "counts")  # what a stage writes of its run
+RECORD = ("stage", "seconds", "peak_mb", "inputs", "counts")  # the keys of a stage's record that are read here
 DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest
 Records = dict[str, dict[str, Any]]  # of the earlier stages, by stage
 
@@ -60,9 +60,9 @@ def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]
 
 
 def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) -> None:
-    """Write metrics.json and the tables of trials, views, confusion and classes, equal with one seed; and the costs.
+    """Write metrics.json and the tables of trials, views, confusion and classes, and the costs in timing.json.
 
-    The costs are timing.json and those in summary.json, which DVC shows.
+    All but the costs are equal on every run with one seed. DVC shows summary.json, which has some of both.
     """
     metrics, classes = evaluation.metrics, evaluation.predictions.classes.tolist()
     for name, tree in (("metrics", metrics), ("timing", timing), ("summary", summary(metrics, timing))):
@@ -100,24 +100,18 @@ def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, fl
     return summary(metrics, timing) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
 
 
-def row_tags(metrics: dict[str, Any], records: Records) -> dict[str, str]:
-    """Errors with their intervals in words, and what `auto` chose."""
-    scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
-    errors = {
-        f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()
-    }
-    return errors | {name: str(value) for name, value in _counts(records, "resolved.").items()}
+def row_tags_and_parameters(metrics: dict[str, Any], records: Records) -> tuple[dict[str, str], dict[str, float]]:
+    """Tags and parameters of the row.
 
-
-def row_constants(metrics: dict[str, Any], records: Records) -> dict[str, float]:
-    """Numbers of classes, of frames and groups on each side, and of weights: constants, not results."""
-    return flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | _counts(records, "weights.")
-
-
-def _counts(records: Records, prefix: str) -> dict[str, Any]:
-    """What the stages counted under names that begin so."""
+    The tags are errors with their intervals in words, and what `auto` chose; the parameters are numbers of classes, of
+    frames and groups on each side, and of weights.
+    """
     counts = {name: value for record in records.values() for name, value in record["counts"].items()}
-    return {name: value for name, value in counts.items() if name.startswith(prefix)}
+    scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
+    tags = {f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()}
+    tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
+    weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
+    return tags, flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | weights
 
 
 def dataset(records: Records, frames: str, md5: str) -> tuple[str, str]:
@@ -127,7 +121,7 @@ def dataset(records: Records, frames: str, md5: str) -> tuple[str, str]:
 
 
 def summary_lines(metrics: dict, timing: dict) -> list[str]:
-    """What was tested, the error in per cent under each protocol with its interval, and what it cost."""
+    """The number of tests, the error in per cent under each protocol with its interval, and the costs."""
     latency, ((side, groups),) = timing["latency_ms"], metrics["groups"].items()
     lines = [
         f"evaluate: {several(metrics['frames'][side], 'view set')} of {metrics['views']}, "
@@ -161,7 +155,7 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
 
 
 def joined_text(score: dict[str, Any]) -> str:
-    """The words ` of 2 grasps` for a score of metrics.json whose view sets join so many; else nothing."""
+    """The words ` of 2 grasps` for a score of metrics.json whose view sets join as many; else nothing."""
     return "".join(f" of {several(count, unit)}" for unit, count in score.get("joined", {}).items())
 
 

@@ -16,7 +16,7 @@ def calibration_error(confidence: np.ndarray, correct: np.ndarray) -> float:
     The mean over the answers of |mean confidence - share of correct answers| of their bin, of 15 of equal width.
 
     Args:
-        confidence: (n,) probability of the answer that is given; correct: bool (n,).
+        confidence: (n,) probability of the answer; correct: bool (n,).
     """
     bins = np.minimum((confidence * BINS).astype(int), BINS - 1)
     excess = np.bincount(bins, confidence.astype(np.float64) - correct, BINS)

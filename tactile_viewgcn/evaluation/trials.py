@@ -30,8 +30,8 @@ class Trials:
         predicted: int64 (T, A) most probable class.
         correct: bool (T, A).
         in_top3: bool (T, A) whether the true class is among the three most probable.
-        fewer: `correct` by the number of views, where of each view set only so many are classified: 1, 2, 4 and so on
-            below V, the anchor and others at random, more of them each time. Empty where the classifier takes V alone.
+        fewer: `correct` by number of views, 1, 2, 4 and so on below V: the anchor and other views of its set at random,
+            each time those before and more. Empty where the classifier takes V alone.
         empty: clusters without frames, whose views repeat other frames, summed over the trials.
     """
 
@@ -61,29 +61,26 @@ def all_trials(
         temperatures: see `run_trials`.
     """
     index = table.on(SIDES.index(evaluate.side))
+    points, label, anchors = table.points(index), table.label[index], np.flatnonzero(table.anchor[index])
     protocols: dict[str, Trials] = {}
-    points, label = table.points(index), table.label[index]
-    anchors = np.flatnonzero(table.anchor[index])
-    with tqdm(total=len(evaluate.protocols) * evaluate.trials, desc="evaluate", unit="trial", disable=None) as bar:
-        for number, protocol in enumerate(PROTOCOLS):
-            if protocol not in evaluate.protocols:
-                continue
-            joined = evaluate.grasps if protocol == "recording" and evaluate.grasps != "all" else None
-            pool = pool_ids(table, index, "grasp" if joined else protocol)
-            rngs = (stream(seed, "trial", number, trial) for trial in range(evaluate.trials))
-            protocols[protocol] = run_trials(
-                classifier,
-                features,
-                points,
-                label,
-                pool,
-                anchors,
-                cluster,
-                rngs,
-                bar,
-                joined=joined or 1,
-                temperatures=temperatures,
-            )
+    for number, protocol in enumerate(PROTOCOLS):
+        if protocol not in evaluate.protocols:
+            continue
+        joined = evaluate.grasps if protocol == "recording" and evaluate.grasps != "all" else 0
+        pool = pool_ids(table, index, "grasp" if joined else protocol)
+        bar = tqdm(range(evaluate.trials), desc=f"evaluate by {protocol}", unit="trial", disable=None)
+        protocols[protocol] = run_trials(
+            classifier,
+            features,
+            points,
+            label,
+            pool,
+            anchors,
+            cluster,
+            (stream(seed, "trial", number, trial) for trial in bar),
+            joined=joined or 1,
+            temperatures=temperatures,
+        )
     return protocols
 
 
@@ -104,7 +101,7 @@ def check_grasps(table: Frames, evaluate: Evaluate) -> None:
 
 
 def unit_of_grasps(table: Frames) -> str:
-    """What `evaluate.grasps` counts: grasp, or recording where grasps are not numbered."""
+    """The unit of `evaluate.grasps`: grasp, or recording where grasps are not numbered."""
     return "grasp" if table.grasp.any() else "recording"
 
 
@@ -118,7 +115,6 @@ def run_trials(
     anchors: np.ndarray,
     cluster: Cluster,
     rngs: Iterable[np.random.Generator],
-    bar: tqdm,
     *,
     joined: int = 1,
     temperatures: list[float] | None = None,
@@ -126,19 +122,19 @@ def run_trials(
     """Classify one view set per anchor in each trial, each with its own generator and clustering.
 
     A calibrated classifier answers each pool of a view set alone, and the answers' logarithms are added, as `predict
-    --together` does; another takes the frames of all pools as one set. View sets that join pools are classified whole.
+    --together` does; a classifier without temperatures takes the frames of all pools as one set. View sets that join
+    pools are not classified with fewer views.
 
     Args:
         features: (n, C) of the frames; points: (n, d) network input that is clustered; labels, pool: (n,).
         anchors: (A,) indices of the frames that view sets are drawn around.
         rngs: a generator for each trial.
-        joined: pools of one class that a view set joins, each in so many times fewer clusters.
+        joined: number of pools of one class that a view set joins; each has that many times fewer clusters.
         temperatures: of a calibrated classifier, for 1 to V frames.
     """
-    views, scores, empty = classifier.views, None, 0
+    views, empty = classifier.views, 0
     clusters = -(-views // joined)
-    if cluster.method == "kmeans" and clusters > 1:
-        scores = pool_scores(points, pool)
+    scores = pool_scores(points, pool) if cluster.method == "kmeans" and clusters > 1 else None
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
     fewer: dict[int, list[Tensor]] = {}
     sizes = powers_of_two(views)[:-1] if classifier.takes_fewer and joined == 1 else ()
@@ -152,12 +148,11 @@ def run_trials(
             logits = classifier.logits(features, torch.from_numpy(drawn).to(features.device))
         order = logits.argsort(dim=-1, descending=True, stable=True)  # ties to the lowest class
         top.append(order[:, :TOP].cpu())
-        columns = anchor_first(drawn, anchors, rng.spawn(1)[0])  # a generator of its own moves no other draw
+        columns = anchor_first(drawn, anchors, rng.spawn(1)[0])  # a separate generator, so that no other draw changes
         for size in sizes:
             part = torch.from_numpy(np.take_along_axis(drawn, columns[:, :size], axis=1)).to(features.device)
             fewer.setdefault(size, []).append(classifier.logits(features, part).argmax(dim=-1).cpu() == truth)
         empty += int(sets.empty.sum())
-        bar.update()
     best = torch.stack(top)  # (T, A, 3)
     in_top3 = (best == truth[:, None]).any(dim=-1)
     correct = {size: torch.stack(trials).numpy() for size, trials in fewer.items()}

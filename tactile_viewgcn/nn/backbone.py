@@ -1,8 +1,8 @@
 """The modified ResNet-18: a tactile frame to a feature of 128.
 
 He et al., "Deep residual learning for image recognition" (arXiv 1512.03385), with one input channel, two of its four
-stages and dropout between them, as in Sundaram et al. 2019, whose network Tactile-ViewGCN takes over. 674,240 weights,
-trained from scratch.
+stages and dropout between them, as in the network of Sundaram et al. 2019, which Tactile-ViewGCN takes over. It has
+674,240 weights and is trained from scratch.
 """
 
 import math
@@ -89,7 +89,7 @@ class Backbone(nn.Module):
         blocks: of each stage; the paper has two.
         readout: `average` of each map as in the paper, or `grid`: averages of 4 x 4 parts of each map, which keep where
             on the hand a feature is, and a linear layer to as many features.
-        maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision that they are computed in.
+        maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision of their computation.
 
     Attributes:
         features: C, 2 * width.
@@ -138,7 +138,7 @@ def build_backbone(options: BackboneParams, *, maps: bool = False) -> Backbone:
 
 
 class Batched(Protocol):
-    """A tensor (n, ...), or what gives one in parts."""
+    """A tensor (n, ...), or an object that splits into tensors as one does."""
 
     def split(self, size: int, /) -> Iterable[Tensor]: ...
 

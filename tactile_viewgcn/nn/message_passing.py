@@ -23,7 +23,7 @@ class NonLocalMessagePassing(nn.Module):
         self.norm = nn.BatchNorm1d(features)
 
     def received(self, nodes: Tensor) -> Tensor:
-        """r (B, N, C): what each node of `nodes` (B, N, C) receives from all nodes, itself included."""
+        """Sums r (B, N, C) of the messages from all nodes (B, N, C) to each, itself included."""
         sender, receiver = self.message.weight.chunk(2, dim=1)
         sent = functional.linear(nodes, sender)
         return message_sum(functional.linear(nodes, receiver, self.message.bias), sent)
@@ -37,8 +37,8 @@ class NonLocalMessagePassing(nn.Module):
 def message_sum(receivers: Tensor, senders: Tensor) -> Tensor:
     """Sum over the senders j of LeakyReLU(receiver_i + sender_j); receivers, senders (B, N, C) -> (B, N, C).
 
-    At most `MAX_MESSAGES` numbers are held at once, or the messages of one sender; where that takes several parts,
-    their gradients compute the messages again instead of keeping them.
+    At most `MAX_MESSAGES` numbers, or the messages of one sender, are in memory at once. Where that takes several
+    parts, the backward pass computes the messages again instead of keeping them.
     """
     parts = senders.split(max(1, MAX_MESSAGES // max(1, senders.numel())), dim=1)
     if len(parts) == 1:

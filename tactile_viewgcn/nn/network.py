@@ -1,4 +1,4 @@
-"""A network on view sets: the backbone makes features of frames, the head, a system, logits of their view sets."""
+"""A network on view sets: the backbone turns frames into features, the head turns view sets of them into logits."""
 
 import torch
 from torch import Tensor, nn
@@ -10,7 +10,7 @@ from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model
 
 STAG_SHAPE = (32, 32)
-MAX_COORDINATE = 1e9  # of a viewpoint: its square, and what an edge's MLP makes of it, stay inside float32
+MAX_COORDINATE = 1e9  # of a viewpoint: its square, and an edge's MLP of that, stay inside float32
 MAX_NODE_VALUES = 1 << 20  # numbers in the nodes of a batch of view sets; a larger batch gains no speed
 
 
@@ -27,7 +27,7 @@ class ViewNetwork(nn.Module):
         viewpoints: (V, 3).
 
     Raises:
-        UserError: the system cannot be built for so many views, or at these viewpoints; viewpoints that are not
+        UserError: the system cannot be built for this number of views, or at these viewpoints; a coordinate is not
             finite, or beyond `MAX_COORDINATE`.
     """
 
@@ -66,7 +66,7 @@ class ViewNetwork(nn.Module):
         return self.head.takes_fewer and self.head.takes == "features"
 
     def prepare(self, compute: Compute) -> None:
-        """Ready for answers: in evaluation mode, on the device and in the type of `compute`."""
+        """Prepare for answers: evaluation mode, the device and the type of `compute`."""
         self.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
 
     def frame_values(self, frames: Batched) -> Tensor:

@@ -13,7 +13,7 @@ DROPOUT = 0.5  # ours: on the shape descriptor
 
 @dataclass(frozen=True)
 class Sizes:
-    """What a system is built for.
+    """Sizes of a system.
 
     Attributes:
         viewpoints: (V, 3).
@@ -43,7 +43,7 @@ class ViewSystem(nn.Module):
 
     Attributes:
         takes: the backbone's `features` (B, k, C), or its `maps` (B, k, C, H, W).
-        in_time_order: views are sorted from the earliest frame to the latest, whatever their viewpoints.
+        in_time_order: views are sorted from the earliest frame to the latest; viewpoints play no part.
         takes_fewer: a system for V views also takes fewer.
         trainable: it has weights to fine-tune.
     """
@@ -54,11 +54,11 @@ class ViewSystem(nn.Module):
     trainable = True
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """Logits (B, classes), and what `loss` needs besides."""
+        """Logits (B, classes), and further tensors for `loss`."""
         raise NotImplementedError
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
-        """Cross-entropy of `forward`'s results for the classes (B,), unless the system has a loss of its own."""
+        """Cross-entropy of `forward`'s results for the classes (B,), unless a subclass has another loss."""
         return functional.cross_entropy(logits, labels)
 
     def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:

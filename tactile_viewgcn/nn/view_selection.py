@@ -7,7 +7,7 @@ from tactile_viewgcn.nn.graph import furthest_points, gather_nodes, nearest
 
 
 class SelectiveViewSampling(nn.Module):
-    """Equation 5: each of M furthest points gives way to the neighbour that a classifier is most confident of.
+    """Equation 5: each of M furthest points is replaced by the neighbour that a classifier is most confident of.
 
     Args:
         features, classes: C and the number of classes.
@@ -36,7 +36,7 @@ class SelectiveViewSampling(nn.Module):
     def forward(self, nodes: Tensor, positions: Tensor, samples: int) -> tuple[Tensor, Tensor, Tensor]:
         """nodes (B, N, C), positions (B or 1, N, 3) -> nodes (B, m, C), positions (B, m, 3), logits (B, m, K, Y).
 
-        m is `samples`: M, or fewer of a graph that has not all its nodes.
+        m is `samples`: M, or fewer in a graph of fewer nodes.
         """
         sampled = furthest_points(positions, samples)  # (B or 1, m)
         near = gather_nodes(nearest(positions, self.neighbours), sampled)  # (B or 1, m, K)
@@ -55,9 +55,9 @@ class SelectiveViewSampling(nn.Module):
 
 
 def log_odds(logits: Tensor, dim: int) -> Tensor:
-    """log(p / (1 - p)) of p = softmax(logits), of the same shape; infinite where nothing else is possible.
+    """log(p / (1 - p)) of p = softmax(logits), of the same shape; infinite where there is one choice alone.
 
-    It grows with p, and still does where p has become 1 in its precision, so that confident views can be ranked.
+    It grows with p even where p is rounded to 1, so that confident views can be ranked.
     """
     p, top = logits.softmax(dim), logits.argmax(dim, keepdim=True)
     others = logits.scatter(dim, top, -torch.inf).logsumexp(dim, keepdim=True)
@@ -66,7 +66,7 @@ def log_odds(logits: Tensor, dim: int) -> Tensor:
 
 
 class LinearPerView(nn.Module):
-    """A linear layer of its own for each sampled view: (B, m, K, i) -> (B, m, K, o), m up to M."""
+    """One linear layer for each sampled view: (B, m, K, i) -> (B, m, K, o), m up to M."""
 
     def __init__(self, samples: int, inputs: int, outputs: int):
         super().__init__()

@@ -1,8 +1,8 @@
 """The classifier of view sets that `model.system` names: a network on the backbone, or a system on the sensors.
 
-Both kinds have the same face. `frame_values` makes values (n, ...) of frames (n, 1, H, W), each alone; `logits` the
-logits (A, classes) of view sets (A, k) of indices into these. `views` is V, `transform` which input the frames are,
-None for the table's. `prepare` readies the classifier for answers on a device.
+Both kinds have the same methods. `frame_values` turns frames (n, 1, H, W), each alone, into values (n, ...); `logits`
+turns view sets (A, k) of indices into these values into logits (A, classes). `views` is V. `transform` names the input
+that frames are given as, None for the table's. `prepare` puts the classifier on a device, ready for answers.
 """
 
 from torch import Tensor

@@ -14,8 +14,8 @@ from tactile_viewgcn.params import Model
 class GCN(ViewSystem):
     """Features (B, k, C) at k viewpoints to logits (B, classes); k is V or fewer.
 
-    Fewer views sit at the viewpoints that furthest point sampling comes to first. Of a list of `model.neighbours` the
-    first counts.
+    Fewer views take the viewpoints that furthest point sampling chooses first. Of a list `model.neighbours` only the
+    first entry is used.
     """
 
     takes_fewer = True
@@ -40,7 +40,7 @@ class GCN(ViewSystem):
 
 
 def normalised_adjacency(positions: Tensor, neighbours: int) -> Tensor:
-    """D^-1/2 A D^-1/2 (N, N) of the graph in which nodes are joined where one is among the other's nearest.
+    """D^-1/2 A D^-1/2 (N, N) of the graph that joins two nodes where one is among the other's nearest.
 
     Args:
         positions: (N, 3).

@@ -13,7 +13,7 @@ from tactile_viewgcn.params import Model
 
 
 class GVCNN(ViewSystem):
-    """Maps (B, k, C, H, W) to logits (B, classes), whatever the order of the views.
+    """Maps (B, k, C, H, W) to logits (B, classes); the order of the views plays no part.
 
     A view's score is sigma(log |FC(maps)|), between 0 and 1; V groups divide this range equally. A group's weight is
     the mean score of its views, through which the scores are learnt. A score that is not finite makes the logits NaN.

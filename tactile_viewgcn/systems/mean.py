@@ -7,7 +7,7 @@ from tactile_viewgcn.params import Model
 
 
 class MeanViews(ViewSystem):
-    """Features (B, k, C) to logits (B, classes), whatever the order of the views."""
+    """Features (B, k, C) to logits (B, classes); the order of the views plays no part."""
 
     takes_fewer = True
 

@@ -18,7 +18,7 @@ from tactile_viewgcn.params import Model
 class RotationNet(ViewSystem):
     """Features (B, V, C) to logits (B, classes), the score of each class under its best assignment.
 
-    Any permutation is possible; the best is computed exactly (Kuhn 1955).
+    An assignment is a permutation; the best one is computed exactly (Kuhn 1955).
     """
 
     def __init__(self, sizes: Sizes, model: Model):

@@ -12,7 +12,7 @@ from tactile_viewgcn.params import Model
 
 
 class STAGNet(ViewSystem):
-    """Features (B, V, C) to logits (B, classes); each place in the set has weights of its own."""
+    """Features (B, V, C) to logits (B, classes); each place in the set has different weights."""
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()

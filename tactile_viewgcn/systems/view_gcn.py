@@ -1,7 +1,7 @@
 """Tactile-ViewGCN's graph network: features of V views to class logits, equations 1 to 6 of the paper.
 
-Wei et al., "View-GCN: View-based graph convolutional network for 3D shape analysis" (CVPR 2020). All of it is
-computed in the precision of its weights, float32: beside the backbone it costs little, and sums over nodes keep
+Wei et al., "View-GCN: View-based graph convolutional network for 3D shape analysis" (CVPR 2020). Everything is
+computed in the precision of the weights, float32: that costs little beside the backbone, and sums over nodes keep
 their digits. Equations 3 and 4 are in `message_passing.py`, equation 5 in `view_selection.py`.
 """
 
@@ -18,7 +18,7 @@ from tactile_viewgcn.nn.view_selection import SelectiveViewSampling
 from tactile_viewgcn.params import Model
 
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
-SELECTOR_NEIGHBOURS = 4  # released: nodes that a sampled view is chosen from, itself included
+SELECTOR_NEIGHBOURS = 4  # released: candidates for a sampled view, itself included
 LEVELS = 3  # V, V / 2, V / 4 nodes
 
 
@@ -62,8 +62,8 @@ class ViewGCN(ViewSystem):
     descriptor; then message passing and view sampling down to the next level. The descriptors of all levels
     are concatenated and classified. One view has no graph: its feature is the descriptor.
 
-    A network for V views takes k < V as the graph of k nodes, on the k viewpoints that furthest point sampling comes
-    to first, with k, k/2 and k/4 nodes, one at least, on its levels.
+    Fewer views, k < V, take the k viewpoints that furthest point sampling chooses first. The levels have k, k/2 and k/4
+    nodes then, one at least.
 
     With `model.start: max` the graph's logits, 0 at first, are added to those of the pretrained linear classifier for
     the views' element-wise maximum; both are trained.
@@ -76,7 +76,7 @@ class ViewGCN(ViewSystem):
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
         self.view_loss, features = model.view_loss, sizes.features
-        self.takes_fewer = model.selector != "joint"  # which has weights for V
+        self.takes_fewer = model.selector != "joint"  # its weights are for V views
         levels = level_sizes(sizes.views)
         near = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
         self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)

@@ -26,8 +26,8 @@ FOLDER = "checkpoints"
 def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path]:
     """The file of a stage's training, see `checkpoint_path`; removed when the block ends well.
 
-    Another process with the same training says so and waits until this one is done. Of several that train together the
-    first one writes and removes the file; all read it.
+    A process that starts the same training says so and waits until this one is done. Of several processes that train
+    together the first one writes and removes the file; all read it.
     """
     path = checkpoint_path(stage, key, compute)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -102,8 +102,8 @@ def restore(path: Path | None, parts: dict[str, Any]) -> Progress:
             _state_of(part)[1](content["parts"][name])
         if not rank():  # the other processes draw another dropout
             torch.set_rng_state(content["torch"])
-        if "cuda" in content:
-            torch.cuda.set_rng_state(content["cuda"])
+            if "cuda" in content:
+                torch.cuda.set_rng_state(content["cuda"])
         used.update(content["threads"])
     progress = Progress(**content["progress"])
     progress.resumed = progress.epoch, progress.seconds
@@ -111,7 +111,7 @@ def restore(path: Path | None, parts: dict[str, Any]) -> Progress:
 
 
 def _state_of(part: Any) -> tuple[Callable[[], Any], Callable[[Any], Any]]:
-    """What reads the state of a part, and what puts it back."""
+    """Two functions: one reads the state of a part, the other puts it back."""
     if isinstance(part, torch.Generator):
         return part.get_state, part.set_state
     if isinstance(part, np.random.Generator):

@@ -1,8 +1,8 @@
-"""Training by the processes that `torchrun` starts: each computes the loss of its rows of every batch.
+"""Training by the processes that `torchrun` starts, with torch's DistributedDataParallel.
 
-Every process draws noise, shifts and view sets of the whole batch and takes its rows, and draws dropout for these. On
-CUDA batch normalisation is over the whole batch. On the processor it is over the rows, and running moments are those of
-the first process. One process communicates nothing.
+Every process draws noise, shifts and view sets of the whole batch, then takes its rows of it. Gradients and losses are
+means over the processes. On CUDA batch normalisation is over the whole batch; on the processor it is over the rows, and
+running moments are those of the first process. One process communicates nothing.
 """
 
 import os
@@ -23,10 +23,10 @@ TIMEOUT = timedelta(minutes=10)  # for one process to wait for another, which th
 
 @contextmanager
 def process_group(compute: Compute) -> Iterator[None]:
-    """Context in which the processes of `torchrun` train together, each on a CUDA device of its own.
+    """Context in which the processes of `torchrun` train together, each on its own CUDA device.
 
     Raises:
-        UserError: more processes than CUDA devices; another process is lost.
+        UserError: more processes than CUDA devices; a process is lost.
     """
     if not launched():
         yield
@@ -53,47 +53,33 @@ def size() -> int:
 
 
 def rows(count: int) -> slice:
-    """This process's rows of a batch of `count` examples; the parts differ by one example at most.
+    """This process's rows of a batch of `count` examples; the processes' parts differ by one example at most.
 
     Raises:
         UserError: fewer than two examples for a process, which batch normalisation needs.
     """
-    parts, number = size(), dist.get_rank() if dist.is_initialized() else 0
-    if parts > 1 and count < 2 * parts:
-        raise UserError(f"a batch of {count} for {parts} processes; expected two each: raise batch, or start fewer")
-    return slice(count * number // parts, count * (number + 1) // parts)
-
-
-def weighted(loss: Tensor, count: int) -> Tensor:
-    """The mean loss of this process's rows of a batch of `count`, scaled: its mean over processes is the batch's."""
-    part = rows(count)
-    return loss * ((part.stop - part.start) * size() / count) if size() > 1 else loss
-
-
-def total(values: Tensor) -> Tensor:
-    """Sum over the processes, without a gradient."""
     if size() == 1:
-        return values.detach()
-    values = values.detach().clone()
-    dist.all_reduce(values)
-    return values
+        return slice(0, count)
+    if count < 2 * size():
+        raise UserError(f"a batch of {count} for {size()} processes; expected two each: raise batch, or start fewer")
+    return slice(*(count * (dist.get_rank() + end) // size() for end in (0, 1)))
 
 
-def gather(values: Tensor, count: int) -> Tensor:
-    """Values (count, ...) of the whole batch, without a gradient, from each process's values of its `rows`."""
-    if size() == 1:
-        return values.detach()
-    whole = values.new_zeros((count, *values.shape[1:]))
-    whole[rows(count)] = values.detach()
-    return total(whole)
+def mean(value: Tensor) -> float:
+    """Mean over the processes."""
+    total = value.detach().clone()
+    if size() > 1:
+        dist.all_reduce(total)
+    return float(total) / size()
 
 
 def parallel(loss: nn.Module, *, some_unused: bool = False) -> nn.Module:
     """The loss in torch's DistributedDataParallel, if processes train together.
 
-    `some_unused`: not every batch uses all weights.
+    Args:
+        some_unused: not every batch uses all weights.
     """
-    if not dist.is_initialized():
+    if size() == 1:
         return loss
     if dist.get_rank():  # each process draws its own dropout
         torch.manual_seed(torch.initial_seed() + dist.get_rank())

@@ -41,18 +41,19 @@ class SideViewSets:
         return sets_of(self._views, self._index, self.rng).draw(self.anchors, self.rng, self._assignment)
 
     def batches(
-        self, drawn: np.ndarray, config: Finetune, *, in_time_order: bool = False
+        self, drawn: np.ndarray, config: Finetune, augment: Augmentation, *, in_time_order: bool = False
     ) -> Iterator[tuple[Tensor, ...]]:
         """Batches of the drawn view sets (A, V) in random order; their sizes differ by one at most.
 
         Args:
+            augment: changes the frames that pass through the backbone.
             in_time_order: frames of a set are sorted; they are numbered in the order of time inside a recording.
 
         Yields:
-            The arguments of `SetLoss.forward`. Its `sets` (B, k) are with `num_views: full` all V frames of each set;
-            with `random` one k for the whole batch, from 1 to V, the anchor first where k < V. Its `fresh` (B, f) are
-            the columns whose frames pass through the backbone, k / `feature_reuse` of them, rounded up; sorted, the
-            anchor's always among them.
+            The arguments of `SetLoss.forward`, of this process's rows. Its `sets` (B, k) are with `num_views: full` all
+            V frames of each set; with `random` one k for the whole batch, from 1 to V, the anchor first where k < V.
+            Its `fresh` (B, f) are the columns whose frames pass through the backbone, k / `feature_reuse` of them,
+            rounded up; sorted, the anchor's always among them.
         """
         order = self.rng.permutation(len(drawn))
         for index in np.array_split(order, num_batches(len(order), config.batch)):
@@ -64,10 +65,12 @@ class SideViewSets:
             fresh = np.sort(columns[:, : math.ceil(views / config.feature_reuse)], axis=1)
             if in_time_order:
                 sets, fresh = sort_by_time(sets, fresh)
-            passing = np.take_along_axis(sets, fresh, axis=1).ravel()
+            passing = np.take_along_axis(sets, fresh, axis=1)
+            frames, rows = augment(self.frames[torch.from_numpy(passing.ravel())]), distributed.rows(len(sets))
+            frames = frames[rows.start * fresh.shape[1] : rows.stop * fresh.shape[1]]
+            sets, fresh, first = sets[rows], fresh[rows], first_places(passing[rows].ravel())
             labels = self._compute.gather(self.frames.labels, torch.from_numpy(sets[:, 0]))
-            places = (torch.from_numpy(each) for each in (sets, fresh, first_places(passing)))
-            yield self.frames[torch.from_numpy(passing)], labels, *map(self._compute.to_device, places)
+            yield frames, labels, *(self._compute.to_device(torch.from_numpy(part)) for part in (sets, fresh, first))
 
 
 def first_places(index: np.ndarray) -> np.ndarray:
@@ -121,8 +124,9 @@ def finetune_classifier(
     train = SideViewSets(TRAIN, table, drawn_from, compute, seed, params.cluster.assignment)
     if classifier.head.trainable:
         validation = SideViewSets(VALIDATION, table, views, compute, seed, params.cluster.assignment)
-        noise = config.noise * full_scale(table.transform, table.scale)
-        progress = _train(classifier, train, validation, noise, params, compute, checkpoint_path, on_epoch)
+        on_device = torch_generator(seed, "finetune.noise", compute.device)
+        augment = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
+        progress = _train(classifier, train, validation, augment, params, compute, checkpoint_path, on_epoch)
     if config.moments == "clean":
         measure_moments(classifier, train.frames, train.draw(), compute, torch_generator(seed, "finetune.moments"))
     return classifier, progress
@@ -132,33 +136,29 @@ def _train(
     network: ViewNetwork,
     train: SideViewSets,
     validation: SideViewSets,
-    noise: float,
+    augment: Augmentation,
     params: Params,
     compute: Compute,
     checkpoint_path: Path | None,
     on_epoch: OnEpoch | None,
 ) -> Progress:
-    """Train the network on the view sets of one side; `noise` in units of network input."""
-    config = params.finetune
-    on_device = torch_generator(params.seed, "finetune.noise", compute.device)
-    augment_frames = Augmentation(noise, params.augment, on_device)
-    first_sets = train.draw()
+    """Train the network on the view sets of one side."""
+    config, first_sets = params.finetune, train.draw()
     validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
     reuse = config.feature_reuse > 1 and network.views > 1
     bank = FeatureBank(len(train.frames), network.feature_shape, compute) if reuse else None
-    loss = SetLoss(network, bank, augment_frames, compute)
-    parallel_loss = distributed.parallel(loss, some_unused=config.num_views == "random")
-    loss_of = Replay(parallel_loss, network.parameters(), [on_device])
+    loss = distributed.parallel(SetLoss(network, bank, compute), some_unused=config.num_views == "random")
+    loss_of = Replay(loss, network.parameters())
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
     optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
-    parts = {"classifier": network, "noise": on_device, "draw": train.rng} | ({"bank": bank.values} if bank else {})
+    parts = {"classifier": network, "noise": augment.rng, "draw": train.rng} | ({"bank": bank.values} if bank else {})
 
     def batches(epoch: int) -> Iterator[tuple[Tensor, ...]]:
         network.train()
         if bank is not None and epoch == 0:
-            bank.fill(network.backbone, train.frames, batch=config.batch, augment_frames=augment_frames)
+            bank.fill(network.backbone, train.frames, batch=config.batch, augment=augment)
         drawn = first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
-        return train.batches(drawn, config, in_time_order=network.head.in_time_order)
+        return train.batches(drawn, config, augment, in_time_order=network.head.in_time_order)
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:

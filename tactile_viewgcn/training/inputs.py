@@ -1,4 +1,4 @@
-"""The network input of a table's frames, as trainings and trials take it, and its random changes in training."""
+"""The network input of a table's frames, for trainings and trials, and its random changes in training."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class FrameInputs:
 
     Args:
         index: (n,) of the frames in the table.
-        transform: another than the table's.
+        transform: in place of the table's.
 
     Attributes:
         labels: classes (n,), on the device.
@@ -63,7 +63,7 @@ class Augmentation:
     rng: torch.Generator
 
     def __call__(self, frames: Tensor) -> Tensor:
-        """Changed frames (B, 1, H, W), a new tensor unless nothing is to be changed."""
+        """Changed frames (B, 1, H, W); a new tensor, unless there is nothing to change."""
         if self.augment.shift:
             frames = random_shift(frames, self.augment.shift, self.rng)
         if self.noise:

@@ -20,7 +20,7 @@ from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Progress, restore, save
 from tactile_viewgcn.training.optim import lr_lambda
 
-MAX_LOSS = 10.0  # mean of an epoch, in times the first loss, or this where that is below 1
+MAX_LOSS = 10.0  # largest mean of an epoch, times the first loss or 1, the larger of them
 CHECK_EVERY = 16  # steps between checks of the loss, each of which waits for the device
 
 OnEpoch = Callable[[int, dict[str, float]], None]
@@ -46,11 +46,11 @@ def fit(
     """Run the epochs: a step down the loss of each batch, at the learning rates of the schedule.
 
     Args:
-        name: of the stage; config: its epochs and schedule; steps: of an epoch.
+        name: of the stage; config: its epochs and schedule; steps: number of batches in an epoch.
         loss_of: the loss of a batch's arguments; batches: epoch -> the arguments of each batch.
-        validate: values to note after an epoch besides the mean loss.
-        parts: what a checkpoint keeps besides the optimiser, see `save`.
-        checkpoint_path: where the training is saved after every epoch; a saved one is continued.
+        validate: values of an epoch besides the mean loss.
+        parts: state besides the optimiser's that a checkpoint keeps, see `save`.
+        checkpoint_path: file for the state after every epoch; a saved training is continued.
         on_epoch: called with the number, from 1, and the values of every epoch, those of the checkpoint too.
 
     Raises:
@@ -71,12 +71,12 @@ def fit(
             bar.set_description(f"{name} epoch {epoch + 1}/{epochs}")
             loss = _run_epoch(loss_of, batches(epoch), optimiser, progress, bar)
             weights = (weight for group in optimiser.param_groups for weight in group["params"])
-            finite = all(weight.isfinite().all() for weight in weights)  # the last step's, after which there is no loss
+            finite = all(weight.isfinite().all() for weight in weights)  # no loss follows the last step
             if not finite or not math.isfinite(loss) or loss > MAX_LOSS * max(1.0, progress.first_loss or 1.0):
                 at = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
-                found = f"the loss is {loss:g}" + ("" if finite else ", and a weight is not finite")
+                reason = f"the loss is {loss:g}" + ("" if finite else ", and a weight is not finite")
                 raise UserError(
-                    f"{name} diverged in epoch {epoch + 1} at a learning rate of {at}: {found}; lower {name}.lr"
+                    f"{name} diverged in epoch {epoch + 1} at a learning rate of {at}: {reason}; lower {name}.lr"
                 )
             values = {"loss": loss} | validate()
             for key, value in values.items():
@@ -98,10 +98,6 @@ def _run_epoch(
 ) -> float:
     """A step down the loss of each batch; the mean loss, before all batches where it is not finite."""
     total, step = torch.zeros(()), 0
-
-    def mean() -> float:
-        return float(distributed.total(total)) / distributed.size() / step
-
     for step, arguments in enumerate(batches, start=1):
         loss = loss_of(*arguments)
         optimiser.zero_grad(set_to_none=True)
@@ -110,7 +106,7 @@ def _run_epoch(
         total = total + loss.detach()
         bar.update()
         if progress.first_loss is None:
-            progress.first_loss = mean()
-        if step % CHECK_EVERY == 0 and not math.isfinite(mean()):
+            progress.first_loss = distributed.mean(total)
+        if step % CHECK_EVERY == 0 and not math.isfinite(distributed.mean(total)):
             break
-    return mean()
+    return distributed.mean(total) / step

@@ -23,21 +23,17 @@ from tactile_viewgcn.training.replay import Replay
 
 
 class FrameLoss(nn.Module):
-    """Cross-entropy of this process's part of a batch of single frames."""
+    """Cross-entropy of single frames."""
 
-    def __init__(self, backbone: nn.Module, classifier: nn.Linear, augment_frames: Augmentation, compute: Compute):
+    def __init__(self, backbone: nn.Module, classifier: nn.Linear, compute: Compute):
         super().__init__()
-        self.backbone, self.classifier = backbone, classifier
-        self.augment_frames, self.compute = augment_frames, compute
+        self.backbone, self.classifier, self.compute = backbone, classifier, compute
 
     def forward(self, frames: Tensor, labels: Tensor) -> Tensor:
-        """Frames (B, 1, H, W) and labels (B,) of the whole batch to a scalar."""
-        count, rows = len(frames), distributed.rows(len(frames))
-        frames = self.augment_frames(frames)[rows]
+        """Frames (B, 1, H, W) and labels (B,) to a scalar."""
         with self.compute.autocast():
             features = self.backbone(frames)
-        logits = self.classifier(features.to(self.classifier.weight.dtype))
-        return distributed.weighted(functional.cross_entropy(logits, labels[rows]), count)
+        return functional.cross_entropy(self.classifier(features.to(self.classifier.weight.dtype)), labels)
 
 
 def pretrain_backbone(
@@ -67,17 +63,18 @@ def pretrain_backbone(
     backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     classifier = nn.Linear(backbone.features, len(table.classes), device=compute.device)
     order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
-    noise = config.noise * full_scale(table.transform, table.scale)
-    loss = FrameLoss(backbone, classifier, Augmentation(noise, params.augment, on_device), compute)
-    weights, steps = list(loss.parameters()), num_batches(len(train), config.batch)
-    loss_of = Replay(distributed.parallel(loss), weights, [on_device])
+    augment = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
+    loss, steps = FrameLoss(backbone, classifier, compute), num_batches(len(train), config.batch)
+    weights = list(loss.parameters())
+    loss_of = Replay(distributed.parallel(loss), weights)
     optimiser = build_optimiser(config, [{"params": weights}])
     parts = {"backbone": backbone, "classifier": classifier, "order": order, "noise": on_device}
 
     def batches(_: int) -> Iterator[tuple[Tensor, Tensor]]:
         backbone.train()
         for index in torch.randperm(len(train), generator=order).tensor_split(steps):
-            yield train[index], compute.gather(train.labels, index)
+            rows = distributed.rows(len(index))
+            yield augment(train[index])[rows], compute.gather(train.labels, index[rows])
 
     def validate() -> dict[str, float]:
         if not len(validation):

@@ -1,4 +1,4 @@
-"""Losses that a CUDA card computes, with their gradients, as one graph of kernels instead of launching each of them."""
+"""Losses whose kernels, with those of their gradients, a CUDA card repeats as one graph."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -9,25 +9,20 @@ from torch import Tensor
 
 
 class Replay:
-    """A loss function of tensors; a CUDA card records its kernels and its gradient's, and repeats them.
+    """A loss function of tensors whose kernels a CUDA card records, with its gradient's, and repeats.
 
     The kernels of small networks take less time than their launches. Each shape of the arguments is computed as usual
     at first, recorded the second time, and repeated from then on. Where several processes train together, every loss is
-    computed as usual, since they exchange values on the way.
+    computed as usual, since they exchange gradients.
 
     Args:
         function: tensors -> loss, a scalar. Nothing in it waits for the card; all shapes follow from the arguments'.
+            It draws random numbers from torch's default generator alone.
         parameters: whose gradients `loss.backward()` sets.
-        generators: on the device, that `function` draws from, besides torch's default one.
     """
 
-    def __init__(
-        self,
-        function: Callable[..., Tensor],
-        parameters: Iterable[torch.nn.Parameter],
-        generators: Iterable[torch.Generator] = (),
-    ):
-        self._function, self._parameters, self._generators = function, list(parameters), list(generators)
+    def __init__(self, function: Callable[..., Tensor], parameters: Iterable[torch.nn.Parameter]):
+        self._function, self._parameters = function, list(parameters)
         self._graphs: dict[tuple[torch.Size, ...], _Recorded | None] = {}
         self._pool: Any = None
         self._stream: torch.cuda.Stream | None = None
@@ -50,7 +45,7 @@ class Replay:
         return _PrecomputedGradients.apply(anchor, recorded.loss, self._parameters, recorded.gradients)
 
     def _compute(self, arguments: tuple[Tensor, ...]) -> Tensor:
-        """The loss as it is computed without a graph, on the stream that graphs are recorded on.
+        """The loss computed without a graph, on the stream that graphs are recorded on.
 
         A parameter's gradient belongs to the stream of its first use for as long as that loss lives.
         """
@@ -67,8 +62,6 @@ class Replay:
         for parameter in self._parameters:
             parameter.grad = None
         graph = torch.cuda.CUDAGraph()
-        for generator in self._generators:
-            graph.register_generator_state(generator)
         with torch.cuda.graph(graph, pool=self._pool, stream=self._stream):
             loss = self._function(*kept)
             loss.backward()
@@ -86,9 +79,9 @@ class _Recorded(NamedTuple):
 
 
 class _PrecomputedGradients(torch.autograd.Function):
-    """A loss whose gradients have been computed with it: its backward pass hands them to the parameters as they are.
+    """A loss that comes with its gradients: the backward pass hands them to the parameters unchanged.
 
-    The loss is not to be scaled before.
+    A scaled loss would have wrong gradients.
     """
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Fitting of the systems on the sensors to the training anchors, or to an even sample of many."""
+"""Fitting of the systems on the sensors to the training anchors, or to an even sample of them."""
 
 import time
 
@@ -15,7 +15,7 @@ from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.views.sampling import powers_of_two
 
-MOST_FRAMES, QUICK_FRAMES = 20_000, 2500  # that a system is fitted to
+MOST_FRAMES, QUICK_FRAMES = 20_000, 2500  # of a fit
 THINNING_SEED = 0  # so that the same recordings are taken for every value of `seed`
 
 
@@ -33,8 +33,8 @@ def fit_sensors(
 
     Args:
         viewpoints: (V, 3).
-        num_views: `finetune.num_views`: `full`, it will answer V frames; `random`, any number up to V.
-        most_frames: with `random`, any number up to that, where it is more than V.
+        num_views: `finetune.num_views`: `full`, the system answers V frames; `random`, any number up to V.
+        most_frames: with `random`, the largest number of frames, where it is more than V.
         quick: see `TrainingFrames`.
     """
     begin, views = time.perf_counter(), len(viewpoints)
@@ -48,7 +48,7 @@ def fit_sensors(
 
 
 def fitted_index(table: Frames, views: int, *, quick: bool = False) -> np.ndarray:
-    """Indices of the training anchors that a system is fitted to: 20,000 at most, or 2,500 for a quick fit."""
+    """Indices of the training anchors for a fit: 20,000 at most, or 2,500 for a quick one."""
     index = np.flatnonzero(table.anchor & (table.side == TRAIN))
     return thinned(table, index, most=QUICK_FRAMES if quick else MOST_FRAMES, each=views)
 
@@ -56,7 +56,7 @@ def fitted_index(table: Frames, views: int, *, quick: bool = False) -> np.ndarra
 def training_frames(
     table: Frames, views: int, sizes: tuple[int, ...], seed: int, *, quick: bool = False
 ) -> tuple[TrainingFrames, float]:
-    """The frames of `fitted_index` as systems are fitted to them, and their unit in counts."""
+    """The frames of `fitted_index` in the form that systems are fitted to, and their unit in counts."""
     index = fitted_index(table, views, quick=quick)
     label = table.label[index].astype(np.int64)
     places = np.stack([table.group[index], table.recording[index], label])
@@ -70,10 +70,10 @@ def training_frames(
 
 
 def thinned(table: Frames, index: np.ndarray, *, most: int, each: int) -> np.ndarray:
-    """At most `most` of the frames in `index` (n,), rising: of every recording equally many, evenly taken.
+    """At most `most` of the frames in `index` (n,), rising: an equal number of every recording, evenly taken.
 
-    A recording counts once for each class and split group. Where fewer than `each` frames of every recording would be
-    left, `each` are taken of some recordings, drawn at random, of every class as many as can be.
+    A recording counts once for each class and split group. Where that leaves fewer than `each` frames of a recording,
+    `each` are taken of fewer recordings, drawn at random, in turn from every class.
     """
     if len(index) <= most:
         return index

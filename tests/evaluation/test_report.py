@@ -1,4 +1,4 @@
-"""What an evaluation leaves behind: metrics, timings, tables, five lines."""
+"""The files of an evaluation, its row in MLflow and its lines of text, of trials whose numbers are known."""
 
 import csv
 
@@ -12,9 +12,8 @@ from tactile_viewgcn.evaluation.report import (
     costs,
     dataset,
     read_records,
-    row_constants,
     row_metrics,
-    row_tags,
+    row_tags_and_parameters,
     summary_lines,
     write_results,
 )
@@ -26,7 +25,7 @@ LATENCY = {"single": {"median": 1.5, "p95": 2.25}, "batch": {"median": 0.5}}
 EARLIER = {"peak_mb": 900.0, "inputs": {}, "counts": {}}
 RECORDS = {
     "pretrain": EARLIER | {"seconds": 12.34567, "counts": {"weights.backbone": 7}},
-    "finetune": EARLIER | {"seconds": 1234.5, "peak_mb": 1300.5},
+    "finetune": EARLIER | {"seconds": 1234.5, "peak_mb": 1300.5, "counts": {"resolved.model.members": "svm + trees"}},
 }
 
 
@@ -35,27 +34,26 @@ def trials(predicted, in_top3, fewer=None):
     return Trials(predicted, predicted == LABELS, np.array(in_top3, dtype=bool), 0, fewer or {})
 
 
-def made_up():
+@pytest.fixture
+def evaluation():
     """Two trials of four anchors: three and two of them right by object, two and one by recording."""
+    top3, fewer = [[1, 1, 1, 1], [1, 1, 1, 0]], {1: np.array([[1, 0, 0, 0], [0, 0, 0, 0]])}
     protocols = {
-        "object": trials([[0, 0, 1, 2], [0, 2, 1, 2]], [[1, 1, 1, 1], [1, 1, 1, 0]]),
-        "recording": trials(
-            [[0, 2, 1, 2], [2, 2, 1, 0]], [[1, 1, 1, 1], [1, 1, 1, 0]], {1: np.array([[1, 0, 0, 0], [0, 0, 0, 0]])}
-        ),
+        "object": trials([[0, 0, 1, 2], [0, 2, 1, 2]], top3),
+        "recording": trials([[0, 2, 1, 2], [2, 2, 1, 0]], top3, fewer),
     }
     groups = np.array([0, 0, 1, 1])
-    predicted = {protocol: runs.predicted for protocol, runs in protocols.items()}
-    predictions = Predictions(
-        predicted, LABELS, groups, groups, np.array(CLASSES), np.zeros((3, 1, 1)), np.ones((1, 1))
-    )
+    predicted = {protocol: one.predicted for protocol, one in protocols.items()}
+    layout = np.zeros((3, 1, 1)), np.ones((1, 1))
+    predictions = Predictions(predicted, LABELS, groups, groups, np.array(CLASSES), *layout)
     metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}, "groups": {"test": 2}}
-    metrics |= {protocol: scores_of(runs, groups, np.random.default_rng(0), 4) for protocol, runs in protocols.items()}
+    metrics |= {protocol: scores_of(one, groups, np.random.default_rng(0), 4) for protocol, one in protocols.items()}
     return Evaluation(protocols, predictions, metrics, 7.65432, LATENCY)
 
 
-def numbers(records=RECORDS):
-    """The metrics and costs of an evaluation."""
-    return made_up().metrics, costs(made_up(), records, 50.0, 1000.0)
+@pytest.fixture
+def timing(evaluation):
+    return costs(evaluation, RECORDS, 50.0, 1000.0)
 
 
 def rows(path):
@@ -63,37 +61,26 @@ def rows(path):
         return list(csv.reader(file))[1:]
 
 
-def test_costs_name_each_stage_and_the_hungriest_one_s_memory():
-    timing = costs(made_up(), RECORDS, 50.0, 1000.0)
+def test_costs_name_each_stage_and_the_hungriest_one_s_memory(evaluation, timing):
     assert timing["seconds"] == {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
-    assert timing["trials_seconds"] == 7.654
-    assert timing["latency_ms"] == LATENCY
-    assert timing["peak_mb"] == 1300.5
-    assert costs(made_up(), RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0
+    assert (timing["trials_seconds"], timing["latency_ms"], timing["peak_mb"]) == (7.654, LATENCY, 1300.5)
+    assert costs(evaluation, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0
 
 
-@pytest.mark.parametrize("content", ["", '{"stage": "ingest"', '{"stage": "ingest", "seconds": 1}', "[]"])
+@pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])
 def test_a_damaged_record_is_named(tmp_path, content):
     (tmp_path / "ingest.json").write_text(content)
     with pytest.raises(UserError, match=r"ingest\.json: damaged"):
         read_records([tmp_path / "ingest.json"])
 
 
-def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tmp_path):
-    write_results(tmp_path, made_up(), numbers()[1])
-    assert [
-        (name, number, float(error), float(top3)) for name, number, error, top3 in rows(tmp_path / "trials.csv")
-    ] == [
-        ("object", "0", 0.25, 0),
-        ("object", "1", 0.5, 0.25),
-        ("recording", "0", 0.5, 0),
-        ("recording", "1", 0.75, 0.25),
-    ]
-    assert [row[:3] for row in rows(tmp_path / "views.csv")] == [
-        ["object", "4", "0.375"],
-        ["recording", "1", "0.875"],
-        ["recording", "4", "0.625"],
-    ]
+def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tmp_path, evaluation, timing):
+    write_results(tmp_path, evaluation, timing)
+    by_trial = [(protocol, *map(float, numbers)) for protocol, *numbers in rows(tmp_path / "trials.csv")]
+    assert by_trial[:2] == [("object", 0, 0.25, 0), ("object", 1, 0.5, 0.25)]
+    assert by_trial[2:] == [("recording", 0, 0.5, 0), ("recording", 1, 0.75, 0.25)]
+    by_views = [row[:3] for row in rows(tmp_path / "views.csv")]
+    assert by_views == [["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"]]
     assert rows(tmp_path / "per_class.csv") == [
         ["object", "cup", "4", "0.25"],
         ["object", "pen, red", "4", "0.5"],
@@ -105,42 +92,27 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
     assert ["object", "cup", "tape", "1"] in confusion and ["object", "pen, red", "tape", "2"] in confusion
 
 
-def test_the_lines_have_errors_with_their_intervals_and_costs():
-    counts = {"finetune": {"resolved.model.members": "svm + trees"}}
-    records = RECORDS | {stage: RECORDS[stage] | {"counts": of_stage} for stage, of_stage in counts.items()}
-    metrics, timing = numbers(records=records)
-    lines, error, tags = summary_lines(metrics, timing), metrics["object"]["error"], row_tags(metrics, records)
+def test_the_lines_and_tags_have_errors_with_their_intervals_and_what_auto_chose(evaluation, timing):
+    metrics, error = evaluation.metrics, evaluation.metrics["object"]["error"]
+    lines, (tags, parameters) = summary_lines(metrics, timing), row_tags_and_parameters(metrics, RECORDS)
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in "\n".join(lines)
     assert "  by views (recording): 1: 87.5, 4: 62.5 %" in lines
     assert not any("top-3" in line for line in summary_lines(metrics | {"classes": 3}, timing))
-    assert tags["error.object.percent"] == text
-    assert tags["resolved.model.members"] == "svm + trees"
+    assert tags["error.object.percent"] == text and tags["resolved.model.members"] == "svm + trees"
+    assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (4, 4, 7)
+    assert not parameters.keys() & row_metrics(metrics, timing).keys()
     metrics["recording"]["joined"] = {"grasp": 2}
     assert "  recording protocol of 2 grasps: error 62.5" in "\n".join(summary_lines(metrics, timing))
-    assert row_tags(metrics, RECORDS)["error.recording.percent"].endswith(") of 2 grasps")
+    assert row_tags_and_parameters(metrics, RECORDS)[0]["error.recording.percent"].endswith(") of 2 grasps")
 
 
-def test_the_row_has_errors_and_costs_as_metrics_and_constants_beside_them():
-    metrics, timing = numbers()
-    row = row_metrics(metrics, timing)
-    assert row == pytest.approx(
-        {
-            "error.object": 3 / 8,
-            "error.recording": 5 / 8,
-            "top3_error.object": 1 / 8,
-            "top3_error.recording": 1 / 8,
-            "ms_per_view_set": 1.5,
-            "seconds.pretrain": 12.346,
-            "seconds.finetune": 1234.5,
-            "seconds.evaluate": 50.0,
-            "seconds.total": 1296.846,
-            "peak_mb": 1300.5,
-        }
-    )
-    constants = row_constants(metrics, RECORDS)
-    assert (constants["classes"], constants["frames.test"], constants["weights.backbone"]) == (4, 4, 7)
-    assert not constants.keys() & row.keys()
+def test_the_row_has_errors_and_costs_as_metrics(evaluation, timing):
+    errors = {"error.object": 3 / 8, "error.recording": 5 / 8}
+    errors |= {"top3_error.object": 1 / 8, "top3_error.recording": 1 / 8}
+    seconds = {f"seconds.{name}": value for name, value in timing["seconds"].items()}
+    expected = errors | seconds | {"ms_per_view_set": 1.5, "peak_mb": 1300.5}
+    assert row_metrics(evaluation.metrics, timing) == pytest.approx(expected)
 
 
 def test_the_dataset_is_the_source_that_ingest_read():

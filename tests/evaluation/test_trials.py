@@ -1,4 +1,4 @@
-"""Trials of made-up systems, whose answers are known: what the system sees, and what it adds up to."""
+"""Trials of systems with chosen answers: the view sets that a system sees, and the scores of its answers."""
 
 from functools import partial
 from itertools import pairwise
@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from tqdm import tqdm
 
 from tactile_viewgcn.evaluation.trials import run_trials
 from tactile_viewgcn.nn.network import view_set_logits
@@ -15,31 +14,31 @@ from tactile_viewgcn.nn.system import ViewSystem
 from tests.glove_data import recipe
 
 
-class MadeUp(ViewSystem):
-    """A system that answers view sets as it is told."""
+class Answers(ViewSystem):
+    """A system that answers by a function of its views."""
 
-    def __init__(self, answer, in_time_order=False):
+    def __init__(self, answer):
         super().__init__()
-        self.answer, self.in_time_order = answer, in_time_order
+        self.answer = answer
 
     def forward(self, views):
         return self.answer(views)
 
 
-def run_made_up(answer, labels, features, *changes, anchors=None, trials=2, in_time_order=False, **classifier):
+def run(answer, labels, features, *changes, anchors=None, trials=2, **classifier):
     """Trials of a classifier with these attributes, such as `views`, on pools that are the labels."""
-    attributes = {"logits": partial(view_set_logits, MadeUp(answer, in_time_order)), "takes_fewer": False} | classifier
+    attributes = {"logits": partial(view_set_logits, Answers(answer)), "takes_fewer": False} | classifier
     points = np.random.default_rng(0).random((len(labels), 5))
     anchors = np.arange(len(labels)) if anchors is None else anchors
     rngs = [np.random.default_rng(number) for number in range(trials)]
     system, cluster = SimpleNamespace(**attributes), recipe(*changes).cluster
-    return run_trials(system, features, points, labels, labels, anchors, cluster, rngs, tqdm(disable=True))
+    return run_trials(system, features, points, labels, labels, anchors, cluster, rngs)
 
 
 def test_correct_and_in_top3_follow_the_logits_and_ties_go_to_the_lowest_class():
     labels = np.array([0, 1, 2, 3, 4])
     scores = torch.tensor([[1.0, 1, 1, 1, 2]])
-    result = run_made_up(lambda nodes: (scores.expand(len(nodes), 5), []), labels, torch.zeros(5, 3), views=2)
+    result = run(lambda nodes: (scores.expand(len(nodes), 5), []), labels, torch.zeros(5, 3), views=2)
     assert result.predicted.tolist() == [[4] * 5] * 2
     assert result.correct.tolist() == [[False, False, False, False, True]] * 2
     assert result.in_top3.tolist() == [[True, True, False, False, True]] * 2
@@ -48,7 +47,7 @@ def test_correct_and_in_top3_follow_the_logits_and_ties_go_to_the_lowest_class()
 def test_the_head_sees_the_features_of_each_view_set():
     labels = np.repeat([2, 0, 1], 8)
     features, anchors = torch.eye(3)[labels], np.arange(0, 24, 5)
-    result = run_made_up(lambda nodes: (nodes.mean(dim=1), []), labels, features, anchors=anchors, views=4)
+    result = run(lambda nodes: (nodes.mean(dim=1), []), labels, features, anchors=anchors, views=4)
     assert result.predicted.tolist() == [labels[::5].tolist()] * 2
     assert result.correct.all()
 
@@ -80,7 +79,6 @@ def test_a_calibrated_classifier_answers_each_grasp_alone(assignment, views, tem
         np.arange(4),
         recipe("cluster.method=none", f"cluster.assignment={assignment}").cluster,
         [np.random.default_rng(0)],
-        tqdm(disable=True),
         joined=2,
         temperatures=temperatures,
     )
@@ -88,28 +86,11 @@ def test_a_calibrated_classifier_answers_each_grasp_alone(assignment, views, tem
     assert result.predicted.tolist() == [[0, 0, 2, 2] if answer is None else [answer] * 4]
 
 
-def test_a_system_in_time_order_sees_the_earliest_frame_first():
-    def columns(in_time_order):
-        sets = []
-        run_made_up(
-            lambda nodes: (sets.append(nodes[..., 0].int()) or torch.zeros(len(nodes), 3), []),
-            np.zeros(24, dtype=int),
-            torch.arange(24.0)[:, None],
-            "cluster.assignment=random",
-            in_time_order=in_time_order,
-            views=4,
-        )
-        return torch.cat(sets)
-
-    assert columns(True).shape == (48, 4) and (columns(True).diff(dim=1) > 0).all()
-    assert (columns(False).diff(dim=1) < 0).any()
-
-
 @pytest.mark.parametrize("assignment", ["index", "anchor", "random"])
 def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_other_draw(assignment):
     labels, sets = np.repeat([0, 1], 12), {False: [], True: []}
 
-    def run(takes_fewer):
+    def asked_for(takes_fewer):
         def answer(nodes):
             """Right of all six frames; of the first 5 k anchors where there are k."""
             frames = nodes[..., 0].long()
@@ -119,9 +100,9 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
             return torch.eye(2)[torch.where(right, frames[:, 0] // 12, 1 - frames[:, 0] // 12)], []
 
         features, change = torch.arange(24.0)[:, None], f"cluster.assignment={assignment}"
-        return run_made_up(answer, labels, features, change, views=6, takes_fewer=takes_fewer)
+        return run(answer, labels, features, change, views=6, takes_fewer=takes_fewer)
 
-    asked, alone = run(True), run(False)
+    asked, alone = asked_for(True), asked_for(False)
     assert [correct.mean(axis=1).tolist() for correct in asked.fewer.values()] == [[k * 5 / 24] * 2 for k in (1, 2, 4)]
     assert list(asked.fewer) == [1, 2, 4] and asked.correct.all() and alone.fewer == {}
     for start, whole in zip((0, 4), sets[False], strict=True):
@@ -137,7 +118,6 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
 
 @pytest.mark.parametrize("method", ["kmeans", "none"])
 def test_clusters_without_frames_are_counted_over_the_trials(method):
-    labels, change = np.repeat([0, 1], [3, 7]), f"cluster.method={method}"
-    alike = torch.zeros(10, 3)
-    result = run_made_up(lambda nodes: (torch.zeros(len(nodes), 2), []), labels, alike, change, trials=3, views=5)
+    labels, nothing, change = np.repeat([0, 1], [3, 7]), torch.zeros(10, 3), f"cluster.method={method}"
+    result = run(lambda nodes: (torch.zeros(len(nodes), 2), []), labels, nothing, change, trials=3, views=5)
     assert result.empty == 3 * 2

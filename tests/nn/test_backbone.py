@@ -1,5 +1,7 @@
 """The modified ResNet-18."""
 
+from itertools import product
+
 import pytest
 import torch
 from torch import nn
@@ -11,34 +13,21 @@ def test_it_has_the_released_code_s_number_of_weights():
     assert sum(weight.numel() for weight in Backbone().parameters()) == 674_240
 
 
-def test_a_frame_passes_through_maps_of_128_by_8_by_8():
-    backbone, shapes = Backbone(), []
-    backbone.stage2.register_forward_hook(lambda _, __, maps: shapes.append(tuple(maps.shape)))
-    assert backbone(torch.zeros(3, 1, 32, 32)).shape == (3, 128)
-    assert shapes == [(3, 128, 8, 8)]
-
-
 def plain_stem(stem):
     """The layers that the stem stands for, with its weights."""
-    layers = nn.Sequential(
-        nn.Conv2d(1, 8, 3, padding=1, bias=False), nn.BatchNorm2d(8), nn.ReLU(), nn.MaxPool2d(3, 2, 1)
-    )
+    convolution = nn.Conv2d(1, 8, 3, padding=1, bias=False)
+    layers = nn.Sequential(convolution, nn.BatchNorm2d(8), nn.ReLU(), nn.MaxPool2d(3, 2, 1))
     layers[0].load_state_dict(stem.conv.state_dict())
     layers[1].load_state_dict(stem.norm.state_dict())
     return layers.double()
 
 
-def random_stem():
-    """A stem whose normalisation turns some maps around, in float64, with frames as faint as tactile ones."""
+def test_the_stem_is_convolution_normalisation_relu_and_pooling():
+    """In float64, of frames as faint as tactile ones; the normalisation turns some maps around."""
     torch.manual_seed(0)
-    stem = Stem(8).double()
+    stem, frames = Stem(8).double(), torch.rand(5, 1, 9, 12, dtype=torch.float64) ** 4
     nn.init.uniform_(stem.norm.weight, -1, 1)
     nn.init.normal_(stem.norm.bias)
-    return stem, torch.rand(5, 1, 9, 12, dtype=torch.float64) ** 4
-
-
-def test_the_stem_is_convolution_normalisation_relu_and_pooling_in_training():
-    stem, frames = random_stem()
     plain = plain_stem(stem)
     maps, expected = stem(frames), plain(frames)
     torch.testing.assert_close(maps, expected)
@@ -50,18 +39,11 @@ def test_the_stem_is_convolution_normalisation_relu_and_pooling_in_training():
     torch.testing.assert_close(
         torch.autograd.grad(maps, weights, slope), torch.autograd.grad(expected, plain_weights, slope)
     )
-
-
-def test_the_stem_uses_the_running_moments_in_evaluation():
-    stem, frames = random_stem()
-    for _ in range(3):
-        stem(frames)
-    plain = plain_stem(stem).eval()
-    torch.testing.assert_close(stem.eval()(2 * frames), plain(2 * frames))
+    torch.testing.assert_close(stem.eval()(2 * frames), plain.eval()(2 * frames))  # by the running moments
 
 
 def maps_and_features(backbone, frames):
-    """The last maps of the backbone in evaluation mode, and what it reads out of them."""
+    """The last maps of the backbone in evaluation mode, and the features that it reads out of them."""
     maps = []
     hook = backbone.stage2.register_forward_hook(lambda _, __, out: maps.append(out))
     features = backbone.eval()(frames)
@@ -78,13 +60,8 @@ def test_the_average_reads_each_map_out_as_one_number():
 
 def grid_of(maps):
     """Means of 4 x 4 parts of maps (B, C, H, W) side by side, map by map and row by row: (B, C * 16)."""
-    (height, width), cells = maps.shape[2:], []
-    for row in range(4):
-        for column in range(4):
-            rows = slice(row * height // 4, -(-(row + 1) * height // 4))
-            columns = slice(column * width // 4, -(-(column + 1) * width // 4))
-            cells.append(maps[:, :, rows, columns].mean(dim=(2, 3)))
-    return torch.stack(cells, dim=2).flatten(1)
+    parts = [[slice(i * side // 4, -(-(i + 1) * side // 4)) for i in range(4)] for side in maps.shape[2:]]
+    return torch.stack([maps[:, :, rows, columns].mean(dim=(2, 3)) for rows, columns in product(*parts)], 2).flatten(1)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (5, 40), (32, 32)])
@@ -102,7 +79,7 @@ def test_the_grid_reads_4_by_4_parts_of_all_maps_out_through_a_linear_layer(shap
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (32, 32), (5, 7), (33, 2)])
-def test_maps_are_those_that_would_be_read_out_and_their_shape_is_known_before(shape):
+def test_maps_are_those_that_the_average_reads_out_and_map_shape_names_their_shape(shape):
     torch.manual_seed(0)
     backbone, frames = Backbone(width=2), torch.rand(2, 1, *shape)
     whole = Backbone(width=2, maps=True).eval()

@@ -1,4 +1,4 @@
-"""Small systems with known weights, and views for them."""
+"""Small systems with chosen weights, and views for them."""
 
 import torch
 

@@ -13,8 +13,8 @@ from tests.systems.small_systems import LINE, built, fill, head_of, only_leaky, 
 def test_the_normalised_adjacency_by_hand():
     root6 = math.sqrt(6)
     expected = [[1 / 2, 1 / root6, 0], [1 / root6, 1 / 3, 1 / root6], [0, 1 / root6, 1 / 2]]
-    found = normalised_adjacency(LINE[:3], 2)  # 0 - 1 - 3: the middle one is among the nearest of both
-    torch.testing.assert_close(found, torch.tensor(expected))
+    middle_joined = normalised_adjacency(LINE[:3], 2)  # 0 - 1 - 3: the middle one is among the nearest of both
+    torch.testing.assert_close(middle_joined, torch.tensor(expected))
     torch.testing.assert_close(normalised_adjacency(LINE[:3], 1), torch.eye(3))
     torch.testing.assert_close(normalised_adjacency(LINE[:3], 9), torch.full((3, 3), 1 / 3))
 
@@ -40,10 +40,10 @@ def test_gcn_takes_the_first_of_listed_neighbours():
 
 
 def test_fewer_views_of_gcn_sit_where_furthest_point_sampling_comes_first(monkeypatch):
-    seen = []
+    positions = []
     monkeypatch.setattr(
-        gcn, "normalised_adjacency", lambda places, near: seen.append(places) or normalised_adjacency(places, near)
+        gcn, "normalised_adjacency", lambda places, near: positions.append(places) or normalised_adjacency(places, near)
     )
     classifier = built("gcn")
     classifier.head(some_views(classifier, count=3))
-    assert torch.equal(seen[0], LINE[[0, 3, 2]])
+    assert torch.equal(positions[0], LINE[[0, 3, 2]])

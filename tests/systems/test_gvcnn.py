@@ -18,7 +18,7 @@ def test_the_grouped_mean_by_hand():
     scores = torch.tensor([[0.2, 0.4, 0.9]])
     # two groups: means [2, 2] and [5, 10], weights 0.3 and 0.9
     torch.testing.assert_close(grouped_mean(features, scores, 2), torch.tensor([[4.25, 8]]))
-    # four groups, the third without a view: each view is a group of its own
+    # four groups, the third without a view: each view is alone in a group
     expected = torch.tensor([[(0.2 * 1 + 0.4 * 3 + 0.9 * 5) / 1.5, (0.4 * 4 + 0.9 * 10) / 1.5]])
     torch.testing.assert_close(grouped_mean(features, scores, 4), expected)
     torch.testing.assert_close(grouped_mean(features, scores, 1), features.mean(dim=1))

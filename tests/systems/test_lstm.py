@@ -17,9 +17,9 @@ def test_cnn_lstm_classifies_the_last_state_of_the_plain_loop():
         cell = forget.sigmoid() * cell + inward.sigmoid() * candidate.tanh()
         hidden = outward.sigmoid() * cell.tanh()
         states.append(hidden)
-    found = head(views)[0]
-    torch.testing.assert_close(found, head.classifier(states[-1]))
-    assert (found - head.classifier(states[-2])).abs().max() > 1e-3
+    logits = head(views)[0]
+    torch.testing.assert_close(logits, head.classifier(states[-1]))
+    assert (logits - head.classifier(states[-2])).abs().max() > 1e-3
 
 
 def plain_conv_lstm(system, views):

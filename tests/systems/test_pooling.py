@@ -26,19 +26,19 @@ def test_vote_averages_probabilities_by_hand():
     fill(system.classifier.bias, [0, 0])
     log3 = math.log(3)  # probabilities 3/4 and 1/4, then 1/2 and 1/2, then 1/10 and 9/10
     views = torch.tensor([[[log3, 0], [5, 5], [0, 2 * log3]]])
-    found = system(views)[0]
-    torch.testing.assert_close(found.exp(), torch.tensor([[1.35 / 3, 1.65 / 3]]))
-    torch.testing.assert_close(found.softmax(dim=-1), found.exp())
+    logits = system(views)[0]
+    torch.testing.assert_close(logits.exp(), torch.tensor([[1.35 / 3, 1.65 / 3]]))
+    torch.testing.assert_close(logits.softmax(dim=-1), logits.exp())
 
 
 def test_vote_begins_as_the_pretrained_classifier_and_is_not_trained():
     config, frames = recipe("model.system=vote", "finetune.moments=running", NARROW), fewer_anchors(table(), 12)
     classifier, progress = finetune_classifier(frames, views_of(frames, config), pretrained(NARROW), config, CPU)
     assert progress.curves == {}
-    alone, own = nn.Linear(16, 4), pretrained(NARROW)["classifier"]
-    alone.load_state_dict(own)
+    linear = nn.Linear(16, 4)
+    linear.load_state_dict(pretrained(NARROW)["classifier"])
     for name, weight in classifier.backbone.state_dict().items():
         assert torch.equal(weight, pretrained(NARROW)["backbone"][name])
     feature = torch.randn(5, 16, generator=torch.Generator().manual_seed(0))
     with torch.inference_mode():
-        torch.testing.assert_close(classifier.head(feature[:, None])[0], alone(feature).log_softmax(dim=-1))
+        torch.testing.assert_close(classifier.head(feature[:, None])[0], linear(feature).log_softmax(dim=-1))

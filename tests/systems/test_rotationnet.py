@@ -1,6 +1,6 @@
 """RotationNet against brute force."""
 
-from itertools import permutations
+from itertools import permutations, product
 
 import pytest
 import torch
@@ -9,9 +9,9 @@ from tactile_viewgcn.systems.rotationnet import RotationNet, best_permutation
 from tests.systems.small_systems import LINE, head_of
 
 
-def brute_force(ratio, possible):
-    """The highest sum of a matrix (V, V) over permutations, and the permutation."""
-    return max((sum(float(ratio[i, j]) for i, j in enumerate(turn)), turn) for turn in possible)
+def brute_force(ratio):
+    """The highest sum of a matrix (4, 4) over permutations, and the permutation."""
+    return max((sum(float(ratio[i, j]) for i, j in enumerate(turn)), turn) for turn in permutations(range(4)))
 
 
 def test_the_best_permutation_and_its_score_are_those_of_brute_force():
@@ -23,7 +23,7 @@ def test_the_best_permutation_and_its_score_are_those_of_brute_force():
     place, involutions = best_permutation(ratio), 0
     for b in range(5):
         for label in range(3):
-            best, turn = brute_force(ratio[b, label], permutations(range(4)))
+            best, turn = brute_force(ratio[b, label])
             assert tuple(place[b, label].tolist()) == turn
             assert scores[b, label].item() == pytest.approx(best, abs=1e-5)
             involutions += all(turn[turn[i]] == i for i in range(4))
@@ -36,9 +36,8 @@ def test_rotationnet_s_loss_of_more_views_equals_the_plain_loop():
     labels = torch.tensor([2, 0, 1, 2, 0])
     logits, (log_p,) = system(3 * torch.randn(5, 4, 4))
     total = 0
-    for own, label in zip(log_p.detach(), labels.tolist(), strict=True):
-        _, turn = brute_force(own[..., label] - own[..., 3], permutations(range(4)))
-        for i in range(4):
-            for j in range(4):
-                total -= own[i, j, label if turn[i] == j else 3].item() / (5 * 4)
+    for of_set, label in zip(log_p.detach(), labels.tolist(), strict=True):
+        _, turn = brute_force(of_set[..., label] - of_set[..., 3])
+        for i, j in product(range(4), range(4)):
+            total -= of_set[i, j, label if turn[i] == j else 3].item() / (5 * 4)
     assert system.loss(logits, [log_p], labels).item() == pytest.approx(total)

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 import torch
 import torch.nn.functional as functional
-from torch import nn
 
 from tactile_viewgcn.nn.graph import furthest_points
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
@@ -16,19 +15,18 @@ from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN, sha
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.nn.four_nodes import NODES, POSITIONS, fill, plain_norm
 from tests.systems.small_systems import head_of
+from tests.trained_network import without_dropout
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_equations_1_and_2_by_hand():
     convolution = plain_norm(LocalGraphConvolution(1, neighbours=2, edge_distance="squared"))
-    for layer in (0, 2, 4):  # S_ij = squared distance + 1
-        nn.init.zeros_(convolution.relation[layer].weight)
-        nn.init.zeros_(convolution.relation[layer].bias)
-    with torch.no_grad():
-        convolution.relation[0].weight[0, 9] = 1
-        convolution.relation[2].weight[0, 0] = 1
-        convolution.relation[4].weight[0, 0] = 1
+    with torch.no_grad():  # S_ij = squared distance + 1
+        for weight in convolution.relation.parameters():
+            weight.zero_()
+        for layer, column in ((0, 9), (2, 0), (4, 0)):
+            convolution.relation[layer].weight[0, column] = 1
         convolution.relation[4].bias[0] = 1
     fill(convolution.linear.weight, [2])
     fill(convolution.linear.bias, [-10])
@@ -43,9 +41,8 @@ def test_equation_6_by_hand():
     shape = torch.zeros(1, 2)
     assert shape_and_view_loss(shape, [], label).item() == pytest.approx(ln(2))
     assert shape_and_view_loss(shape, view_logits, label).item() == pytest.approx(ln(2) + ln(2) + ln(4 / 3))
-    assert shape_and_view_loss(shape, view_logits, label, "mean").item() == pytest.approx(
-        ln(2) + (ln(2) + ln(4 / 3)) / 2
-    )
+    mean = shape_and_view_loss(shape, view_logits, label, "mean")
+    assert mean.item() == pytest.approx(ln(2) + (ln(2) + ln(4 / 3)) / 2)
 
 
 def test_local_convolution_equals_the_plain_loop():
@@ -89,10 +86,10 @@ def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
     torch.manual_seed(0)
     places = torch.from_numpy(viewpoints(8))
     head = head_of(ViewGCN, places=places).eval()
-    views, seen = torch.randn(2, 4, 16), []
-    head.convolutions[0].register_forward_hook(lambda _, inputs, __: seen.append(inputs[1][0]))
+    views, positions = torch.randn(2, 4, 16), []
+    head.convolutions[0].register_forward_hook(lambda _, inputs, __: positions.append(inputs[1][0]))
     head(views)
-    assert torch.equal(seen[0], places[furthest_points(places, 4)].float())
+    assert torch.equal(positions[0], places[furthest_points(places, 4)].float())
 
 
 @pytest.mark.stability("a graph of one view")
@@ -116,7 +113,12 @@ def test_gradients_equal_finite_differences(row):
     torch.manual_seed(0)
     passing, convolution = NonLocalMessagePassing(3).double(), LocalGraphConvolution(3, 3, "squared").double()
     positions = torch.randn(2, 5, 3, dtype=torch.float64)
-    nodes = torch.randn(2, 5, 3, dtype=torch.float64, requires_grad=True)
-    for name, layer in (("sum", passing), ("convolution", lambda x: convolution(x, positions))):
-        equation = {"sum": 4, "convolution": 2}[name]
-        row(f"of equation {equation}'s {name}, every entry", 1.0 - torch.autograd.gradcheck(layer, nodes))
+    network = without_dropout(head_of(ViewGCN, places=viewpoints(8), features=3, classes=2).double())
+    layers = {
+        "equation 2's convolution": lambda nodes: convolution(nodes, positions),
+        "equation 4's sum": passing,
+        "the network's loss": lambda nodes: network.loss(*network(nodes), torch.tensor([0, 1])),
+    }
+    for name, layer in layers.items():
+        nodes = torch.randn(2, 8 if "loss" in name else 5, 3, dtype=torch.float64, requires_grad=True)
+        row(f"of {name}, every entry", 1.0 - torch.autograd.gradcheck(layer, nodes))

@@ -25,7 +25,7 @@ def finetune(*changes, every=1, **checkpoint):
     return finetune_classifier(frames, views_of(frames, params), pretrained(), params, CPU, **checkpoint)
 
 
-def alike(one, other):
+def equal_weights(one, other):
     """Whether two modules have equal weights and moments, bit by bit."""
     pairs = zip(one.state_dict().values(), other.state_dict().values(), strict=True)
     return all(torch.equal(a, b) for a, b in pairs)

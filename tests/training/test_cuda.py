@@ -49,17 +49,13 @@ def test_a_network_learns_and_answers_in_bfloat16():
     assert next(tuned.parameters()).device.type == "cuda"
 
 
-class Stopped(Exception):
-    pass
-
-
 def test_an_interrupted_training_goes_on_as_one_that_was_not(tmp_path):
     def stop(epoch, values):
         if epoch == 2:
-            raise Stopped
+            raise KeyboardInterrupt
 
     whole = pretrain_backbone(table(), recipe(), CUDA)[2]
-    with pytest.raises(Stopped):
+    with pytest.raises(KeyboardInterrupt):
         pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt", stop)
     progress = pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt")[2]
     assert progress.resumed[0] == 2
@@ -100,16 +96,16 @@ def test_a_repeated_step_has_the_loss_and_the_gradients_of_a_launched_one(graphs
 
 
 @pytest.mark.parametrize(
-    "changes",
+    "change",
     [
-        (),
-        ("finetune.feature_reuse=4",),
-        ("finetune.num_views=random",),
-        ("model.system=stag",),
-        ("model.system=cnn_lstm",),
+        "finetune.feature_reuse=1",
+        "finetune.feature_reuse=4",
+        "finetune.num_views=random",
+        "model.system=stag",
+        "model.system=cnn_lstm",
     ],
 )
-def test_repeated_kernels_learn_what_launched_ones_do(changes, graphs, monkeypatch):
+def test_repeated_kernels_learn_what_launched_ones_do(change, graphs, monkeypatch):
     shapes, call = Counter(), Replay.__call__
 
     def watched(self, *arguments):
@@ -117,7 +113,7 @@ def test_repeated_kernels_learn_what_launched_ones_do(changes, graphs, monkeypat
         return call(self, *arguments)
 
     monkeypatch.setattr(Replay, "__call__", watched)
-    params = recipe("finetune.epochs=3", *changes)
+    params = recipe("finetune.epochs=3", change)
     inputs = table(), views_of(table(), params), pretrained(), params, CUDA
     repeated = finetune_classifier(*inputs)[1].curves["loss"]
     assert len(set(graphs)) == sum(count > 1 for count in shapes.values()) > 0

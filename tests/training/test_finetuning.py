@@ -1,4 +1,4 @@
-"""The whole network, trained on view sets from a pretrained backbone."""
+"""The view sets and batches that fine-tuning draws, and a network for any number of views."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ import torch
 
 from tactile_viewgcn.recognition.sequential import sequential_trials
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
+from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.finetuning import SideViewSets, first_places, sort_by_time
 from tactile_viewgcn.views.sampling import ViewSets
 from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
@@ -49,33 +50,41 @@ def test_a_side_draws_one_set_around_each_of_its_anchors():
 
 
 def planned(*changes, **order):
-    """A side, its anchors' view sets and the batches of an epoch: frames, labels, sets, fresh columns, first places."""
+    """A side, its anchors' view sets and the batches of an epoch: frames, labels, sets, fresh columns, first places.
+
+    Augmentation is a change of sign.
+    """
     params, frames = recipe(*changes), table()
     side = SideViewSets(TRAIN, frames, views_of(frames, params), CPU, 0, "index")
     drawn = side.draw()
-    return side, drawn, [[part.numpy() for part in batch] for batch in side.batches(drawn, params.finetune, **order)]
+    batches = side.batches(drawn, params.finetune, torch.neg, **order)
+    return side, drawn, [[part.numpy() for part in batch] for batch in batches]
 
 
 def test_an_epoch_s_batches_hold_every_view_set_once_and_differ_by_one_at_most():
     _, drawn, plan = planned("finetune.batch=7")
     sets = np.concatenate([batch[2] for batch in plan])
-    assert sorted(map(tuple, sets)) == sorted(map(tuple, drawn))
-    assert (sets != drawn).any()
-    counts = {len(batch[2]) for batch in plan}
-    assert max(counts) == 7 and min(counts) >= 6
-    for *_, sets, fresh, _ in plan:
-        np.testing.assert_array_equal(fresh, np.broadcast_to(np.arange(4), sets.shape))
+    assert sorted(map(tuple, sets)) == sorted(map(tuple, drawn)) and (sets != drawn).any()
+    assert {len(batch[2]) for batch in plan} == {6, 7}
+    assert all((fresh == np.arange(4)).all() and fresh.shape == sets.shape for *_, sets, fresh, _ in plan)
 
 
 @pytest.mark.parametrize("in_time_order", [False, True])
-def test_a_batch_has_the_frames_of_its_fresh_columns_and_the_class_of_each_set(in_time_order):
-    side, _, plan = planned("finetune.feature_reuse=2", "finetune.num_views=random", in_time_order=in_time_order)
+def test_a_batch_has_the_augmented_frames_of_its_fresh_columns_and_the_class_of_each_set(in_time_order, monkeypatch):
+    changes = "finetune.feature_reuse=2", "finetune.num_views=random"
+    side, _, plan = planned(*changes, in_time_order=in_time_order)
     for frames, labels, sets, fresh, first in plan:
-        passing = np.take_along_axis(sets, fresh, axis=1)
-        np.testing.assert_array_equal(frames, side.frames[torch.from_numpy(passing.ravel())])
+        passing = np.take_along_axis(sets, fresh, axis=1).ravel()
+        np.testing.assert_array_equal(-frames, side.frames[torch.from_numpy(passing)])
         np.testing.assert_array_equal(np.broadcast_to(labels, sets.T.shape), side.frames.labels[sets.T])
-        assert (passing.ravel()[first] == passing.ravel()).all() and (first <= np.arange(len(first))).all()
+        assert (passing[first] == passing).all() and (first <= np.arange(len(first))).all()
         assert (np.diff(sets, axis=1) >= 0).all() or not in_time_order
+    monkeypatch.setattr(distributed, "rows", lambda count: slice(count // 2, count))
+    for whole, part in zip(plan, planned(*changes, in_time_order=in_time_order)[2], strict=True):
+        rows, passing = slice(len(whole[1]) // 2, None), np.take_along_axis(part[2], part[3], axis=1).ravel()
+        assert all((one[rows] == other).all() for one, other in zip(whole[1:4], part[1:4], strict=True))
+        np.testing.assert_array_equal(-part[0], side.frames[torch.from_numpy(passing)])
+        assert (passing[part[4]] == passing).all() and part[4].max() < len(passing)
 
 
 def test_view_sets_in_the_order_of_time_and_first_places_by_hand():
@@ -91,24 +100,18 @@ def test_one_view_in_reuse_passes_the_backbone_the_anchor_always(feature_reuse, 
     anchor_of = {tuple(sets): anchor for sets, anchor in zip(drawn, side.anchors, strict=True)}
     columns = set()
     for *_, sets, columns_of, _ in plan:
-        assert columns_of.shape == (len(sets), fresh)
-        assert (np.diff(columns_of, axis=1) > 0).all()
-        for row, own in zip(sets, columns_of, strict=True):
-            assert anchor_of[tuple(row)] in row[own]
+        assert columns_of.shape == (len(sets), fresh) and (np.diff(columns_of, axis=1) > 0).all()
+        assert all(anchor_of[tuple(row)] in row[passing] for row, passing in zip(sets, columns_of, strict=True))
         columns |= set(columns_of.ravel().tolist())
     assert columns == {0, 1, 2, 3}
 
 
 def test_random_sizes_are_all_there_one_a_batch_and_keep_the_anchor():
     side, _, plan = planned("finetune.num_views=random", "finetune.batch=3", "finetune.feature_reuse=2")
-    sizes = [batch[2].shape[1] for batch in plan]
-    assert set(sizes) == {1, 2, 3, 4}
-    anchors = set(side.anchors.tolist())
+    assert {sets.shape[1] for _, _, sets, *_ in plan} == {1, 2, 3, 4}
     for *_, sets, fresh, _ in plan:
         assert fresh.shape == (len(sets), -(-sets.shape[1] // 2))
-        if sets.shape[1] < 4:
-            assert set(sets[:, 0].tolist()) <= anchors
-            assert (fresh[:, 0] == 0).all()
+        assert sets.shape[1] == 4 or (set(sets[:, 0]) <= set(side.anchors) and (fresh[:, 0] == 0).all())
 
 
 def test_a_classifier_of_any_number_of_views_is_better_than_chance_with_each():
@@ -117,6 +120,7 @@ def test_a_classifier_of_any_number_of_views_is_better_than_chance_with_each():
     index = frames.on(TEST)
     with torch.inference_mode():
         features = classifier.eval().backbone(CPU.frames(torch.from_numpy(frames.inputs(index))))
-    found = sequential_trials(classifier, [1.0] * 4, features, frames.label[index], frames.recording[index],
-                  np.arange(len(index)), [np.random.default_rng(0)])  # fmt: skip
-    assert (found.correct.mean(axis=(0, 2)) > 0.5).all()  # chance: 0.25
+    anchors, rngs = np.arange(len(index)), [np.random.default_rng(0)]
+    columns = frames.label[index], frames.recording[index]
+    trials = sequential_trials(classifier, [1.0] * 4, features, *columns, anchors, rngs)
+    assert (trials.correct.mean(axis=(0, 2)) > 0.5).all()  # chance: 0.25

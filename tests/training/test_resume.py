@@ -17,16 +17,8 @@ from tests.stag_files import metadata, save_matlab5
 pytestmark = pytest.mark.slow  # test_checkpoint.py interrupts the same trainings in one process
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-RECIPE = (
-    "views=4",
-    "split.by=recording",
-    "precision=float32",
-    "model.backbone.width=8",
-    "pretrain.epochs=12",
-    "finetune.epochs=8",
-)
-
-
+RECIPE = ("views=4", "split.by=recording", "precision=float32", "model.backbone.width=8")
+RECIPE += ("pretrain.epochs=12", "finetune.epochs=8")
 TWO = (sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")  # torchrun
 
 
@@ -36,11 +28,8 @@ def command(stage, *words, launcher=(sys.executable,)):
 
 
 def run(place, stage, *words):
-    result = subprocess.run(
-        command(stage, *words), cwd=place, env=ENVIRONMENT, capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 0, result.stderr
-    return result.stdout
+    words = command(stage, *words)
+    return subprocess.run(words, cwd=place, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True, check=True).stdout
 
 
 def wait_for_an_epoch(place, stage, process):
@@ -49,13 +38,6 @@ def wait_for_an_epoch(place, stage, process):
     while not list(place.glob(f"checkpoints/{stage}-*.pt")):
         assert process.poll() is None and time.monotonic() < deadline
         time.sleep(0.002)
-
-
-def kill_after_an_epoch(place, stage, *words):
-    process = subprocess.Popen(command(stage, *words), cwd=place, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
-    wait_for_an_epoch(place, stage, process)
-    process.kill()
-    assert process.wait() == -9
 
 
 @pytest.fixture(scope="module")
@@ -71,41 +53,26 @@ def place(tmp_path_factory):
     return place
 
 
+FINETUNE = "--frames frames.h5 --views views.h5 --backbone backbone.pt --set finetune.feature_reuse=2"
+
+
 @pytest.mark.parametrize(
     ("stage", "inputs", "out"),
-    [
-        ("pretrain", ("--needs", "needs.json", "--frames", "frames.h5"), "backbone.pt"),
-        (
-            "finetune",
-            (
-                "--frames",
-                "frames.h5",
-                "--views",
-                "views.h5",
-                "--backbone",
-                "backbone.pt",
-                "--set",
-                "finetune.feature_reuse=2",
-            ),
-            "classifier.pt",
-        ),
-    ],
+    [("pretrain", "--needs needs.json --frames frames.h5", "backbone.pt"), ("finetune", FINETUNE, "classifier.pt")],
 )
 def test_a_stage_that_was_killed_goes_on_and_ends_as_one_that_was_not(place, stage, inputs, out):
-    words = (*inputs, "--out", out)
+    words = (*inputs.split(), "--out", out)
     assert "before an interruption" not in run(place, stage, *words)
     whole = (place / out).read_bytes()
     (place / out).unlink()
     start = time.perf_counter()
-    kill_after_an_epoch(place, stage, *words)
-    spent = time.perf_counter() - start
-    assert not (place / out).exists()
-    kept, before = list(place.glob("checkpoints/*.pt")), time.perf_counter()
+    process = subprocess.Popen(command(stage, *words), cwd=place, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+    wait_for_an_epoch(place, stage, process)
+    process.kill()
+    assert process.wait() == -9 and not (place / out).exists()
     assert "before an interruption" in run(place, stage, *words)
-    assert (place / out).read_bytes() == whole
-    assert not any(path.exists() for path in kept)
-    record = json.loads((place / f"{stage}.json").read_text())
-    assert 0 < record["seconds"] < time.perf_counter() - before + spent
+    assert (place / out).read_bytes() == whole and not list(place.glob("checkpoints/*.pt"))
+    assert 0 < json.loads((place / f"{stage}.json").read_text())["seconds"] < time.perf_counter() - start
 
 
 def second_of(launcher):

@@ -13,10 +13,6 @@ LABELS = torch.arange(12) % 3
 FRAMES = functional.one_hot(LABELS, 3).float().view(12, 1, 1, 3)
 
 
-def augmentation(noise=0.0):
-    return Augmentation(noise, recipe().augment, torch.Generator().manual_seed(0))
-
-
 class Sums(nn.Module):
     """A network whose features are the frames themselves, which it keeps in `passed`."""
 
@@ -30,43 +26,39 @@ class Sums(nn.Module):
 
 
 class First(ViewSystem):
-    """A system that expects views alike and has the first as its logits."""
+    """A system that expects equal views and has the first as its logits."""
 
     def forward(self, views):
         assert torch.equal(views, views[:, :1].expand_as(views))
         return 50 * views[:, 0], []
 
 
-def filled_bank(backbone, frames, noise=0.0):
-    bank = FeatureBank(len(frames), (frames[0].numel(),), CPU)
-    bank.fill(backbone, frames, batch=5, augment_frames=augmentation(noise))
+def filled_bank(frames, noise=0.0):
+    """A bank whose features are the frames, filled by a backbone that comes in evaluation mode."""
+    bank, backbone = FeatureBank(len(frames), (frames[0].numel(),), CPU), nn.Flatten().eval()
+    augment = Augmentation(noise, recipe().augment, torch.Generator().manual_seed(0))
+    bank.fill(backbone, frames, batch=5, augment=augment)
+    assert backbone.training and not bank.values.requires_grad
     return bank
 
 
-def test_the_bank_holds_each_frame_s_features_from_training_mode():
-    frames, backbone = torch.arange(24.0).view(12, 1, 1, 2), nn.Flatten().eval()
-    bank = filled_bank(backbone, frames)
-    assert backbone.training and torch.equal(bank.values, frames.flatten(1))
-    assert not bank.values.requires_grad
-
-
-def test_the_bank_is_filled_with_features_of_augmented_frames():
-    bank = filled_bank(nn.Flatten(), torch.zeros(200, 1, 2, 2), noise=0.5)
-    assert abs(float(bank.values.std()) - 0.5) < 0.05
+def test_the_bank_holds_each_frame_s_features_and_those_of_augmented_frames():
+    frames = torch.arange(24.0).view(12, 1, 1, 2)
+    assert torch.equal(filled_bank(frames).values, frames.flatten(1))
+    assert abs(float(filled_bank(torch.zeros(200, 1, 2, 2), noise=0.5).values.std()) - 0.5) < 0.05
 
 
 def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank():
     sets, fresh = torch.tensor([[4, 1, 7], [0, 3, 9], [6, 6, 0], [11, 5, 2]]), torch.tensor([[1], [0], [2], [0]])
     network, passing = Sums(), torch.tensor([1, 0, 0, 11])
-    loss_of = SetLoss(network, filled_bank(nn.Flatten(), FRAMES), augmentation(), CPU)
+    loss_of = SetLoss(network, filled_bank(FRAMES), CPU)
     loss = loss_of(FRAMES[passing], LABELS[sets[:, 0]], sets, fresh, torch.tensor([0, 1, 1, 3]))
     assert loss.item() < 1e-6  # all views of a set are of one class
     assert torch.equal(network.passed[0], FRAMES.flatten(1)[passing])
 
 
 def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fresh_alone():
-    frames = torch.arange(12.0).view(12, 1, 1, 1)
-    bank = filled_bank(nn.Flatten(), frames)
+    bank = filled_bank(torch.arange(12.0).view(12, 1, 1, 1))
     features = torch.tensor([[[100.0], [101]], [[102], [103]]], requires_grad=True)
     sets, fresh = torch.tensor([[4, 1, 7], [0, 4, 9]]), torch.tensor([[0, 2], [1, 2]])
     nodes = bank.nodes(sets, fresh, features, first=torch.tensor([0, 1, 0, 3]))

@@ -16,10 +16,8 @@ from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
-from tests.trained_network import rms, some_sets, without_dropout
+from tests.trained_network import some_sets, without_dropout
 
-STEP = 1e-8  # of a finite difference, in sizes of what it moves: hardly a ReLU changes sides within it
-SLOPES = 1e-5  # of a slope: of the 16 digits of a loss such a step leaves 8, and a few less where slopes are small
 SUM = 2.0**-20  # of single precision, after a few sums
 LOST = 10.0  # times its first loss: a training that ends so has diverged
 CALM, NOISY = 1e-3, 0.1  # rates up to which a loss must not rise, but by what dropout and noise make of it
@@ -50,45 +48,9 @@ def not_finite(system, inputs, sets=SETS, labels=LABELS):
     return max(share_not_finite(values) for values in (loss.detach(), *slopes))
 
 
-def slope_error(loss, values):
-    """Difference of a slope and a central difference along a random direction; the median of five directions.
-
-    Relative to the root of the sum of squares of what the slope adds up, which does not cancel.
-    """
-    rng, errors = torch.Generator().manual_seed(0), []
-    for value in values:
-        value.requires_grad_()
-    slopes = torch.autograd.grad(loss(), values, allow_unused=True)
-    pairs = [(value, slope) for value, slope in zip(values, slopes, strict=True) if slope is not None]
-    for _ in range(5):
-        ways = [torch.randn(value.shape, dtype=value.dtype, generator=rng) * rms(value) for value, _ in pairs]
-        terms = torch.cat([(way * slope).flatten() for way, (_, slope) in zip(ways, pairs, strict=True)])
-        ends = []
-        for step in (STEP, -2 * STEP, STEP):  # there, to the other side, and back
-            with torch.no_grad():
-                for way, (value, _) in zip(ways, pairs, strict=True):
-                    value += step * way
-                ends.append(float(loss()))
-        errors.append(abs((ends[0] - ends[1]) / (2 * STEP) - float(terms.sum())) / float(terms.norm()))
-    return float(np.median(errors))
-
-
 def suffix(system):
     """What distinguishes the rows of other systems than the default."""
     return "" if system == "view_gcn" else f", {system}"
-
-
-@pytest.mark.slow
-@pytest.mark.stability("gradients")
-def test_slopes_of_the_loss_are_finite_differences_in_float64(row):
-    classifier = classifier_of("view_gcn").double()
-    frames = torch.from_numpy(INPUTS + 0.01 * np.random.default_rng(0).standard_normal(INPUTS.shape))
-    for name, values in (
-        ("the frames", [frames]),  # with noise: no two cells are equal
-        ("the weights of the backbone", list(classifier.backbone.parameters())),
-        ("the weights of the system", list(classifier.head.parameters())),
-    ):
-        row(f"by {name}", slope_error(lambda: loss_of(classifier, frames), values), SLOPES)
 
 
 @pytest.mark.stability("gradients at the extremes")

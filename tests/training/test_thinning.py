@@ -1,4 +1,4 @@
-"""Some of many frames: equally many of each recording, and of some recordings where there are too many."""
+"""Thinned frames: an equal number of each recording, or of fewer recordings where there are too many."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from tests.glove_data import table
 
 
 def recordings(*sizes):
-    """A table of recordings of so many frames, of two classes in turn, and its indices."""
+    """A table of recordings of these numbers of frames, of two classes in turn, and its indices."""
     recording = np.repeat(np.arange(len(sizes)), sizes)
     return replace(table(), label=recording % 2, recording=recording, group=recording), np.arange(len(recording))
 
