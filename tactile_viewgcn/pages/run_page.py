@@ -23,6 +23,7 @@ PAIRS = 4
 def run_page(run: FinishedRun) -> str:
     """The page as HTML."""
     outcome, origin = Outcome(run), run.records["evaluate"]["origin"]
+    date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     scores = {name: run.metrics[name] for name in reversed(PROTOCOLS) if name in run.metrics}
     of_protocol = {f"{name} protocol": score for name, score in scores.items()}
     by_views = {name: score["by_views"] for name, score in of_protocol.items() if "by_views" in score}
@@ -34,7 +35,8 @@ def run_page(run: FinishedRun) -> str:
         "report.html",
         run=run,
         origin=origin,
-        date=f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC",
+        title=f"Report: {run.name or run.params['model.system']}, {date}",
+        date=date,
         outcome=outcome,
         joined=joined_text(outcome.score),
         steps=next_steps(outcome),
