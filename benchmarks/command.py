@@ -11,8 +11,8 @@ import torch
 from matplotlib.figure import Figure
 from torch.utils.benchmark import Timer
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
 
 BLOCK = 0.2  # seconds that a variant runs in a round, at least

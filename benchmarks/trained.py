@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.systems.classifier import Classifier

@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from stages.command import Job, run
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, read_frames
 from tactile_viewgcn.tables.views import write_views

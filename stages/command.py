@@ -17,9 +17,8 @@ import click
 
 from stages.pipeline import code_of, params_of, stages
 from tactile_viewgcn import tracking
-from tactile_viewgcn.errors import UserError, user_message
 from tactile_viewgcn.files import md5, readable
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note, UserError, user_message
 from tactile_viewgcn.params import load
 from tactile_viewgcn.process import LOST, launched, peak_mb, rank, seconds_since_start
 from tactile_viewgcn.provenance import Record, changes_of, committed_params, origin, run_name

@@ -6,7 +6,7 @@ import click
 import numpy as np
 
 from stages.command import Job, run
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import several
 from tactile_viewgcn.tables.recordings import Recordings, read_source
 
 

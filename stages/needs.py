@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from stages.command import Job, run
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.systems import on_sensors
 
 

@@ -9,8 +9,7 @@ from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.leak import check_leak, leak_counts, leak_notes
 from tactile_viewgcn.frames.preprocessing import frame_counts, kept_rows, preprocess_recordings
-from tactile_viewgcn.names import write_csv
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import several, write_csv
 from tactile_viewgcn.tables.frames import SIDES, write_frames
 from tactile_viewgcn.tables.recordings import Recordings
 

@@ -9,8 +9,7 @@ from tqdm import tqdm
 from studies.cells import code_of_stages, key_of, read_answers, seconds_per_cell, stored
 from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import UserError, several
 
 
 @click.command()

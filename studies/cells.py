@@ -12,9 +12,9 @@ from typing import Any
 
 from stages.pipeline import code_of, stages
 from studies.grid import COLUMNS, FOLDER, Cell
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import VIDEO_SUFFIX, atomic_write, md5
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.schema import flatten
 

@@ -11,10 +11,9 @@ from scipy.stats import t as student
 from studies.cells import Answers
 from studies.grid import COLUMNS
 from studies.p_values import holm, sign_flip
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.intervals import group_interval, proportion_interval
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import UserError, several
 
 MIN_SEEDS = 3  # for an interval over trainings
 ENOUGH = 5.0  # points: largest acceptable value of the smallest difference that a study detects

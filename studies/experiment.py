@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from studies.cells import RESULTS, STORE, code_of_stages, key_of
 from studies.grid import Cell
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 
 BUSY = 300.0  # seconds for which other experiments may hold DVC's lock, or have params.yaml changed

@@ -10,7 +10,7 @@ from annotated_types import MaxLen, MinLen
 from pydantic import StrictStr
 from pydantic.dataclasses import dataclass
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Natural, Seed, load, preset_changes
 from tactile_viewgcn.schema import SECTION, as_change, build, read_yaml
 

@@ -15,7 +15,7 @@ from studies.grid import COLUMNS, Study
 from studies.pictures import error_curves, errors_by_cost, errors_by_variant
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import several
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.randomness import stream
 

@@ -10,7 +10,7 @@ from tqdm import tqdm
 from studies.cells import store, stored
 from studies.experiment import end_cells, git, run_cell, tie
 from studies.grid import Cell
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 
 
 def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:

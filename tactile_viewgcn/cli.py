@@ -8,9 +8,8 @@ from typing import Any
 
 import click
 
-from tactile_viewgcn.errors import UserError, user_message
 from tactile_viewgcn.files import check_outputs, readable
-from tactile_viewgcn.names import shown
+from tactile_viewgcn.messages import UserError, shown, user_message
 from tactile_viewgcn.params import preset_changes, presets
 
 SIDE = click.IntRange(1, 64)  # rows or columns of a frame, the range that readers check

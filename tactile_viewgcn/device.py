@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 
 MAX_MEMORY_SHARE = 0.5  # of the device's free memory: more is not taken for frames
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 PART, OLD = ".unfinished", ".replaced"  # endings of a file or folder being written, and of a folder being replaced

@@ -12,7 +12,7 @@ from annotated_types import Interval, MaxLen, MinLen
 from pydantic import Strict, StrictBool, StrictFloat, StrictInt, StrictStr, StringConstraints, model_validator
 from pydantic.dataclasses import dataclass
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.schema import SECTION, Unique, as_change, build, read_yaml
 from tactile_viewgcn.systems import Member, System, on_sensors
 

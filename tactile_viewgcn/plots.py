@@ -8,7 +8,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from tactile_viewgcn.names import shown
+from tactile_viewgcn.messages import shown
 
 FRAMES = "viridis"  # colours of frames
 LONGEST_NAME = 22  # characters above a small picture

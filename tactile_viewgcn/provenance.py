@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note
 from tactile_viewgcn.process import processor, usable_cores
 from tactile_viewgcn.schema import as_change, flatten, parse
 

@@ -12,8 +12,8 @@ from typing import Any
 import yaml
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import check_is_file
+from tactile_viewgcn.messages import UserError
 
 SECTION = ConfigDict(extra="forbid", allow_inf_nan=False)
 MOST_SHOWN = 200  # characters of a wrong value

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from filelock import FileLock
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5, root
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import Record, origin
 
 EXPERIMENT = "tactile-viewgcn"

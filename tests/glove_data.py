@@ -13,7 +13,7 @@ import torch
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.frames.preprocessing import kept_rows, preprocess_recordings
-from tactile_viewgcn.names import EMPTY_HAND
+from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.readers.stag import read_metadata

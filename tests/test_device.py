@@ -7,7 +7,7 @@ import torch
 
 from tactile_viewgcn import device
 from tactile_viewgcn.device import Compute, keep_freed_memory, select_device
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 
 CPU, CUDA = torch.device("cpu"), torch.device("cuda")
 

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import ARRAYS, atomic_write, check_outputs, files_below, md5
+from tactile_viewgcn.messages import UserError
 
 KINDS = pytest.mark.parametrize("write", [atomic_write, partial(atomic_write, folder=True)], ids=["file", "folder"])
 

@@ -78,7 +78,7 @@ def test_only_tracking_knows_mlflow_and_imports_it_in_functions_alone():
 def test_the_package_its_commands_and_the_virtual_glove_load_neither_torch_nor_mlflow():
     code = (
         "import sys, tactile_viewgcn.params, tactile_viewgcn.cli, tactile_viewgcn.tracking, stages.simulate\n"
-        "from tactile_viewgcn.errors import user_message\n"
+        "from tactile_viewgcn.messages import user_message\n"
         "assert 'out of memory' in user_message(MemoryError()) and user_message(RuntimeError('x')) is None\n"
         "with tactile_viewgcn.tracking.stage_run('ingest') as run:\n"
         "    run.metrics({'a': 1}); run.figure('a.png', None); run.dataset('a', 'b'); run.parameters({'a': 1})\n"

@@ -10,9 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.names import shown, write_csv
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note, UserError, shown, write_csv
 from tactile_viewgcn.pages.html import environment, svg
 from tactile_viewgcn.plots import confusions, mean_frames
 

@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load, preset_changes, presets
 from tactile_viewgcn.schema import as_change, flatten, set_value
 from tactile_viewgcn.systems import System, on_sensors, system_class

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tactile_viewgcn import tracking
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import Record
 from tests.mlflow_stores import fresh_store, runs_of
 

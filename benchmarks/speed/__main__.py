@@ -15,7 +15,7 @@ from benchmarks.speed.plain import WITHIN, agreement
 from benchmarks.speed.sample import Sample, anchors_of
 from benchmarks.trained import CLASSIFIER, FRAMES, read_trained
 from tactile_viewgcn.device import keep_freed_memory, select_device
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.process import processor
 from tactile_viewgcn.tables.frames import TEST

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.systems.classifier import Classifier

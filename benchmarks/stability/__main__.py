@@ -14,7 +14,7 @@ from benchmarks.command import write_table
 from benchmarks.stability.rows import REFUSED, RIGHT, WRONG
 from benchmarks.trained import CLASSIFIER, FRAMES, read_trained
 from tactile_viewgcn.device import select_device
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 
 ROOT = Path(__file__).parents[2]

@@ -13,11 +13,11 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, predictions_of
 from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_p95
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials, check_grasps, unit_of_grasps
 from tactile_viewgcn.intervals import proportion_interval
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials

@@ -9,8 +9,7 @@ from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.names import write_csv
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import several, write_csv
 from tactile_viewgcn.schema import flatten
 
 RECORD = ("stage", "seconds", "peak_mb", "inputs", "counts")  # the keys of a stage's record that are read here

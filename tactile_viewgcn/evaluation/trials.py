@@ -8,8 +8,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.systems.classifier import Classifier

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.tables.frames import SIDES
 
 MINIMUM = 100  # anchors that a class keeps at least; a class with fewer frames uses all of them

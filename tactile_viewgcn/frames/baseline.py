@@ -4,9 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.names import EMPTY_HAND
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.tables.recordings import Recordings
 
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps

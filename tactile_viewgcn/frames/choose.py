@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import (
     Baseline,
     constant_baseline,
@@ -21,7 +20,7 @@ from tactile_viewgcn.frames.leak import check_leak
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.frames.sides import Sides, follows_paper
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings

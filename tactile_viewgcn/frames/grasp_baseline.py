@@ -12,7 +12,7 @@ from tactile_viewgcn.frames.baseline import (
     trimmed_moments,
 )
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 

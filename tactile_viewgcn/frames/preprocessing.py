@@ -4,7 +4,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.anchors import balanced_anchors, published_anchors
 from tactile_viewgcn.frames.baseline import of_empty_hand
 from tactile_viewgcn.frames.choose import Choice, choose
@@ -12,7 +11,7 @@ from tactile_viewgcn.frames.contact import passing
 from tactile_viewgcn.frames.scale_check import clipping_warnings
 from tactile_viewgcn.frames.sides import Sides, deal, keep_testable
 from tactile_viewgcn.frames.split import SPLIT_SEED
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import SIDES, Frames

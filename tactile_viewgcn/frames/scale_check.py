@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.frames import Frames
 

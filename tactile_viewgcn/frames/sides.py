@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import has_empty_hand, of_empty_hand
 from tactile_viewgcn.frames.split import fold_sides, spans_classes, split_groups, surplus_groups, validation_sides
-from tactile_viewgcn.names import EMPTY_HAND
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import Split
 from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
 from tactile_viewgcn.readers.source import TRAIN as PUBLISHED_TRAIN

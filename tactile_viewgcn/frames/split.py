@@ -7,7 +7,7 @@ number of recordings on both of them is reported. Folds of single frames leak on
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.collision import NO_CONTACTS, Contacts, collisions
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands
 from tactile_viewgcn.glove.shapes import Solids
+from tactile_viewgcn.messages import UserError
 
 LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: range of the two coordinates of a finger
 JOINT = np.array([0.25, 0.16])  # N m / rad: springs towards the posture

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.contact import LEVER, Balance, Mechanics
 from tactile_viewgcn.glove.newton import FORCE_FLOOR, StageSolver
 from tactile_viewgcn.glove.tunnelling import tunnels
+from tactile_viewgcn.messages import UserError
 
 GAMMA = 1 - np.sqrt(0.5)
 NEWTON = 16  # iterations of a stage

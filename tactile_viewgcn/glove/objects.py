@@ -16,9 +16,8 @@ from pydantic import BeforeValidator, StringConstraints, ValidationError
 from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.shapes import BOX, Primitive, Vector, box, capsule, cylinder, sphere, torus, tube
-from tactile_viewgcn.names import EMPTY_HAND
+from tactile_viewgcn.messages import EMPTY_HAND, UserError
 from tactile_viewgcn.schema import SECTION, build
 
 # Stiffness of surfaces, Pa/m: pressure per depth.

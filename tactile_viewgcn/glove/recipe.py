@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.contact import Layer
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import OPENING
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Mechanics, Reading
 
 #: Version of the constants in this folder, an attribute of every file. They are set against published and measured

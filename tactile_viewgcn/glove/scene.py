@@ -10,13 +10,12 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.collision import collisions
 from tactile_viewgcn.glove.contact import GRAVITY, Drive
 from tactile_viewgcn.glove.hand import Hands
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import UserError, several
 
 OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])  # rad: posture of an open and of a closed finger
 RELAXED, IDLE = 0.4, 0.2  # closure, 0 open to 1 closed: of a finger that touches nothing; of an empty hand

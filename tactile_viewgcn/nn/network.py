@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.backbone import Batched, build_backbone, extract_features
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import check_is_file, readable
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import VIRTUAL
 
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")

@@ -14,8 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.names import shown
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import Note, several, shown
 from tactile_viewgcn.schema import as_change
 
 if TYPE_CHECKING:

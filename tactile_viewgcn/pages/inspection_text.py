@@ -12,8 +12,7 @@ from tactile_viewgcn.files import ARRAYS, files_below
 from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.names import EMPTY_HAND
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, several
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import several
 from tactile_viewgcn.pages.finished_run import FinishedRun
 from tactile_viewgcn.pages.html import Verdict, percent
 

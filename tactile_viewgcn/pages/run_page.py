@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.report import error_text, joined_text
 from tactile_viewgcn.evaluation.trials import PROTOCOLS
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.finished_run import FinishedRun
 from tactile_viewgcn.pages.next_steps import again, next_steps

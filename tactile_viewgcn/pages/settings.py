@@ -5,7 +5,7 @@ import numpy as np
 from tactile_viewgcn.frames.choose import Choice
 from tactile_viewgcn.frames.contact import SENSORS_IN_CONTACT
 from tactile_viewgcn.frames.sides import has_published_split
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.tables.recordings import Recordings
 
 MOST_FOLDS = 5

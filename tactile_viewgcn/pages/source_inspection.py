@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly, of_empty_hand
 from tactile_viewgcn.frames.choose import choose, contact_readings, measure
 from tactile_viewgcn.frames.contact import session_medians
@@ -15,6 +14,7 @@ from tactile_viewgcn.frames.leak import check_first_frames
 from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
 from tactile_viewgcn.frames.sides import deal
 from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.pages.settings import preprocess_settings, split_settings
 from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import ARRAYS, files_below
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.folder import Names, joined
 from tactile_viewgcn.readers.source import MAX_SIDE, UNLABELLED, Source, Values, listed
 

@@ -14,8 +14,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from traceback import format_exc
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import READ, check_is_file, files_below, in_one_line, stag_files
+from tactile_viewgcn.messages import UserError
 
 MEMORY, MEMORY_TIMES = 2**30, 20  # bytes on top of the program's own; and on top of these, times the source's size
 SECONDS, SECONDS_PER_MB = 10, 2  # of processor time; for each MB of the source, on top

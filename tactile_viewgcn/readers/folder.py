@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.source import (
     Block,

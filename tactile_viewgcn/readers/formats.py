@@ -5,8 +5,8 @@ from pathlib import Path
 
 import h5py
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import ARRAYS, HDF5, files_below, stag_files
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.arrays import PLACES, read_arrays
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import open_hdf5, read_hdf5

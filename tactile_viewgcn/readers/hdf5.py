@@ -18,8 +18,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import HDF5, files_below
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.folder import Names, joined
 from tactile_viewgcn.readers.source import NUMBERS, SOURCE_MD5, SPLITS, UNLABELLED, Source, Values, listed
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.names import EMPTY_HAND
+from tactile_viewgcn.messages import EMPTY_HAND, UserError
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
 TRAIN, TEST = 0, 1  # codes of the published split

@@ -16,9 +16,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import stag_files
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.folder import Names, joined
 from tactile_viewgcn.readers.hdf5 import check_dataset, dataset, kind_of, open_hdf5

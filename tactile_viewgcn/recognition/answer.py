@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import softmax
 
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
 from tactile_viewgcn.recognition.novelty import spread_sets

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import MAX_PRESSURE, check_shape, storage_type
 
 RECORDINGS, VIEW_SETS, ROWS = "recordings", "view sets", "rows"

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.cross_validation import LeftOut
 from tactile_viewgcn.recognition.sequential import MOST_RECORDINGS, Calibration, logits_by_count

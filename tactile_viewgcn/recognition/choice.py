@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactile_viewgcn.notes import Note, several
+from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.cross_validation import LeftOut, left_out_parts
 from tactile_viewgcn.sensors.pipelines import MEMBERS

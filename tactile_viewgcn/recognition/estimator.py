@@ -13,11 +13,9 @@ from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d, validate_data
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.preprocessing import one_class
-from tactile_viewgcn.names import EMPTY_HAND, shown
-from tactile_viewgcn.notes import warnings_of
+from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
 from tactile_viewgcn.params import DEFAULTS, Params, load, preset_changes
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_by_row
 from tactile_viewgcn.schema import as_change

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Model, Params
 from tactile_viewgcn.recognition.calibration import calibrate, calibration_warning
 from tactile_viewgcn.recognition.choice import choose_members

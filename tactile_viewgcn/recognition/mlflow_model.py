@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import MAX_PRESSURE
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tracking import bad_request

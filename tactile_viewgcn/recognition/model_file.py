@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from torch import Tensor
 
 from tactile_viewgcn.files import atomic_write, in_one_line
-from tactile_viewgcn.names import EMPTY_HAND
+from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Model, PreprocessSection
 from tactile_viewgcn.recognition.novelty import Array, Novelty, Unit, fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.files import atomic_write, check_outputs
-from tactile_viewgcn.names import EMPTY_HAND, write_csv
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import EMPTY_HAND, several, write_csv
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of

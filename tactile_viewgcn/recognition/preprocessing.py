@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.baseline import (
     MIN_FRAMES,
     Baseline,
@@ -14,7 +13,7 @@ from tactile_viewgcn.frames.baseline import (
 from tactile_viewgcn.frames.contact import flagged, pressed_frames
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.open_hand import find_open_hand
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.recognition.model_file import STRONG_SHARE, FittedPreprocessing
 from tactile_viewgcn.tables.recordings import Recordings
 

@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import select_device
-from tactile_viewgcn.errors import UserError
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import spread_sets

@@ -9,7 +9,7 @@ import torch
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.scale_check import noise_warnings
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.fitting import fit_classifier

@@ -16,8 +16,8 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.child import run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import (

@@ -14,7 +14,7 @@ import torch.distributed as dist
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, locked, readable, root
-from tactile_viewgcn.notes import several
+from tactile_viewgcn.messages import several
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.threads import FIXED, used
 from tactile_viewgcn.training import distributed

@@ -15,7 +15,7 @@ import torch.distributed as dist
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.process import LOST, launched
 
 TIMEOUT = timedelta(minutes=10)  # for one process to wait for another, which then counts as lost

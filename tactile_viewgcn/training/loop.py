@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Finetune, Pretrain
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Progress, restore, save

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from benchmarks import command
 from benchmarks.command import benchmark, interleaved, median_ratio
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tests.glove_data import ROOT
 
 

@@ -11,7 +11,7 @@ from torch import nn
 from benchmarks.speed import measurements, plain
 from benchmarks.speed.__main__ import speed
 from benchmarks.speed.sample import anchors_of
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import TEST, TRAIN, write_frames

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation import evaluate as module
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_of
 from tactile_viewgcn.evaluation.trials import Trials
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import CPU, fewer_anchors, recipe, table, trained, views_of

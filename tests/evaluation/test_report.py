@@ -5,7 +5,6 @@ import csv
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.evaluate import Evaluation, scores_of
 from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.evaluation.report import (
@@ -18,6 +17,7 @@ from tactile_viewgcn.evaluation.report import (
     write_results,
 )
 from tactile_viewgcn.evaluation.trials import Trials
+from tactile_viewgcn.messages import UserError
 
 CLASSES = ["cup", "pen, red", "tape"]
 LABELS = np.array([0, 0, 1, 1], dtype=np.int16)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames import choose as module
 from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.frames.choose import choose
 from tactile_viewgcn.frames.contact import sensors_in_contact
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.frames.sides import deal
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
 from tests.glove_data import FILE, drifting, written
 

@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.scale_check import noise_warnings
-from tactile_viewgcn.notes import warnings_of
+from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
 from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
 from tactile_viewgcn.params import load

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.stag import read_metadata
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.objects import ACROSS, OBJECTS, GraspObject, select_objects
 from tactile_viewgcn.glove.shapes import box, capsule, sphere, tube
+from tactile_viewgcn.messages import UserError
 
 TUBE = {"inner": 0.03, "outer": 0.034, "length": 0.08}
 CUP = {"name": "cup", "weight": 90, "stiffness": 1e9, "parts": [{"tube": TUBE}]}

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.recipe import EFFECTS, STAG_SIZE, recipe_from_params
 from tactile_viewgcn.glove.scene import OPENING
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
 
 PARAMS = Path(__file__).parents[2] / "params.yaml"

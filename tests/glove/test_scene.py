@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.glove.collision import collisions
 from tactile_viewgcn.glove.contact import GRAVITY
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
@@ -25,6 +24,7 @@ from tactile_viewgcn.glove.scene import (
     schedule,
 )
 from tactile_viewgcn.glove.shapes import Solids
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.randomness import stream
 from tests.glove.scenes import OBJECTS_BY_NAME
 

@@ -6,7 +6,6 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.glove import contact, scene, simulation
 from tactile_viewgcn.glove.contact import Mechanics
@@ -15,6 +14,7 @@ from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.recipe import EFFECTS, VERSION
 from tactile_viewgcn.glove.scene import HOLD, OPEN, schedule
 from tactile_viewgcn.glove.simulation import Simulation, simulate
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.formats import open_source
 from tests.glove.scenes import LAYER, recipe, simulated_counts
 

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from scipy import io
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, read_source, write_recordings
 

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from scipy import io
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import DEFAULTS, load
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier

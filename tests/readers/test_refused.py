@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers import child
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.tables import recordings

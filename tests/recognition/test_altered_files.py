@@ -10,7 +10,7 @@ import torch
 from click.testing import CliRunner
 
 from tactile_viewgcn.cli import cli
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tests.glove_data import OBJECTS, SHAPE, model_file, recording, write
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.recognition.answer import (
     NO_CONTACT,

@@ -7,7 +7,7 @@ import pytest
 from sklearn.exceptions import NotFittedError
 
 from tactile_viewgcn import TactileClassifier
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 
 CHOSEN = {"preprocess.baseline": "none", "preprocess.zero": 0, "preprocess.filter": "none"}
 Y = ["a", "a", "b", "b"]

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from tactile_viewgcn import tracking
 from tactile_viewgcn.cli import cli
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition.answer import UNKNOWN
 from tactile_viewgcn.recognition.prediction import _summary, load_model
 from tests.glove_data import OBJECTS, SHAPE, empty_hand, model_file, recording, write

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, sequential_scores
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.sequential import (

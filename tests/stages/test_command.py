@@ -11,7 +11,7 @@ import torch
 
 from stages import command, pipeline
 from stages.command import Job, run
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tests.stages.running import captured, changed, left, refused, run_stage
 
 ROOT = Path(__file__).parents[2]

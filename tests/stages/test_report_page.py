@@ -11,9 +11,8 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import pytest
 
 from tactile_viewgcn import cli
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.notes import Note
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.finished_run import read_run
 from tactile_viewgcn.pages.run_page import run_page

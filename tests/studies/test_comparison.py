@@ -8,8 +8,8 @@ from studies.cells import Answers
 from studies.comparison import pareto_front, pooled, power, rows_of, sequential_rows
 from studies.grid import Cell, Study
 from studies.report import write_report
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.predictions import Predictions
+from tactile_viewgcn.messages import UserError
 
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
 SEQUENTIAL = {

@@ -14,7 +14,7 @@ from studies import grid
 from studies.__main__ import list_studies, main
 from studies.cells import key_of
 from studies.grid import Cell, names, read_study
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
 
 

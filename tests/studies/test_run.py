@@ -22,7 +22,7 @@ from studies.cells import RESULTS, code_of_stages, key_of, stored
 from studies.experiment import last_error, run_cell, settings
 from studies.grid import Cell
 from studies.run import run_cells
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tests.glove_data import ROOT
 from tests.stages.running import sh
 

@@ -7,8 +7,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.systems import System
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, read_frames, write_frames
 from tactile_viewgcn.tables.transform import full_scale, network_input
 

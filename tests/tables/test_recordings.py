@@ -4,8 +4,8 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.errors import UserError
 from tactile_viewgcn.files import md5
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import COLUMNS, storage_type
 from tactile_viewgcn.tables import recordings as module
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training import loop
 from tactile_viewgcn.training.checkpoint import checkpoint_path, restore, save, training_checkpoint
 from tests.glove_data import CPU

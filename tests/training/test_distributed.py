@@ -9,7 +9,7 @@ import torch
 import torch.distributed as dist
 import torch.multiprocessing
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.process import LOST
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.finetuning import finetune_classifier

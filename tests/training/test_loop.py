@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training.loop import CHECK_EVERY, error_rate, fit
 from tests.glove_data import recipe
 

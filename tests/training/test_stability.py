@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from benchmarks.stability.rows import Quantity, max_rel_error, share_not_finite
-from tactile_viewgcn.errors import UserError
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier

@@ -1,0 +1,98 @@
+"""Texts for people: names from outside made harmless, the exception for a user's mistakes, notes on results.
+
+Names of objects, recordings, sessions and paths may come from anybody. They are stored unchanged.
+"""
+
+import csv
+import sys
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal, TextIO
+
+EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")  # beginnings of a formula, after OWASP
+
+
+def shown(text: object) -> str:
+    r"""A text for a terminal, a picture or a page, with control and formatting characters as \x1b, \n or \u202e."""
+    text = str(text)
+    return text if text.isprintable() else "".join(map(_shown, text))
+
+
+def _shown(letter: str) -> str:
+    joins = letter in "\u200c\u200d"  # used in Persian and Hindi
+    plain = letter.isprintable() or joins or unicodedata.category(letter) == "Zs"  # spaces, as the one in 47.3 %
+    return letter if plain else letter.encode("unicode_escape").decode()
+
+
+def write_csv(file: TextIO, rows: Iterable[Iterable[Any]]) -> None:
+    """Write rows as CSV; a text that a spreadsheet would run as a formula gets an apostrophe before it."""
+    csv.writer(file).writerows([_cell(value) for value in row] for row in rows)
+
+
+def _cell(value: Any) -> Any:
+    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value
+
+
+class UserError(ValueError):
+    """Wrong data, parameters or surroundings: the message names what was found, what is expected and the remedy.
+
+    Commands print it in one line and exit with 1; any other exception is a fault of the program and keeps its
+    traceback. Control characters in the message are escaped, see `shown`.
+    """
+
+    def __init__(self, message: str):
+        super().__init__(shown(message))
+
+
+def user_message(error: Exception) -> str | None:
+    """The line for a user who can correct an error; None for a fault of the program, which keeps its traceback."""
+    text = shown(" ".join(str(error).split()))
+    if isinstance(error, UserError | OSError):
+        return text
+    if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] in ("dvc", "mlflow"):
+        return f"{text}; pip install 'tactile-viewgcn[pipeline]'"
+    torch = sys.modules.get("torch")  # a program without torch does not meet its errors
+    memory = isinstance(error, MemoryError) or "DefaultCPUAllocator: can't allocate memory" in text
+    if memory or (torch and isinstance(error, torch.OutOfMemoryError)):
+        return f"out of memory; lower `batch` or model.backbone.width, or close other programs ({text})"
+    return None
+
+
+@dataclass(frozen=True)
+class Note:
+    """A remark on a result.
+
+    Attributes:
+        text: a sentence for people; no program parses it.
+        level: `info`, a `choice` that `auto` made, or a `warning`.
+        topic: the subject in a word or two, such as `baseline`, `filter`, `split`, `leak check`.
+        key, value: a key of params.yaml with the chosen value, or the remedy of a warning; else the key is empty.
+        stage: the stage that made the note; empty outside the stages.
+    """
+
+    text: str
+    level: Literal["info", "choice", "warning"] = "info"
+    topic: str = ""
+    key: str = ""
+    value: Any = None
+    stage: str = ""
+
+    def __str__(self) -> str:
+        """The line for a terminal; that of a choice begins with key and value."""
+        if self.level == "choice":
+            value = f"{self.value:g}" if isinstance(self.value, float) else str(self.value).replace("'", "")
+            return shown(f"{self.key} {value}: {self.text}")
+        warning = "warning: " if self.level == "warning" else ""
+        return shown(f"{warning}{self.topic and f'{self.topic}: '}{self.text}")
+
+
+def warnings_of(notes: list[Note]) -> list[Note]:
+    """The warnings among notes."""
+    return [note for note in notes if note.level == "warning"]
+
+
+def several(count: int, thing: str, things: str = "") -> str:
+    """`1 frame`, `1,701 frames`; `things` is a plural that does not end in s."""
+    return f"{count:,} {thing if count == 1 else things or f'{thing}s'}"
