@@ -10,10 +10,10 @@ from stages.command import Job, run
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.nn.network import ViewNetwork, count_weights
+from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tables.views import read_views
 from tactile_viewgcn.training.checkpoint import training_checkpoint

@@ -9,7 +9,7 @@ import click
 from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.systems import on_sensors
+from tactile_viewgcn.params import on_sensors
 
 
 def needs(job: Job, out: Path) -> None:

@@ -14,7 +14,6 @@ from pydantic.dataclasses import dataclass
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.schema import SECTION, Unique, as_change, build, read_yaml
-from tactile_viewgcn.systems import Member, System, on_sensors
 
 DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's file, in a wheel a copy
 PRESETS = DEFAULTS.parent / "presets"
@@ -24,6 +23,37 @@ MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single preci
 MOST = 1_000_000  # upper limit of counts
 PLACES = {"cube": 8, "dodecahedron": 20}  # number of viewpoints of the configurations in which it is fixed
 
+# all but sensors are networks on the pretrained backbone
+System = Literal[
+    "view_gcn",
+    "stag",
+    "cnn_lstm",
+    "conv_lstm",
+    "mvcnn",
+    "mean",
+    "gvcnn",
+    "rotationnet",
+    "gcn",
+    "vote",
+    "sensors",
+]
+Member = Literal[  # of sensors; one may be alone
+    "trees",
+    "logistic",
+    "kernel",
+    "kernel_log",
+    "svm",
+    "svm_log",
+    "max_logistic",
+    "max_kernel",
+    "max_kernel_log",
+    "max_kernel_cosine",
+    "max_svm",
+    "max_svm_log",
+    "max_network",
+    "statistics_trees",
+    "statistics_svm",
+]
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
 Side = Annotated[StrictInt, Interval(ge=1, le=64)]  # rows or columns of a frame
 Natural = Annotated[StrictInt, Interval(ge=0, le=MOST)]
@@ -36,6 +66,11 @@ Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Mechanics = Literal["motion", "weight", "shift", "tremor", "fit"]  # effects of the virtual glove
 Reading = Literal["bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects"]
+
+
+def on_sensors(name: str) -> bool:
+    """Whether the system reads the sensors, so that no backbone is pretrained for it."""
+    return name == "sensors"
 
 
 @dataclass(frozen=True, config=SECTION)

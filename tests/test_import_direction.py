@@ -28,7 +28,6 @@ ALLOWED = {
 }
 # what may use all of the package: its commands, and what `from tactile_viewgcn import` gives
 ENTRANCES = {"tactile_viewgcn/__init__.py", "tactile_viewgcn/cli.py", "tactile_viewgcn/__main__.py"}
-NAMES = "tactile_viewgcn.systems"  # the names of the systems, which params.py checks
 KNOWS_MLFLOW = "tactile_viewgcn/tracking.py"
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tactile_viewgcn").rglob("*.py"))
 
@@ -41,7 +40,7 @@ def folder_of(path):
 
 def imported_paths(path):
     """The package's files that a file itself imports."""
-    names = (name.replace(".", "/") for name in imported_modules(ROOT / path) if name != NAMES)
+    names = (name.replace(".", "/") for name in imported_modules(ROOT / path))
     return {file for name in names for file in (f"{name}.py", f"{name}/__init__.py") if file in FILES} - {path}
 
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import load, preset_changes, presets
+from tactile_viewgcn.params import System, load, on_sensors, preset_changes, presets
 from tactile_viewgcn.schema import as_change, flatten, set_value
-from tactile_viewgcn.systems import System, on_sensors, system_class
+from tactile_viewgcn.systems import system_class
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "params.yaml"

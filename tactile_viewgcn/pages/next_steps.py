@@ -5,8 +5,8 @@ from itertools import starmap
 from typing import Any, NamedTuple
 
 from tactile_viewgcn.pages.outcome import Outcome
+from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.systems import on_sensors
 
 FOLDED = ("recording", "grasp", "session")  # values of `split.by` that have folds
 LEARNING = ("model.", "pretrain.", "finetune.")  # parameters that a preset sets

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tactile_viewgcn.messages import Note, several
+from tactile_viewgcn.params import Member
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.cross_validation import LeftOut, left_out_parts
 from tactile_viewgcn.sensors.pipelines import MEMBERS
 from tactile_viewgcn.sensors.systems import SensorSystem, added
-from tactile_viewgcn.systems import Member
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.training.sensor_fitting import training_frames
 

@@ -8,12 +8,11 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.params import Model, Params
+from tactile_viewgcn.params import Model, Params, on_sensors
 from tactile_viewgcn.recognition.calibration import calibrate, calibration_warning
 from tactile_viewgcn.recognition.choice import choose_members
 from tactile_viewgcn.recognition.cross_validation import WHOLE, left_out_parts
 from tactile_viewgcn.recognition.sequential import Calibration
-from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.views import Views

@@ -10,11 +10,11 @@ from torch import Tensor
 
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.messages import UserError, several
+from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_counts
-from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.transform import network_input
 
 MOST_FRAMES = 1024  # frames that are classified at once; a request may hold any number

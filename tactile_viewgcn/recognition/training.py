@@ -10,11 +10,10 @@ from tactile_viewgcn.device import select_device
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.params import Params
+from tactile_viewgcn.params import Params, on_sensors
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.systems import on_sensors
 from tactile_viewgcn.tables.recordings import Recordings
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames

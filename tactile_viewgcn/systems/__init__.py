@@ -1,48 +1,11 @@
-"""Names of the systems that `model.system` chooses from, each a file here, and of the members of `sensors`."""
+"""The systems that `model.system` chooses from, a file each, and the code that loads the chosen one alone."""
 
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tactile_viewgcn.nn.system import ViewSystem
-
-# all but sensors are networks on the pretrained backbone
-System = Literal[
-    "view_gcn",
-    "stag",
-    "cnn_lstm",
-    "conv_lstm",
-    "mvcnn",
-    "mean",
-    "gvcnn",
-    "rotationnet",
-    "gcn",
-    "vote",
-    "sensors",
-]
-Member = Literal[  # of sensors; one may be alone
-    "trees",
-    "logistic",
-    "kernel",
-    "kernel_log",
-    "svm",
-    "svm_log",
-    "max_logistic",
-    "max_kernel",
-    "max_kernel_log",
-    "max_kernel_cosine",
-    "max_svm",
-    "max_svm_log",
-    "max_network",
-    "statistics_trees",
-    "statistics_svm",
-]
-
-
-def on_sensors(name: str) -> bool:
-    """Whether the system reads the sensors, so that no backbone is pretrained for it."""
-    return name == "sensors"
 
 
 def load_system(name: str) -> ModuleType:

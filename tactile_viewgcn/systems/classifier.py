@@ -8,9 +8,9 @@ that frames are given as, None for the table's. `prepare` puts the classifier on
 from torch import Tensor
 
 from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork
-from tactile_viewgcn.params import Model
+from tactile_viewgcn.params import Model, on_sensors
 from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.systems import load_system, on_sensors, system_class
+from tactile_viewgcn.systems import load_system, system_class
 
 Classifier = ViewNetwork | SensorClassifier
 

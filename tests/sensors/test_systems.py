@@ -11,7 +11,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC
 
-from tactile_viewgcn.params import Params
+from tactile_viewgcn.params import Member, Params
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
 from tactile_viewgcn.sensors import forest, max_network, pipelines
 from tactile_viewgcn.sensors.classifier import SensorClassifier
@@ -20,7 +20,6 @@ from tactile_viewgcn.sensors.kernels import SupportVectors
 from tactile_viewgcn.sensors.pipelines import MEMBERS
 from tactile_viewgcn.sensors.systems import FLOOR
 from tactile_viewgcn.sensors.unit import contact_unit
-from tactile_viewgcn.systems import Member
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.sensor_fitting import fit_sensors
 from tactile_viewgcn.views.sampling import powers_of_two

@@ -57,7 +57,7 @@ def test_what_is_exempt_is_there():
 @pytest.mark.parametrize("name", STAGES)
 def test_every_dep_is_there_and_imported(name):
     files = set().union(*(imported(name, system) for stage, system in CASES if stage == name))
-    files |= imported_files(f"stages/{name}.py", {"tactile_viewgcn/__init__.py"})  # `needs` reads the systems' names
+    files |= imported_files(f"stages/{name}.py", {"tactile_viewgcn/__init__.py"})
     for dep in watched(name, "view_gcn"):
         assert (ROOT / dep).exists() and any(is_below(file, [dep]) for file in files), dep
 

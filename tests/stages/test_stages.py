@@ -11,10 +11,10 @@ import pytest
 import yaml
 
 from tactile_viewgcn.files import md5
+from tactile_viewgcn.params import System
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.systems import System
 from tactile_viewgcn.tables.frames import write_frames
 from tactile_viewgcn.tables.views import read_views
 from tests.glove_data import ROOT, SMALL, fewer_anchors, recipe, table, trained

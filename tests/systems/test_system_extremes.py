@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.systems import System
+from tactile_viewgcn.params import System
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, views_of

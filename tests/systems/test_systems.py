@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from tactile_viewgcn.nn.system import shape_classifier
-from tactile_viewgcn.systems import System
+from tactile_viewgcn.params import System
 from tests.systems.small_systems import built, fill, some_views
 
 ROOT = Path(__file__).parents[2]
