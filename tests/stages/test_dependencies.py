@@ -21,8 +21,8 @@ NEUTRAL = {
 } | {
     f"tactile_viewgcn/{name}.py"
     for name in (
-        *("params", "schema", "errors", "names", "notes", "files", "training/checkpoint"),
-        *("process", "provenance", "threads", "tracking", "plots"),
+        *("params", "schema", "messages", "files", "training/checkpoint"),
+        *("process", "provenance", "tracking", "plots"),
     )
 }
 CASES = [(name, system) for name, stage in STAGES.items() for system in (SYSTEMS if SYSTEM in stage["deps"] else [""])]
