@@ -4,7 +4,7 @@ import shlex
 import textwrap
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -146,8 +146,11 @@ def _measured(overview: Overview) -> Table:
     if errors:
         by = overview.setting("split.by")
         remark += f" The one marked * was chosen on the training side of split.by {by} alone, as preprocess does."
-    measured = [(kind + " *" * (kind == taken), error, leaks.get(kind)) for kind, error in errors.items()]
-    measured += [("all recordings", overview.error, overview.leak), ("first frame", None, overview.first_frame)]
+    measured: list[tuple[str, QuickError | None, QuickError | None]] = [
+        *((kind + " *" * (kind == taken), error, leaks.get(kind)) for kind, error in errors.items()),
+        ("all recordings", overview.error, overview.leak),
+        ("first frame", None, overview.first_frame),
+    ]
     rows = [[name, *_errors(error, leak)] for name, error, leak in measured if error or leak]
     return Table("Baseline", remark, ["", "error, %", "without contact, %", "chance, %", "leaks"], rows)
 
@@ -225,7 +228,7 @@ def command_lines(overview: Overview) -> list[str]:
     tracked = path == Path(VIRTUAL) or path.absolute().with_name(f"{path.name}.dvc").exists()
     source = path if tracked else path.absolute()  # a temporary folder holds what git and DVC track alone
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
-    values = {"data.source": str(source)}
+    values: dict[str, Any] = {"data.source": str(source)}
     if files_below(path, ARRAYS):
         values["data.shape"] = list(overview.recordings.shape)
     values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}

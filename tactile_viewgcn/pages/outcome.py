@@ -46,7 +46,7 @@ class Outcome:
         self.uncertain = not self.ends or self.groups < FEW or self.ends[1] - self.ends[0] > WIDE
         recordings = {
             label: len(np.unique(predictions.recordings[predictions.labels == label]))
-            for label in np.flatnonzero(self.counts.any(axis=1))
+            for label in np.flatnonzero(self.counts.any(axis=1)).tolist()
         }
         self.objects = sorted(
             ((str(predictions.classes[label]), count, *self._answers(label)) for label, count in recordings.items()),
