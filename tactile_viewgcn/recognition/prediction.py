@@ -104,11 +104,12 @@ def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
 def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
     """The answer as plain values, NaN as None; no class has a probability without contact."""
     shares = {} if answer.status == NO_CONTACT else dict(zip(classes, answer.probabilities.tolist(), strict=True))
-    best = [*sorted(shares, key=lambda name: -shares[name]), *[None] * TOP][:TOP]
+    ranked = sorted(shares.items(), key=lambda pair: -pair[1])
+    best: list[tuple[str | None, float | None]] = [*ranked, *[(None, None)] * TOP][:TOP]
     values: dict[str, Any] = {"recording": answer.recording, "start_s": answer.start, "end_s": answer.end}
-    values["answer"] = best[0] if answer.status == OBJECT else answer.status
-    for place, name in enumerate(best, start=1):
-        values |= {f"class_{place}": name, f"probability_{place}": shares.get(name)}
+    values["answer"] = best[0][0] if answer.status == OBJECT else answer.status
+    for place, (name, share) in enumerate(best, start=1):
+        values |= {f"class_{place}": name, f"probability_{place}": share}
     values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
     values |= {"novelty": answer.novelty, "object": answer.object or None}
     values |= {"grasp_again": answer.grasp_again, "probabilities": shares}
