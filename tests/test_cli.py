@@ -54,7 +54,7 @@ def test_inspect_describes_a_source(tmp_path):
     assert "30 frames of 32 x 32, kept as int16" in result.stdout
     assert "6 recordings of 3 objects in 1 session" in result.stdout
     assert "optional columns: split, valid, balanced" in result.stdout
-    assert "548 of 1024 sensors vary" in result.stdout
+    assert "548 of 1,024 sensors vary" in result.stdout
     assert re.search(r"^  object2 +2 +10 +\d+ +\d+ +\d+$", result.stdout, re.MULTILINE)
 
 

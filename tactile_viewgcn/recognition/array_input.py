@@ -46,7 +46,7 @@ def _is_several(row: Any) -> bool:
 def _axes(values: Any) -> int | None:
     """Number of axes of an array or of nested lists; None where these are ragged."""
     try:
-        return np.ndim(values)
+        return values.ndim if hasattr(values, "ndim") else np.asarray(values).ndim
     except ValueError:
         return None
 
