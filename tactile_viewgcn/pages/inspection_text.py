@@ -62,7 +62,8 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     lengths = f"{low:g} to {high:g} frames, median {middle:g}" if low < high else f"{several(int(low), 'frame')} each"
     pressed = f"{overview.hand.sensors} or more sensors are pressed"
     pressed = "all are, even the quietest" if overview.hand.all_contact else pressed
-    often = f"{overview.stuck.sum()} of them hardly, {overview.saturated.sum()} are {LARGEST}"
+    faults = {"hardly": overview.stuck.sum(), f"are {LARGEST}": overview.saturated.sum()}
+    faulty = "".join(f"; {number} {fault}" for fault, number in faults.items() if number)
     rate, times = "no times", "of frames in the recordings, so no frame rate"
     if overview.interval:
         gaps = f"{several(overview.gaps, 'gap')} of more than {GAP} intervals"
@@ -72,7 +73,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         _counted(frames.sum(), "frame", f" of {height} x {width}, kept as {table.dtype}"),
         _counted(len(frames), "recording", f" of {objects} in {sessions}: {lengths}"),
         (f"{100 * counts['in contact'].sum() / frames.sum():.0f} %", f"of the frames are in contact: {pressed}"),
-        (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary; {often}"),
+        (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary{faulty}"),
         (rate, times),
     ]
     if optional := [name for name in table.columns if name not in EVERY_SOURCE]:
