@@ -63,12 +63,8 @@ class Job:
 
     def compute(self) -> "Compute":
         """Device and precision, which the record keeps; from here on the number of threads follows the load."""
-        from tactile_viewgcn.device import (  # here, since they load torch
-            follow_load,
-            keep_freed_memory,
-            select_device,
-            used,
-        )
+        from tactile_viewgcn.device import keep_freed_memory, select_device  # here, since they load torch
+        from tactile_viewgcn.threads import follow_load, used
 
         keep_freed_memory()
         follow_load()

@@ -12,10 +12,11 @@ import numpy as np
 import torch
 import torch.distributed as dist
 
-from tactile_viewgcn.device import FIXED, Compute, used
+from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, locked, readable, root
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.process import rank
+from tactile_viewgcn.threads import FIXED, used
 from tactile_viewgcn.training import distributed
 
 FOLDER = "checkpoints"
