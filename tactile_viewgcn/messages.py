@@ -1,6 +1,6 @@
 """Texts for people: names from outside made harmless, the exception for a user's mistakes, notes on results.
 
-Names of objects, recordings, sessions and paths may come from anybody. They are stored unchanged.
+Names of objects, recordings, sessions and paths may come from anybody. Files keep them unchanged.
 """
 
 import csv

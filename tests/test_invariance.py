@@ -72,6 +72,7 @@ def only(count: int) -> Iterator[None]:
     torch.set_num_threads(count)
     try:
         with threadpool_limits(count):
+            assert torch.get_num_threads() == count
             yield
     finally:
         torch.set_num_threads(before)

@@ -29,7 +29,7 @@ class FinishedRun:
         name: as the user named it; empty for the workspace.
         metrics, timing: results/metrics.json and timing.json.
         predictions: of every trial.
-        records: by stage, see `stages.command`.
+        records: by stage, see `provenance.Record`.
     """
 
     name: str

@@ -1,6 +1,6 @@
 """Self-contained HTML pages from the templates in `templates/`: no script, and no request leaves a page.
 
-Jinja2 escapes every value, and `names.shown` escapes control characters.
+Jinja2 escapes every value, and `messages.shown` escapes control characters.
 """
 
 import base64

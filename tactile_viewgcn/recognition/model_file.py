@@ -82,7 +82,7 @@ class Content(BaseModel):
     """What a file holds, each value in its range; see `save_classifier`."""
 
     model_config = CHECKED
-    format: Literal[8] = 8  # raised where older files have other contents
+    format: Literal[8] = 8  # add 1 when the content of a file changes
     learnt: dict[str, Any]
     viewpoints: Tensor
     model: Model

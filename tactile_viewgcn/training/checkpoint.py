@@ -27,7 +27,7 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
     """The file of a stage's training, see `checkpoint_path`; removed when the block ends well.
 
     A process that starts the same training says so and waits until this one is done. Of several processes that train
-    together the first one writes and removes the file; all read it.
+    together the first one writes and removes the file; all read it, with the first one's bank of features.
     """
     path = checkpoint_path(stage, key, compute)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -55,6 +55,8 @@ def size() -> int:
 def rows(count: int) -> slice:
     """This process's rows of a batch of `count` examples; the processes' parts differ by one example at most.
 
+    Gradients are the mean over processes, so an example of a smaller part weighs a little more.
+
     Raises:
         UserError: fewer than two examples for a process, which batch normalisation needs.
     """

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.evaluation.statistics import calibration_error
+from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_p95
 
 DIGITS = 1e-12  # of double precision
 
@@ -41,3 +41,8 @@ def test_the_calibration_error_is_that_of_a_loop_over_the_bins(confidence, seed)
     for chosen in (bins == number for number in np.unique(bins)):
         total += chosen.mean() * abs(confidence[chosen].mean() - correct[chosen].mean())
     assert calibration_error(confidence, correct) == pytest.approx(total, abs=1e-12)
+
+
+def test_the_median_and_the_95th_percentile_by_hand():
+    assert median_and_p95(np.array([3.0, 1.0])) == pytest.approx({"median": 2, "p95": 2.9})
+    assert median_and_p95(np.arange(50.0)[::-1] ** 2) == pytest.approx({"median": 600.5, "p95": 2167.15})

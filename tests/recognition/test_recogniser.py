@@ -40,7 +40,10 @@ def test_many_view_sets_are_classified_a_few_at_a_time(saved, monkeypatch):
     counts, recogniser = table().counts[some_sets()], Recogniser(saved)
     whole = recogniser.probabilities(counts)
     monkeypatch.setattr(module, "MOST_FRAMES", 20)  # five view sets
+    sizes, values = [], recogniser._values
+    monkeypatch.setattr(recogniser, "_values", lambda part, base: sizes.append(len(part)) or values(part, base))
     np.testing.assert_allclose(recogniser.probabilities(counts), whole, rtol=1e-5)
+    assert sizes == [5, 5, 2]
 
 
 def test_an_offset_of_a_billion_costs_no_digits_of_the_excess(tmp_path):

@@ -10,7 +10,7 @@ import torch
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training import loop
-from tactile_viewgcn.training.checkpoint import checkpoint_path, restore, save, training_checkpoint
+from tactile_viewgcn.training.checkpoint import Progress, checkpoint_path, restore, save, training_checkpoint
 from tests.glove_data import CPU
 from tests.training.small_trainings import equal_weights, finetune, pretrain
 
@@ -110,3 +110,17 @@ def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
         path.write_bytes(b"under way")
         raise Interrupted
     assert path.read_bytes() == b"under way"
+
+
+def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch):
+    path = tmp_path / "training.pt"
+    save(path, {}, Progress(epoch=3))
+
+    def half(content, part):
+        part.write_bytes(b"half of it")
+        raise Interrupted
+
+    monkeypatch.setattr(torch, "save", half)
+    with pytest.raises(Interrupted):
+        save(path, {}, Progress(epoch=4))
+    assert restore(path, {}).epoch == 3

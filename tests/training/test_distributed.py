@@ -93,7 +93,7 @@ def test_two_processes_have_equal_parameters_and_learn(tmp_path):
         assert curves["loss"] == others["loss"] and curves["loss"][-1] < curves["loss"][0]
 
 
-def test_two_processes_have_the_gradient_of_the_whole_batch_as_one_has(tmp_path):
+def test_two_processes_have_the_gradient_of_the_whole_even_batch(tmp_path):
     gradient, loss = gradients_of_a_batch()
     for other_gradient, other_loss in by_two(tmp_path, gradients_of_a_batch):
         torch.testing.assert_close(other_gradient, gradient)
