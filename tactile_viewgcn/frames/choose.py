@@ -173,7 +173,7 @@ def _best_baseline(
         warning = "; every baseline leaks the object; this one leaks least"
     else:
         best = _first_of_lowest({kind: error for kind, error in errors.items() if kind not in leaking})
-        warning = f"; the object leaks without contact above {listed(leaking)}" if leaking else ""
+        warning = f"; above {listed(leaking)} the object is recognised without contact" if leaking else ""
     others = [f"with {kind} by {100 * error.error:.1f} %" for kind, error in errors.items() if kind != best]
     quick = f"ridge regression on held-out groups errs by {100 * errors[best].error:.1f} %"
     return best, ", ".join([quick, *others]) + warning

@@ -89,7 +89,7 @@ class Outcome:
             alone = "All test frames are of one split group, which says nothing about others."
             return Verdict("bad", "This result cannot be judged.", [alone, *reasons])
         if self.guesses:
-            answer = "No: this result is no better than guessing."
+            answer = "No: this result cannot be told from guessing."
             return Verdict("bad", answer, ["The interval reaches the error of guessing.", *reasons])
         below = ["The whole interval lies below the error of guessing.", *self._beside_candidates()]
         if reasons:
