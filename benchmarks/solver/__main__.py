@@ -35,7 +35,7 @@ kinks; SciPy's methods step over them, at most a frame at a time."""
 def solver(params: Params, quick: bool) -> Result:
     """Time integrators on one grasp of a ball, from soft to stiff, and of every object.
 
-    Takes about a quarter of an hour on two cores; --quick is a soft ball and a coin, two settings of
+    Takes about 50 minutes of one core (AMD EPYC with AVX2); --quick is a soft ball and a coin, two settings of
     each method, and a coarser reference.
     """
     recipe = replace(recipe_from_params(params.glove), sessions=1, frames=FRAMES, grasps=1, seed=SEED)
