@@ -106,6 +106,8 @@ def test_a_repeated_step_has_the_loss_and_the_gradients_of_a_launched_one(graphs
     ],
 )
 def test_repeated_kernels_learn_what_launched_ones_do(change, graphs, monkeypatch):
+    params = recipe("finetune.epochs=3", change)
+    inputs = table(), views_of(table(), params), pretrained(), params, CUDA
     shapes, call = Counter(), Replay.__call__
 
     def watched(self, *arguments):
@@ -113,8 +115,6 @@ def test_repeated_kernels_learn_what_launched_ones_do(change, graphs, monkeypatc
         return call(self, *arguments)
 
     monkeypatch.setattr(Replay, "__call__", watched)
-    params = recipe("finetune.epochs=3", change)
-    inputs = table(), views_of(table(), params), pretrained(), params, CUDA
     repeated = finetune_classifier(*inputs)[1].curves["loss"]
     assert len(set(graphs)) == sum(count > 1 for count in shapes.values()) > 0
     assert len(graphs) == sum(count - 1 for count in shapes.values() if count)
