@@ -67,9 +67,9 @@ class Record:
             part.write_text(json.dumps(asdict(self), indent=2) + "\n")
 
     @classmethod
-    def read(cls, path: Path) -> "Record":
-        """The record in a file; any exception where the file is damaged, or a field is missing."""
-        content = json.loads(path.read_text())
+    def read(cls, text: str | bytes) -> "Record":
+        """The record that a file holds as `text`; any exception where it is damaged, or a field is missing."""
+        content = json.loads(text)
         values = {field.name: content[field.name] for field in fields(cls)}
         return cls(**values | {"notes": [Note(**note) for note in content["notes"]]})
 

@@ -90,7 +90,7 @@ class Run:
                 print(f"warning: {path}: {_reason(error)}; its run is not linked", file=sys.stderr, flush=True)
 
     def _link(self, mlflow: Any, path: Path) -> None:
-        record, digest, client = Record.read(path), md5(path), mlflow.MlflowClient()
+        record, digest, client = Record.read(path.read_text()), md5(path), mlflow.MlflowClient()
         if not record.needed:
             return
         link, run_id = f"stage.{record.stage}", None

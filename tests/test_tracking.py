@@ -14,14 +14,10 @@ from tactile_viewgcn import tracking
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import Record
 from tests.mlflow_stores import fresh_store, runs_of
+from tests.records import RECORD
 
 ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
-RECORD = Record(
-    stage="pretrain", needed=True, run_id=None, name="pretrain.lr=0.01", seconds=9.0, peak_mb=50.5,
-    inputs={"frames": {"path": "f.h5", "md5": "ab"}}, counts={"weights.backbone": 7}, curves={"loss": [3.0, 2.0]},
-    params={"values": {"pretrain.lr": 0.01}}, notes=[], origin={"time": "2026-01-02T03:04:05+00:00"},
-)  # fmt: skip
 
 
 def steps(client, run_id, name):
@@ -80,7 +76,7 @@ def test_a_stage_is_logged_from_its_record_once_and_the_run_that_it_began_is_com
         record = replace(RECORD, **changes)
         paths.append(tmp_path / f"{record.stage}.json")
         record.write(paths[-1])
-        assert Record.read(paths[-1]) == record
+        assert Record.read(paths[-1].read_text()) == record
     evaluated(*paths)
     evaluated(*paths)
     runs = {run.info.run_id: run for run in runs_of(client)}

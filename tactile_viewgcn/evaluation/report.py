@@ -10,11 +10,11 @@ from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several, write_csv
+from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.schema import flatten
 
-RECORD = ("stage", "seconds", "peak_mb", "inputs", "counts")  # the keys of a stage's record that are read here
 DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest
-Records = dict[str, dict[str, Any]]  # of the earlier stages, by stage
+Records = dict[str, Record]  # of the earlier stages, by stage
 
 
 def read_records(paths: Iterable[Path]) -> Records:
@@ -26,8 +26,8 @@ def read_records(paths: Iterable[Path]) -> Records:
     records = {}
     for path in paths:
         with readable(path):
-            record = json.loads(path.read_text())
-            records[record["stage"]] = {name: record[name] for name in RECORD}
+            record = Record.read(path.read_text())
+            records[record.stage] = record
     return records
 
 
@@ -37,8 +37,8 @@ def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: flo
     Args:
         seconds, peak_mb: of the stage `evaluate` itself, of whose seconds the trials took `trials_seconds`.
     """
-    each = {name: record["seconds"] for name, record in records.items()} | {"evaluate": seconds}
-    peak = max([peak_mb, *(record["peak_mb"] for record in records.values())])
+    each = {name: record.seconds for name, record in records.items()} | {"evaluate": seconds}
+    peak = max([peak_mb, *(record.peak_mb for record in records.values())])
     return {
         "seconds": {name: round(value, 3) for name, value in (each | {"total": sum(each.values())}).items()},
         "trials_seconds": round(evaluation.seconds, 3),
@@ -105,7 +105,7 @@ def row_tags_and_parameters(metrics: dict[str, Any], records: Records) -> tuple[
     The tags are errors with their intervals in words, and what `auto` chose; the parameters are numbers of classes, of
     frames and groups on each side, and of weights.
     """
-    counts = {name: value for record in records.values() for name, value in record["counts"].items()}
+    counts = {name: value for record in records.values() for name, value in record.counts.items()}
     scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
     tags = {f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()}
     tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
@@ -115,7 +115,7 @@ def row_tags_and_parameters(metrics: dict[str, Any], records: Records) -> tuple[
 
 def dataset(records: Records, frames: str, md5: str) -> tuple[str, str]:
     """Path and digest of the recordings; of the table of frames where there is no record of ingest."""
-    source = records["ingest"]["inputs"]["source"] if "ingest" in records else {"path": frames, "md5": md5}
+    source = records["ingest"].inputs["source"] if "ingest" in records else {"path": frames, "md5": md5}
     return source["path"], source["md5"][:DIGEST]
 
 

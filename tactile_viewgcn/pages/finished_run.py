@@ -14,6 +14,7 @@ from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import check_is_file, readable
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import VIRTUAL
+from tactile_viewgcn.provenance import Record
 
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")
 REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
@@ -29,19 +30,19 @@ class FinishedRun:
         name: as the user named it; empty for the workspace.
         metrics, timing: results/metrics.json and timing.json.
         predictions: of every trial.
-        records: by stage, see `provenance.Record`.
+        records: by stage.
     """
 
     name: str
     metrics: dict[str, Any]
     timing: dict[str, Any]
     predictions: Predictions
-    records: dict[str, dict[str, Any]]
+    records: dict[str, Record]
 
     @property
     def params(self) -> dict[str, Any]:
         """Every parameter, by dotted key."""
-        return self.records["evaluate"]["params"]["values"]
+        return self.records["evaluate"].params["values"]
 
     @property
     def simulated(self) -> bool:
@@ -51,12 +52,11 @@ class FinishedRun:
     @property
     def changed(self) -> dict[str, Any]:
         """Parameters that differ from the committed ones, by dotted key."""
-        return self.records["evaluate"]["params"]["changed"]
+        return self.records["evaluate"].params["changed"]
 
     def notes(self, level: str) -> list[Note]:
         """The stages' notes of that level, in the order of the stages."""
-        notes = [Note(**note) for record in self.records.values() for note in record["notes"]]
-        return [note for note in notes if note.level == level]
+        return [note for record in self.records.values() for note in record.notes if note.level == level]
 
 
 def read_run(name: str = "") -> FinishedRun:
@@ -81,14 +81,14 @@ def read_run(name: str = "") -> FinishedRun:
     metrics, timing = (read(f"results/{file}.json") for file in ("metrics", "timing"))
     predictions = read("results/predictions.npz")
     with readable(f"{where}: a file of runs/ or results/"):
-        records = {stage: json.loads(content) for stage, content in contents.items()}
+        records = {stage: Record.read(content) for stage, content in contents.items()}
         declared = sum(member.file_size for member in ZipFile(BytesIO(predictions)).infolist())
         if declared > MOST_TIMES * len(predictions):
             raise ValueError(f"predictions.npz declares {declared / 1e6:,.0f} MB")
         run = FinishedRun(
             name, json.loads(metrics), json.loads(timing), read_predictions(BytesIO(predictions)), records
         )
-        evaluated = records["evaluate"]["inputs"]
+        evaluated = records["evaluate"].inputs
     for stage, content in contents.items():
         if stage in evaluated and evaluated[stage]["md5"] != md5(content, usedforsecurity=False).hexdigest():
             raise UserError(

@@ -65,7 +65,7 @@ def next_steps(outcome: Outcome) -> list[Step]:
         why = "These are simulated. This says what yours hold, and what to set:"
         steps.append(Step("Take your own recordings.", why, "tactile-viewgcn inspect data/my_glove"))
     elif not outcome.guesses:
-        run_id = run.records["evaluate"]["run_id"] if run.name else ""  # its model is in MLflow, or in the workspace
+        run_id = run.records["evaluate"].run_id if run.name else ""  # its model is in MLflow, or in the workspace
         fetch = f"dvc exp apply {shlex.quote(run.name)}\n" if run.name and not run_id else ""
         command = f"{fetch}tactile-viewgcn predict {run_id or 'models/classifier.pt'} NEW_RECORDINGS"
         steps.append(Step("Ask the classifier about new recordings of the same glove.", "They need no label.", command))

@@ -22,13 +22,13 @@ PAIRS = 4
 
 def run_page(run: FinishedRun) -> str:
     """The page as HTML."""
-    outcome, origin = Outcome(run), run.records["evaluate"]["origin"]
+    outcome, origin = Outcome(run), run.records["evaluate"].origin
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     scores = {name: run.metrics[name] for name in reversed(PROTOCOLS) if name in run.metrics}
     of_protocol = {f"{name} protocol": score for name, score in scores.items()}
     by_views = {name: score["by_views"] for name, score in of_protocol.items() if "by_views" in score}
     counts = {f"{outcome.protocol} protocol, all trials": outcome.counts}
-    curves = {stage: run.records[stage]["curves"] for stage in ("pretrain", "finetune")}
+    curves = {stage: run.records[stage].curves for stage in ("pretrain", "finetune")}
     epochs = {stage: max(map(len, lines.values()), default=0) for stage, lines in curves.items()}
     used_changed = origin.get("git.changed", "").split("\n")
     return html.render(

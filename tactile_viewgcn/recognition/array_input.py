@@ -26,8 +26,8 @@ def form_of(X: Any) -> str:
         return RECORDINGS
     axes = _axes(X)
     if axes not in (1, 2, 4):
-        found = "is ragged" if axes is None else f"is of type {type(X).__name__} with {axes} axes"
-        raise UserError(f"X {found}; expected {FORMS}")
+        problem = "is ragged" if axes is None else f"is of type {type(X).__name__} with {axes} axes"
+        raise UserError(f"X {problem}; expected {FORMS}")
     return VIEW_SETS if axes == 4 else ROWS
 
 

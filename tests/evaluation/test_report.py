@@ -1,6 +1,7 @@
 """The files of an evaluation, its row in MLflow and its lines of text, of trials whose numbers are known."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,14 +19,15 @@ from tactile_viewgcn.evaluation.report import (
 )
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.messages import UserError
+from tests.records import RECORD
 
 CLASSES = ["cup", "pen, red", "tape"]
 LABELS = np.array([0, 0, 1, 1], dtype=np.int16)
 LATENCY = {"single": {"median": 1.5, "p95": 2.25}, "batch": {"median": 0.5}}
-EARLIER = {"peak_mb": 900.0, "inputs": {}, "counts": {}}
+COUNTS = {"resolved.model.members": "svm + trees"}
 RECORDS = {
-    "pretrain": EARLIER | {"seconds": 12.34567, "counts": {"weights.backbone": 7}},
-    "finetune": EARLIER | {"seconds": 1234.5, "peak_mb": 1300.5, "counts": {"resolved.model.members": "svm + trees"}},
+    "pretrain": replace(RECORD, seconds=12.34567, peak_mb=900.0, counts={"weights.backbone": 7}),
+    "finetune": replace(RECORD, stage="finetune", seconds=1234.5, peak_mb=1300.5, counts=COUNTS),
 }
 
 
@@ -117,5 +119,8 @@ def test_the_row_has_errors_and_costs_as_metrics(evaluation, timing):
 
 def test_the_dataset_is_the_source_that_ingest_read():
     source = {"path": "data/stag", "md5": "0123456789abcdef"}
-    assert dataset({"ingest": {"inputs": {"source": source}}}, "frames.h5", "ff") == ("data/stag", "01234567")
+    assert dataset({"ingest": replace(RECORD, inputs={"source": source})}, "frames.h5", "ff") == (
+        "data/stag",
+        "01234567",
+    )
     assert dataset({}, "frames.h5", "fedcba9876543210") == ("frames.h5", "fedcba98")

@@ -1,6 +1,6 @@
 """The worth of a run's answers, and the next steps, of runs with chosen answers."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.pages.finished_run import FinishedRun
 from tactile_viewgcn.pages.next_steps import next_steps
 from tactile_viewgcn.pages.outcome import Outcome
+from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
 STAGES = ("preprocess", "finetune", "evaluate")
@@ -41,8 +42,8 @@ def finished(answers, *, notes=(), **changes):
     values = {"data.source": "my glove", "split.by": "recording", "split.folds": 3, "model.system": "sensors"}
     values |= {"preprocess.baseline": "auto", "pretrain.epochs": 30, "finetune.epochs": 15, "model.members": ["kernel"]}
     params = {"values": values | changed, "changed": changed}
-    records = {stage: {"notes": [], "params": params, "run_id": "f" * 32} for stage in STAGES}
-    records["preprocess"]["notes"] = [asdict(note) for note in notes]
+    records = {stage: replace(RECORD, stage=stage, params=params, run_id="f" * 32) for stage in STAGES}
+    records["preprocess"] = replace(RECORD, params=params, notes=notes)
     return FinishedRun("", {"recording": score, "groups": {"test": len(np.unique(groups))}}, {}, predictions, records)
 
 
@@ -97,7 +98,7 @@ def test_verdict_and_steps_follow_from_error_interval_and_split(answers, changes
 )
 def test_a_model_is_named_where_it_is(name, run_id, command):
     run = replace(finished(RIGHT), name=name)
-    run.records["evaluate"]["run_id"] = run_id
+    run.records["evaluate"] = replace(run.records["evaluate"], run_id=run_id)
     assert advice(run)[2] == command
 
 

@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
 
@@ -85,15 +84,15 @@ def test_a_section_is_shown_where_there_is_something_to_show(workspace, undrawn)
     sections += ["From raw counts to the answer", "What it was made from", "Words"]
     assert re.findall("<h2>(.+?)</h2>", run_page(run)) == sections
     note = Note("better than by chance", "warning", "leak check", "preprocess.baseline", "grasp", "preprocess")
-    run.records["preprocess"]["notes"].append(asdict(note))
-    run.records["finetune"]["curves"]["loss"] = [3.0, 2.0]
+    run.records["preprocess"].notes.append(note)
+    run.records["finetune"].curves["loss"] = [3.0, 2.0]
     value = {"error": 0.25, "whole_error": 0.5, "seconds": 61.0, "milliseconds": 1.25}
     values = [value | {"members": members, "taken": members == ["trees"]} for members in (["trees"], ["kernel", "svm"])]
     notes = [Note("in columns", topic="candidates", value=each, stage="finetune") for each in [None, *values]]
-    run.records["finetune"]["notes"] += map(asdict, notes)
+    run.records["finetune"].notes.extend(notes)
     run.params["data.source"] = "data/virtual/recordings"
     changes = {"git.dirty": "true", "git.changed": "params.yaml\ntests/params.yaml\na, b.py\nand 3 more"}
-    run.records["evaluate"]["origin"].update({"mlflow.source.git.commit": "0" * 40} | changes)
+    run.records["evaluate"].origin.update({"mlflow.source.git.commit": "0" * 40} | changes)
     page = run_page(run)
     text = text_of(page).replace("\xa0", " ")
     assert set(re.findall("<h2>(.+?)</h2>", page)) == {*sections, "Candidates", "Training curves"}

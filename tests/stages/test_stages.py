@@ -62,7 +62,7 @@ def test_the_glove_s_recordings_are_written_with_a_record(place):
     assert "100 simulated frames of 4 recordings, virtual glove version" in result.stdout
     source = open_source(place / "made")
     assert source.objects == ["empty_hand", "ball"] and source.sessions == ["000", "001"]
-    record = Record.read(place / "simulate.json")
+    record = Record.read((place / "simulate.json").read_text())
     assert (record.stage, record.counts["frames"]) == ("simulate", 100) and record.seconds > 0
 
 
@@ -116,7 +116,7 @@ def test_dvc_hands_on_a_source_whatever_letters_its_path_has_and_the_layout_of_a
 def test_a_run_leaves_its_record(place):
     result = ingest(place, metadata(objects=3, frames=10))
     assert "90 frames of 32 x 32, 548 sensors, 3 objects, 9 recordings, 1 session\n" in result.stdout, result.stderr
-    record = Record.read(place / "ingest.json")
+    record = Record.read((place / "ingest.json").read_text())
     assert (record.stage, record.counts["frames"]) == ("ingest", 90) and record.seconds > 0 and record.peak_mb > 10
     assert record.inputs == {"source": {"path": "metadata.mat", "md5": md5(place / "metadata.mat")}}
     assert record.tags["md5.source"] == md5(place / "metadata.mat")
@@ -137,7 +137,7 @@ def test_bad_and_missing_files_are_refused_in_one_line_and_nothing_is_written(pl
 def test_the_record_has_the_choices_of_auto_beside_the_parameters(place):
     ingest(place, metadata(objects=3, frames=30, blank=8))
     result = preprocess(place, "preprocess.contact_sensors=14")
-    record = Record.read(place / "preprocess.json")
+    record = Record.read((place / "preprocess.json").read_text())
     values, counts = record.params["values"], record.counts
     assert (values["preprocess.baseline"], counts["resolved.preprocess.baseline"]) == ("auto", "empty_hand")
     assert (values["preprocess.filter"], counts["resolved.preprocess.filter"]) == ("auto", "flags")
@@ -181,7 +181,7 @@ def test_a_pretraining_that_is_left_out_loads_no_torch_and_makes_no_run_but_a_re
     output, imported = run_apart(place, {"pretrain": words})
     assert LEFT_OUT in output and (place / "backbone.pt").read_text() == LEFT_OUT
     assert imported.isdisjoint({"torch", "mlflow", "sklearn", "scipy"})
-    record = Record.read(place / "pretrain.json")
+    record = Record.read((place / "pretrain.json").read_text())
     assert (record.stage, record.run_id, record.counts) == ("pretrain", None, {}) and not record.needed
     assert record.seconds > 0 and set(record.inputs) == {"needs", "frames"}
 
@@ -217,7 +217,7 @@ def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_an
         assert "backbone.pt: damaged" in refused(result)
         return
     assert "finetune: kernel + max_kernel fitted in " in result.stdout
-    counts = Record.read(place / "finetune.json").counts
+    counts = Record.read((place / "finetune.json").read_text()).counts
     assert (counts["weights.head"], counts["resolved.model.members"]) == (0, "kernel + max_kernel")
     assert counts["threads.most"] >= counts["threads.fewest"] >= 1
 
