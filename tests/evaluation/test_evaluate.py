@@ -30,10 +30,10 @@ def drawn(monkeypatch):
     return result
 
 
-def evaluated(*changes, seed=0, classifier=None, frames=None):
-    params = recipe(*changes)
-    frames = frames or table()
-    return evaluate_table(classifier or trained(), frames, params.cluster, params.evaluate, CPU, seed, timed=False)
+def evaluated(*changes, seed=0, classifier=None, frames=None, temperatures=None, timed=False):
+    params, classifier, frames = recipe(*changes), classifier or trained(), frames or table()
+    asked = params.cluster, params.evaluate, CPU, seed, temperatures
+    return evaluate_table(classifier, frames, *asked, timed=timed)
 
 
 def test_each_test_frame_passes_the_backbone_once():
@@ -129,6 +129,30 @@ def test_a_result_repeats_in_whatever_mode_the_classifier_comes_and_is_far_above
         assert first.metrics[protocol]["error"]["mean"] < 0.4  # chance: 0.75
         alone = evaluated(f"evaluate.protocols=[{protocol}]").metrics  # no protocol depends on the other
         assert alone[protocol] == first.metrics[protocol] and list(alone.keys() & {"object", "recording"}) == [protocol]
+
+
+CALIBRATED = "finetune.num_views=random", "split.validation=0.25"
+SIZES = {"views", "classes", "trials", "frames", "groups", "object", "recording"}
+
+
+def test_the_metrics_are_of_the_side_that_is_evaluated_and_a_calibrated_classifier_stops_early():
+    frames, temperatures = fewer_anchors(table(), 3), [2.0, 1.5, 1.0, 1.0]
+    test, train = (frames.on(side) for side in (TEST, TRAIN))
+    whole = evaluated("evaluate.trials=4", frames=frames, timed=True)
+    anchors = {"train": frames.anchor[train].sum(), "test": frames.anchor[test].sum()}
+    kept = {"kept_train": len(train), "kept_test": len(test)}
+    assert whole.metrics.keys() == SIZES and whole.metrics["frames"] == anchors | kept
+    assert (whole.metrics["views"], whole.metrics["classes"], whole.metrics["trials"]) == (4, 4, 4)
+    assert whole.metrics["groups"] == {"test": len(np.unique(frames.group[test]))}
+    assert whole.seconds > 0 and whole.latency_ms.keys() == {"single", "batch"}
+    for threshold, mean_frames in ((1e-6, 1.0), (0.999999, 4.0)):
+        changes = "evaluate.trials=4", f"evaluate.confidence_threshold={threshold}", *CALIBRATED
+        stopped, again = (evaluated(*changes, frames=frames, temperatures=temperatures).metrics for _ in range(2))
+        assert stopped == again and stopped.keys() == {*SIZES, "sequential"}
+        assert stopped["sequential"]["frames"] == pytest.approx(mean_frames, abs=0.2)
+        assert {name: stopped[name] for name in SIZES} == whole.metrics
+    with pytest.raises(UserError, match=r"evaluate\.confidence_threshold"):
+        evaluated("evaluate.confidence_threshold=0.5", *CALIBRATED)
 
 
 def test_scores_by_hand():

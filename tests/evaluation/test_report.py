@@ -1,6 +1,7 @@
 """The files of an evaluation, its row in MLflow and its lines of text, of trials whose numbers are known."""
 
 import csv
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from tactile_viewgcn.evaluation.report import (
     read_records,
     row_metrics,
     row_tags_and_parameters,
+    summary,
     summary_lines,
     write_results,
 )
@@ -60,7 +62,7 @@ def timing(evaluation):
 
 def rows(path):
     with path.open(newline="") as file:
-        return list(csv.reader(file))[1:]
+        return list(csv.reader(file))
 
 
 def test_costs_name_each_stage_and_the_hungriest_one_s_memory(evaluation, timing):
@@ -78,18 +80,29 @@ def test_a_damaged_record_is_named(tmp_path, content):
 
 def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tmp_path, evaluation, timing):
     write_results(tmp_path, evaluation, timing)
-    by_trial = [(protocol, *map(float, numbers)) for protocol, *numbers in rows(tmp_path / "trials.csv")]
+    numbers = evaluation.metrics, timing, summary(evaluation.metrics, timing)
+    for name, tree in zip(("metrics", "timing", "summary"), numbers, strict=True):
+        assert json.loads((tmp_path / f"{name}.json").read_text()) == tree
+    heading, *by_trial = rows(tmp_path / "trials.csv")
+    assert heading == ["protocol", "trial", "error", "top3_error"]
+    by_trial = [(protocol, *map(float, numbers)) for protocol, *numbers in by_trial]
     assert by_trial[:2] == [("object", 0, 0.25, 0), ("object", 1, 0.5, 0.25)]
     assert by_trial[2:] == [("recording", 0, 0.5, 0), ("recording", 1, 0.75, 0.25)]
-    by_views = [row[:3] for row in rows(tmp_path / "views.csv")]
-    assert by_views == [["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"]]
+    heading, *by_views = rows(tmp_path / "views.csv")
+    assert heading == ["protocol", "views", "error", "low", "high"]
+    assert [row[:3] for row in by_views] == [
+        ["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"]
+    ]  # fmt: skip
+    assert by_views[0][3:] == [str(evaluation.metrics["object"]["error"][end]) for end in ("low", "high")]
     assert rows(tmp_path / "per_class.csv") == [
+        ["protocol", "object", "view_sets", "error"],
         ["object", "cup", "4", "0.25"],
         ["object", "pen, red", "4", "0.5"],
         ["recording", "cup", "4", "0.75"],
         ["recording", "pen, red", "4", "0.5"],
     ]
-    confusion = rows(tmp_path / "confusion.csv")
+    heading, *confusion = rows(tmp_path / "confusion.csv")
+    assert heading == ["protocol", "object", "predicted", "count"]
     assert len(confusion) == 2 * 9 and sum(int(count) for *_, count in confusion) == 2 * 2 * 4
     assert ["object", "cup", "tape", "1"] in confusion and ["object", "pen, red", "tape", "2"] in confusion
 
@@ -107,6 +120,21 @@ def test_the_lines_and_tags_have_errors_with_their_intervals_and_what_auto_chose
     metrics["recording"]["joined"] = {"grasp": 2}
     assert "  recording protocol of 2 grasps: error 62.5" in "\n".join(summary_lines(metrics, timing))
     assert row_tags_and_parameters(metrics, RECORDS)[0]["error.recording.percent"].endswith(") of 2 grasps")
+
+
+def test_the_printed_lines_of_a_sequential_run_on_the_validation_side(evaluation, timing):
+    error = {"mean": 0.25, "low": 0.125, "high": 0.5}
+    sequential = {"error": error, "frames": 2.5, "confidence_threshold": 0.9}
+    sides = {"frames": {"train": 9, "validation": 1}, "groups": {"validation": 1}, "trials": 1}
+    metrics = evaluation.metrics | sides | {"sequential": sequential}
+    timing |= {"seconds": {"ingest": 0.0125, "total": 1296.846}}
+    lines = summary_lines(metrics, timing)
+    assert lines[:1] + lines[4:] == [
+        "evaluate: 1 view set of 4, 4 classes, 1 trial, 1 group of the validation side",
+        "  sequential: error 25.0 (12.5 to 50.0) % at a mean of 2.50 frames, stopping at 0.9",
+        "  time: ingest 0.0 s, total 1,296.8 s; the trials 7.7 s",
+        "  per view set: 1.50 ms alone (95th percentile 2.25), 0.50 ms in batches; peak memory 1,300 MB",
+    ]
 
 
 def test_the_row_has_errors_and_costs_as_metrics(evaluation, timing):
