@@ -1,13 +1,6 @@
-"""`python -m benchmarks.mutation`: the table of what mutmut found, which changes the code and runs the tests.
+"""`python -m benchmarks.mutation`: the table of what mutmut found in this clone; docs/contributing.md starts mutmut."""
 
-mutmut 3 is installed for this alone, and started in a clone:
-
-    pip install "mutmut>=3.8,<4"
-    mutmut run --max-children 1 "tactile_viewgcn.views*" "tactile_viewgcn.frames*[38]"
-
-Without names it takes all mutants, a second each; `*[38]` are those whose number ends with 3 or 8, a fifth.
-"""
-
+import ast
 import json
 from collections import Counter
 from pathlib import Path
@@ -18,11 +11,15 @@ from benchmarks.command import markdown, write_table
 
 MUTANTS = Path("mutants/tactile_viewgcn")  # where mutmut keeps its results, a .meta file for each module
 VERDICTS = {0: "survived", 1: "found", 3: "found", 33: "no test", 5: "no test", None: ""}  # by pytest's exit code
-OTHERS = "found by time or memory"  # ended by mutmut's limit, or by a signal
-COLUMNS = ("found", OTHERS, "survived", "no test")
+OTHERS, WORDING = (
+    "found by time or memory",
+    "wording",
+)  # ended by mutmut's limit, or by a signal; see `sentences_left_out`
+COLUMNS = ("found", OTHERS, "survived", "no test", WORDING)
 TEXT = """A mutant is the code with one operator, constant or argument changed (mutmut 3). It is `found` if one
-of the tests of views, frames, sensors, nn and evaluation that run the changed function fails, or never ends. `no test`:
-none of them runs it in its own process; those of stages and recognition may."""
+of the tests of the seven folders that run the changed function fails, or never ends. `no test`: none of them runs it in
+its own process; those of the stages may. `wording`: only a sentence for people changed, which no test reads, by rule;
+these count neither as found nor as tried."""
 
 
 @click.command()
@@ -40,9 +37,25 @@ def read_verdicts(folder: Path) -> dict[str, str]:
     """What became of each mutant, by its name without the package; "" where it was not tried."""
     verdicts = {}
     for path in sorted(folder.rglob("*.meta")):
+        functions = sentences_left_out(path.with_suffix("").read_text())
         for name, code in json.loads(path.read_text())["exit_code_by_key"].items():
-            verdicts[name.removeprefix("tactile_viewgcn.")] = VERDICTS.get(code, OTHERS)
+            mutant = name.rpartition(".")[2]
+            same = functions[mutant] == functions[mutant.rpartition("_")[0] + "_orig"]
+            verdict = VERDICTS.get(code, OTHERS)
+            verdicts[name.removeprefix("tactile_viewgcn.")] = WORDING if same and verdict else verdict
     return verdicts
+
+
+def sentences_left_out(module: str) -> dict[str, str]:
+    """The functions of a module, by name, as trees without their names and without texts that hold a blank."""
+    functions = {}
+    for function in ast.walk(ast.parse(module)):
+        if isinstance(function, ast.FunctionDef) and "__mutmut_" in function.name:
+            texts = [node for node in ast.walk(function) if isinstance(node, ast.Constant)]
+            for node in texts:
+                node.value = "" if isinstance(node.value, str) and " " in node.value else node.value
+            functions[function.name] = "".join(map(ast.dump, function.body))
+    return functions
 
 
 def rows_of(verdicts: dict[str, str]) -> list[dict]:
@@ -54,7 +67,7 @@ def rows_of(verdicts: dict[str, str]) -> list[dict]:
     rows = []
     for folder in [*(each for each in counts if each != "all"), "all"]:
         count = counts[folder]
-        tried = count.total() - count[""]
+        tried = count.total() - count[""] - count[WORDING]
         ran = tried - count["no test"]
         share = 100 * (count["found"] + count[OTHERS]) / ran if ran else float("nan")
         row = {"folder": folder, "mutants": count.total(), "tried": tried}
