@@ -11,10 +11,8 @@ from benchmarks.command import markdown, write_table
 
 MUTANTS = Path("mutants/tactile_viewgcn")  # where mutmut keeps its results, a .meta file for each module
 VERDICTS = {0: "survived", 1: "found", 3: "found", 33: "no test", 5: "no test", None: ""}  # by pytest's exit code
-OTHERS, WORDING = (
-    "found by time or memory",
-    "wording",
-)  # ended by mutmut's limit, or by a signal; see `sentences_left_out`
+OTHERS = "found by time or memory"  # ended by mutmut's limit, or by a signal
+WORDING = "wording"  # see `sentences_left_out`
 COLUMNS = ("found", OTHERS, "survived", "no test", WORDING)
 TEXT = """A mutant is the code with one operator, constant or argument changed (mutmut 3). It is `found` if one
 of the tests of the seven folders that run the changed function fails, or never ends. `no test`: none of them runs it in
