@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import click
 import numpy as np
 
 from stages.command import Job, run
@@ -16,24 +15,23 @@ from tactile_viewgcn.views.sampling import sets_of
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 
-def cluster(job: Job, needs: Path, frames: Path, out: Path) -> None:
+def cluster(job: Job, needs: Path, frames: Path, out: Path) -> str:
     params, table = job.params, read_frames(frames)
     clustering = params.cluster if job.needed else replace(params.cluster, method="none")
     count, rng = params.views, stream(params.seed, "cluster")
     views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), clustering, rng)
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
-    if not job.needed:
-        click.echo("cluster: left out, model.system does not need it")
-    elif not views.clustered:
-        click.echo(f"cluster: none; view sets are drawn at random from each of {several(pools, 'pool')}")
-    else:
-        click.echo(f"cluster: {several(pools, 'pool')} in {several(count, 'cluster')} each")
-    if empty and job.needed:
-        text = f"{empty} of {several(pools * count, 'view')}: no frame in the cluster, so one of its pool is repeated"
-        job.note(Note(text, topic="clusters"))
     write_views(out, views)
     job.counts = {"pools": pools, "empty_clusters": empty}
+    if not job.needed:
+        return "cluster: left out, model.system does not need it"
+    if empty:
+        text = f"{empty} of {several(pools * count, 'view')}: no frame in the cluster, so one of its pool is repeated"
+        job.note(Note(text, topic="clusters"))
+    if not views.clustered:
+        return f"cluster: none; view sets are drawn at random from each of {several(pools, 'pool')}"
+    return f"cluster: {several(pools, 'pool')} in {several(count, 'cluster')} each"
 
 
 if __name__ == "__main__":

@@ -115,13 +115,14 @@ class Job:
         )
 
 
-def run(work: Callable[..., None], *inputs: str, outputs: tuple[str, ...] = ("out",), row: bool = False) -> None:
+def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out",), row: bool = False) -> None:
     """Run a stage from its command line; a mistake of the user ends it with exit code 1 and one line.
 
     Of the processes that `torchrun` starts, the first one prints, logs and writes the record.
 
     Args:
-        work: takes a `Job` and, by name, the paths of inputs and outputs.
+        work: takes a `Job` and, by name, the paths of inputs and outputs; the text that it returns is printed once
+            everything is written.
         inputs: files and folders that the stage reads, each an option, but for `source`, which is the parameter
             data.source. `needs` says whether `model.system` needs the stage.
         outputs: files that the stage writes, each an option.
@@ -153,13 +154,14 @@ def run(work: Callable[..., None], *inputs: str, outputs: tuple[str, ...] = ("ou
                 logged = tracking.stage_run(name, title, values, row=row)
                 job.begin_run = lambda: stack.enter_context(logged)
                 job.run = job.begin_run() if row else job.run
-            work(job, **{each: paths[each] for each in (*inputs, *outputs, *["after"] * row)})
+            text = work(job, **{each: paths[each] for each in (*inputs, *outputs, *["after"] * row)})
             if record_path:
                 record = job.record(title, files, {"values": values, "changed": changes_of(values, committed)})
                 record.write(record_path)
                 if row:
                     job.run.tags(record.tags)
                     job.run.artifacts(record_path)
+            click.echo(text)
     except Exception as error:
         message = user_message(error)
         if options["debug"] or message is None:
@@ -169,7 +171,7 @@ def run(work: Callable[..., None], *inputs: str, outputs: tuple[str, ...] = ("ou
         sys.exit(1)
 
 
-def _options(work: Callable[..., None], paths: list[str], *, after: bool) -> dict[str, Any]:
+def _options(work: Callable[..., str], paths: list[str], *, after: bool) -> dict[str, Any]:
     """The options of a stage's command line, by name: `paths` are required, `after` may be repeated."""
     parser = ArgumentParser(
         f"python -m stages.{work.__name__}", description=work.__globals__["__doc__"], allow_abbrev=False

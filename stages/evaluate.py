@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import click
-
 from stages.command import Job, run
 from tactile_viewgcn.evaluation import report
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
@@ -13,7 +11,7 @@ from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
 
 
-def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], out: Path) -> None:
+def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], out: Path) -> str:
     params, row, table, compute = job.params, job.run, read_frames(frames), job.compute()
     model, content = load_classifier(classifier)
     records = report.read_records(after)
@@ -45,10 +43,10 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
             row.metrics({f"views.error.{protocol}": error["mean"]}, int(views))
     for path in after:
         row.stage(path)
-    click.echo("\n".join(report.summary_lines(metrics, timing)))
+    lines = report.summary_lines(metrics, timing)
     if address:
-        click.echo(f"  in a program: mlflow.pyfunc.load_model({address!r})")
-    click.echo(f"  next: tactile-viewgcn report; tactile-viewgcn predict {classifier} NEW_RECORDINGS")
+        lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
+    return "\n".join([*lines, f"  next: tactile-viewgcn report; tactile-viewgcn predict {classifier} NEW_RECORDINGS"])
 
 
 if __name__ == "__main__":

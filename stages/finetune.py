@@ -3,7 +3,6 @@
 from contextlib import nullcontext
 from pathlib import Path
 
-import click
 import torch
 
 from stages.command import Job, run
@@ -20,11 +19,11 @@ from tactile_viewgcn.training.checkpoint import training_checkpoint
 from tactile_viewgcn.training.distributed import process_group
 
 
-def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> None:
+def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> str:
     params, table, clusters, compute = job.params, read_frames(frames), read_views(views), job.compute()
     alone, pretrained = on_sensors(params.model.system), {}  # then one process fits it
     if alone and rank():
-        return
+        return ""
     if not alone:
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
@@ -37,7 +36,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     ):
         fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
         if rank():
-            return
+            return ""
         save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.calibration)
     for note in fitted.notes:
         job.note(note)
@@ -51,7 +50,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         job.counts["weights.head"] = count_weights(classifier.head)
         if classifier.head.trainable:
             line = f"{progress} on {compute.device} in {compute.precision}"
-    click.echo(f"finetune: {line}")
+    return f"finetune: {line}"
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import click
 import numpy as np
 
 from stages.command import Job, run
@@ -10,14 +9,14 @@ from tactile_viewgcn.messages import several
 from tactile_viewgcn.tables.recordings import Recordings, read_source
 
 
-def ingest(job: Job, source: Path, out: Path) -> None:
+def ingest(job: Job, source: Path, out: Path) -> str:
     layout = None if job.params.data.shape == "auto" else job.params.data.shape
     read_source(source, out, job.md5s["source"], layout=layout)
     table = Recordings(out)
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]
     job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
-    click.echo(
+    return (
         f"ingest: {several(len(table), 'frame')} of {table.shape[0]} x {table.shape[1]}, "
         f"{several(job.counts['sensors'], 'sensor')}, {', '.join(names)}"
     )

@@ -4,15 +4,13 @@ import json
 import shutil
 from pathlib import Path
 
-import click
-
 from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import on_sensors
 
 
-def needs(job: Job, out: Path) -> None:
+def needs(job: Job, out: Path) -> str:
     launcher, system = job.params.launcher, job.params.model.system
     program = next(word for word in launcher.split() if "=" not in word)
     if not shutil.which(program):
@@ -21,7 +19,7 @@ def needs(job: Job, out: Path) -> None:
     network = not on_sensors(system)
     with atomic_write(out) as part:  # equal bytes for all systems with a backbone
         part.write_text(json.dumps({"cluster": network, "pretrain": network}) + "\n")
-    click.echo(f"needs: {system} needs {'clusters and a' if network else 'no clusters and no'} pretrained backbone")
+    return f"needs: {system} needs {'clusters and a' if network else 'no clusters and no'} pretrained backbone"
 
 
 if __name__ == "__main__":

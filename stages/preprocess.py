@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import click
 import numpy as np
 
 from stages.command import Job, run
@@ -14,7 +13,7 @@ from tactile_viewgcn.tables.frames import SIDES, write_frames
 from tactile_viewgcn.tables.recordings import Recordings
 
 
-def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
+def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> str:
     table, leak = Recordings(recordings), None
     made = preprocess_recordings(table, job.params.preprocess, job.params.split)
     frames, choice, notes = made.frames, made.choice, made.notes
@@ -30,16 +29,17 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> None:
     errors |= {f"measured.leak.{kind}": error.error for kind, error in choice.leaks.items()}
     counts = frame_counts(frames)
     kept_of, classes = several(len(table), "frame"), several(len(frames.classes), "class", "classes")
-    click.echo(f"preprocess: {len(frames):,} of {kept_of} kept, {classes}")
+    lines = [f"preprocess: {len(frames):,} of {kept_of} kept, {classes}"]
     for side in SIDES:
         texts = [several(counts[f"{what}s.{side}"], what) for what in ("frame", "group", "anchor")]
-        click.echo("  {}: {} in {}, {}".format(side, *texts))
+        lines.append("  {}: {} in {}, {}".format(side, *texts))
     for note in notes:
         job.note(note)
     job.counts = {"frames.kept": len(frames), "frames.dropped": len(table) - len(frames)}
     job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
     chosen = {f"resolved.{note.key}": note.value for note in choice.notes}
     job.counts |= counts | errors | chosen
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

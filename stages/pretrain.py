@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import click
-
 from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.process import rank
@@ -12,16 +10,16 @@ from tactile_viewgcn.tables.frames import read_frames
 LEFT_OUT = "pretrain: left out, model.system does not need it"
 
 
-def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> None:
+def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
     if job.needed:
-        _pretrain(job, frames, out)
-    elif not rank():
+        return _pretrain(job, frames, out)
+    if not rank():
         with atomic_write(out) as part:
             part.write_text(f"{LEFT_OUT}\n")
-        click.echo(LEFT_OUT)
+    return LEFT_OUT
 
 
-def _pretrain(job: Job, frames: Path, out: Path) -> None:
+def _pretrain(job: Job, frames: Path, out: Path) -> str:
     import torch  # here, since a stage that is left out loads no torch
 
     from tactile_viewgcn.training.checkpoint import training_checkpoint
@@ -32,12 +30,12 @@ def _pretrain(job: Job, frames: Path, out: Path) -> None:
     with process_group(compute), training_checkpoint("pretrain", key, compute) as checkpoint_path:
         backbone, classifier, progress = pretrain_backbone(table, job.params, compute, checkpoint_path, job.epoch)
         if rank():
-            return
+            return ""
         states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
         with atomic_write(out) as part:
             torch.save(states | {"classes": table.classes}, part)
-    click.echo(f"pretrain: {progress} on {compute.device} in {compute.precision}")
     job.counts = {"weights.backbone": sum(weight.numel() for weight in backbone.parameters())} | progress.metrics
+    return f"pretrain: {progress} on {compute.device} in {compute.precision}"
 
 
 if __name__ == "__main__":

@@ -2,15 +2,13 @@
 
 from pathlib import Path
 
-import click
-
 from stages.command import Job, run
 from tactile_viewgcn.glove.recipe import VERSION, recipe_from_params
 from tactile_viewgcn.glove.simulation import simulate as write_recordings
 from tactile_viewgcn.process import usable_cores
 
 
-def simulate(job: Job, out: Path) -> None:
+def simulate(job: Job, out: Path) -> str:
     recipe = recipe_from_params(job.params.glove)
     cost = write_recordings(recipe, out, workers=usable_cores())
     recordings = len(recipe.cells)
@@ -25,7 +23,7 @@ def simulate(job: Job, out: Path) -> None:
         "steps_forced": cost["forced"],
         "stages_unsolved": cost["unsolved"],
     }
-    click.echo(
+    return (
         "simulate: {frames:,} simulated frames of {recordings} recordings, virtual glove version {version}\n"
         "  {steps_per_frame:.1f} steps and {evaluations_per_frame:.0f} evaluations a frame, {beyond_thickness:,} "
         "contacts beyond the skin; of {steps:,} steps {steps_forced:,} missed the tolerance".format(

@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import io
 import os
 import shutil
 import socket
@@ -10,12 +11,17 @@ from collections.abc import Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock, Timeout
 
 from tactile_viewgcn.messages import UserError
 
+if TYPE_CHECKING:
+    import h5py
+
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
+NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
 PART, OLD = ".unfinished", ".replaced"  # endings of a file or folder being written, and of a folder being replaced
 HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv")
 READ = (*HDF5, *ARRAYS, ".mat")  # endings of recordings
@@ -32,15 +38,16 @@ def root() -> Path:
 def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
     """A temporary path beside `path`: it takes the place of `path` at the end of the block and is removed on an error.
 
-    Its name is the same on every call, because torch.save writes it into the file and equal seeds give equal bytes.
-    What a killed run has left there is removed, and so is a link, which would lead elsewhere.
+    The file is synced before it takes that place. Its temporary name is the same on every call, because torch.save
+    writes it into the file and equal seeds give equal bytes. What a killed run has left there is removed, and so is a
+    link, which would lead elsewhere.
 
     Args:
         folder: the temporary path is an empty folder, else a file that the block writes.
 
     Raises:
         UserError: `path` is of another kind, such as a named pipe.
-        OSError: the disk is full, whatever exception a library has for that.
+        OSError: there is no room, whatever exception a library has for that.
     """
     path = Path(path)
     if not folder:
@@ -55,16 +62,74 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
     (part if folder else path.parent).mkdir(parents=True, exist_ok=not folder)
     try:
         yield part
+        for file in filter(Path.is_file, part.rglob("*") if folder else [part]):
+            with file.open("rb+") as stream:
+                os.fsync(stream)  # some file systems learn only here that a disk is full
         if folder and path.exists():
             path.replace(old)
         part.replace(path)
     except Exception as error:
-        if not isinstance(error, UserError) and shutil.disk_usage(path.parent).free < LEAST_FREE:
-            raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}; make room", str(path)) from error
+        full = error if isinstance(error, OSError | UserError) else _append(part / PART if folder else part)
+        if isinstance(full, OSError) and full.errno in NO_ROOM:
+            raise OSError(full.errno, f"{full.strerror}; make room", str(path)) from error
         raise
     finally:
         for stale in temporary:
             remove(stale)
+
+
+def _append(file: Path) -> OSError | None:
+    """The error of writing `LEAST_FREE` bytes more."""
+    try:
+        with file.open("ab") as stream:
+            stream.write(bytes(LEAST_FREE))
+    except OSError as error:
+        return error
+    return None
+
+
+class _Stream(io.FileIO):
+    """A file that takes whatever HDF5 writes: `error` is the first error, after which nothing more is written."""
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        rest = memoryview(data)
+        size = rest.nbytes
+        try:
+            while rest and not self.error:
+                rest = rest[super().write(rest) :]
+        except OSError as error:
+            self.error = error
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+        return size or 0
+
+
+@contextmanager
+def hdf5_file(path: Path) -> Iterator["h5py.File"]:
+    """A new HDF5 file, which is complete when the block has ended.
+
+    HDF5 ignores an error of what it writes while it closes a file, or crashes at the end of the process; so it meets
+    none.
+
+    Raises:
+        OSError: not all was written, such as on a full disk.
+    """
+    import h5py  # here, since most commands write no HDF5
+
+    with _Stream(path, "w+") as stream:
+        try:
+            with h5py.File(stream, "w") as file:
+                yield file
+        finally:
+            if stream.error:
+                raise stream.error
 
 
 def readable(path: object) -> AbstractContextManager[None]:

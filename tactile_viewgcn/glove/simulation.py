@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.files import atomic_write, hdf5_file
 from tactile_viewgcn.glove.contact import Drive, Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hand, Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
@@ -145,7 +145,7 @@ def _write(recipe: Recipe, cells: list[Cell], folder: Path, *, bar: bool) -> Cou
     simulation, start = Simulation(recipe, cells), 0
     progress = tqdm(total=recipe.frames, desc="simulate", unit="frame", disable=None if bar else True)
     with ExitStack() as stack, progress:
-        files = [stack.enter_context(_create_file(folder, simulation, b)) for b in range(len(cells))]
+        files = [_create_file(stack, folder, simulation, b) for b in range(len(cells))]
         for block in simulation.blocks():
             for file, counts in zip(files, block, strict=True):
                 file["pressure"][start : start + len(counts)] = counts
@@ -154,12 +154,12 @@ def _write(recipe: Recipe, cells: list[Cell], folder: Path, *, bar: bool) -> Cou
     return simulation.statistics
 
 
-def _create_file(folder: Path, simulation: Simulation, b: int) -> h5py.File:
-    """The file of recording b, complete but for the counts."""
+def _create_file(stack: ExitStack, folder: Path, simulation: Simulation, b: int) -> h5py.File:
+    """The file of recording b, complete but for the counts; `stack` closes it."""
     recipe, (session, number) = simulation.recipe, simulation.cells[b]
     grasp_object = recipe.objects[number]
     name = f"{number:03d}-{grasp_object.name}"
-    file = h5py.File(folder / f"{session:03d}" / f"{name}.h5", "w")
+    file = stack.enter_context(hdf5_file(folder / f"{session:03d}" / f"{name}.h5"))
     file.create_dataset(
         "pressure", (recipe.frames, 32, 32), np.int16, chunks=(min(BLOCK, recipe.frames), 32, 32),
         compression="gzip", compression_opts=1, shuffle=True,

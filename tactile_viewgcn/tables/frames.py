@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
-from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.files import atomic_write, hdf5_file, readable
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
 from tactile_viewgcn.tables.transform import network_input
 
@@ -96,7 +96,7 @@ class Frames:
 
 def write_frames(path: str | Path, frames: Frames) -> None:
     """Write the table as HDF5: arrays and names as datasets, the transform as attributes."""
-    with atomic_write(path) as part, h5py.File(part, "w") as file:
+    with atomic_write(path) as part, hdf5_file(part) as file:
         for field in fields(frames):
             value = getattr(frames, field.name)
             if field.name == "counts":

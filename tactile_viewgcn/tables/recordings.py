@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.files import atomic_write, hdf5_file, readable
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.child import run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
@@ -90,7 +90,7 @@ def _write(path: Path, source: Source, md5: str) -> None:
     frame_bytes = math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES
     bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
     check_disk(path.absolute().parent, source.frames * frame_bytes, source.path)
-    with h5py.File(path, "w") as file, bar:
+    with hdf5_file(path) as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
         file["live"] = low < high
         if 0 < (spread := (high - low).max()) < MIN_SPREAD:

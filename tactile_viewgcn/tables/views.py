@@ -7,7 +7,7 @@ from typing import BinaryIO
 import h5py
 import numpy as np
 
-from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.files import atomic_write, hdf5_file, readable
 
 NO_CLUSTER = -1
 
@@ -38,7 +38,7 @@ class Views:
 
 def write_views(path: str | Path, views: Views) -> None:
     """Write as HDF5, one dataset per attribute."""
-    with atomic_write(path) as part, h5py.File(part, "w") as file:
+    with atomic_write(path) as part, hdf5_file(part) as file:
         for field in fields(views):
             file[field.name] = getattr(views, field.name)
 

@@ -10,6 +10,7 @@ import pytest
 
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, read_frames, write_frames
 from tactile_viewgcn.tables.transform import full_scale, network_input
 
@@ -69,7 +70,7 @@ def test_inputs_are_counts_above_the_frames_baseline_transformed(transform):
 def test_what_is_written_is_read_back_in_every_field_from_a_file_or_a_stream(tmp_path, dtype, frames):
     written, path = made(dtype=dtype, transform="log", scale=0.1, frames=frames), tmp_path / "frames.h5"
     write_frames(path, written)
-    assert not frames or isinstance(read_frames(path).counts.base, np.memmap)
+    assert not frames or isinstance(read_frames(path).counts, Gathered)  # memory-mapped
     for read in (read_frames(path), read_frames(BytesIO(path.read_bytes()))):
         for field in fields(Frames):
             before, after = getattr(written, field.name), getattr(read, field.name)
@@ -95,6 +96,18 @@ def test_a_table_that_cannot_be_mapped_is_refused_in_one_line(tmp_path, damage):
     with pytest.raises(UserError, match=r"^.*frames\.h5: damaged, .*delete it and run `dvc repro` again$") as error:
         read_frames(path)
     assert "\n" not in str(error.value)
+
+
+def test_a_file_that_is_replaced_is_read_on_and_one_that_is_cut_short_ends_in_one_line(tmp_path):
+    path, before = tmp_path / "frames.h5", made()
+    write_frames(path, before)
+    read = read_frames(path)
+    write_frames(path, made(seed=1))
+    np.testing.assert_array_equal(read.counts[:], before.counts)
+    read = read_frames(path)
+    os.truncate(path, 100)
+    with pytest.raises(UserError, match=r"frames\.h5: "):
+        read.inputs(np.arange(10))
 
 
 def test_two_writes_give_equal_bytes_and_other_frames_give_others(tmp_path):
