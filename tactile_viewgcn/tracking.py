@@ -18,6 +18,7 @@ from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from filelock import FileLock
@@ -28,6 +29,7 @@ from tactile_viewgcn.provenance import Record, origin
 
 EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
+SERVER = re.compile(r"(https?://)(?:([^/:]*):?([^/]*)@)?([^@]*)")  # scheme, user, password, host and path
 NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm"  # packages of a logged model
 LOCKED = 300  # seconds to wait for other processes that make tables or runs: a minute each on a busy machine
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # MLflow's pages then show trainings, not chats
@@ -198,8 +200,6 @@ def stage_run(stage: str, name: str = "", params: dict[str, Any] | None = None, 
 
 def _open(uri: str) -> tuple[Any, list[str]]:
     """MLflow with its store, and the ids of the experiments of rows and of stages, which are created if needed."""
-    if not uri.startswith((SQLITE, "http:", "https:")):  # other databases keep no models and pictures
-        raise ValueError("expected a server (mlflow server --backend-store-uri DATABASE), or sqlite:///FILE")
     import mlflow
 
     mlflow.set_tracking_uri(uri)
@@ -222,11 +222,29 @@ def _one_at_a_time(uri: str) -> AbstractContextManager[Any]:
 
 
 def _address() -> str:
-    """The store's address, with an absolute path, since DVC deletes the temporary workspaces of experiments."""
+    """The store's address, with an absolute path, since DVC deletes the temporary workspaces of experiments.
+
+    User and password of a server go to MLflow's variables for them, so that no message and no page has them.
+
+    Raises:
+        UserError: neither a server, nor SQLite, nor disabled: other databases keep no models and pictures.
+    """
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
     uri = os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db"
-    return f"{SQLITE}{root() / uri.removeprefix(SQLITE)}" if uri.startswith(SQLITE) else uri
+    if uri == DISABLED:
+        return uri
+    if uri.startswith(SQLITE):
+        return f"{SQLITE}{root() / uri.removeprefix(SQLITE)}"
+    if not (parts := SERVER.fullmatch(uri)):
+        raise UserError(
+            "MLFLOW_TRACKING_URI: expected the address of a server (mlflow server --backend-store-uri DATABASE), with "
+            f"%2F for a / in its password; or sqlite:///FILE, or {DISABLED}"
+        )
+    scheme, user, password, place = parts.groups()
+    if user:
+        os.environ |= {"MLFLOW_TRACKING_USERNAME": unquote(user), "MLFLOW_TRACKING_PASSWORD": unquote(password)}
+    return scheme + place
 
 
 def _database(uri: str) -> Path:
@@ -234,9 +252,8 @@ def _database(uri: str) -> Path:
 
 
 def _reason(error: Exception) -> str:
-    """The store and its error in one line, without a password."""
-    text = " ".join(f"MLflow store {_address()}: {error}".split())
-    return re.sub(r"//[^/\s]*@", "//", text)[:300]  # a server may answer with a whole page
+    """The store and its error in one line."""
+    return " ".join(f"MLflow store {_address()}: {error}".split())[:300]  # a server may answer with a whole page
 
 
 def read_artifact(run_id: str, name: str) -> bytes:

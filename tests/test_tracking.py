@@ -1,9 +1,11 @@
 """Runs in MLflow, as its own client shows them: rows and stages, their content and end, and stores that fail."""
 
+import socket
 import sqlite3
 import subprocess
 import sys
 import time
+import traceback
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +15,7 @@ import pytest
 from tactile_viewgcn import tracking
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import Record
-from tests.mlflow_stores import fresh_store, runs_of
+from tests.mlflow_stores import fresh_store, runs_of, server
 from tests.records import RECORD
 
 ROOT = Path(__file__).parents[1]
@@ -121,21 +123,70 @@ def test_a_stage_that_ends_early_leaves_a_run_with_its_traceback(store, client, 
 @pytest.mark.parametrize(
     ("uri", "names"),
     [
-        ("http://me:secret@127.0.0.1:9", "http://127.0.0.1:9"),
+        ("http://me:sec ret@127.0.0.1:9", "http://127.0.0.1:9"),
+        ("http://me@lab:sec%2Fret@127.0.0.1:9", "http://127.0.0.1:9"),
+        ("http://me:sec/ret@127.0.0.1:9", "%2F"),
         ("http://localhost:50x0", "localhost:50x0"),
         ("postgresql://me:secret@db/runs", "mlflow server --backend-store-uri"),  # artifacts would be lost
-        ("file:///nowhere/files", "file:///nowhere/files"),
+        ("file:///nowhere/files", "sqlite:///FILE"),
+        ("me:secret@db", "sqlite:///FILE"),
         ("sqlite:////dev/null/my.db", "/dev/null/my.db"),
     ],
 )
-def test_a_store_that_does_not_open_is_one_line_before_any_work_and_shows_no_password(store, monkeypatch, uri, names):
+def test_a_store_that_does_not_open_is_one_line_without_a_password_before_any_work(store, monkeypatch, uri, names):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    begin = time.monotonic()
-    with pytest.raises(UserError) as error, tracking.stage_run("ingest"):
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    with pytest.raises(UserError) as opened, tracking.stage_run("ingest"):
         pytest.fail("the work began")
-    line = str(error.value)
-    assert names in line and "MLFLOW_TRACKING_URI" in line and "secret" not in line and "\n" not in line
-    assert time.monotonic() - begin < 60  # MLflow's own patience with a server is four minutes
+    with pytest.raises(UserError) as read:
+        tracking.read_artifact("0" * 32, "evaluate.json")
+    for line in map(str, (opened.value, read.value)):
+        assert names in line and "MLFLOW_TRACKING_URI" in line and "\n" not in line
+        assert not [part for part in ("me:", "sec", "ret@") if part in line]
+
+
+def test_a_server_gets_user_and_password_which_stand_in_no_address(store, monkeypatch, capsys):
+    with server("me@lab", "sec ret/") as (host, answered):
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me@lab:sec ret%2F@{host}")
+        with tracking.stage_run("ingest") as run:
+            run.metrics({"seconds": 26})
+            run.artifacts(ROOT / "LICENSE")
+        assert b"lifecycle_stage" in tracking.read_artifact(run.id, "evaluate.json")
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me:sec ret@{host}")
+        with pytest.raises(UserError, match=f"http://{host}: .*401") as error:
+            tracking.read_artifact(run.id, "evaluate.json")
+    assert {"/runs/create", "/runs/log-batch", "-artifacts/artifacts/1/LICENSE", "/runs/update"} <= set(answered)
+    assert "sec ret" not in "".join([*traceback.format_exception(error.value), *capsys.readouterr()])
+
+
+@pytest.mark.parametrize("silent", [True, False], ids=["a server that never answers", "a closed port"])
+def test_a_dead_server_is_tried_for_a_short_time_by_all_that_asks_it(store, monkeypatch, silent):
+    for name, value in tracking.SETTINGS.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_TIMEOUT", "1")
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    pytest.importorskip("mlflow")  # takes longer than all the rest
+
+    def opened():
+        with tracking.stage_run("ingest"):
+            pytest.fail("the work began")
+
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        if silent:
+            listening.listen(20)
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{listening.getsockname()[1]}")
+        run_id = "0" * 32
+        for ask in (
+            opened,
+            lambda: tracking.read_artifact(run_id, "evaluate.json"),
+            lambda: tracking.download_model(f"runs:/{run_id}", store),
+            lambda: tracking.download_model("models:/glove@best", store),
+        ):
+            begin = time.monotonic()
+            with pytest.raises(UserError, match=r"127\.0\.0\.1"):
+                ask()
+            assert time.monotonic() - begin < 10
 
 
 def test_a_locked_database_and_a_deleted_experiment_are_such_stores(store, client):
