@@ -84,7 +84,7 @@ def _read(file: Path) -> np.ndarray:
 
 def _csv(file: Path) -> np.ndarray:
     """Numbers (lines, cells), integers where all are, without a first line of names and a first column of times."""
-    lines = [line for line in file.read_text(encoding="utf-8-sig").split("\n") if line.strip()]
+    lines = re.findall(r"\S.*", file.read_text(encoding="utf-8-sig"))  # without blank lines
     words, times = (bool(re.match(pattern, "".join(lines[:1]), re.IGNORECASE)) for pattern in (HEADER, TIME))
     if len(lines) <= words:
         raise ValueError("no line of numbers")
@@ -94,4 +94,8 @@ def _csv(file: Path) -> np.ndarray:
     try:
         return read(dtype=np.int64)
     except ValueError:
+        pass
+    try:
         return read(dtype=np.float64)
+    except ValueError as error:  # quotes the text, but a link may lead to a file that the user does not mean to show
+        raise ValueError(re.sub(r" (['\"]).*\1", "", str(error))) from None

@@ -3,6 +3,7 @@
 import os
 import re
 import struct
+import time
 import zipfile
 import zlib
 from collections import deque
@@ -173,6 +174,21 @@ def test_the_mistakes_of_all_arrays_are_listed_at_once(tmp_path):
         save(tmp_path / f"lab{number // 10}" / "mug" / name, content)  # ten are listed
     text = refusal(tmp_path / "lab0", tmp_path) + refusal(tmp_path / "lab1", tmp_path)
     assert [name for name in bad if text.count(f"mug/{name}: ") != 1] == []
+
+
+@pytest.mark.parametrize("text", ["1\nme:pa55word\n", "1,1\n1,pa55word's\n", "9;9\npa55word;8\n"])
+def test_the_text_of_a_file_at_which_a_link_leads_is_not_quoted(tmp_path, text):
+    (tmp_path / "lab" / "mug").mkdir(parents=True)
+    (tmp_path / "lab" / "mug" / "1.csv").symlink_to(save(tmp_path / "secrets", text))
+    line = refusal(tmp_path / "lab", tmp_path)
+    assert "mug/1.csv: " in line and "row 1" in line and "pa55" not in line
+
+
+def test_blank_lines_take_no_time(tmp_path):
+    save(tmp_path / "lab" / "mug" / "1.csv", "\n" * 20_000_000 + "7,8\n")
+    begin = time.process_time()
+    np.testing.assert_array_equal(ingested(tmp_path / "lab")[0], [[[7, 8]]])
+    assert time.process_time() - begin < 2  # where each is made a line, about 3
 
 
 def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path):
