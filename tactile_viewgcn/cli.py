@@ -49,15 +49,15 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> N
     SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, or a folder of arrays (OBJECT/*.npy, .npz or .csv).
     Every mistake in it is listed.
     """
+    from tactile_viewgcn.pages.html import BEGIN, write
     from tactile_viewgcn.pages.inspection_text import inspection_lines
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
-    if page and page.parent.is_dir():  # a missing folder is made
-        check_outputs([page], [source])
+    if page:
+        check_outputs([(page, BEGIN)], [source])
     inspection = inspect_source(source, shape)
     _say(*inspection_lines(inspection))
     if page:
-        from tactile_viewgcn.pages.html import write
         from tactile_viewgcn.pages.inspection_page import inspection_page
 
         _say(write(page, inspection_page(inspection)))
@@ -105,9 +105,10 @@ def predict(**options: Any) -> None:
 def report(run: str, out: Path) -> None:
     """Write one HTML page of the workspace's last run, or of RUN: a DVC experiment's name, or an MLflow run's id."""
     from tactile_viewgcn.pages.finished_run import read_run
-    from tactile_viewgcn.pages.html import write
+    from tactile_viewgcn.pages.html import BEGIN, write
     from tactile_viewgcn.pages.run_page import run_page
 
+    check_outputs([(out, BEGIN)], [])
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         page = run_page(read_run(run))
     _say(write(out, page))

@@ -162,10 +162,15 @@ def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
         raise UserError(f"{path}: {what} ({reason}); {remedy}") from error
 
 
-def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
-    """Raise a UserError, before any work, for an output that cannot be written, is an input or is named twice."""
+def check_outputs(outputs: list[tuple[Path, str]], inputs: list[Path]) -> None:
+    """Raise a UserError, before any work, for an output that cannot be written, is an input or is named twice.
+
+    Args:
+        outputs: each with the text that such a file begins with: no file that begins differently is replaced, but for
+            an empty one. A folder that is missing will be made.
+    """
     taken = {os.path.realpath(path) for path in inputs}
-    for path in outputs:
+    for path, begin in outputs:
         check_is_file(path)
         real, part = os.path.realpath(path), path.with_name(path.name + PART)
         if path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken):
@@ -173,6 +178,12 @@ def check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
         if real in taken:
             raise UserError(f"{path}: it is read here, or named twice; name another file")
         taken.add(real)
+        if path.exists() and path.stat().st_size:
+            with path.open("rb") as stream:
+                if stream.read(len(begin)) != begin.encode():
+                    raise UserError(f"{path}: exists and is of another kind than is written here; name another file")
+        if not path.parent.is_dir():
+            continue
         try:
             part.touch(exist_ok=False)
             part.unlink()

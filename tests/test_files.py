@@ -4,6 +4,7 @@ import errno
 import hashlib
 import os
 import sys
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -123,15 +124,23 @@ def test_files_of_the_user_are_never_in_the_way(tmp_path):
     with atomic_write(tmp_path / "runs", folder=True) as part:
         (part / "a").write_text("1")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["runs", "runs.csv", "runs.old", "runs.part"]
-    check_outputs([tmp_path / "page.html"], [tmp_path])
+    check_outputs([(tmp_path / "page.html", ""), (tmp_path / "no" / "a.html", "")], [tmp_path])
     (tmp_path / "page.html.unfinished").write_text("the user's")
-    for path in ("page.html", "a.csv", "runs.csv", "no/a.html"):
+    for path in ("page.html", "a.csv", "runs.csv"):
         with pytest.raises(UserError, match=path):
-            check_outputs([tmp_path / path], [tmp_path])
+            check_outputs([(tmp_path / path, "")], [tmp_path])
     for twice in ([tmp_path / "a.html"] * 2, [tmp_path / "runs/a"]):
         with pytest.raises(UserError, match="a"):
-            check_outputs(twice, [tmp_path / "runs/a"])
+            check_outputs([(path, "") for path in twice], [tmp_path / "runs/a"])
     assert (tmp_path / "page.html.unfinished").read_text() == "the user's"
+
+
+@pytest.mark.parametrize("old, kept", [("", False), ("<p>old", False), ("<", True), ("PK", True)], ids=repr)
+def test_a_file_of_another_kind_is_not_replaced(tmp_path, old, kept):
+    (path := tmp_path / "page.html").write_text(old)
+    with pytest.raises(UserError, match=r"page\.html") if kept else nullcontext():
+        check_outputs([(path, "<p>")], [])
+    assert path.read_text() == old
 
 
 def test_hidden_files_are_left_out(tmp_path):

@@ -22,6 +22,13 @@ if TYPE_CHECKING:
 
 GLOSSARY = "index.md"  # a link to the manual's first page
 PIXELS = 96 / 72  # of a point
+BEGIN = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+"""  # of every page; a file that begins differently is not replaced by a page
 
 
 class Verdict(NamedTuple):
@@ -49,6 +56,7 @@ def environment() -> Environment:
         finalize=_finalize,
     )
     glossary = loader.get_source(templates, GLOSSARY)[0]
+    templates.globals["begin"] = Markup(BEGIN)
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
     templates.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent, "svg": svg}
     templates.filters |= {"duration": duration, "lines": _lines, "change": _change}

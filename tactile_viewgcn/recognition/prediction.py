@@ -42,7 +42,8 @@ def predict(
     Raises:
         UserError, OSError: a mistake of the user.
     """
-    check_outputs([path for path in (csv_path, json_path) if path is not None], [Path(model), Path(source)])
+    files = (csv_path, "recording,start_s,end_s,answer,class_1,"), (json_path, '{\n "model": ')
+    check_outputs([(path, begin) for path, begin in files if path is not None], [Path(model), Path(source)])
     recogniser = load_model(model)
     classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.calibration is not None
     echo(

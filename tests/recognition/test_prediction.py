@@ -92,9 +92,9 @@ def test_arrays_of_cells_have_the_models_layout(place):
 
 
 def test_labelled_recordings_are_counted_and_the_files_hold_what_is_printed(place):
-    *_, right, other = call(
-        place / "classifier.pt", place / "labelled", "--csv", place / "a.csv", "--json", place / "a.json"
-    )
+    words = place / "classifier.pt", place / "labelled", "--csv", place / "a.csv", "--json", place / "a.json"
+    *_, right, other = call(*words)
+    assert call(*words)[-2:] == [right, other]  # files of an earlier call are replaced
     assert right == "right: 4 of 4 (100.0 %)"  # the empty hand is right without contact
     assert other.startswith("with a name that is no object of the model: 1, ")
     rows = {row["recording"]: row for row in csv.DictReader((place / "a.csv").read_text("utf-8").splitlines())}
@@ -153,6 +153,7 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         ("classifier.pt new --stop-at 1.5", UserError, "threshold is 1.5"),
         ("classifier.pt new --csv a.json", UserError, "a.json: .*named twice"),
         ("classifier.pt new --csv new/0.csv", UserError, "0.csv: .*read as a recording"),
+        ("classifier.pt new --csv other/1.h5", UserError, "1.h5: exists"),
     ],
 )
 def test_mistakes_are_refused_and_leave_no_file(place, monkeypatch, words, error, message):
