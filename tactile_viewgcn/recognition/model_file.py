@@ -19,7 +19,8 @@ from torch import Tensor
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Model, PreprocessSection
-from tactile_viewgcn.recognition.novelty import Array, Novelty, Unit, fit_novelty
+from tactile_viewgcn.readers.source import MAX_PRESSURE
+from tactile_viewgcn.recognition.novelty import Array, Novelty, RealArray, Unit, fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.schema import Unique
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
@@ -51,8 +52,8 @@ class FittedPreprocessing(BaseModel):
     dtype: Literal["int16", "int32", "float32", "float64"]
     strong_readings: Annotated[list[float], MinLen(2), MaxLen(2)]
     live: Array
-    noise: Array
-    baselines: Annotated[dict[str, Array], MinLen(1)]
+    noise: RealArray
+    baselines: Annotated[dict[str, RealArray], MinLen(1)]
 
     @classmethod
     def of(cls, frames: Frames) -> Self:
@@ -98,12 +99,13 @@ class Content(BaseModel):
     def _goes_together(self) -> Self:
         views, fitted = len(self.viewpoints), self.preprocessing
         shape, live = fitted.live.shape, fitted.live
+        most = max(np.iinfo(fitted.dtype).max + 1, abs(fitted.params.zero)) if "int" in fitted.dtype else MAX_PRESSURE
         rules = {
             "params": "auto" not in vars(fitted.params).values(),
             "viewpoints": 1 <= views <= MOST_VIEWS and self.viewpoints.shape == (views, 3),
             "live": len(shape) == 2 and max(shape) <= MOST_SIDE and live.dtype == bool and live.any(),
-            "noise": fitted.noise.shape == shape,
-            "baselines": all(baseline.shape == shape for baseline in fitted.baselines.values()),
+            "noise": fitted.noise.shape == shape and (fitted.noise >= 0).all(),
+            "baselines": all(each.shape == shape and np.abs(each).max() <= most for each in fitted.baselines.values()),
             "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),
             "calibration": self.calibration is None or len(self.calibration.by_frames) == views,
             "novelty": self.novelty is None or self.novelty.maps.shape[1:] == (live.sum(),),
