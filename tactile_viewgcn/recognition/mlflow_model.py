@@ -54,9 +54,9 @@ def _numbers(counts: np.ndarray) -> np.ndarray:
     """Counts as numbers: MLflow turns nested lists of JSON into an array of objects."""
     if counts.dtype != object:
         return counts
-    kinds = set(map(type, counts.flat))  # NumPy would turn true and "515" into numbers
+    kinds = set(map(type, counts.ravel()))  # NumPy would turn true and "515" into numbers
     if wrong := {kind for kind in kinds if kind is bool or not issubclass(kind, Real)}:
-        value = next(value for value in counts.flat if type(value) in wrong)
+        value = next(value for value in counts.ravel() if type(value) in wrong)
         raise UserError(f"counts holds {reprlib.repr(value)}; expected numbers, in nested lists of equal lengths")
     try:
         return counts.astype(np.float64)

@@ -57,6 +57,7 @@ MISTAKES = {
     "an object": (changed({"a": 1}), {}, ["counts holds {'a': 1}"]),
     "a fraction": (changed(1.25), {}, ["counts holds 1.25"]),
     "a number as text": (changed("515"), {}, ["counts holds '515'"]),
+    "lists too deep": (np.zeros((1,) * 40).tolist(), {}, ["1, 1, 1", "(any, 4, 12, 12)"]),
     "nothing": ([], {}, ["(0,)", "(any, 4, 12, 12)"]),
     "a row missing": ([[COUNTS[0, 0].tolist()[:-1], *COUNTS[0, 1:].tolist()]], {}, ["counts holds [", "equal lengths"]),
 }
