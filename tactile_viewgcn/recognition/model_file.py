@@ -1,12 +1,13 @@
 """The file of a trained classifier: what it has learnt, and all that is needed to use it on raw counts.
 
-It holds tensors and plain values, read with `weights_only=True`: loading runs no code and checks every value.
+It holds tensors and plain values, read with `weights_only=True`: loading runs no code and checks every value. Its last
+bytes are a digest of all others, so that damage anywhere is noticed: torch does not compare its archive's checksums.
 """
 
+import hashlib
 import io
 import math
 import zipfile
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal, Self
 
@@ -30,6 +31,7 @@ REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`,
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
 MOST_VIEWS, MOST_SIDE = 1000, 64  # as params.yaml allows
+DIGEST = hashlib.sha256().digest_size
 CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
@@ -83,7 +85,7 @@ class Content(BaseModel):
     """What a file holds, each value in its range; see `save_classifier`."""
 
     model_config = CHECKED
-    format: Literal[8] = 8  # add 1 when the content of a file changes
+    format: Literal[9] = 9  # add 1 when the content of a file changes
     learnt: dict[str, Any]
     viewpoints: Tensor
     model: Model
@@ -148,6 +150,13 @@ def save_classifier(
     }
     with atomic_write(path) as part:
         torch.save(Content.model_validate(values).model_dump(), part)
+        seal(part)
+
+
+def seal(path: Path) -> None:
+    """Append the SHA-256 digest of a file to it."""
+    with path.open("r+b") as file:
+        file.write(hashlib.file_digest(file, "sha256").digest())
 
 
 def strong_readings(frames: Frames) -> list[float]:
@@ -172,17 +181,17 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
         OSError: it cannot be opened.
     """
     name = path if isinstance(path, str | Path) else "the classifier"
-    with (
-        Path(path).open("rb") if isinstance(path, str | Path) else nullcontext(path) as stream,
-        in_one_line(name, "no classifier of this version, damaged or altered", REMEDY),
-    ):
-        if stream.read(2) != b"PK":
+    data = Path(path).read_bytes() if isinstance(path, str | Path) else path.read()
+    with in_one_line(name, "no classifier of this version, damaged or altered", REMEDY):
+        packed, digest = data[:-DIGEST], data[-DIGEST:]
+        if packed[:2] != b"PK":
             raise ValueError("torch writes archives, and it is none")
-        with zipfile.ZipFile(stream) as archive:
-            if sum(member.file_size for member in archive.infolist()) > stream.seek(0, io.SEEK_END):
+        if hashlib.sha256(packed).digest() != digest:
+            raise ValueError("its bytes and its digest differ")
+        with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > len(packed):
                 raise ValueError("its archive is compressed, or names a part many times")
-        stream.seek(0)
-        values = torch.load(stream, map_location="cpu", weights_only=True)
+        values = torch.load(io.BytesIO(packed), map_location="cpu", weights_only=True)
         _check(values, set())
         try:
             content = Content.model_validate(values)

@@ -1,7 +1,9 @@
-"""A classifier's file that somebody altered is refused in one line, and no code in it runs."""
+"""A classifier's file that is damaged, or that somebody altered, is refused in one line, and no code in it runs."""
 
+import io
 import os
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from click.testing import CliRunner
 
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.recognition.model_file import seal
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tests.glove_data import OBJECTS, SHAPE, model_file, recording, write
 
@@ -130,6 +133,7 @@ def altered(path: Path, system: str, place: str, value) -> Path:
     else:
         part[last] = new
     torch.save(tree, path)
+    seal(path)
     return path
 
 
@@ -149,18 +153,40 @@ def test_an_altered_file_is_refused_and_runs_no_code(tmp_path, capfd, case):
     assert RAN not in capfd.readouterr().out
 
 
+def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
+    data = bytearray(model_file(tmp_path / "classifier.pt").read_bytes())
+    Recogniser(io.BytesIO(data))
+    for place in np.random.default_rng(0).choice(8 * len(data), 500, replace=False):
+        data[place // 8] ^= (bit := 1 << place % 8)
+        with pytest.raises(UserError, match="the classifier: "):
+            Recogniser(io.BytesIO(data))
+        data[place // 8] ^= bit
+
+
 def compressed(path: Path) -> None:
     with zipfile.ZipFile(model_file(path)) as file:
         parts = {member.filename: file.read(member) for member in file.infolist()}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, data in parts.items():
             packed.writestr(name, data)
+    seal(path)
 
 
 def repeating(path: Path) -> None:
     with zipfile.ZipFile(model_file(path), "a") as archive:
         archive.filelist += [max(archive.infolist(), key=lambda member: member.file_size)] * 30
         archive._didModify = True  # the directory is written anew
+    seal(path)
+
+
+def saved(content) -> Callable[[Path], None]:
+    """A function that writes a file of torch with this content."""
+
+    def write_file(path: Path) -> None:
+        torch.save(content, path)
+        seal(path)
+
+    return write_file
 
 
 #: files that are no classifier of ours, and what the line names
@@ -168,11 +194,11 @@ OTHERS = {
     "a text": (lambda path: path.write_text("views: 8\n"), "archive"),
     "nothing": (lambda path: path.write_bytes(b""), "archive"),
     "a text before a classifier": (lambda path: path.write_bytes(b"x\n" + model_file(path).read_bytes()), "archive"),
-    "a classifier cut short": (lambda path: path.write_bytes(model_file(path).read_bytes()[:1000]), "BadZipFile"),
+    "a classifier cut short": (lambda path: path.write_bytes(model_file(path).read_bytes()[:1000]), "digest"),
     "a compressed classifier": (compressed, "compressed"),
     "a part many times": (repeating, "many times"),
-    "a backbone": (lambda path: torch.save({"backbone": {"weight": torch.zeros(2)}, "classifier": {}}, path), "learnt"),
-    "a tensor": (lambda path: torch.save(torch.zeros(2), path), "dictionary"),
+    "a backbone": (saved({"backbone": {"weight": torch.zeros(2)}, "classifier": {}}), "learnt"),
+    "a tensor": (saved(torch.zeros(2)), "dictionary"),
 }
 
 
