@@ -12,10 +12,8 @@ from tactile_viewgcn.params import on_sensors
 
 def needs(job: Job, out: Path) -> str:
     launcher, system = job.params.launcher, job.params.model.system
-    program = next(word for word in launcher.split() if "=" not in word)
-    if not shutil.which(program):
-        expected = "expected python -m, or torchrun --standalone ... -m"
-        raise UserError(f"launcher: no program {program!r} here; {expected}")
+    if not shutil.which(program := launcher.split()[0]):
+        raise UserError(f"launcher: no program {program!r} here; install torch, which brings torchrun, or set python -m")
     network = not on_sensors(system)
     with atomic_write(out) as part:  # equal bytes for all systems with a backbone
         part.write_text(json.dumps({"cluster": network, "pretrain": network}) + "\n")

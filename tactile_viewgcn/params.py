@@ -21,6 +21,7 @@ VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove 
 CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviations above its baseline
 MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single precision, in which trainings compute
 MOST = 1_000_000  # upper limit of counts
+LAUNCHER = "^(python|torchrun (--standalone )?--nproc-per-node [1-9][0-9]{0,2}) -m$"
 PLACES = {"cube": 8, "dodecahedron": 20}  # number of viewpoints of the configurations in which it is fixed
 
 # all but sensors are networks on the pretrained backbone
@@ -192,7 +193,7 @@ class Params:
     viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"]
     device: Literal["auto", "cpu", "cuda"]
     precision: Literal["auto", "float32", "bfloat16"]
-    launcher: Annotated[StrictStr, StringConstraints(pattern=r"\S\s+-m\s*$")]
+    launcher: Annotated[StrictStr, StringConstraints(pattern=LAUNCHER)]  # dvc.yaml gives it to a shell
     data: Data
     preprocess: PreprocessSection
     split: Split
