@@ -13,7 +13,7 @@ from tactile_viewgcn.params import on_sensors
 def needs(job: Job, out: Path) -> str:
     launcher, system = job.params.launcher, job.params.model.system
     if not shutil.which(program := launcher.split()[0]):
-        raise UserError(f"launcher: no program {program!r} here; install torch, which brings torchrun, or set python -m")
+        raise UserError(f"launcher: no program {program!r} here; install torch, which brings it, or set python -m")
     network = not on_sensors(system)
     with atomic_write(out) as part:  # equal bytes for all systems with a backbone
         part.write_text(json.dumps({"cluster": network, "pretrain": network}) + "\n")

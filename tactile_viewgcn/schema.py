@@ -2,12 +2,13 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import yaml
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
@@ -16,6 +17,7 @@ from tactile_viewgcn.files import check_is_file
 from tactile_viewgcn.messages import UserError
 
 SECTION = ConfigDict(extra="forbid", allow_inf_nan=False)
+MOST_TEXT = 2**16  # bytes of a file, or characters of a value
 MOST_SHOWN = 200  # characters of a wrong value
 MISSING: Any = object()
 
@@ -30,7 +32,9 @@ Unique = AfterValidator(_unique)
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML in which 5e-4 is a number though it has no point, and which refuses repeated keys and aliases."""
+    """YAML 1.2 as DVC reads it, with decimal numbers alone: 1:30 and `on` are texts; no key twice, and no alias."""
+
+    yaml_implicit_resolvers: ClassVar[dict[Any, Any]] = {}  # in place of those of YAML 1.1
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -38,22 +42,31 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = [key.value for key, _ in node.value]
-        if twice := [key for key in keys if keys.count(key) > 1]:
+        counts = Counter(key.value for key, _ in node.value)
+        if twice := [key for key in counts if counts[key] > 1]:
             raise ValueError(f"key {twice[0]} stands twice")
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
-                              list("-+0123456789"))  # fmt: skip
+for tag, pattern in {
+    "null": "~|null|Null|NULL|",
+    "bool": "true|True|TRUE|false|False|FALSE",
+    "int": "[-+]?[0-9][0-9_]*",
+    "float": r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9]*)?)([eE][-+]?[0-9]+)?",
+}.items():
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", re.compile(f"({pattern})$"), None)
+for kind in (int, float):  # which read no base 60 either, and no integer too long to be written
+    _Loader.add_constructor(f"tag:yaml.org,2002:{kind.__name__}", lambda _, node, kind=kind: kind(node.value))
 
 
 def parse(text: str | bytes) -> Any:
     """The values of a YAML text.
 
     Raises:
-        ValueError: it is not YAML, or too deep for Python, or has a repeated key or an alias.
+        ValueError: it is not YAML, or too long, or too deep for Python, or has a repeated key or an alias.
     """
+    if len(text) > MOST_TEXT:
+        raise ValueError(f"longer than {MOST_TEXT:,} characters")
     try:
         return yaml.load(text, Loader=_Loader)
     except Exception as error:  # a value that contradicts its tag may raise any exception
@@ -69,7 +82,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """
     check_is_file(path)
     try:
-        tree = parse(path.read_bytes())
+        with path.open("rb") as file:
+            tree = parse(file.read(MOST_TEXT + 1))
     except ValueError as error:
         raise UserError(f"{path}: {error}") from None
     if not isinstance(tree, dict):
