@@ -184,7 +184,7 @@ def answer_together(recogniser: Recogniser, answers: list[Answer], name: str = "
         probabilities,
         used=sum(answer.used for answer in answers),
         contact=sum(answer.contact for answer in answers),
-        novelty=min((answer.novelty for answer in pressed), default=float("nan")),
+        novelty=float(np.fmin.reduce([answer.novelty for answer in pressed], initial=np.nan)),  # of those that have one
         stop_at=max(answer.stop_at for answer in answers),
         frames=sum(answer.frames for answer in answers),
         recording=name,

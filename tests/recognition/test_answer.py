@@ -1,5 +1,7 @@
 """Answers to recordings without labels: frames in contact, status, confidence, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -170,7 +172,9 @@ def test_recordings_of_one_object_are_answered_together():
     sums = one / two * sum(np.log(each.probabilities.astype(float)) for each in answers)
     np.testing.assert_allclose(answer.probabilities, np.exp(sums) / np.exp(sums).sum(), atol=1e-5)
     assert (answer.status, best(answer), answer.used, answer.contact, answer.frames) == (OBJECT, "pen", 4, 4, 124)
+    scored = [replace(answers[0], novelty=novelty) for novelty in (np.nan, 0.75, 0.5, np.nan)]
+    assert answer_together(model, scored).novelty == 0.5
     alone = answer_together(model, answers[:1])
     np.testing.assert_allclose(alone.probabilities, answers[0].probabilities, atol=1e-5)
     together = answer_together(model, [nothing])
-    assert together.status == NO_CONTACT and np.isnan(together.probabilities).all()
+    assert together.status == NO_CONTACT and np.isnan([*together.probabilities, together.novelty]).all()

@@ -37,8 +37,13 @@ def test_a_good_candidate_is_chosen_and_the_test_side_changes_nothing():
     frames = table("split.folds=6")
     members, notes = choose_members(frames, 4, CANDIDATES, 0)
     assert (notes[0].level, notes[0].key, notes[0].value) == ("choice", "model.members", members)
-    assert [note.topic for note in notes[1:]] == ["candidates"] * 4 and all(len(str(note)) <= 78 for note in notes[1:])
+    assert [note.topic for note in notes] == ["recogniser", *["candidates"] * 4]
+    assert all(len(str(note)) <= 78 for note in notes[1:])
+    assert [note.key for note in notes[1:]] == ["", *["model.members"] * 3]
     rows = [note.value for note in notes[2:]]
+    for note, row in zip(notes[2:], rows, strict=True):
+        numbers = [100 * row["error"], 100 * row["whole_error"], row["seconds"], row["milliseconds"]]
+        assert str(note).split()[1:5] == [f"{number:.1f}" for number in numbers]
     assert [row["members"] for row in rows if row["taken"]] == [members]
     means = [row["error"] + row["whole_error"] for row in rows]
     assert means == sorted(means)

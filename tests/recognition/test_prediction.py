@@ -37,7 +37,9 @@ def call(*words):
 
 
 def answers_in(path):
-    return json.loads(path.read_text(encoding="utf-8"))["answers"]
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert content.keys() == {"model", "source", "calibrated", "answers"}
+    return content["answers"]
 
 
 def test_unlabelled_recordings_have_a_line_each(place):
