@@ -8,13 +8,13 @@ from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import torch
 
 from tactile_viewgcn.files import ARRAYS, atomic_write, check_outputs, files_below, hdf5_file, md5
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.tables.views import Views, write_views
 from tests.full_disk import room_for
 
 KINDS = pytest.mark.parametrize("write", [atomic_write, partial(atomic_write, folder=True)], ids=["file", "folder"])
@@ -52,11 +52,19 @@ def test_a_folder_takes_the_place_of_the_old_one_whole(tmp_path):
     assert [file.name for file in (tmp_path / "folder").iterdir()] == ["second"]
 
 
-def hdf5(path):
-    """Datasets in one piece and in chunks, and names: HDF5 writes some at once, and most as it closes the file."""
-    with hdf5_file(path) as file:
-        file["counts"], file["names"] = VALUES, np.array(["mug"] * 900, dtype=h5py.string_dtype())
-        file.create_dataset("chunks", data=VALUES, chunks=(10, 10), compression="gzip")
+def whole(fill, **options):
+    """A function that writes a file, or a folder, which `fill` fills."""
+
+    def write(path):
+        with atomic_write(path, **options) as part:
+            fill(part)
+
+    return write
+
+
+def recording(folder):
+    with hdf5_file(folder / "a.h5") as file:
+        file.create_dataset("pressure", data=VALUES, chunks=(10, 10), compression="gzip")
 
 
 def arrays(path):
@@ -66,24 +74,23 @@ def arrays(path):
 
 VALUES = np.random.default_rng(0).random((90, 100))
 WRITERS = {
-    "HDF5": (atomic_write, hdf5),
-    "torch": (atomic_write, lambda path: torch.save({"weights": torch.from_numpy(VALUES)}, path)),
-    "arrays": (atomic_write, arrays),
-    "text": (atomic_write, lambda path: path.write_text("0.5," * 20_000)),
-    "folder": (partial(atomic_write, folder=True), lambda path: hdf5(path / "a.h5")),
+    "table": lambda path: write_views(path, Views(np.zeros(9000, np.int16), np.arange(9000), VALUES)),
+    "folder": whole(recording, folder=True),
+    "torch": whole(lambda path: torch.save({"weights": torch.from_numpy(VALUES)}, path)),
+    "arrays": whole(arrays),
+    "text": whole(lambda path: path.write_text("0.5," * 20_000)),
 }
 
 
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_file_without_room_is_one_error_and_leaves_what_was_there(tmp_path, kind):
-    (write, fill), path = WRITERS[kind], tmp_path / "made"
-    with write(path) as part:
-        fill(part)
+    write, path = WRITERS[kind], tmp_path / "made"
+    write(path)
     file = path / "a.h5" if path.is_dir() else path
     before = file.read_bytes()
-    for size in (*(len(before) - short * 1024 for short in (1, 4, 16, 64)), len(before) - 1):
-        with pytest.raises(OSError, match="made") as caught, room_for(size), write(path) as part:
-            fill(part)
+    for size in (*(len(before) - 1024 * short for short in (1, 4, 16, 64)), len(before) - 1):
+        with pytest.raises(OSError, match="made") as caught, room_for(size):
+            write(path)
         assert caught.value.errno == errno.EFBIG and file.read_bytes() == before
         assert list(tmp_path.iterdir()) == [path]
 

@@ -16,7 +16,22 @@ from unittest.mock import patch
 
 import yaml
 
-from tests.glove_data import ROOT
+from tests.glove_data import ROOT, SMALL
+
+RECORDS = [f"runs/{stage}.json" for stage in ("ingest", "preprocess", "cluster", "pretrain", "finetune")]
+#: A system without a network, on recordings beside params.yaml
+SENSORS = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.members=[kernel]", "device=cpu")
+#: Options of the stages' inputs and outputs
+FILES = {
+    "ingest": "--out data/recordings.h5",
+    "preprocess": "--recordings data/recordings.h5 --out data/frames.h5 --kept data/kept.csv",
+    "cluster": "--needs data/needs.json --frames data/frames.h5 --out data/views.h5",
+    "pretrain": "--needs data/needs.json --frames data/frames.h5 --out models/backbone.pt",
+    "finetune": "--frames data/frames.h5 --views data/views.h5 --backbone models/backbone.pt "
+    "--out models/classifier.pt",
+    "evaluate": "--frames data/frames.h5 --classifier models/classifier.pt --out results "
+    + " ".join(f"--after {record}" for record in RECORDS),
+}
 
 
 def sh(*words, cwd, **variables):

@@ -12,6 +12,7 @@ import torch
 from stages import command, pipeline
 from stages.command import Job, run
 from tactile_viewgcn.messages import UserError
+from tests.full_disk import room_for
 from tests.stages.running import captured, changed, left, refused, run_stage
 
 ROOT = Path(__file__).parents[2]
@@ -53,6 +54,16 @@ def failing(error, place):
 )
 def test_what_a_user_can_mend_ends_in_one_line(place, error, says):
     assert says in refused(failing(error, place)) and left(place) == set()
+
+
+def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done(place):
+    def needs(job):
+        return "needs: done"
+
+    for size, (code, said) in {10: (1, ""), 2**20: (0, "needs: done\n")}.items():
+        with room_for(size):
+            result = captured(lambda: run(needs, outputs=()), "--record", "record.json", cwd=place)
+        assert (result.returncode, result.stdout) == (code, said) and len(left(place)) == (not code)
 
 
 @pytest.mark.parametrize("error", [ValueError("shapes"), RuntimeError("CUDA error: an illegal memory access")])

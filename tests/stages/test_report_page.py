@@ -15,41 +15,9 @@ from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.finished_run import read_run
 from tactile_viewgcn.pages.run_page import run_page
-from tests.glove_data import SMALL
 from tests.pages.test_html import parsed, text_of
-from tests.stag_files import metadata, save_matlab5
-from tests.stages.running import run_stage
 
 ROOT = Path(__file__).parents[2]
-RECORDS = [f"runs/{stage}.json" for stage in ("ingest", "preprocess", "cluster", "pretrain", "finetune")]
-FILES = {
-    "ingest": "--out data/recordings.h5",
-    "preprocess": "--recordings data/recordings.h5 --out data/frames.h5 --kept data/kept.csv",
-    "cluster": "--needs data/needs.json --frames data/frames.h5 --out data/views.h5",
-    "pretrain": "--needs data/needs.json --frames data/frames.h5 --out models/backbone.pt",
-    "finetune": "--frames data/frames.h5 --views data/views.h5 --backbone models/backbone.pt "
-    "--out models/classifier.pt",
-    "evaluate": "--frames data/frames.h5 --classifier models/classifier.pt --out results "
-    + " ".join(f"--after {record}" for record in RECORDS),
-}
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory) -> Path:
-    """A workspace with the files of a finished run, of four objects and a system without a network."""
-    place = tmp_path_factory.mktemp("workspace")
-    shutil.copy(ROOT / "params.yaml", place)
-    tree = metadata(objects=4, recordings=6, frames=12)
-    tree["objects"][0, 1] = "<b>Öl & $x$"
-    save_matlab5(place / "metadata.mat", tree)
-    (place / "data").mkdir()
-    (place / "data" / "needs.json").write_text('{"cluster": false, "pretrain": false}')
-    changes = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.members=[kernel]", "device=cpu")
-    words = [word for change in changes for word in ("--set", change)]
-    for stage, files in FILES.items():
-        result = run_stage(stage, *files.split(), "--record", f"runs/{stage}.json", *words, cwd=place)
-        assert result.returncode == 0, result.stderr
-    return place
 
 
 @pytest.fixture
