@@ -112,17 +112,27 @@ class _Stream(io.FileIO):
 
 
 @contextmanager
-def hdf5_file(path: Path) -> Iterator["h5py.File"]:
+def hdf5_file(path: Path, *, room: int = 0) -> Iterator["h5py.File"]:
     """A new HDF5 file, which is complete when the block has ended.
 
     HDF5 ignores an error of what it writes while it closes a file, or crashes at the end of the process; so it meets
     none.
 
+    Args:
+        room: bytes that it will need at least.
+
     Raises:
+        UserError: there is less room than that; the block does not run then.
         OSError: not all was written, such as on a full disk.
     """
     import h5py  # here, since most commands write no HDF5
 
+    usage = shutil.disk_usage(path.absolute().parent)
+    if room > usage.free and usage.total:  # a mounted folder may not know its size
+        raise UserError(
+            f"{str(path).removesuffix(PART)}: needs {room / 1e6:,.0f} MB, where {usage.free / 1e6:,.0f} MB are free; "
+            "make room, or name another disk (TMPDIR for a temporary table)"
+        )
     with _Stream(path, "w+") as stream:
         try:
             with h5py.File(stream, "w") as file:

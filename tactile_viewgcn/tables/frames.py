@@ -1,6 +1,7 @@
 """The table of kept frames, data/frames.h5: counts, baseline, class, side and group of each frame."""
 
 import json
+import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -96,7 +97,8 @@ class Frames:
 
 def write_frames(path: str | Path, frames: Frames) -> None:
     """Write the table as HDF5: arrays and names as datasets, the transform as attributes."""
-    with atomic_write(path) as part, hdf5_file(part) as file:
+    room = math.prod(frames.counts.shape) * frames.counts.dtype.itemsize
+    with atomic_write(path) as part, hdf5_file(part, room=room) as file:
         for field in fields(frames):
             value = getattr(frames, field.name)
             if field.name == "counts":

@@ -6,7 +6,6 @@ are (frame, row, column).
 """
 
 import math
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,17 +34,12 @@ COLUMN_BYTES = 32  # of all columns, for each frame
 DISK, DISK_TIMES = 2**30, 200  # largest table: bytes, plus this many times the bytes of its source
 
 
-def check_disk(folder: Path, needed: int, path: Path) -> None:
-    """Raise a UserError if a table of `needed` bytes has no room in `folder`, or is too large for its source `path`."""
-    usage, stored = shutil.disk_usage(folder), stored_bytes(path)
+def check_size(needed: int, path: Path) -> None:
+    """Raise a UserError if a table of `needed` bytes is too large for its source `path`."""
+    stored = stored_bytes(path)
     if needed > DISK + DISK_TIMES * stored:
         raise UserError(
             f"{path}: declares {needed / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
-        )
-    if needed > usage.free and usage.total:  # a mounted folder may not know its size
-        raise UserError(
-            f"{path}: its table needs {needed / 1e6:,.0f} MB in {folder}, where {usage.free / 1e6:,.0f} MB are free; "
-            "make room, or name another disk (TMPDIR for a temporary table)"
         )
 
 
@@ -87,10 +81,10 @@ def _write(path: Path, source: Source, md5: str) -> None:
             bar.update(len(pressure))
             yield pressure
 
-    frame_bytes = math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES
+    size = source.frames * (math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES)
     bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
-    check_disk(path.absolute().parent, source.frames * frame_bytes, source.path)
-    with hdf5_file(path) as file, bar:
+    check_size(size, source.path)
+    with hdf5_file(path, room=size) as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
         file["live"] = low < high
         if 0 < (spread := (high - low).max()) < MIN_SPREAD:

@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections import deque
 from functools import partial
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -16,7 +17,8 @@ import pytest
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers import child
 from tactile_viewgcn.readers.source import Source
-from tactile_viewgcn.tables import recordings
+from tactile_viewgcn.tables.frames import write_frames
+from tests.glove_data import table
 from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
 from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
 
@@ -471,9 +473,11 @@ def test_a_fault_of_ours_comes_out_of_the_child_with_its_place(tmp_path):
 
 
 def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
-    usage = type("usage", (), {"free": 100, "total": 1000})
-    monkeypatch.setattr(recordings.shutil, "disk_usage", lambda folder: usage)
-    assert "a.h5: " in refusal(record(tmp_path / "in" / "a.h5"), tmp_path)
+    frames = table()
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=100, total=1000))
+    assert "TMPDIR" in refusal(record(tmp_path / "in" / "a.h5"), tmp_path)
+    with pytest.raises(UserError, match=r"frames\.h5: "):
+        write_frames(tmp_path / "frames.h5", frames)
 
 
 @pytest.mark.parametrize("objects", [["mug", "pen", "mug"], ["mug"] * 40_000, ["p\udcffn"]])
