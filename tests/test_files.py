@@ -74,7 +74,7 @@ def arrays(path):
 
 VALUES = np.random.default_rng(0).random((90, 100))
 WRITERS = {
-    "table": lambda path: write_views(path, Views(np.zeros(9000, np.int16), np.arange(9000), VALUES)),
+    "table": lambda path: write_views(path, Views(np.zeros(9000, np.int16), np.arange(9000), VALUES[:12, :3])),
     "folder": whole(recording, folder=True),
     "torch": whole(lambda path: torch.save({"weights": torch.from_numpy(VALUES)}, path)),
     "arrays": whole(arrays),
