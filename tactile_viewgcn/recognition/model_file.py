@@ -21,7 +21,7 @@ from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Model, PreprocessSection
 from tactile_viewgcn.readers.source import MAX_PRESSURE
-from tactile_viewgcn.recognition.novelty import Array, Novelty, RealArray, Unit, fit_novelty
+from tactile_viewgcn.recognition.novelty import Array, Novelty, Unit, fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.schema import Unique
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
@@ -54,8 +54,8 @@ class FittedPreprocessing(BaseModel):
     dtype: Literal["int16", "int32", "float32", "float64"]
     strong_readings: Annotated[list[float], MinLen(2), MaxLen(2)]
     live: Array
-    noise: RealArray
-    baselines: Annotated[dict[str, RealArray], MinLen(1)]
+    noise: Array
+    baselines: Annotated[dict[str, Array], MinLen(1)]
 
     @classmethod
     def of(cls, frames: Frames) -> Self:
@@ -106,15 +106,19 @@ class Content(BaseModel):
             "params": "auto" not in vars(fitted.params).values(),
             "viewpoints": 1 <= views <= MOST_VIEWS and self.viewpoints.shape == (views, 3),
             "live": len(shape) == 2 and max(shape) <= MOST_SIDE and live.dtype == bool and live.any(),
-            "noise": fitted.noise.shape == shape and (fitted.noise >= 0).all(),
-            "baselines": all(each.shape == shape and np.abs(each).max() <= most for each in fitted.baselines.values()),
+            "noise": _real(fitted.noise, shape) and (fitted.noise >= 0).all(),
+            "baselines": all(_real(each, shape) and np.abs(each).max() <= most for each in fitted.baselines.values()),
             "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),
             "calibration": self.calibration is None or len(self.calibration.by_frames) == views,
-            "novelty": self.novelty is None or self.novelty.maps.shape[1:] == (live.sum(),),
+            "novelty": self.novelty is None or _real(self.novelty.maps, (len(self.novelty.maps), live.sum())),
         }
         if wrong := [name for name, right in rules.items() if not right]:
             raise ValueError(f"{', '.join(wrong)}: out of range, or of a different shape than the rest")
         return self
+
+
+def _real(array: np.ndarray, shape: tuple[int, ...]) -> bool:
+    return array.dtype.kind == "f" and array.shape == shape
 
 
 def save_classifier(

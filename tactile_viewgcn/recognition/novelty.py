@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 import torch
 from annotated_types import Interval
-from pydantic import AfterValidator, BeforeValidator, PlainSerializer
+from pydantic import BeforeValidator, PlainSerializer
 from torch import Tensor
 
 from tactile_viewgcn.randomness import by_turns, stream
@@ -21,21 +21,12 @@ QUANTILE = 0.99  # of the training recordings' distances
 DEAD_ZONE = 1.0  # units; a weaker mean reading counts as noise
 SETS = 5  # frame sets of each training recording
 MOST_SETS = 2000  # of all training recordings
-
-
-def _real(array: np.ndarray) -> np.ndarray:
-    if array.dtype.kind != "f":
-        raise ValueError(f"of type {array.dtype}; expected real numbers")
-    return array
-
-
 #: an array in memory, a tensor in a model file
 Array = Annotated[
     np.ndarray,
     BeforeValidator(lambda value: value.numpy() if isinstance(value, Tensor) else value),
     PlainSerializer(torch.from_numpy),
 ]
-RealArray = Annotated[Array, AfterValidator(_real)]
 Unit = Annotated[float, Interval(gt=0, le=1e31)]  # counts
 
 
@@ -49,7 +40,7 @@ class Novelty:
         threshold: distance beyond which frames count as unlike the training's.
     """
 
-    maps: RealArray
+    maps: Array
     unit: Unit
     threshold: Unit
 
