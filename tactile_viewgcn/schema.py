@@ -8,7 +8,7 @@ from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import reduce
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import yaml
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
@@ -34,8 +34,6 @@ Unique = AfterValidator(_unique)
 class _Loader(yaml.SafeLoader):
     """YAML 1.2 as DVC reads it, with decimal numbers alone: 1:30 and `on` are texts; no key twice, and no alias."""
 
-    yaml_implicit_resolvers: ClassVar[dict[Any, Any]] = {}  # in place of those of YAML 1.1
-
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
             raise ValueError("an alias; write the value out")
@@ -48,6 +46,7 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+_Loader.yaml_implicit_resolvers = {}  # in place of those of YAML 1.1
 for tag, pattern in {
     "null": "~|null|Null|NULL|",
     "bool": "true|True|TRUE|false|False|FALSE",
@@ -55,8 +54,8 @@ for tag, pattern in {
     "float": r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9]*)?)([eE][-+]?[0-9]+)?",
 }.items():
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", re.compile(f"({pattern})$"), None)
-for kind in (int, float):  # which read no base 60 either, and no integer too long to be written
-    _Loader.add_constructor(f"tag:yaml.org,2002:{kind.__name__}", lambda _, node, kind=kind: kind(node.value))
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda _, node: int(node.value))  # PyYAML's own reads base 60
+_Loader.add_constructor("tag:yaml.org,2002:float", lambda _, node: float(node.value))
 
 
 def parse(text: str | bytes) -> Any:
