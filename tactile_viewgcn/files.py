@@ -252,7 +252,7 @@ def md5(path: str | Path) -> str:
     if path.is_dir():
         digest = _md5()
         for file in sorted(file for file in path.rglob("*") if file.suffix != VIDEO_SUFFIX and file.is_file()):
-            digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode())
+            digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode(errors="surrogateescape"))
         return digest.hexdigest()
     check_is_file(path)
     with path.open("rb") as stream:

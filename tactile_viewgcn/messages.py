@@ -1,6 +1,6 @@
 """Texts for people: names from outside made harmless, the exception for a user's mistakes, notes on results.
 
-Names of objects, recordings, sessions and paths may come from anybody. Files keep them unchanged.
+Names of objects, recordings, sessions and paths may come from anybody. Tables and model files keep them unchanged.
 """
 
 import csv
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TextIO
 
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")  # beginnings of a formula, after OWASP
+FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # beginnings of a formula, after OWASP
 
 
 def shown(text: object) -> str:
@@ -27,12 +27,12 @@ def _shown(letter: str) -> str:
 
 
 def write_csv(file: TextIO, rows: Iterable[Iterable[Any]]) -> None:
-    """Write rows as CSV; a text that a spreadsheet would run as a formula gets an apostrophe before it."""
+    """Write rows as CSV; a text is `shown`, with an apostrophe before it where a spreadsheet would run it."""
     csv.writer(file).writerows([_cell(value) for value in row] for row in rows)
 
 
 def _cell(value: Any) -> Any:
-    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value
+    return "'" * value.startswith(FORMULA) + shown(value) if isinstance(value, str) else value
 
 
 class UserError(ValueError):

@@ -121,7 +121,7 @@ def test_a_command_that_needs_a_missing_library_names_the_extra_in_one_line():
 
 
 def test_control_characters_of_names_reach_neither_a_terminal_nor_a_page(tmp_path):
-    source = glove(tmp_path / "lab", "m\x1b[31mug\n", "p\u202een", number=3)
+    source = glove(tmp_path / "l\u202ea\udcffb", "m\x1b[31mug\n", "p\u202een", number=3)
     result = call("inspect", source, "--html", tmp_path / "page.html")
     assert result.returncode == 0, result.stderr
     for text in (result.stdout, (tmp_path / "page.html").read_text()):

@@ -179,8 +179,9 @@ def test_folders_nested_too_deep_are_refused(deep_folder):
 
 
 def test_the_md5_of_a_folder_is_of_the_sorted_paths_and_contents_of_all_files_but_video(tmp_path):
-    for name, text in (("b/z.h5", b"abc"), ("a", b""), ("000000.jpg", b"a frame of video")):
+    for name, text in (("b/z.h5", b"abc"), ("a", b""), ("c\udcff", b""), ("000000.jpg", b"a frame of video")):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(text)
-    listing = b"a d41d8cd98f00b204e9800998ecf8427e\nb/z.h5 900150983cd24fb0d6963f7d28e17f72\n"
+    nothing = b" d41d8cd98f00b204e9800998ecf8427e\n"
+    listing = b"a" + nothing + b"b/z.h5 900150983cd24fb0d6963f7d28e17f72\n" + b"c\xff" + nothing
     assert md5(tmp_path) == hashlib.md5(listing).hexdigest()

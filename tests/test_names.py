@@ -4,6 +4,7 @@ import csv
 import io
 import xml.etree.ElementTree as ElementTree
 from base64 import b64decode
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,16 +49,17 @@ def test_pictures_and_pages_show_names():
         ElementTree.fromstring(image)
         assert r"m\x1b[31mu\ng" in image
     assert (
-        environment().from_string("<p>{{ name }}</p>\n<b>{{ 3 }}</b>").render(name=NAME) == f"<p>{SHOWN}</p>\n<b>3</b>"
+        environment().from_string("<p>{{ name }}</p>\n<b>{{ 3 }}</b>").render(name=Path(NAME))
+        == f"<p>{SHOWN}</p>\n<b>3</b>"
     )
 
 
-FORMULAS = ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", "\n=1", "＝1"]
+FORMULAS = ["=1+1", "+1", "-1", "@SUM(A1)", "＝1"]
 
 
 @pytest.mark.parametrize("name", FORMULAS)
 def test_a_name_that_a_spreadsheet_would_run_is_a_text_in_csv_and_a_number_stays_one(name):
     file = io.StringIO(newline="")
-    write_csv(file, [["object", "error"], [name, -0.5], ["mug=1", 3], [None, True]])
+    write_csv(file, [["object", "error"], [name, -0.5], ["mug=1", 3], [None, True], ["\t=1", NAME]])
     rows = list(csv.reader(io.StringIO(file.getvalue(), newline="")))
-    assert rows == [["object", "error"], [f"'{name}", "-0.5"], ["mug=1", "3"], ["", "True"]]
+    assert rows == [["object", "error"], [f"'{name}", "-0.5"], ["mug=1", "3"], ["", "True"], [r"\t=1", SHOWN]]

@@ -64,8 +64,8 @@ def environment() -> Environment:
 
 
 def _finalize(value: Any) -> Any:
-    """A text with its control characters shown; markup stays as it is."""
-    return shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    """A value as text with its control characters shown; markup stays as it is."""
+    return value if isinstance(value, Markup) else shown(value)
 
 
 def write(path: Path, text: str) -> str:

@@ -65,7 +65,7 @@ def predict(
         echo("how often it errs: `tactile-viewgcn report` says, where the pipeline trained it")
     records += joined
     content = {"model": model, "source": source, "calibrated": calibrated, "answers": records}
-    texts = _as_csv(records), json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+    texts = _as_csv(records), json.dumps(content, indent=1) + "\n"
     with ExitStack() as parts:
         for path, text in zip((csv_path, json_path), texts, strict=True):
             if path is not None:
