@@ -19,8 +19,8 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> str:
     frames, choice, notes = made.frames, made.choice, made.notes
     if choice.hand:
         advised = choice.params.baseline != "grasp" and not choice.leaks  # else `auto` took the one that leaks least
-        leak = check_leak(table, choice.baseline, choice.hand, made.sides.group)  # both sides: it chooses nothing
-        notes = [*notes, *leak_notes(table, choice.hand, leak, advised=advised)]
+        leak = check_leak(choice.recordings, choice.baseline, choice.hand, choice.group)
+        notes = [*notes, *leak_notes(choice.recordings, choice.hand, leak, advised=advised)]
     write_frames(out, frames)
     rows = kept_rows(table, made)
     with atomic_write(kept) as part, part.open("w", newline="") as file:

@@ -24,13 +24,13 @@ class Baseline:
     Attributes:
         names: (R,) of the sessions or grasps.
         mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
-        noise: (R, H, W) standard deviation in counts, see `noise_left`; None if it was not measured.
+        noise: (R, H, W) standard deviation in counts, see `noise_left`; NaN if it was not measured.
         of_frame: int16 or int32 (T,), index of the baseline of each frame of the recordings.
     """
 
     names: list[str]
     mean: np.ndarray
-    noise: np.ndarray | None
+    noise: np.ndarray
     of_frame: np.ndarray
     notes: list[Note] = field(default_factory=list)
 
@@ -129,4 +129,4 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
 def constant_baseline(recordings: Recordings, zero: float) -> Baseline:
     """Baseline of `zero` counts for every sensor, as the released code subtracts it; its noise is unknown."""
     mean = np.full((1, *recordings.shape), zero, dtype=exact_float(recordings.dtype))
-    return Baseline(["zero"], mean, None, np.zeros(len(recordings), dtype=np.int16))
+    return Baseline(["zero"], mean, np.full_like(mean, np.nan), np.zeros(len(recordings), dtype=np.int16))

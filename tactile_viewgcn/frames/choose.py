@@ -19,7 +19,7 @@ from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.leak import check_leak
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
-from tactile_viewgcn.frames.sides import Sides, follows_paper
+from tactile_viewgcn.frames.sides import Sides, follows_paper, with_empty_hand
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
@@ -38,7 +38,9 @@ class Choice:
 
     Attributes:
         params: the settings, every `auto` decided.
-        baseline: the one that `params` names.
+        recordings: the training side's frames and its sessions' empty hand; nothing else was looked at.
+        group: (T,) split group of these frames.
+        baseline: of these frames, the one that `params` names.
         notes: of level `choice`, one for each value that was `auto`.
         hand: where the hand is open, and where it is in contact; None where nothing needed it.
         errors: by baseline, of a quick classifier on contact, on held-out groups of the training side.
@@ -46,6 +48,8 @@ class Choice:
     """
 
     params: PreprocessSection
+    recordings: Recordings
+    group: np.ndarray
     baseline: Baseline
     notes: list[Note] = field(default_factory=list)
     hand: OpenHand | None = None
@@ -54,15 +58,19 @@ class Choice:
 
 
 def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Choice:
-    """Choose a value for every `auto`, and compute the baseline.
+    """Choose a value for every `auto`, and compute the baseline, from the readings of the training side alone.
 
     The baseline is the one with the lowest error of a quick classifier, unless the recordings follow the paper, or
-    single frames are held out. Only objects of the training side are looked at.
+    single frames are held out. Of other sides counts that every session has an empty hand, and which frames the source
+    publishes as training and test.
 
     Raises:
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; readings too small or
             large.
     """
+    paper, kinds = follows_paper(recordings), BASELINES if has_empty_hand(recordings) else BASELINES[1:]
+    rows = with_empty_hand(recordings, sides.training)
+    recordings, group = recordings.part(rows), sides.group[rows]  # from here on there is no other side
     live, params, notes = int(recordings.live.sum()), asked, list[Note]()
     if not live:
         raise UserError(
@@ -70,7 +78,7 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
             "is the glove connected?"
         )
     if params.baseline == "none" and "auto" not in vars(asked).values():
-        return Choice(params, constant_baseline(recordings, params.zero))
+        return Choice(params, recordings, group, constant_baseline(recordings, params.zero))
 
     def take(key: str, value: Any, reason: str, topic: str) -> None:
         nonlocal params
@@ -81,17 +89,22 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
         take("contact_sensors", sensors_in_contact(live), reason, "contact")
     hand = find_open_hand(recordings, int(params.contact_sensors))
-    training = sides.training if sides.training.any() else np.ones(len(recordings), dtype=bool)
-    if quietest_are_contact(recordings, hand, sides.training):
+    if quietest_are_contact(recordings, hand):
         hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
     baselines, errors, leaks = dict[str, Baseline](), dict[str, QuickError](), dict[str, QuickError]()
     if asked.baseline == "auto":
-        zero = smallest_reading(hand, training)
-        if sides.whole and not hand.all_contact and not follows_paper(recordings):
-            kinds = BASELINES if has_empty_hand(recordings) else BASELINES[1:]
-            baselines = {kind: measure_baseline(recordings, kind, hand, zero) for kind in kinds}
-            errors, leaks = measure(recordings, hand, baselines, sides)
-        take("baseline", *_best_baseline(recordings, hand, errors, leaks), "baseline")
+        zero = smallest_reading(hand)
+        if paper:
+            best = "empty_hand", "recorded in every session, and the split is published"
+        elif hand.all_contact:
+            best = "none", "even the quietest frames are contact: recordings are taken as they are"
+        else:
+            best = kinds[0], "recorded in every session" if kinds == BASELINES else "no empty hand in every session"
+            if sides.whole:
+                baselines = {kind: measure_baseline(recordings, kind, hand, zero) for kind in kinds}
+                errors, leaks = measure(recordings, hand, baselines, group)
+            best = _best_baseline(errors, leaks) if errors else best
+        take("baseline", *best, "baseline")
         if params.baseline == "none":
             reason = "the reading of sensors without contact" if zero else "sensors without contact read about 0"
             take("zero", zero, reason, "baseline")
@@ -103,15 +116,15 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         )
         baseline.notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
     if asked.filter == "auto":
-        take("filter", *_filter(recordings, hand, params.baseline, training), "filter")
+        take("filter", *_filter(recordings, hand, params.baseline), "filter")
     if asked.scale == "auto":
-        take("scale", *_scale(contact_readings(recordings, hand, baseline, training)), "scale")
-    return Choice(params, baseline, notes, hand, errors, leaks)
+        take("scale", *_scale(contact_readings(recordings, hand, baseline)), "scale")
+    return Choice(params, recordings, group, baseline, notes, hand, errors, leaks)
 
 
-def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline, usable: np.ndarray) -> np.ndarray:
-    """Counts (n,) above the baseline of the sensors in contact, in about 2,000 usable frames bool (T,) of contact."""
-    usable = usable & hand.contact & ~of_empty_hand(recordings)
+def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline) -> np.ndarray:
+    """Counts (n,) above the baseline of the sensors in contact, in about 2,000 frames of contact."""
+    usable = hand.contact & ~of_empty_hand(recordings)
     recorded = frames_by_recording(recordings)
     most = max(1, SAMPLE // len(recorded))
     sample = np.concatenate([evenly(index[usable[index]], most) for index in recorded])
@@ -119,26 +132,26 @@ def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline,
     return excess[excess > CONTACT_SIGMAS * hand.noise[recordings.columns["session"][sample]]].astype(np.float64)
 
 
-def measure_baseline(recordings: Recordings, kind: str, hand: OpenHand, zero: float) -> Baseline:
-    """The baseline that `preprocess.baseline` names; `zero` is the constant of `none`.
+def measure_baseline(recordings: Recordings, kind: str, hand: OpenHand | None, zero: float) -> Baseline:
+    """The baseline that `preprocess.baseline` names; `hand` is needed by `grasp`, `zero` is the constant of `none`.
 
     Raises:
         UserError: `empty_hand`, and the empty hand was not recorded in every session.
     """
     if kind == "empty_hand":
         return empty_hand_baseline(recordings)
-    return grasp_baseline(recordings, hand) if kind == "grasp" else constant_baseline(recordings, zero)
+    return grasp_baseline(recordings, hand) if kind == "grasp" and hand else constant_baseline(recordings, zero)
 
 
 def measure(
-    recordings: Recordings, hand: OpenHand, baselines: dict[str, Baseline], sides: Sides
+    recordings: Recordings, hand: OpenHand, baselines: dict[str, Baseline], group: np.ndarray
 ) -> tuple[dict[str, QuickError], dict[str, QuickError]]:
     """`errors` and `leaks` of a `Choice`, where they can be measured.
 
     The classifier reads log(1 + excess) above each baseline, in units of the smallest excess of a pressed sensor.
     """
     errors, leaks, label = dict[str, QuickError](), dict[str, QuickError](), recordings.columns["object"]
-    usable = sides.training & hand.contact & ~of_empty_hand(recordings)
+    usable = hand.contact & ~of_empty_hand(recordings)
     unit = CONTACT_SIGMAS * np.median(hand.noise[np.unique(recordings.columns["session"])])
     for kind, baseline in baselines.items():
 
@@ -146,27 +159,18 @@ def measure(
             excess = hand.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
             return np.log1p(np.maximum(excess / unit, 0))
 
-        if error := quick_error("measurement", readings, usable, label, sides.group):
+        if error := quick_error("measurement", readings, usable, label, group):
             errors[kind] = error
-        if leak := check_leak(recordings, baseline, hand, sides.group, sides.training):
+        if leak := check_leak(recordings, baseline, hand, group):
             leaks[kind] = leak
     return errors, leaks
 
 
-def _best_baseline(
-    recordings: Recordings, hand: OpenHand, errors: dict[str, QuickError], leaks: dict[str, QuickError]
-) -> tuple[str, str]:
+def _best_baseline(errors: dict[str, QuickError], leaks: dict[str, QuickError]) -> tuple[str, str]:
     """Value and reason: the first baseline within two standard errors of the lowest error, of those that do not leak.
 
-    If every baseline leaks, the one that leaks least; if nothing was measured, by what was recorded.
+    If every baseline leaks, the one that leaks least.
     """
-    if follows_paper(recordings):
-        return "empty_hand", "recorded in every session, and the split is published"
-    if hand.all_contact:
-        return "none", "even the quietest frames are contact: recordings are taken as they are"
-    if not errors:
-        has_empty = has_empty_hand(recordings)
-        return ("empty_hand", "recorded in every session") if has_empty else ("grasp", "no empty hand in every session")
     leaking = [kind for kind in errors if kind in leaks and leaks[kind].beats_chance]
     if len(leaking) == len(errors):
         best = max(leaking, key=lambda kind: leaks[kind].error)
@@ -186,11 +190,11 @@ def _first_of_lowest(errors: dict[str, QuickError]) -> str:
     return next(kind for kind, (mean, standard_error) in more.items() if mean <= CLEARLY * standard_error)
 
 
-def _filter(recordings: Recordings, hand: OpenHand, baseline: str, usable: np.ndarray) -> tuple[str, str]:
-    """Value and reason: flags if every object has some in usable frames bool (T,), else contact above a baseline."""
-    objects, of_object = recordings.columns["object"], usable & ~of_empty_hand(recordings)
+def _filter(recordings: Recordings, hand: OpenHand, baseline: str) -> tuple[str, str]:
+    """Value and reason: flags if every object has some, else contact above a baseline."""
+    objects, of_object = recordings.columns["object"], ~of_empty_hand(recordings)
     with suppress(UserError):
-        if not len(np.setdiff1d(objects[of_object], objects[usable & flagged(recordings)])):
+        if not len(np.setdiff1d(objects[of_object], objects[flagged(recordings)])):
             return "flags", "the source says in which frames the object is held"
     if baseline == "none":
         return "none", "contact cannot be detected without a baseline: every frame is kept"

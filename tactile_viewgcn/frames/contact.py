@@ -23,22 +23,18 @@ def sensors_in_contact(live: int) -> int:
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 
-def smallest_reading(hand: OpenHand, usable: np.ndarray) -> float:
-    """The smallest reading in usable frames bool (T,), in counts, to three digits; 0 where that is near 0."""
-    index = np.flatnonzero(usable)
-    low, high = np.percentile(hand.counts[index[:: max(1, len(index) // SAMPLE)]], [0.1, 99])
+def smallest_reading(hand: OpenHand) -> float:
+    """The smallest reading in counts, to three digits; 0 where that is near 0."""
+    low, high = np.percentile(hand.counts[:: max(1, len(hand.counts) // SAMPLE)], [0.1, 99])
     return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
 
 
-def quietest_are_contact(recordings: Recordings, hand: OpenHand, training: np.ndarray) -> bool:
+def quietest_are_contact(recordings: Recordings, hand: OpenHand) -> bool:
     """Whether even the quietest frames are contact, so that there is no open hand to take a baseline from.
 
     They are not where every session has an empty hand. Else they are if hardly any frame is as quiet, or none reads
-    more; or if they differ between recordings by as much as contact and predict the objects of the training side. Drift
-    alone does not predict them: sessions are held out where possible, since no drift comes twice.
-
-    Args:
-        training: bool (T,) frames whose objects may be looked at; a recording counts if these include its quietest.
+    more; or if they differ between recordings by as much as contact and predict the objects. Drift alone does not
+    predict them: sessions are held out where possible, since no drift comes twice.
     """
     if has_empty_hand(recordings):
         return False
@@ -47,14 +43,13 @@ def quietest_are_contact(recordings: Recordings, hand: OpenHand, training: np.nd
     if np.median(opened) < MIN_FRAMES or np.median(contact) == 0:
         return True
     quietest = np.array([index[0] for index in hand.quietest])
-    usable = np.array([training[index].all() for index in hand.quietest])
     label, session = recordings.columns["object"][quietest], recordings.columns["session"][quietest]
-    difference = hand.quiet - session_medians(hand.quiet, session)
+    of_object, difference = ~of_empty_hand(recordings)[quietest], hand.quiet - session_medians(hand.quiet, session)
     pressed = (np.abs(difference) > CONTACT_SIGMAS * hand.noise[session]).sum(axis=1)
     if np.median(pressed) < hand.sensors:
         return False
     for group in (session, np.arange(len(label))):
-        if error := quick_error("all contact", lambda index: difference[index], usable, label, group):
+        if error := quick_error("all contact", lambda index: difference[index], of_object, label, group):
             return error.beats_chance
     return False
 
@@ -115,7 +110,7 @@ def pressed_frames(recordings: Recordings, baseline: Baseline, sensors: int) -> 
     Raises:
         UserError: a baseline without noise.
     """
-    if baseline.noise is None:
+    if np.isnan(baseline.noise).any():
         raise UserError(
             "preprocess.filter is contact, which needs the baseline's noise: "
             "expected preprocess.filter auto, or preprocess.baseline empty_hand or grasp"

@@ -33,7 +33,7 @@ def grasp_baseline(
         hand: of the recordings, as `find_open_hand` returns it.
         trained: mean and noise (H, W) for each session, from the training of a model; None without a model.
     """
-    session, names = recordings.columns["session"], recordings.recordings
+    session, names, recorded = recordings.columns["session"], recordings.recordings, frames_by_recording(recordings)
     rows: dict[tuple[str, int], tuple[np.ndarray, int]] = {}  # by name and session: mean (S,), and index of the row
     of_frame, with_contact, borrowed = np.empty(len(session), dtype=np.int32), 0, 0
     replaced: dict[str, list[str]] = {}  # by what is used instead of an open hand: recordings
@@ -41,7 +41,7 @@ def grasp_baseline(
     def use(index: np.ndarray, name: str, mean: np.ndarray) -> None:
         of_frame[index] = rows.setdefault((name, int(session[index[0]])), (mean, len(rows)))[1]
 
-    for index, quietest in zip(frames_by_recording(recordings), hand.quiet, strict=True):
+    for index, quietest in zip(recorded, hand.quiet, strict=True):
         number, name = int(session[index[0]]), names[recordings.columns["recording"][index[0]]]
         grasp = grasps(hand.open[index], hand.contact[index])
         source = _sources(grasp, hand.open[index])
@@ -61,7 +61,7 @@ def grasp_baseline(
     noise[:, recordings.live] = [hand.noise[number] for _, number in rows]
     lacking = f"fewer than {MIN_FRAMES} open-hand frames"
     texts = [
-        f"{len(without)} of {several(len(names), 'recording')}: {lacking}, so {kind} "
+        f"{len(without)} of {several(len(recorded), 'recording')}: {lacking}, so {kind} "
         f"{'are' if kind == QUIETEST else 'is'} used: {listed(without)}"
         for kind, without in replaced.items()
     ]

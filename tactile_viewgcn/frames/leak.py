@@ -11,13 +11,7 @@ from tactile_viewgcn.tables.recordings import Recordings
 TOPIC = "leak check"
 
 
-def check_leak(
-    recordings: Recordings,
-    baseline: Baseline,
-    hand: OpenHand,
-    group: np.ndarray,
-    usable: np.ndarray | bool = True,
-) -> QuickError | None:
+def check_leak(recordings: Recordings, baseline: Baseline, hand: OpenHand, group: np.ndarray) -> QuickError | None:
     """Error of recognising objects by open-hand frames; None unless two objects have such frames in two groups each.
 
     The baseline of the last frame of contact before is subtracted: one of the open hand itself would hide its own
@@ -25,14 +19,13 @@ def check_leak(
 
     Args:
         group: (T,) split group of each frame.
-        usable: bool (T,) frames that may be used.
     """
 
     def excess(index: np.ndarray) -> np.ndarray:
         of_frame = baseline.of_frame[_last_contact(recordings, hand.contact)[index]]
         return hand.counts[index] - baseline.mean[of_frame][:, recordings.live]
 
-    untouched = hand.open & ~of_empty_hand(recordings) & usable
+    untouched = hand.open & ~of_empty_hand(recordings)
     return quick_error("leak", excess, untouched, recordings.columns["object"], group)
 
 

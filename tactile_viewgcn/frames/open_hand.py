@@ -67,7 +67,11 @@ class OpenHand:
 
 
 def find_open_hand(
-    recordings: Recordings, sensors: int, trained: list[tuple[np.ndarray, np.ndarray]] | None = None
+    recordings: Recordings,
+    sensors: int,
+    trained: list[tuple[np.ndarray, np.ndarray]] | None = None,
+    *,
+    all_contact: bool = False,
 ) -> OpenHand:
     """Find the frames of the open hand.
 
@@ -75,6 +79,7 @@ def find_open_hand(
         sensors: fewest that are pressed in a frame of contact.
         trained: mean and noise (H, W) of each session from the training of a model, for sessions without enough frames
             of the empty hand.
+        all_contact: the training side is contact from end to end, so every frame counts as contact.
     """
     counts = recordings.live_counts()
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
@@ -94,6 +99,8 @@ def find_open_hand(
         quietest_of_all.append(index[start : start + MIN_FRAMES])
         contact[index] = (pressed >= sensors) | flagged[index]
         opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
+    if all_contact:
+        contact[:], opened[:] = True, False
     noises = np.stack([noise for _, noise in of_session])
     return OpenHand(counts, noises, contact, opened, quietest_of_all, sensors)
 

@@ -5,16 +5,17 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tactile_viewgcn.frames.anchors import balanced_anchors, published_anchors
-from tactile_viewgcn.frames.baseline import of_empty_hand
-from tactile_viewgcn.frames.choose import Choice, choose
+from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
+from tactile_viewgcn.frames.choose import Choice, choose, measure_baseline
 from tactile_viewgcn.frames.contact import passing
+from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.frames.scale_check import clipping_warnings
-from tactile_viewgcn.frames.sides import Sides, deal, keep_testable
+from tactile_viewgcn.frames.sides import Sides, deal, keep_testable, with_empty_hand
 from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import SIDES, Frames
+from tactile_viewgcn.tables.frames import SIDES, TEST, VALIDATION, Frames
 from tactile_viewgcn.tables.recordings import Recordings
 
 
@@ -53,8 +54,12 @@ def preprocess_recordings(
     if len(recorded) == 1:
         raise UserError(one_class(recordings.objects[recorded[0]]))
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
+    if not sides.training.any():
+        keep_testable(recordings, sides, np.ones(len(recordings), dtype=bool), split)  # raises
     choice = choose(recordings, asked, sides)
-    passed, notes = passing(recordings, choice.baseline, choice.params)
+    recordings = recordings.part(np.arange(len(recordings)), choice.recordings.live)
+    baseline = _of_all_sides(recordings, choice, sides)
+    passed, notes = passing(recordings, baseline, choice.params)
     keep = passed & (asked.empty_hand_class | ~empty)
     _require_classes(recordings, keep)
     if groups is None:
@@ -70,18 +75,46 @@ def preprocess_recordings(
         notes += unequal
     anchors = anchors[~sides.surplus[keep]]  # after the draw: those of the other sides stay the same
     keep &= ~sides.surplus
-    frames = _table(recordings, choice, sides, keep, anchors, float(passed.mean()))
-    notes = [*choice.notes, *choice.baseline.notes, *notes]
+    share = float(passed[sides.training].mean())
+    frames = _table(recordings, choice.params, baseline, sides, keep, anchors, share)
+    notes = [*choice.notes, *baseline.notes, *notes]
     if choice.hand and asked.scale != "auto":
         notes += clipping_warnings(frames, choice.hand.noise)
     return Preprocessed(frames, choice, sides, passed, keep, notes)
 
 
+def _of_all_sides(recordings: Recordings, choice: Choice, sides: Sides) -> Baseline:
+    """Baselines of all frames: each side's are measured on its frames and its sessions' empty hand, as on new ones."""
+    of_frame, measured = np.zeros(len(recordings), dtype=np.int32), list[Baseline]()
+    params, hand = choice.params, choice.hand
+    for frames in (sides.training, sides.side == VALIDATION, sides.side == TEST, sides.surplus):
+        if not frames.any():
+            continue
+        rows, baseline = with_empty_hand(recordings, frames), choice.baseline
+        if measured:
+            part = recordings.part(rows, recordings.live)
+            if hand and params.baseline == "grasp":
+                hand = find_open_hand(part, hand.sensors, all_contact=hand.all_contact)
+            baseline = measure_baseline(part, params.baseline, hand, params.zero)
+        of_frame[frames] = sum(len(before.names) for before in measured) + baseline.of_frame[frames[rows]]
+        measured.append(baseline)
+    names, notes = ([value for each in measured for value in getattr(each, name)] for name in ("names", "notes"))
+    mean, noise = (np.concatenate([getattr(each, name) for each in measured]) for name in ("mean", "noise"))
+    return Baseline(names, mean, noise, of_frame, notes)
+
+
 def _table(
-    recordings: Recordings, choice: Choice, sides: Sides, keep: np.ndarray, anchors: np.ndarray, share: float
+    recordings: Recordings,
+    params: PreprocessSection,
+    baseline: Baseline,
+    sides: Sides,
+    keep: np.ndarray,
+    anchors: np.ndarray,
+    share: float,
 ) -> Frames:
     """Table of the frames to `keep` (T,), with classes in the order of the recordings; `share` passed the filter."""
-    index, baseline, unknown = np.flatnonzero(keep), choice.baseline, np.full(recordings.shape, np.nan)
+    index = np.flatnonzero(keep)
+    used, number = np.unique(baseline.of_frame[index], return_inverse=True)
     columns = {name: values[index] for name, values in recordings.columns.items()}
     objects, label = np.unique(columns["object"], return_inverse=True)
     return Frames(
@@ -93,18 +126,17 @@ def _table(
         group=sides.group[index],
         side=sides.side[index],
         anchor=anchors,
-        baseline=baseline.of_frame[index],
+        baseline=number.astype(np.int32),
         time=columns["time"],
-        baseline_mean=baseline.mean,
+        baseline_mean=baseline.mean[used],
         live=recordings.live,
         classes=[recordings.objects[i] for i in objects],
         recordings=recordings.recordings,
         sessions=recordings.sessions,
-        baseline_names=baseline.names,
-        transform=choice.params.transform,
-        scale=float(choice.params.scale),
-        noise=unknown if baseline.noise is None else baseline.noise[np.unique(baseline.of_frame)].mean(axis=0),
-        preprocess=asdict(choice.params),
+        transform=params.transform,
+        scale=float(params.scale),
+        noise=baseline.noise[np.unique(baseline.of_frame[sides.training])].mean(axis=0),
+        preprocess=asdict(params),
         kept_share=share,
     )
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from tactile_viewgcn.frames.baseline import evenly
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import CONTACT_SIGMAS
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 MOST_FRAMES = 1000  # whose readings are compared with the scale
 MOST_CLIPPED = 0.2  # of the readings of sensors in contact
@@ -50,8 +51,8 @@ def noise_warnings(frames: Frames, noise: float) -> list[Note]:
 
 
 def _sample(frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (n,) of about 1,000 frames, evenly spaced, and the counts (n, S) of the live sensors above baseline."""
-    index = np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int))
+    """Indices (n,) of about 1,000 training frames, and the counts (n, S) of their live sensors above baseline."""
+    index = evenly(frames.on(TRAIN), MOST_FRAMES)
     return index, frames.inputs(index, "counts")[:, frames.live]
 
 

@@ -21,7 +21,7 @@ class Sides:
     Attributes:
         group: int64, split group.
         side: int8, TRAIN, VALIDATION or TEST.
-        surplus: bool, of training groups beyond `split.train_groups`: not trained on.
+        surplus: bool, of training groups beyond `split.train_groups`, or of the empty hand that is no class: not used.
         whole: whole groups can be held out; False where single frames are.
     """
 
@@ -32,8 +32,14 @@ class Sides:
 
     @property
     def training(self) -> np.ndarray:
-        """bool (T,): frames that a choice may look at."""
+        """bool (T,): frames that are trained on."""
         return (self.side == TRAIN) & ~self.surplus
+
+
+def with_empty_hand(recordings: Recordings, frames: np.ndarray) -> np.ndarray:
+    """Rising indices of `frames` bool (T,) and of the empty hand in their sessions, on whichever side that is."""
+    session = recordings.columns["session"]
+    return np.flatnonzero(frames | (of_empty_hand(recordings) & np.isin(session, session[frames])))
 
 
 def deal(
@@ -54,9 +60,10 @@ def deal(
         UserError: `split.by` is `grasp` or `source`, and the recordings have no such column.
     """
     columns = recordings.columns
-    used = np.flatnonzero(empty_hand_class | ~of_empty_hand(recordings))
+    surplus = of_empty_hand(recordings) & (not empty_hand_class)
+    used = np.flatnonzero(~surplus)
     by, group = ("", groups) if groups is not None else (split.by, split_groups(columns, split.by))
-    side, surplus = np.full(len(group), TRAIN, dtype=np.int8), np.zeros(len(group), dtype=bool)
+    side = np.full(len(group), TRAIN, dtype=np.int8)
     label, of_used = columns["object"][used], group[used]
     across = by == "session" if by else spans_classes(of_used, label)
     if by == "source":

@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly, of_empty_hand
-from tactile_viewgcn.frames.choose import choose, contact_readings, measure
+from tactile_viewgcn.frames.choose import choose, contact_readings, measure, measure_baseline
 from tactile_viewgcn.frames.contact import session_medians
 from tactile_viewgcn.frames.leak import check_first_frames
-from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
+from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording
 from tactile_viewgcn.frames.sides import deal
 from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.pages.settings import preprocess_settings, split_settings
 from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 
 PERCENTILES = (0, 1, 50, 99, 100)
@@ -84,13 +83,14 @@ class Overview:
         split = replace(load(DEFAULTS).split, **{note.key.removeprefix("split."): note.value for note in settings})
         rng = stream(SPLIT_SEED, "preprocess")
         sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
-        self.choice = choice = choose(recordings, asked, sides)
-        self.settings = [*preprocess_settings(recordings, choice), *settings]
+        choice = choose(recordings, asked, sides)
         assert choice.hand  # all is `auto`
-        self.hand = hand = choice.hand
-
-        kind, all_training = choice.params.baseline, replace(sides, side=np.full_like(sides.side, TRAIN))
-        errors, leaks = measure(recordings, hand, {kind: choice.baseline}, all_training) if sides.whole else ({}, {})
+        hand = find_open_hand(recordings, choice.hand.sensors, all_contact=choice.hand.all_contact)
+        kind = choice.params.baseline
+        baseline = measure_baseline(recordings, kind, hand, choice.params.zero)
+        self.hand, self.choice = hand, (choice := replace(choice, hand=hand, baseline=baseline))
+        self.settings = [*preprocess_settings(recordings, choice), *settings]
+        errors, leaks = measure(recordings, hand, {kind: baseline}, sides.group) if sides.whole else ({}, {})
         self.error, self.leak = errors.get(kind), leaks.get(kind)
         self.first_frame = None if hand.all_contact else check_first_frames(recordings, hand)
 
@@ -103,7 +103,7 @@ class Overview:
         self.interval, self.gaps, self.seconds = _sampling([columns["time"][index] for index in recorded])
         self.drift = _drift(hand, recorded, self.session)
 
-        above = contact_readings(recordings, hand, choice.baseline, everything)
+        above = contact_readings(recordings, hand, baseline)
         sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
         smallest, largest, at_largest = _extremes(hand, recorded)
         self.readings = {

@@ -40,12 +40,12 @@ class FittedPreprocessing(BaseModel):
 
     Attributes:
         params: of the training's frames, without `auto`.
-        kept_share: share of the recordings' frames that the filter keeps.
+        kept_share: share of the training's frames that the filter keeps.
         dtype: of the counts.
         strong_readings: see the function of this name.
         live: bool (H, W) sensors.
         noise: (H, W) standard deviation of the baseline in counts, 0 where it was not measured.
-        baselines: (H, W) mean of each session that has frames, by the session's name.
+        baselines: (H, W) mean of each session that has training frames, by the session's name.
     """
 
     model_config = CHECKED
@@ -60,7 +60,8 @@ class FittedPreprocessing(BaseModel):
     @classmethod
     def of(cls, frames: Frames) -> Self:
         """The preprocessing that made the frames; a session of several baselines has their mean."""
-        pairs = np.unique(np.stack([frames.session, frames.baseline], axis=1), axis=0)
+        train = frames.on(TRAIN)
+        pairs = np.unique(np.stack([frames.session[train], frames.baseline[train]], axis=1), axis=0)
         baselines = {
             frames.sessions[session]: frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(axis=0)
             for session in np.unique(pairs[:, 0])

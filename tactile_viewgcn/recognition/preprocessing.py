@@ -73,7 +73,7 @@ def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[B
         return baseline, flagged(recordings)
     if params.filter == "none" or (params.baseline == "none" and fitted.kept_share >= ALL_KEPT):
         return baseline, np.ones(len(recordings), dtype=bool)
-    if baseline.noise is not None:
+    if np.isfinite(baseline.noise).all():
         return baseline, pressed_frames(recordings, baseline, int(params.contact_sensors))
     return baseline, find_open_hand(recordings, int(params.contact_sensors)).contact
 

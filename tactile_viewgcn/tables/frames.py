@@ -34,12 +34,12 @@ class Frames:
         baseline: (n,) index into `baseline_mean`.
         time: (n,) seconds since the recording's first frame.
         baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
-        live: bool (H, W) sensors whose counts vary.
-        classes, recordings, sessions, baseline_names: names, by index.
+        live: bool (H, W) sensors whose counts vary on the training side.
+        classes, recordings, sessions: names, by index.
         transform, scale: of counts above baseline to network input, see `network_input`.
-        noise: (H, W) mean standard deviation of the baselines in counts, NaN where it was not measured.
+        noise: (H, W) mean standard deviation of the training side's baselines in counts, NaN where it was not measured.
         preprocess: the section of params.yaml behind this table, every `auto` decided; new recordings get the same.
-        kept_share: share of the recordings' frames that pass the filter.
+        kept_share: share of the training side's frames that pass the filter.
     """
 
     counts: Counts
@@ -57,7 +57,6 @@ class Frames:
     classes: list[str]
     recordings: list[str]
     sessions: list[str]
-    baseline_names: list[str]
     transform: str
     scale: float
     noise: np.ndarray

@@ -8,6 +8,7 @@ are (frame, row, column).
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -130,7 +131,7 @@ class Recordings:
             )
             self.columns = {name: file[name][()] for name in COLUMNS if name in file or name in ALWAYS}
             self.live = file["live"][()]
-            self._pressure = mapped(path, file["pressure"])
+            self._pressure: Counts = mapped(path, file["pressure"])
 
     def __len__(self) -> int:
         return len(self._pressure)
@@ -145,6 +146,17 @@ class Recordings:
         """(H, W) of a frame."""
         height, width = self.live.shape
         return height, width
+
+    def part(self, rows: np.ndarray, live: np.ndarray | None = None) -> "Recordings":
+        """The frames in rising `rows` (n,), one at least, as a table; `live` sensors: those that vary, if not given."""
+        part = copy(self)
+        part.columns = {name: values[rows] for name, values in self.columns.items()}
+        if len(rows) < len(self):
+            part._pressure = Gathered(self.frames, rows, self.shape, self.dtype)
+        first = part.frames(np.zeros(1, dtype=int))
+        varying = ((counts != first).any(axis=0) for _, counts in part.blocks())
+        part.live = np.logical_or.reduce(list(varying)) if live is None else live
+        return part
 
     def frames(self, index: np.ndarray) -> np.ndarray:
         """Counts (n, H, W) of the frames in `index` (n,)."""

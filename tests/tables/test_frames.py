@@ -35,7 +35,6 @@ def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
         classes=["cup", "мяч", "pen"],
         recordings=[f"recording {i}" for i in range(5)],
         sessions=["000", "001"],
-        baseline_names=["000", "001"],
         transform=transform,
         scale=scale,
         noise=np.ones((3, 4)),

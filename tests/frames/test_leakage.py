@@ -1,0 +1,81 @@
+"""The training side is the same to the last byte, whatever the frames of the other sides read."""
+
+from functools import partial
+from itertools import product
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.frames import preprocessing
+from tactile_viewgcn.frames.anchors import balanced_anchors
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.recognition.model_file import FittedPreprocessing
+from tactile_viewgcn.tables.frames import TRAIN
+from tests.glove_data import drifting, recipe, views_of, written
+
+BY = ("source", "recording", "grasp", "session", "frame")
+BASELINES, FILTERS = ("auto", "empty_hand", "grasp", "none"), ("auto", "flags", "contact", "none")
+EMPTY, NO_EMPTY = "the empty hand recorded", "no empty hand"
+CASES = [
+    *(case for case in product(BY, BASELINES, FILTERS, [EMPTY]) if case[1:3] != ("none", "contact")),  # is refused
+    *product(BY, ("auto", "grasp", "none"), ("auto", "none"), [NO_EMPTY]),  # noise is that of successive frames
+]
+
+
+@pytest.fixture(scope="module")
+def glove():
+    """The empty hand and two objects, four recordings of two grasps each; one sensor is dead."""
+    made = drifting(objects=2, recordings=4, grasps=2, between=1.0)
+    made.counts[:, 0, 0] = 500
+    return made
+
+
+def training_side(recordings, params):
+    """All that the training side has and all that is chosen or fitted, by name, and which frames are not of it."""
+    made = preprocess_recordings(recordings, params.preprocess, params.split)
+    frames, choice, train = made.frames, made.choice, made.frames.on(TRAIN)
+    values = {name: getattr(frames, name) for name in ("live", "noise", "scale", "transform", "classes", "kept_share")}
+    values |= {name: getattr(frames, name)[train] for name in ("label", "group", "anchor", "recording")}
+    values |= {"rows": np.flatnonzero(made.keep)[train], "passed": made.passed[made.sides.training]}
+    values |= {"above baseline": frames.inputs(train, "counts"), "input": frames.inputs(train)}
+    values |= {"choice": choice.params, "notes": choice.notes}
+    if params.preprocess.filter == "auto":  # clustering takes longest
+        views = views_of(frames, params)
+        values |= {"cluster": views.cluster[train], "pool": views.pool[train]}
+    values |= {f"error {kind}": error.wrong for kind, error in choice.errors.items()}
+    values |= {f"leak {kind}": error.wrong for kind, error in choice.leaks.items()}
+    fitted = dict(FittedPreprocessing.of(frames))
+    values |= fitted.pop("baselines") | {f"fitted {name}": value for name, value in fitted.items()}
+    return values, ~made.sides.training
+
+
+@pytest.mark.parametrize(("by", "baseline", "filtered", "empty"), CASES, ids=["-".join(case) for case in CASES])
+def test_no_reading_of_the_other_sides_reaches_the_training_side(
+    tmp_path, glove, monkeypatch, by, baseline, filtered, empty
+):
+    """In test and validation frames each object presses other sensors, by far more, and the rest read 0."""
+    monkeypatch.setattr(preprocessing, "balanced_anchors", partial(balanced_anchors, minimum=4))
+    label, number, grasp = (glove.columns[name] for name in ("object", "recording", "grasp"))
+    number = number % 4
+    part = (label > 0) | (empty == EMPTY)
+    columns = {
+        "session": number if by == "session" else number % 2,
+        "split": ((number == 3) | ((number == 1) & (grasp == 1))).astype(np.int8),  # recordings are on both sides
+        "valid": ~glove.open & ((number + grasp) % 3 > 0) & ((label == 1) | (filtered != "auto") | (empty != EMPTY)),
+    }
+    asked = (f"preprocess.baseline={baseline}", f"preprocess.filter={filtered}", "cluster.restarts=1")
+    split = f"split.folds={2 if by == 'grasp' else 4}", f"split.validation={0 if by == 'frame' else 0.3}"
+    params = recipe(*asked, f"split.by={by}", *split)
+    expected, other = training_side(glove.table(tmp_path / "a", part, **columns), params)
+    changed = np.zeros(len(part), dtype=bool)
+    changed[np.flatnonzero(part)[other]] = True
+    changed &= (label > 0) | (by == "session")  # a session's empty hand gives its baseline on whichever side it is
+    counts, sensors = glove.counts.copy().reshape(len(part), -1), np.arange(40) // 13 == label[changed, None]
+    alternating = np.arange(changed.sum())[:, None] % 2
+    counts[changed] = np.where(sensors, 900 + 300 * alternating, 0)
+    columns["valid"] = np.where(changed, label == 2, columns["valid"])  # where it was the only object without flags
+    planted = {name: values[part] for name, values in (glove.columns | columns).items()}
+    actual, _ = training_side(written(tmp_path / "b", counts.reshape(glove.counts.shape)[part], **planted), params)
+    assert actual.keys() == expected.keys() and changed.any()
+    for name, value in expected.items():
+        np.testing.assert_array_equal(actual[name], value, err_msg=name)
