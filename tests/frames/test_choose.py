@@ -129,7 +129,9 @@ def test_the_released_scale_is_kept_at_one_to_ten_times_the_strongest_readings(t
     assert chosen(written(tmp_path / "t", counts, **made.columns), *BY_RECORDING).params.scale == scale
 
 
-@pytest.mark.parametrize(("reading", "scale"), [(1e30, 1e30), (1.1e30, None), (1e-30, 1e-30), (9e-31, None), (0, 150)])
+@pytest.mark.parametrize(
+    ("reading", "scale"), [(15, 150), (14.9, 15), (1e30, 1e30), (1.1e30, None), (1e-30, 1e-30), (9e-31, None), (0, 150)]
+)
 def test_a_scale_is_refused_where_params_would_refuse_it(glove, reading, scale, monkeypatch):
     monkeypatch.setattr(module, "contact_readings", lambda *_: np.full(9 if reading else 0, reading))
     if scale:

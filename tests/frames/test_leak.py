@@ -110,4 +110,5 @@ def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(tmp_path
     ]:
         notes = leak_notes(recordings, hand, replace(leak, high=high), advised=advised)
         assert [(note.level, note.key, note.value) for note in notes] == expected
-        assert {note.topic for note in notes} == {"leak check"}
+        assert {note.topic for note in notes} == {"leak check"} and all(note.text for note in notes)
+        assert f"(2.0 to {100 * high:.1f}), chance 96.0 %; 2,000 frames in 1 group, 1.0 s" in notes[0].text

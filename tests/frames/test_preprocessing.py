@@ -126,6 +126,7 @@ def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_
     split = np.where(more == 3, 1, np.where(more == 4, 0, COLUMNS["split"]))
     frames, made, rows = prepared(tmp_path, columns=COLUMNS | {"object": more, "split": split})
     assert [note.text.split()[0] for note in notes_on(made, "objects")] == ["object3", "object4"]
+    assert all(note.text.split()[1:] for note in notes_on(made, "objects"))
     assert frames.classes == ["empty_hand", "object1", "object2", "object4"]
     assert frames.label[frames.recording == 7].tolist() == [3] * GRIP_FRAMES
     gone = next(row for row in rows if row["object"] == "object3")
@@ -183,8 +184,8 @@ FOUR_LATE = np.where(LATE & (np.cumsum(LATE) > 4), 2, OBJECT)
 REFUSED = {
     "four frames of the empty hand in a session": ((), COLUMNS | {"object": FOUR_LATE}, "'session1' has 4 frames"),
     "no flags": ((), without("valid"), r"glove\.h5: .*preprocess\.filter flags"),
-    "no published split": ((), without("split"), r"split\.by source"),
-    "no grasps": (("split.by=grasp",), without("grasp"), r"split\.by grasp"),
+    "no published split": ((), without("split"), r"published split; split\.by source"),
+    "no grasps": (("split.by=grasp",), without("grasp"), r"grasp numbers; split\.by grasp"),
     "one class": (NO_EMPTY, COLUMNS | {"object": np.minimum(OBJECT, 1)}, "one class, object1"),
     "one class left": (NO_EMPTY, COLUMNS | {"valid": OBJECT < 2}, r"two classes .*\(object1\)"),
     "no test side": ((), COLUMNS | {"split": 0 * COLUMNS["split"]}, r"the test side of split\.by source"),
