@@ -26,6 +26,7 @@ def candidate(members, wrong, error=0.5):
         ([0, 0, 0, 0], [0, 0, 0, 1], 0),
         ([1, 0], [0, 1], 0),
         ([0.5], [0.0], 1),  # one group has no standard error
+        ([0.1, 0.6, 1.0, 0.2], [0.0, 0.5, 0.9, 0.1], 1),  # a tenth more in each group, without a spread
     ],
 )
 def test_a_later_candidate_is_taken_where_the_first_errs_by_more_than_a_standard_error_more(first, second, taken):
@@ -51,6 +52,13 @@ def test_a_good_candidate_is_chosen_and_the_test_side_changes_nothing():
     other = replace(frames, label=np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype))
     again = choose_members(other, 4, CANDIDATES, 0)
     assert [note.value["error"] for note in again[1][2:]] == [row["error"] for row in rows]
+
+
+def test_candidates_that_err_alike_stand_in_their_order(monkeypatch):
+    rows = [candidate(members, [0.5, 0.5]) for members in CANDIDATES]
+    monkeypatch.setattr(choice, "compare", lambda *_: rows)
+    members, notes = choose_members(table(), 4, CANDIDATES, 0)
+    assert members == CANDIDATES[0] and [note.value["members"] for note in notes[2:]] == CANDIDATES
 
 
 def test_a_candidate_s_errors_are_those_of_fits_to_other_groups():

@@ -56,3 +56,10 @@ def test_a_whole_recording_is_answered_by_its_own_frames():
     for sets in (left.few, left.whole, left.drawn):
         assert (recording[sets] == recording[sets[:, :1]]).all() and set(recording[sets[:, 0]]) == set(recording)
     assert len(np.unique(left.few[0])) == 4 and len(left.few) == len(left.whole) == len(set(recording))
+
+
+def test_shares_of_wrong_answers_are_of_each_group_and_a_group_without_answers_has_none():
+    left = LeftOut.__new__(LeftOut)
+    left.label, left.group = np.array([0, 0, 1, 1, 2, 2]), np.array([7, 7, 3, 3, 5, 5])
+    sets, logits = np.array([[0, 1], [1, 0], [2, 3]]), np.eye(3)[[0, 1, 1]]
+    np.testing.assert_array_equal(left.wrong(sets, logits), [0.0, np.nan, 0.5])  # of the groups 3, 5 and 7

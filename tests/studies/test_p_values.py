@@ -20,6 +20,9 @@ def all_ways(sums):
 def test_p_is_that_of_all_ways_and_sums_that_rounding_tells_apart_are_equal(sums):
     groups, difference = np.repeat(np.arange(len(sums)), 2), np.repeat(np.array(sums) / 10, 2)
     assert sign_flip(difference, groups, np.random.default_rng(0)) == pytest.approx(all_ways(sums))
+    sizes = np.arange(len(sums)) + 1  # a group counts by the sum of its view sets, not by their mean
+    parts = np.repeat(np.array(sums) / sizes, sizes), np.repeat(np.arange(len(sums)), sizes)
+    assert sign_flip(*parts, np.random.default_rng(0)) == pytest.approx(all_ways(sums))
 
 
 def test_draws_agree_with_all_ways():
