@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import evenly
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.frames import TRAIN, Frames
@@ -52,7 +51,8 @@ def noise_warnings(frames: Frames, noise: float) -> list[Note]:
 
 def _sample(frames: Frames) -> tuple[np.ndarray, np.ndarray]:
     """Indices (n,) of about 1,000 training frames, and the counts (n, S) of their live sensors above baseline."""
-    index = evenly(frames.on(TRAIN), MOST_FRAMES)
+    training = frames.on(TRAIN)
+    index = training[np.unique(np.linspace(0, len(training) - 1, MOST_FRAMES).astype(int))]
     return index, frames.inputs(index, "counts")[:, frames.live]
 
 

@@ -19,8 +19,7 @@ from torch import Tensor
 
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
-from tactile_viewgcn.params import Model, PreprocessSection
-from tactile_viewgcn.readers.source import MAX_PRESSURE
+from tactile_viewgcn.params import MAX_NUMBER, Model, PreprocessSection
 from tactile_viewgcn.recognition.novelty import Array, Novelty, Unit, fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.schema import Unique
@@ -102,7 +101,7 @@ class Content(BaseModel):
     def _goes_together(self) -> Self:
         views, fitted = len(self.viewpoints), self.preprocessing
         shape, live = fitted.live.shape, fitted.live
-        most = max(np.iinfo(fitted.dtype).max + 1, abs(fitted.params.zero)) if "int" in fitted.dtype else MAX_PRESSURE
+        most = max(np.iinfo(fitted.dtype).max + 1, abs(fitted.params.zero)) if "int" in fitted.dtype else MAX_NUMBER
         rules = {
             "params": "auto" not in vars(fitted.params).values(),
             "viewpoints": 1 <= views <= MOST_VIEWS and self.viewpoints.shape == (views, 3),
