@@ -69,8 +69,8 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
             large.
     """
     paper, kinds = follows_paper(recordings), BASELINES if has_empty_hand(recordings) else BASELINES[1:]
-    rows = with_empty_hand(recordings, sides.training)
-    recordings, group = recordings.part(rows), sides.group[rows]  # from here on there is no other side
+    rows, trained = with_empty_hand(recordings, sides.training), recordings.part(np.flatnonzero(sides.training))
+    recordings, group = recordings.part(rows, trained.live), sides.group[rows]  # from here on there is no other side
     live, params, notes = int(recordings.live.sum()), asked, list[Note]()
     if not live:
         raise UserError(
@@ -93,7 +93,7 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
     baselines, errors, leaks = dict[str, Baseline](), dict[str, QuickError](), dict[str, QuickError]()
     if asked.baseline == "auto":
-        zero = smallest_reading(hand)
+        zero = smallest_reading(trained)
         if paper:
             best = "empty_hand", "recorded in every session, and the split is published"
         elif hand.all_contact:
@@ -140,7 +140,10 @@ def measure_baseline(recordings: Recordings, kind: str, hand: OpenHand | None, z
     """
     if kind == "empty_hand":
         return empty_hand_baseline(recordings)
-    return grasp_baseline(recordings, hand) if kind == "grasp" and hand else constant_baseline(recordings, zero)
+    if kind == "grasp":
+        assert hand
+        return grasp_baseline(recordings, hand)
+    return constant_baseline(recordings, zero)
 
 
 def measure(

@@ -23,9 +23,10 @@ def sensors_in_contact(live: int) -> int:
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 
-def smallest_reading(hand: OpenHand) -> float:
-    """The smallest reading in counts, to three digits; 0 where that is near 0."""
-    low, high = np.percentile(hand.counts[:: max(1, len(hand.counts) // SAMPLE)], [0.1, 99])
+def smallest_reading(recordings: Recordings) -> float:
+    """The smallest reading of a live sensor in counts, to three digits; 0 where that is near 0."""
+    counts = recordings.live_counts()
+    low, high = np.percentile(counts[:: max(1, len(counts) // SAMPLE)], [0.1, 99])
     return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
 
 

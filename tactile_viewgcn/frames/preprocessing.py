@@ -1,6 +1,6 @@
 """From the table of raw counts to the frames that a system learns from, and an account of those that were dropped."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -86,16 +86,20 @@ def preprocess_recordings(
 def _of_all_sides(recordings: Recordings, choice: Choice, sides: Sides) -> Baseline:
     """Baselines of all frames: each side's are measured on its frames and its sessions' empty hand, as on new ones."""
     of_frame, measured = np.zeros(len(recordings), dtype=np.int32), list[Baseline]()
-    params, hand = choice.params, choice.hand
-    for frames in (sides.training, sides.side == VALIDATION, sides.side == TEST, sides.surplus):
+    params, trained = choice.params, choice.hand
+    for name, frames in (
+        ("training", sides.training), ("validation", sides.side == VALIDATION), ("test", sides.side == TEST),
+        ("left out", sides.surplus),
+    ):  # fmt: skip
         if not frames.any():
             continue
         rows, baseline = with_empty_hand(recordings, frames), choice.baseline
         if measured:
-            part = recordings.part(rows, recordings.live)
-            if hand and params.baseline == "grasp":
-                hand = find_open_hand(part, hand.sensors, all_contact=hand.all_contact)
+            part, hand = recordings.part(rows, recordings.live), None
+            if trained and params.baseline == "grasp":
+                hand = find_open_hand(part, trained.sensors, all_contact=trained.all_contact)
             baseline = measure_baseline(part, params.baseline, hand, params.zero)
+            baseline.notes[:] = [replace(note, topic=f"{note.topic} ({name})") for note in baseline.notes]
         of_frame[frames] = sum(len(before.names) for before in measured) + baseline.of_frame[frames[rows]]
         measured.append(baseline)
     names, notes = ([value for each in measured for value in getattr(each, name)] for name in ("names", "notes"))

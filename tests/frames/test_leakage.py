@@ -1,5 +1,6 @@
 """The training side is the same to the last byte, whatever the frames of the other sides read."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -81,3 +82,33 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     assert actual.keys() == expected.keys() and changed.any()
     for name, value in expected.items():
         np.testing.assert_array_equal(actual[name], value, err_msg=name)
+
+
+def test_the_empty_hand_of_another_side_gives_baseline_and_noise_alone(tmp_path, glove):
+    """It is the only one in which the dead sensor varies, and the only one that reads 0."""
+    columns = glove.columns | {"session": glove.columns["recording"] % 2}
+    params = recipe("preprocess.baseline=auto", "split.by=recording", "split.folds=4")
+    made = preprocess_recordings(written(tmp_path / "a", glove.counts, **columns), params.preprocess, params.split)
+    other = (columns["object"] == 0) & ~made.sides.training
+    counts = glove.counts.copy()
+    counts[other, 0, 0] = 500 * (np.arange(other.sum()) % 2)
+    again = preprocess_recordings(written(tmp_path / "b", counts, **columns), params.preprocess, params.split)
+    assert other.any() and not made.frames.live[0, 0]
+    np.testing.assert_array_equal(again.frames.live, made.frames.live)
+    assert again.choice.params == made.choice.params
+
+
+def test_a_side_that_is_all_contact_does_not_make_another_one_so(tmp_path, monkeypatch):
+    """Each side's open hand is looked for as on the training side, whatever the side before had."""
+    made, asked = drifting(objects=2, recordings=4, grasps=2), []
+    find = preprocessing.find_open_hand
+
+    def watched(recordings, sensors, *, all_contact=False):
+        asked.append(all_contact)
+        hand = find(recordings, sensors, all_contact=all_contact)
+        return replace(hand, contact=np.ones_like(hand.contact))  # as of a side without an open hand
+
+    monkeypatch.setattr(preprocessing, "find_open_hand", watched)
+    params = recipe("preprocess.baseline=grasp", "split.by=recording", "split.folds=4", "split.validation=0.3")
+    preprocess_recordings(made.table(tmp_path / "t"), params.preprocess, params.split)
+    assert asked == [False, False]
