@@ -40,7 +40,7 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
 
     The file is synced before it takes that place. Its temporary name is the same on every call, because torch.save
     writes it into the file and equal seeds give equal bytes. What a killed run has left there is removed, and so is a
-    link, which would lead elsewhere.
+    link, which would lead elsewhere; a folder that was moved away, and that no other replaced, comes back.
 
     Args:
         folder: the temporary path is an empty folder, else a file that the block writes.
@@ -57,8 +57,14 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
     part, old = path.with_name(path.name + PART), path.with_name(path.name + OLD)
     temporary = (part, old) if folder else (part,)
     remove = partial(shutil.rmtree, ignore_errors=True) if folder else partial(Path.unlink, missing_ok=True)
-    for stale in temporary:
-        remove(stale)
+
+    def settle() -> None:
+        if folder and old.exists() and not path.exists():  # moved away, and nothing took its place
+            old.replace(path)
+        for stale in temporary:
+            remove(stale)
+
+    settle()
     (part if folder else path.parent).mkdir(parents=True, exist_ok=not folder)
     try:
         yield part
@@ -74,8 +80,7 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
             raise OSError(full.errno, f"{full.strerror}; make room", str(path)) from error
         raise
     finally:
-        for stale in temporary:
-            remove(stale)
+        settle()
 
 
 def _append(file: Path) -> OSError | None:

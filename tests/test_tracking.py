@@ -161,10 +161,11 @@ def test_a_server_gets_user_and_password_which_stand_in_no_address(store, monkey
 
 @pytest.mark.parametrize("silent", [True, False], ids=["a server that never answers", "a closed port"])
 def test_a_dead_server_is_tried_for_a_short_time_by_all_that_asks_it(store, monkeypatch, silent):
-    for name, value in tracking.SETTINGS.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_TIMEOUT", "1")
-    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    for name, value in {"MLFLOW_HTTP_REQUEST_TIMEOUT": "1", "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}.items():
+        assert 0 < int(tracking.SETTINGS[name]) <= 10
+        monkeypatch.setitem(tracking.SETTINGS, name, value)
+        monkeypatch.setenv(name, "")  # so that it is undone
+        monkeypatch.delenv(name)
     pytest.importorskip("mlflow")  # takes longer than all the rest
 
     def opened():

@@ -1,13 +1,14 @@
 """The file of a trained classifier: what it has learnt, and all that is needed to use it on raw counts.
 
 It holds tensors and plain values, read with `weights_only=True`: loading runs no code and checks every value. Its last
-bytes are a digest of all others, so that damage anywhere is noticed: torch does not compare its archive's checksums.
+bytes are a digest of all others, so that damage anywhere is noticed: an archive's checksums leave out its headers.
 """
 
 import hashlib
 import io
 import math
 import zipfile
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal, Self
 
@@ -185,17 +186,21 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
         OSError: it cannot be opened.
     """
     name = path if isinstance(path, str | Path) else "the classifier"
-    data = Path(path).read_bytes() if isinstance(path, str | Path) else path.read()
-    with in_one_line(name, "no classifier of this version, damaged or altered", REMEDY):
-        packed, digest = data[:-DIGEST], data[-DIGEST:]
-        if packed[:2] != b"PK":
+    with (
+        Path(path).open("rb") if isinstance(path, str | Path) else nullcontext(path) as stream,
+        in_one_line(name, "no classifier of this version, damaged or altered", REMEDY),
+    ):
+        if stream.read(2) != b"PK":
             raise ValueError("torch writes archives, and it is none")
-        if hashlib.sha256(packed).digest() != digest:
+        data = b"PK" + stream.read()
+        packed = io.BytesIO(data[:-DIGEST])
+        if hashlib.sha256(packed.getbuffer()).digest() != data[-DIGEST:]:
             raise ValueError("its bytes and its digest differ")
-        with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-            if sum(member.file_size for member in archive.infolist()) > len(packed):
+        with zipfile.ZipFile(packed) as archive:
+            if sum(member.file_size for member in archive.infolist()) > len(data):
                 raise ValueError("its archive is compressed, or names a part many times")
-        values = torch.load(io.BytesIO(packed), map_location="cpu", weights_only=True)
+        packed.seek(0)
+        values = torch.load(packed, map_location="cpu", weights_only=True)
         _check(values, set())
         try:
             content = Content.model_validate(values)
