@@ -7,12 +7,15 @@ import numpy as np
 from stages.command import Job, run
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.tables.recordings import Recordings, read_source
+from tactile_viewgcn.tables.remarks import originals, remarks
 
 
 def ingest(job: Job, source: Path, out: Path) -> str:
     layout = None if job.params.data.shape == "auto" else job.params.data.shape
     read_source(source, out, job.md5s["source"], layout=layout)
     table = Recordings(out)
+    for note in remarks(table, originals(table)):
+        job.note(note)
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]
     job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used

@@ -17,13 +17,13 @@ from tactile_viewgcn.frames.baseline import (
 from tactile_viewgcn.frames.contact import flagged, quietest_are_contact, sensors_in_contact, smallest_reading
 from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
 from tactile_viewgcn.frames.leak import check_leak
-from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording
+from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.frames.sides import Sides, follows_paper, with_empty_hand
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 BASELINES = ("empty_hand", "grasp", "none")  # an earlier one is taken unless a later one errs clearly less
 CLEARLY = 2.0  # standard errors; of three baselines that err alike one is lower by 1 in 40 % of the cases, by 2 in 7 %

@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, has_empty_hand, of_empty_hand
-from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
+from tactile_viewgcn.frames.open_hand import OpenHand
 from tactile_viewgcn.frames.quick_error import quick_error
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.source import listed
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 SENSORS_IN_CONTACT = 14  # fewest in a frame of contact, of STAG's 548
 CONTACT_SHARE = 1 / 40  # the same share of a smaller array

@@ -11,10 +11,10 @@ from tactile_viewgcn.frames.baseline import (
     of_empty_hand,
     trimmed_moments,
 )
-from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
+from tactile_viewgcn.frames.open_hand import OpenHand
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.source import listed
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 EMPTY, OPEN, TRAINED = "their session's empty hand", "their session's open hand", "the training's baseline"
 QUIETEST = "their five quietest frames"

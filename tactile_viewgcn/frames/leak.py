@@ -3,10 +3,10 @@
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
-from tactile_viewgcn.frames.open_hand import OpenHand, frames_by_recording
+from tactile_viewgcn.frames.open_hand import OpenHand
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.messages import Note, several
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 TOPIC = "leak check"
 

@@ -20,7 +20,7 @@ from tactile_viewgcn.frames.baseline import (
 )
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.counts import Counts
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
 WEAK = 0.6  # of the threshold: a hand that closes, or holds little, presses several sensors a little
@@ -103,13 +103,6 @@ def find_open_hand(
         contact[:], opened[:] = True, False
     noises = np.stack([noise for _, noise in of_session])
     return OpenHand(counts, noises, contact, opened, quietest_of_all, sensors)
-
-
-def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
-    """Indices of the frames of each recording that has any."""
-    recording = recordings.columns["recording"]
-    order = np.argsort(recording, kind="stable")
-    return np.split(order, 1 + np.flatnonzero(np.diff(recording[order])))
 
 
 def _empty_hand(

@@ -170,7 +170,7 @@ def warnings(overview: Overview) -> list[Note]:
     by, stuck, saturated = overview.setting("split.by"), int(overview.stuck.sum()), int(overview.saturated.sum())
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, _groups(overview, by) == 1)
-    notes: list[Note] = []
+    notes = list(overview.remarks)
 
     def warn(topic: str, text: str) -> None:
         notes.append(Note(text, "warning", topic))

@@ -11,14 +11,15 @@ from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly, of_empty_hand
 from tactile_viewgcn.frames.choose import choose, contact_readings, measure, measure_baseline
 from tactile_viewgcn.frames.contact import session_medians
 from tactile_viewgcn.frames.leak import check_first_frames
-from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand, frames_by_recording
+from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
 from tactile_viewgcn.frames.sides import deal
 from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.pages.settings import preprocess_settings, split_settings
 from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.recordings import Recordings, recordings_of
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
+from tactile_viewgcn.tables.remarks import originals, remarks
 
 PERCENTILES = (0, 1, 50, 99, 100)
 SAMPLE = 2000  # frames for percentiles, pairs of frames for noise
@@ -58,7 +59,8 @@ class Overview:
         counts: (R,) number of each recording's frames by kind: `frames`, `in contact`, `open hand` and, where the
             source flags that an object is held, `flagged`; `recordings` are ones.
         empty: (sessions,) frames of the empty hand.
-        groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand.
+        remarks: warnings about the table itself, see `tables.remarks`.
+        groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
             where no whole groups can be held out.
         first_frame: error on the first frame of each recording; None where all frames are contact.
@@ -78,7 +80,8 @@ class Overview:
         columns, empty, recorded = recordings.columns, of_empty_hand(recordings), frames_by_recording(recordings)
         first, everything = np.array([index[0] for index in recorded]), np.ones(len(recordings), dtype=bool)
         self.recordings, self.label, self.session = recordings, columns["object"][first], columns["session"][first]
-        self.groups = _groups(recordings, empty)
+        original = originals(recordings)
+        self.remarks, self.groups = remarks(recordings, original), _groups(recordings, original, empty)
         settings = split_settings(self.groups)
         split = replace(load(DEFAULTS).split, **{note.key.removeprefix("split."): note.value for note in settings})
         rng = stream(SPLIT_SEED, "preprocess")
@@ -123,10 +126,10 @@ class Overview:
         return next(str(note.value) for note in self.settings if note.key == key)
 
 
-def _groups(recordings: Recordings, empty: np.ndarray) -> dict[str, np.ndarray]:
+def _groups(recordings: Recordings, original: np.ndarray, empty: np.ndarray) -> dict[str, np.ndarray]:
     """See `Overview.groups`; of `source` the groups are its two sides."""
     columns = {name: values[~empty] for name, values in recordings.columns.items()}
-    groups = {}
+    columns["recording"], groups = original[columns["recording"]], {}
     for by in ("source", "recording", "grasp"):
         with suppress(UserError):  # no such column
             group = split_groups(columns, by)

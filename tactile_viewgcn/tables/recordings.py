@@ -179,3 +179,10 @@ class Recordings:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""
         for start in range(0, len(self), BLOCK_FRAMES):
             yield start, self._pressure[start : start + BLOCK_FRAMES]
+
+
+def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
+    """Indices of the frames of each recording that has any."""
+    recording = recordings.columns["recording"]
+    order = np.argsort(recording, kind="stable")
+    return np.split(order, 1 + np.flatnonzero(np.diff(recording[order])))

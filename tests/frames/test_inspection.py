@@ -10,7 +10,7 @@ import pytest
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.messages import warnings_of
-from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines
+from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
@@ -27,6 +27,7 @@ from tests.glove_data import (
     floats,
     written,
 )
+from tests.readers.files import save
 
 NOISE = 0.015  # that training adds, of full scale
 
@@ -190,3 +191,14 @@ def test_settings_that_spoil_a_result_are_warned_of_with_a_better_value(tmp_path
     assert noise_warnings(replace(made.frames, scale=2.0), NOISE) == []
     unknown = replace(made.frames, noise=np.full_like(made.frames.noise, np.nan))  # contact: a tenth of the strongest
     assert [note.value for note in noise_warnings(unknown, NOISE)] == pytest.approx([high.value], rel=0.1)
+
+
+def test_copies_of_a_recording_test_nothing(tmp_path):
+    rng = np.random.default_rng(0)
+    for name in ("ball", "mug", "pen"):
+        counts = rng.integers(500, 600, (30, 4, 6))
+        for number in range(5):
+            save(tmp_path / name / f"{number}.npy", counts)
+    page = inspect_source(tmp_path)
+    assert page.groups["recording"].tolist() == [1, 1, 1] and page.setting("split.by") == "frame"
+    assert "copies" in {note.topic for note in warnings(page)} and verdict(page, []).kind == "bad"

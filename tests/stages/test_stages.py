@@ -147,6 +147,14 @@ def test_the_record_has_the_choices_of_auto_beside_the_parameters(place):
     assert "leak check" in {note.topic for note in record.notes}
 
 
+def test_ingest_warns_of_what_spoils_a_result(place):
+    tree = metadata(objects=3, frames=10)
+    tree["pressure"][10:20] = tree["pressure"][:10]
+    result = ingest(place, tree)
+    assert "  warning: copies: 1 recording" in result.stdout, result.stderr
+    assert "copies" in {note.topic for note in Record.read((place / "ingest.json").read_text()).notes}
+
+
 def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
     networks = set(get_args(System)) - {"sensors"}
     assert {needs_of(name, place)[1] for name in networks} == {'{"cluster": true, "pretrain": true}\n'}

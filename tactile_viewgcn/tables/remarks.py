@@ -1,0 +1,81 @@
+"""Warnings of what spoils a result whatever is computed from a table of raw counts, for `ingest` and `inspect`."""
+
+import hashlib
+
+import numpy as np
+
+from tactile_viewgcn.messages import EMPTY_HAND, Note, several
+from tactile_viewgcn.readers.source import listed
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
+
+SLOW = 1.0  # median seconds between frames; those of a clock in milliseconds are more
+
+
+def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
+    """Warnings of recordings without frames, copies, sessions and times; `original` is that of `originals`."""
+    return [
+        *without_frames(recordings),
+        *_copies(recordings, original),
+        *_sessions(recordings),
+        *_times(recordings),
+    ]
+
+
+def without_frames(recordings: Recordings) -> list[Note]:
+    """A warning that names recordings without frames, and objects of which there is no frame."""
+    names, objects = (
+        [name for number, name in enumerate(names) if number not in used]
+        for names, used in (
+            (recordings.recordings, set(recordings.columns["recording"])),
+            (recordings.objects, set(recordings.columns["object"])),
+        )
+    )
+    text = f"{several(len(names), 'recording')} without frames: {listed(names)}. " if names else ""
+    text += f"No frame of the objects {listed(objects)}. " if objects else ""
+    return [Note(f"{text}Record them again, or remove them.", "warning", "no frames")] if text else []
+
+
+def originals(recordings: Recordings) -> np.ndarray:
+    """For each recording (R,) the number of the first one of the same counts, frame by frame: mostly its own."""
+    original, first = np.arange(len(recordings.recordings)), dict[bytes, int]()
+    for index in frames_by_recording(recordings):
+        number, counts = recordings.columns["recording"][index[0]], recordings.frames(index)
+        original[number] = first.setdefault(hashlib.sha256(counts.tobytes()).digest(), number)
+    return original
+
+
+def _copies(recordings: Recordings, original: np.ndarray) -> list[Note]:
+    names = recordings.recordings
+    copies = np.flatnonzero(original != np.arange(len(original)))
+    if not len(copies):
+        return []
+    pairs = listed([f"{names[copy]} of {names[original[copy]]}" for copy in copies])
+    text = f"{several(len(copies), 'recording')} with the same counts as another one: {pairs}. A copy tests nothing, "
+    return [Note(f"{text}and of a different object it is wrong: remove it, or record it again.", "warning", "copies")]
+
+
+def _sessions(recordings: Recordings) -> list[Note]:
+    """A warning where there are several sessions, and each has one object besides the empty hand."""
+    held = np.isin(recordings.columns["object"], [i for i, name in enumerate(recordings.objects) if name != EMPTY_HAND])
+    pairs = np.unique(np.stack([recordings.columns[name][held] for name in ("session", "object")]), axis=1)
+    if len(pairs.T) > len(np.unique(pairs[0])) or len(np.unique(pairs[1])) < 2:
+        return []
+    text = "Each session has a single object: whatever changes between sessions looks like the object. "
+    return [Note(f"{text}Record several objects in each session.", "warning", "sessions")]
+
+
+def _times(recordings: Recordings) -> list[Note]:
+    """Warnings of times that do not rise from frame to frame, and of those that may be in milliseconds."""
+    order = np.concatenate(frames_by_recording(recordings))
+    number, time = (recordings.columns[name][order] for name in ("recording", "time"))
+    steps, within = np.diff(time), number[1:] == number[:-1]
+    bad, notes = within & (steps <= 0), []
+    if bad.any():
+        first = recordings.recordings[number[bad.argmax()]]
+        places = f"{several(int(bad.sum()), 'place')}, first in {first}"
+        text = f"Times repeat or fall at {places}. Look at the clock of the program that records."
+        notes.append(Note(text, "warning", "time"))
+    if (rising := steps[within & (steps > 0)]).size and (step := np.median(rising)) >= SLOW:
+        text = f"A frame every {step:.3g} s: times are in seconds. Divide them by 1,000 if they are milliseconds."
+        notes.append(Note(text, "warning", "time"))
+    return notes

@@ -1,0 +1,37 @@
+"""What is said of a table before anything is computed from it."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.tables.remarks import originals, remarks
+from tests.glove_data import written
+
+COUNTS = np.random.default_rng(0).integers(500, 600, (60, 4, 6)).astype(np.int16)
+NUMBER = np.repeat(np.arange(6), 10)  # of the recording: two of the empty hand, two of each of two objects
+SOUND = {"object": NUMBER // 2, "recording": NUMBER, "time": 0.1 * np.arange(60)}
+COPIED = COUNTS[np.r_[:30, 20:30, 20:30, 50:60]]  # recordings 3 and 4 are of the counts of 2
+SECONDS = 0.1 * np.arange(60)
+
+
+@pytest.mark.parametrize(
+    ("counts", "changes", "warned"),
+    [
+        (COUNTS, {}, {}),
+        (COUNTS, {"recordings": [*"abcdef", "lost"]}, {"no frames": "1 recording|lost"}),
+        (COUNTS, {"objects": ["empty_hand", "mug", "pen", "gone"]}, {"no frames": "gone"}),
+        (COPIED, {}, {"copies": "2 recordings|recording3 of recording2|recording4 of recording2"}),
+        (COUNTS, {"session": NUMBER // 2}, {"sessions": "single object"}),
+        (COUNTS, {"session": NUMBER % 2}, {}),
+        (COUNTS, {"time": np.where(NUMBER == 4, 7.0, SECONDS)}, {"time": "9 places|recording4"}),
+        (COUNTS, {"time": np.where(np.arange(60) == 25, 0, SECONDS)}, {"time": "1 place|recording2"}),
+        (COUNTS, {"time": 1000 * SECONDS}, {"time": "100 s|1,000"}),
+        (COUNTS, {"time": np.nan}, {}),
+    ],
+    ids=["sound", "empty recording", "lost object", "copies", "an object a session", "two sessions", "times repeat",
+         "times fall", "milliseconds", "no times"],
+)  # fmt: skip
+def test_what_spoils_a_result_is_said_of_the_table(tmp_path, counts, changes, warned):
+    table = written(tmp_path / "t.h5", counts, **(SOUND | changes))
+    notes = {note.topic: note.text for note in remarks(table, originals(table))}
+    assert notes.keys() == warned.keys()
+    assert [word for topic, words in warned.items() for word in words.split("|") if word not in notes[topic]] == []
