@@ -165,11 +165,14 @@ def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
 
     Raises:
         MemoryError: names the path.
+        BlockingIOError: a different program holds a lock on the file.
     """
     try:
         yield
     except (UserError, ImportError):
         raise
+    except BlockingIOError as error:  # HDF5 locks a file in which it writes
+        raise BlockingIOError(f"{path}: a different program has it open; close it there and try again") from error
     except MemoryError as error:
         raise MemoryError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file fails in many ways

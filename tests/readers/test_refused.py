@@ -7,6 +7,7 @@ import time
 import zipfile
 import zlib
 from collections import deque
+from fcntl import LOCK_EX, flock
 from functools import partial
 from types import SimpleNamespace
 
@@ -18,6 +19,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers import child
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.tables.frames import write_frames
+from tactile_viewgcn.tables.recordings import read_source
 from tests.glove_data import table
 from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
 from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
@@ -127,6 +129,16 @@ def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tm
 def test_a_path_that_is_not_there_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.mat: "):
         refusal(tmp_path / "nowhere.mat", tmp_path)
+
+
+def test_a_file_in_which_a_different_program_writes_is_not_called_damaged(tmp_path):
+    path = record(tmp_path / "lab" / "a.h5")
+    with path.open("rb") as file:
+        flock(file, LOCK_EX)  # as HDF5 does where it writes
+        for place in (path, path.parent):
+            with pytest.raises(BlockingIOError, match=r"a\.h5: .*open"):
+                read_source(place, tmp_path / "table")
+    read_source(path, tmp_path / "table")
 
 
 @pytest.mark.stability("numbers that are none")
