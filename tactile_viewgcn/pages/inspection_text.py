@@ -12,7 +12,7 @@ from tactile_viewgcn.files import ARRAYS, files_below
 from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.messages import EMPTY_HAND, Note, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
@@ -78,6 +78,10 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     ]
     if optional := [name for name in table.columns if name not in EVERY_SOURCE]:
         rows.append(_counted(len(optional), "optional column", f": {', '.join(optional)}"))
+    for note in overview.remarks:
+        if note.level == "info":
+            figure, _, text = note.text.partition(" ")
+            rows.append((figure, text))
     if low == high and files_below(table.path, ARRAYS):  # the axes of an array may mean something else
         if height == 1 and 1 < high <= MAX_SIDE:
             text = f"cells in each file: if that is one frame, --shape {high:g} {width}"
@@ -170,7 +174,7 @@ def warnings(overview: Overview) -> list[Note]:
     by, stuck, saturated = overview.setting("split.by"), int(overview.stuck.sum()), int(overview.saturated.sum())
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, _groups(overview, by) == 1)
-    notes = list(overview.remarks)
+    notes = warnings_of(overview.remarks)
 
     def warn(topic: str, text: str) -> None:
         notes.append(Note(text, "warning", topic))

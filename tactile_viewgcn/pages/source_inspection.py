@@ -59,7 +59,7 @@ class Overview:
         counts: (R,) number of each recording's frames by kind: `frames`, `in contact`, `open hand` and, where the
             source flags that an object is held, `flagged`; `recordings` are ones.
         empty: (sessions,) frames of the empty hand.
-        remarks: warnings about the table itself, see `tables.remarks`.
+        remarks: notes on the source and its table, see `tables.remarks`.
         groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
             where no whole groups can be held out.

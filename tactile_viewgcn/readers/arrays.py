@@ -1,4 +1,4 @@
-"""Reading folders of arrays, one file a recording: OBJECT/NAME.npy, .npz or .csv, or SESSION/OBJECT/NAME.npy.
+"""Reading folders of arrays, one file a recording: OBJECT/NAME.npy, .npz or .csv, or with folders of sessions or sides.
 
 An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a layout (rows and
 columns of a frame) it may also be one frame; without a layout, (frames, cells) are frames of one row.
@@ -6,6 +6,7 @@ columns of a frame) it may also be one frame; without a layout, (frames, cells) 
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -14,42 +15,87 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.files import ARRAYS, files_below
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.readers.folder import Names, joined
-from tactile_viewgcn.readers.source import MAX_SIDE, UNLABELLED, Source, Values, listed
+from tactile_viewgcn.readers.source import MAX_SIDE, TEST, TRAIN, UNLABELLED, Source, Values, listed
 
 HEADER = r"\s*(?:[#%]|(?!(?:nan|inf(?:inity)?)\b)[\"']?\s*[^\W\d])"  # a line of names in a .csv begins so
 TIME = r"[\s#%\"']*time(?:stamp)?(?![a-z])"  # a line of names begins so where the first column holds times
-PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
+PLACES = "OBJECT/FILE, SESSION/OBJECT/FILE or OBJECT/SESSION/FILE"
+#: Sides of the published split by the names of their folders; `preprocess` draws its own validation side.
+SIDES = {"train": TRAIN, "training": TRAIN, "val": TRAIN, "validation": TRAIN, "test": TEST, "testing": TEST}
+#: A folder of a session is named by a number, a day, or one of these words with or without a number.
+SESSION = re.compile(
+    r"[\W\d_]+(t[\W\d_]+z?)?|(mon|tues?|wed(nes)?|thu(rs)?|fri|sat(ur)?|sun)(day)?|[spdrt][\W_]*\d+"
+    r"|(session|sess|ses|day|date|week|visit|run|rec|recording|trial|take|subject|subj|sub|participant|person|user)"
+    r"([\W\d_].*)?",
+    re.IGNORECASE,
+)
 
 
 def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bool = True) -> Source:
-    """All files of arrays below a folder; without folders of sessions there is one session.
+    """All files of arrays below a folder, whose folders are read as `_roles` says; without sessions there is one.
 
     Args:
         layout: rows and columns of a frame; None: as the arrays have them.
         labelled: False: files may lie in no object's folder, or be one file; their object is `UNLABELLED`.
 
     Raises:
-        UserError: lists the mistakes of all files, and where they differ in shape or share a name; or some files lie in
-            folders of objects and others in folders of sessions.
+        UserError: lists the mistakes of all files, and where they differ in shape or depth, or share a name.
     """
     root, files = (path if path.is_dir() else path.parent), files_below(path, ARRAYS)
-    at_depth = {len(file.relative_to(root).parts): file for file in files}
-    if len(at_depth) > 1:
-        raise UserError(f"{path}: {' and '.join(map(str, at_depth.values()))}; expected all files as {PLACES}")
-    return joined(path, files, partial(_opened, root=root, layout=tuple(layout or ()), labelled=labelled))
+    places = [file.relative_to(root).parts[:-1] for file in files]
+    depth = Counter(map(len, places)).most_common(1)[0][0]
+    alike = [place for place in places if len(place) == depth]
+    roles = _roles(alike)
+    opened = partial(_opened, root=root, depth=depth, roles=roles, layout=tuple(layout or ()), labelled=labelled)
+    source = joined(path, files, opened)
+    if roles:
+        named = ", ".join(f"{folder} is the {role}" for role, folder in zip(roles, alike[0], strict=True))
+        text = f"{'/'.join(roles).upper()}/FILE is the order of the folders: {named}"
+        source.notes.append(Note(text, topic="folders"))
+    return source
+
+
+def _roles(places: list[tuple[str, ...]]) -> tuple[str, ...]:
+    """What the folders above each file name, from the outermost: `object`, `session` or `split`.
+
+    Folders that are all named as a side are the split. Of two others the inner ones are the objects, unless the outer
+    ones are more likely to be: there is a folder of the empty hand, their names are not those of sessions, or only they
+    have several names.
+
+    Args:
+        places: names of the folders above each file, equally many.
+    """
+    levels = [set(level) for level in zip(*places, strict=True)]
+    sides = [{name.lower() for name in level} <= SIDES.keys() for level in levels]
+    likely = [
+        (EMPTY_HAND in level, not all(map(SESSION.fullmatch, level)), len(level) > 1)
+        for level, is_side in zip(levels, sides, strict=True)
+        if not is_side
+    ]
+    if len(likely) > 2:
+        return ()
+    others = iter(["object", "session"] if len(likely) == 1 or likely[:1] > likely[1:] else ["session", "object"])
+    return tuple("split" if is_side else next(others) for is_side in sides)
 
 
 @contextmanager
-def _opened(file: Path, root: Path, layout: tuple[int, ...], labelled: bool) -> Iterator[tuple[Names, Values]]:
+def _opened(
+    file: Path, root: Path, depth: int, roles: tuple[str, ...], layout: tuple[int, ...], labelled: bool
+) -> Iterator[tuple[Names, Values]]:
     *folders, _ = (place := file.relative_to(root)).parts
-    if len(folders) > 2 or (labelled and not folders):
+    if len(folders) != depth:
+        raise UserError(f"{file}: in {len(folders)} folders; expected {depth} as for most files, which are {PLACES}")
+    if len(folders) > len(roles) or (labelled and "object" not in roles):
         raise UserError(f"{root}: {str(place)!r} names no object; expected {PLACES}")
-    session, label = ["session", *(folders or [UNLABELLED])][-2:]
+    names = dict(zip(roles, folders, strict=True))
     array = _read(file)
-    names = {"object": label, "session": session, "recording": place.with_suffix("").as_posix()}
-    yield names, {"pressure": array.reshape(_shape(array.shape, layout, file))}
+    values = {"pressure": array.reshape(_shape(array.shape, layout, file))}
+    if side := names.pop("split", ""):
+        values["split"] = np.full(len(values["pressure"]), SIDES[side.lower()])
+    recording = {"recording": place.with_suffix("").as_posix()}
+    yield {"object": UNLABELLED, "session": "session"} | names | recording, values
 
 
 def _shape(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tuple[int, ...]:

@@ -8,29 +8,37 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.source import (
     Block,
     Source,
     Values,
     check_shape,
+    listed,
     numbered,
     raise_mistakes,
     sliced,
     storage_type,
 )
 
+MANY = 10  # good files beside which one of a different kind is left out
 Names = dict[str, str]  # the names of a recording, its object and its session, by column
 
 
 @dataclass(frozen=True)
 class Header:
-    """The description of a recording before its frames are read; `columns` are those besides the pressure (T, H, W)."""
+    """The description of a recording before its frames are read.
+
+    Attributes:
+        frames: number of all frames, and `kept` without those that `_kept` drops.
+        columns: those besides the pressure (T, H, W).
+    """
 
     file: Path
     names: Names
     frames: int
+    kept: int
     shape: tuple[int, int]
     dtype: np.dtype
     columns: tuple[str, ...]
@@ -41,6 +49,8 @@ def joined(
 ) -> Source:
     """The source of recordings in the order of their files, one in memory at a time.
 
+    Files that cannot be read or differ in shape or columns are left out where there are ten times as many others.
+
     Args:
         path: the source's path, for its errors.
         opened: opens a file, a context with its names, and its pressure and columns; times may begin at any value.
@@ -48,15 +58,23 @@ def joined(
     Raises:
         UserError: lists the mistakes of all files, and where they differ in shape or columns, or share a name.
     """
-    headers: list[Header] = []
-    mistakes: list[str] = []
+    headers, strays, notes = list[Header](), dict[Path, str](), list[Note]()
     for file in files:
         try:
             with reading(file), opened(file) as (names, values):
                 headers.append(_header(file, names, values))
         except UserError as error:
-            mistakes.append(str(error))
-    raise_mistakes(mistakes + _disagreements(headers))
+            strays[file] = str(error)
+    strays |= _unlike(headers)
+    if are_few := len(strays) * MANY <= len(headers):
+        headers = [header for header in headers if header.file not in strays]
+    raise_mistakes([*strays.values()] * (not are_few) + _of_one_name(headers))
+    if strays:
+        text = f"{several(len(strays), 'file')} left out beside {len(headers):,}: "
+        notes.append(Note(text + listed(list(strays.values()), "; "), "warning", "files"))
+    if dropped := sum(header.frames - header.kept for header in headers):
+        text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
+        notes.append(Note(text, topic="frames"))
     ids = {
         "object": numbered([header.names["object"] for header in headers]),
         "recording": [header.names["recording"] for header in headers],
@@ -73,11 +91,20 @@ def joined(
                 if "time" in values and header.frames:
                     time = values["time"][:].astype(np.float64)
                     columns["time"] = time - (0 if np.isinf(time[0]) else time[0])
-                yield from sliced({**values, **columns}, header.frames)
+                yield from _kept({**values, **columns}, header.frames)
 
     dtype = np.result_type(*{header.dtype for header in headers})
-    frames = sum(header.frames for header in headers)
-    return Source(path, ids["object"], ids["recording"], ids["session"], headers[0].shape, dtype, frames, blocks())
+    frames, names = sum(header.kept for header in headers), (ids["object"], ids["recording"], ids["session"])
+    return Source(path, *names, headers[0].shape, dtype, frames, blocks(), notes)
+
+
+def _kept(values: Values, frames: int) -> Iterator[Block]:
+    """The frames in blocks, without those that read NaN and in which `valid` says that nothing is held."""
+    for block in sliced(values, frames):
+        if "valid" in block and block["pressure"].dtype.kind == "f":
+            kept = (block["valid"] != 0) | ~np.isnan(block["pressure"]).any(axis=(1, 2))
+            block = {name: column[kept] for name, column in block.items()}
+        yield block
 
 
 def _header(file: Path, names: Names, values: Values) -> Header:
@@ -90,22 +117,28 @@ def _header(file: Path, names: Names, values: Values) -> Header:
             if values[name].shape != (frames,)
         ]
     )
-    return Header(file, names, frames, shape, storage_type(values["pressure"].dtype, str(file)), columns)
+    dtype, kept = storage_type(values["pressure"].dtype, str(file)), frames
+    if "valid" in columns and dtype.kind == "f":
+        kept = sum(len(block["pressure"]) for block in _kept(values, frames))
+    return Header(file, names, frames, kept, shape, dtype, columns)
 
 
-def _disagreements(headers: list[Header]) -> list[str]:
-    """Mistakes of files that differ from most files in shape or columns, or that share a recording's name."""
-    mistakes = []
+def _unlike(headers: list[Header]) -> dict[Path, str]:
+    """Mistakes, by file, of files that differ from most files in shape or columns."""
+    mistakes: dict[Path, str] = {}
     for what in ("shape", "columns") if headers else ():
         values = [getattr(header, what) for header in headers]
         expected = Counter(values).most_common(1)[0][0]
         like = headers[values.index(expected)].file
-        mistakes += [
-            f"{header.file}: {what} {value}; expected {expected} as in {like}"
-            for header, value in zip(headers, values, strict=True)
-            if value != expected
-        ]
-    first: dict[str, Path] = {}
+        for header, value in zip(headers, values, strict=True):
+            if value != expected:
+                mistakes.setdefault(header.file, f"{header.file}: {what} {value}; expected {expected} as in {like}")
+    return mistakes
+
+
+def _of_one_name(headers: list[Header]) -> list[str]:
+    """Mistakes of files that share a recording's name."""
+    mistakes, first = [], dict[str, Path]()
     for header in headers:
         if (other := first.setdefault(name := header.names["recording"], header.file)) != header.file:
             mistakes.append(

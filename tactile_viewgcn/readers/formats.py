@@ -6,11 +6,12 @@ from pathlib import Path
 import h5py
 
 from tactile_viewgcn.files import ARRAYS, HDF5, files_below, stag_files
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.readers.arrays import PLACES, read_arrays
 from tactile_viewgcn.readers.child import reading
+from tactile_viewgcn.readers.folder import MANY
 from tactile_viewgcn.readers.hdf5 import open_hdf5, read_hdf5
-from tactile_viewgcn.readers.source import SOURCE_MD5, Source
+from tactile_viewgcn.readers.source import SOURCE_MD5, Source, listed
 from tactile_viewgcn.readers.stag import read_folder, read_metadata
 
 EXPECTED = (
@@ -38,16 +39,21 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
     if stag_files(path):
         return read_folder(path)
     arrays, recordings = files_below(path, ARRAYS), files_below(path, HDF5)
-    if arrays and recordings:
+    few, many = sorted((arrays, recordings), key=len)
+    if few and len(few) * MANY > len(many):
         raise UserError(f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); keep one form elsewhere")
-    if arrays:
-        return read_arrays(path, layout, labelled=labelled)
+    if many:
+        source = read_arrays(path, layout, labelled=labelled) if many is arrays else read_hdf5(path, labelled=labelled)
+        if few:
+            text = f"{several(len(few), 'file')} of a different form left out beside {len(many):,}: "
+            source.notes.append(Note(text + listed(list(map(str, few))), "warning", "files"))
+        return source
     is_hdf5, attributes = False, set()
     if not path.is_dir():
         with reading(path):
             if is_hdf5 := h5py.is_hdf5(path):
                 attributes = set(open_hdf5(path).attrs)
-    if recordings or {"object", SOURCE_MD5} & attributes:  # files of MATLAB 7.3 have neither
+    if {"object", SOURCE_MD5} & attributes:  # files of MATLAB 7.3 have neither
         return read_hdf5(path, labelled=labelled)
     if is_hdf5 or path.suffix.lower() == ".mat":
         return read_metadata(path)

@@ -1,13 +1,13 @@
 """The form in which every reader returns recordings, and the checks that all of them pass."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.messages import EMPTY_HAND, UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
 TRAIN, TEST = 0, 1  # codes of the published split
@@ -50,6 +50,7 @@ class Source:
         dtype: type in which the table stores the pressure.
         frames: number of all frames.
         blocks: the frames in the file's order; can be iterated once.
+        notes: what was taken for what, and what was left out.
 
     Raises:
         UserError: there are too many names for the table, a name is no text, or two objects share one.
@@ -63,6 +64,7 @@ class Source:
     dtype: np.dtype
     frames: int
     blocks: Iterator[Block]
+    notes: list[Note] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         for kind, names in self.names.items():
@@ -168,10 +170,12 @@ def _mistakes_of_block(block: Block, source: Source) -> list[str]:
             at = int(inside.reshape(len(values), -1).all(axis=1).argmin())
             number, value = block["recording"][at], np.extract(~inside[at], values[at])[0]
             named = 0 <= number < len(source.recordings)
+            remedy = "; leave out frames without readings, or mark them in HDF5 as not held by `valid`"
             mistakes.append(
                 f"{source.path}: {column} of frame {block['frame'][at]}"
                 f"{f' of recording {source.recordings[int(number)]}' if named else ''} is {value:.10g}; "
                 f"expected {'real' if kind.kind == 'f' else 'whole'} numbers from {low:.10g} to {high:.10g}"
+                f"{remedy if np.isnan(value) else ''}"
             )
     return mistakes
 

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.files import atomic_write, check_outputs
-from tactile_viewgcn.messages import EMPTY_HAND, several, write_csv
+from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of
+from tactile_viewgcn.tables.remarks import without_frames
 
 MODELS = "models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS"
 TOP = 3
@@ -54,10 +55,11 @@ def predict(
     if not recogniser.novelty:
         echo("  it does not recognise what is unlike anything seen")
     with recordings_of(source, labelled=False, layout=recogniser.shape) as recordings:
-        answers, notes = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
+        notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
+        answers, more = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
     records = [_record(answer, classes) for answer in answers]
     joined = [_record(answer, classes) for answer in _joined(recogniser, answers)] if together else []
-    echo(*map(str, notes), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
+    echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
     echo(*_lines(records, classes))
     if joined:
         echo("the recordings of a folder together, as one object:", *_lines(joined, classes))

@@ -5,10 +5,12 @@ one HDF5 file, which `Recordings` reads. Counts are the sensors' raw ADC counts,
 are (frame, row, column).
 """
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,7 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_write, hdf5_file, readable
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.readers.child import run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import (
@@ -97,6 +99,8 @@ def _write(path: Path, source: Source, md5: str) -> None:
             file[name] = np.concatenate(parts)
         for name in ("objects", "recordings", "sessions"):
             file[name] = np.array(getattr(source, name), dtype=h5py.string_dtype())
+        if source.notes:
+            file["notes"] = np.array([json.dumps(asdict(note)) for note in source.notes], dtype=h5py.string_dtype())
         file.attrs[SOURCE_MD5] = md5
 
 
@@ -121,6 +125,7 @@ class Recordings:
         objects, recordings, sessions: names, by index.
         columns: one array (T,) for each column of the source, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary.
+        notes: of the reader, see `Source`.
     """
 
     def __init__(self, path: str | Path):
@@ -131,6 +136,7 @@ class Recordings:
             )
             self.columns = {name: file[name][()] for name in COLUMNS if name in file or name in ALWAYS}
             self.live = file["live"][()]
+            self.notes = [Note(**json.loads(text)) for text in (file["notes"][()] if "notes" in file else ())]
             self._pressure: Counts = mapped(path, file["pressure"])
 
     def __len__(self) -> int:

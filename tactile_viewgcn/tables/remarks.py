@@ -12,8 +12,13 @@ SLOW = 1.0  # median seconds between frames; those of a clock in milliseconds ar
 
 
 def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
-    """Warnings of recordings without frames, copies, sessions and times; `original` is that of `originals`."""
+    """The reader's notes, and warnings of recordings without frames, copies, sessions and times.
+
+    Args:
+        original: see `originals`.
+    """
     return [
+        *recordings.notes,
         *without_frames(recordings),
         *_copies(recordings, original),
         *_sessions(recordings),

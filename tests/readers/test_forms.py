@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN
-from tests.readers.files import COUNTS, ingested, raw, record, save
+from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
 from tests.stag_files import SENSORS, as_weights, metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
 
 MATLAB = pytest.mark.parametrize("save_as", [save_matlab5, save_matlab73])
@@ -126,6 +127,57 @@ def test_folders_name_sessions_and_objects_and_the_empty_hand_is_the_first_objec
     assert columns["frame"].tolist() == [0, 1, 2, 3] * 3 and np.isnan(columns["time"]).all()
     place = {".npy": "mon/{}/x", ".mat": "mon/12-{}", ".h5": "mon/deep/{}"}[ending]
     assert table.recordings[:2] == [place.format(name) for name in ("empty_hand", "pen")]
+
+
+@pytest.mark.parametrize(
+    ("places", "order", "names"),
+    [
+        ("ball/monday mug/tuesday", "OBJECT/SESSION", {"ball", "mug"}),
+        ("ball/2 mug/1 mug/2", "OBJECT/SESSION", {"ball", "mug"}),
+        ("2026-01-31/ball 2026-02-01/ball", "SESSION/OBJECT", {"ball"}),
+        ("lab/ball lab/mug", "SESSION/OBJECT", {"ball", "mug"}),
+        ("ball/raw mug/raw", "OBJECT/SESSION", {"ball", "mug"}),
+        ("empty_hand/left mug/left mug/right", "OBJECT/SESSION", {"empty_hand", "mug"}),
+        ("session_A/1 session_B/2", "SESSION/OBJECT", {"1", "2"}),
+        ("train/ball test/ball", "SPLIT/OBJECT", {"ball"}),
+        ("ball/Training ball/testing mug/testing", "OBJECT/SPLIT", {"ball", "mug"}),
+        ("test/ball/s1 train/ball/s1 train/mug/s2", "SPLIT/OBJECT/SESSION", {"ball", "mug"}),
+    ],
+)
+def test_the_order_of_folders_is_read_from_their_names(tmp_path, places, order, names):
+    for place in places.split():
+        save(tmp_path / "lab" / place / "x.npy")
+    source = open_source(tmp_path / "lab")
+    assert set(source.objects) == names and any(order in note.text for note in source.notes)
+    if "SPLIT" in order:
+        sides = {source.recordings[block["recording"][0]]: block["split"][0] for block in source.blocks}
+        assert all(side == (TEST if "test" in name else TRAIN) for name, side in sides.items())
+        assert set(sides.values()) == {TRAIN, TEST}
+
+
+@pytest.mark.parametrize("stray", ["labels.npy", "mug/far/1.npy", "mug/cut.npy", "mug/wide.npy", "log.h5"])
+@pytest.mark.parametrize("good", [12, 5])
+def test_a_stray_file_beside_many_good_ones_is_left_out_and_named(tmp_path, stray, good):
+    for number in range(good):
+        save(tmp_path / "lab" / ("mug", "pen")[number % 2] / f"{number}.npy")
+    save(tmp_path / "lab" / stray, b"cut" if "cut" in stray else COUNTS[..., :3] if "wide" in stray else COUNTS)
+    if good < 10:
+        assert stray in refusal(tmp_path / "lab", tmp_path)
+        return
+    _, table = ingested(tmp_path / "lab")
+    (warning,) = warnings_of(table.notes)
+    assert stray in warning.text and len(table.recordings) == 12 and table.objects == ["mug", "pen"]
+
+
+def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counted(tmp_path):
+    pressure, valid = COUNTS.astype(np.float32), np.array([False, True, False, True])
+    pressure[2, 1] = np.nan
+    path = record(tmp_path / "a.h5", pressure=pressure, valid=valid, time=np.arange(4))
+    counts, table = ingested(path)
+    np.testing.assert_array_equal(counts, COUNTS[[0, 1, 3]])
+    assert table.columns["frame"].tolist() == table.columns["time"].tolist() == [0, 1, 3]
+    assert [note.text.partition(" ")[0] for note in table.notes] == ["1"]
+    assert "valid" in refusal(record(path, pressure=pressure, valid=~valid), tmp_path)
 
 
 @pytest.mark.parametrize("name", ["grip.h5", "grip.hdf5", "grip.dat", "grip.npy"])
