@@ -13,7 +13,7 @@ from typing import Any
 from stages.pipeline import code_of, stages
 from studies.grid import COLUMNS, FOLDER, Cell
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
-from tactile_viewgcn.files import VIDEO_SUFFIX, atomic_write, md5
+from tactile_viewgcn.files import VIDEO_SUFFIX, all_below, atomic_write, md5
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.schema import flatten
@@ -46,11 +46,11 @@ def key_of(cell: Cell, code: str) -> str:
 
 def content_of(source: str) -> str:
     """md5 of a source, computed again when the size or time of a file in it has changed."""
-    if not Path(source).exists():
+    if not (path := Path(source)).exists():
         raise UserError(f"data.source is {source}; expected an existing file or folder")
-    paths = [Path(source), *Path(source).rglob("*")]
-    files = [path for path in paths if path.is_file() and path.suffix != VIDEO_SUFFIX]  # the files of `md5`
-    return _md5(source, frozenset((path, path.stat().st_size, path.stat().st_mtime_ns) for path in files))
+    paths = all_below(path) if path.is_dir() else [path]
+    files = [file for file in paths if file.is_file() and file.suffix != VIDEO_SUFFIX]  # the files of `md5`
+    return _md5(source, frozenset((file, file.stat().st_size, file.stat().st_mtime_ns) for file in files))
 
 
 @lru_cache(maxsize=1)

@@ -26,6 +26,7 @@ PART, OLD = ".unfinished", ".replaced"  # endings of a file or folder being writ
 HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv")
 READ = (*HDF5, *ARRAYS, ".mat")  # endings of recordings
 _md5 = partial(hashlib.md5, usedforsecurity=False)
+LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")  # by programs that look into a folder or pack it
 VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, which no reader reads
 
 
@@ -210,19 +211,43 @@ def check_outputs(outputs: list[tuple[Path, str]], inputs: list[Path]) -> None:
 
 
 def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
-    """The file itself, or all files below a folder in the order of their paths, if they have one of these endings.
+    """The file itself, or those of `all_below` a folder, if they have one of these endings."""
+    return [file for file in (all_below(path) if path.is_dir() else [path]) if file.suffix.lower() in suffixes]
 
-    Hidden files and folders, whose names begin with a dot, are left out.
+
+def all_below(path: Path) -> list[Path]:
+    """All files below a folder in the order of their paths; what programs leave behind, and hidden ones, are left out.
+
+    Links to folders are followed, unless they lead back to a folder that the path to them goes through.
 
     Raises:
-        UserError: folders are nested deeper than Python follows them (before 3.12 some hundreds).
+        UserError: folders are nested deeper than Python follows them (before 3.12 some hundreds); or two links lead to
+            one folder, since few such links would make millions of paths.
+        OSError: a folder cannot be read.
     """
+
+    def fail(error: OSError) -> None:
+        raise error
+
+    files, links = list[Path](), dict[Path, Path]()
     try:
-        files = sorted(path.rglob("*")) if path.is_dir() else [path]
+        for place, folders, names in os.walk(path, onerror=fail, followlinks=True):
+            here = Path(place)
+            files += [here / name for name in names if _is_kept(name)]
+            folders[:] = [name for name in folders if _is_kept(name)]
+            for link in filter(Path.is_symlink, [here / name for name in folders]):
+                real, above = link.resolve(), [each.resolve() for each in link.parents if each.is_relative_to(path)]
+                if any(each.is_relative_to(real) for each in above):
+                    folders.remove(link.name)
+                elif (other := links.setdefault(real, link)) != link:
+                    raise UserError(f"{link}: leads to the same folder as {other}; expected one link to it")
     except RecursionError:
         raise UserError(f"{path}: folders are nested too deep; expected a few levels") from None
-    files = [file for file in files if file.suffix.lower() in suffixes]
-    return [file for file in files if not any(part.startswith(".") for part in file.relative_to(path).parts)]
+    return sorted(files)
+
+
+def _is_kept(name: str) -> bool:
+    return not name.startswith(".") and name not in LEFT_BEHIND
 
 
 def stag_files(path: Path) -> list[Path]:
@@ -255,11 +280,11 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def md5(path: str | Path) -> str:
-    """md5 of a file, or of a folder: of the sorted paths and md5s of its files, without video frames."""
+    """md5 of a file, or of a folder: of the sorted paths and md5s of `all_below` it, without video frames."""
     path = Path(path)
     if path.is_dir():
         digest = _md5()
-        for file in sorted(file for file in path.rglob("*") if file.suffix != VIDEO_SUFFIX and file.is_file()):
+        for file in (file for file in all_below(path) if file.suffix != VIDEO_SUFFIX and file.is_file()):
             digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode(errors="surrogateescape"))
         return digest.hexdigest()
     check_is_file(path)

@@ -166,10 +166,33 @@ def test_a_file_of_another_kind_is_not_replaced(tmp_path, old, kept):
 
 
 def test_hidden_files_are_left_out(tmp_path):
-    for name in ("mug/1.npy", "mug/._1.npy", ".ipynb_checkpoints/1-checkpoint.npy"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+    digests = set()
+    left_behind = ("mug/._1.npy", ".ipynb_checkpoints/1-checkpoint.npy", "__MACOSX/mug/2.npy", "mug/Thumbs.db")
+    for name in ("mug/1.npy", *left_behind):
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / name).touch()
-    assert files_below(tmp_path, ARRAYS) == [tmp_path / "mug/1.npy"]
+        digests.add(md5(tmp_path))
+    assert files_below(tmp_path, ARRAYS) == [tmp_path / "mug/1.npy"] and len(digests) == 1
+
+
+def test_links_to_folders_are_followed_but_not_in_a_circle(tmp_path):
+    for name in ("far/a/1.npy", "lab/mug/1.npy"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).touch()
+    lab = tmp_path / "lab"
+    before = md5(lab)
+    for link, target in (("pen", "far/a"), ("mug/back", "lab"), ("out", ""), ("mug/pot", "lab/pen")):
+        (lab / link).symlink_to(tmp_path / target)
+    (tmp_path / "far/a/mug").symlink_to(lab / "mug")
+    with pytest.raises(UserError, match=r"pen: .*mug/pot|mug/pot: .*pen"):
+        files_below(lab, ARRAYS)
+    (lab / "mug/pot").unlink()
+    assert [str(file.relative_to(lab)) for file in files_below(lab, ARRAYS)] == [
+        "mug/1.npy",
+        "pen/1.npy",
+        "pen/mug/1.npy",
+    ]
+    assert md5(lab) != before
 
 
 @pytest.fixture

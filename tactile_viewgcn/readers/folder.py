@@ -94,8 +94,8 @@ def joined(
                 yield from _kept({**values, **columns}, header.frames)
 
     dtype = np.result_type(*{header.dtype for header in headers})
-    frames, names = sum(header.kept for header in headers), (ids["object"], ids["recording"], ids["session"])
-    return Source(path, *names, headers[0].shape, dtype, frames, blocks(), notes)
+    frames, shape = sum(header.kept for header in headers), headers[0].shape
+    return Source(path, ids["object"], ids["recording"], ids["session"], shape, dtype, frames, blocks(), notes)
 
 
 def _kept(values: Values, frames: int) -> Iterator[Block]:
