@@ -31,7 +31,8 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
         return [_choice("split.by", "frame", f"{reason}says nothing about a new recording: record each twice")]
     single, fewest = int((~repeated).sum()), int(counts[by][repeated].min())
     alone = f"; {several(single, 'object')} {'has' if single == 1 else 'have'} one and cannot be tested" * (single > 0)
-    folds = min(MOST_FOLDS, fewest)
+    each_is_needed = by == "recording" and fewest < 2 * MOST_FOLDS  # to learn from, so one at a time is held out
+    folds = fewest if each_is_needed else min(MOST_FOLDS, fewest)
     return [
         _choice("split.by", by, f"an object has {fewest} {by}s or more, of which whole ones are held out{alone}"),
         _choice("split.folds", folds, f"{by}s in {folds} parts; split.fold says which is tested"),

@@ -135,3 +135,9 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
 def test_what_can_be_held_out_is_judged_by_the_recommended_split(overview, groups, answer):
     judged = verdict(with_groups(overview, groups), [])
     assert answer in " ".join([judged.answer, *judged.reasons]) and (judged.kind == "bad") == (len(groups) == 1)
+
+
+@pytest.mark.parametrize(("recordings", "folds"), [(2, 2), (5, 5), (6, 6), (9, 9), (10, 5), (23, 5)])
+def test_few_recordings_are_held_out_one_at_a_time(recordings, folds):
+    settings = {note.key: note.value for note in split_settings({"recording": np.array([0, recordings, 30])})}
+    assert settings == {"split.by": "recording", "split.folds": folds}
