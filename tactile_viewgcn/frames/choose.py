@@ -147,13 +147,21 @@ def measure_baseline(recordings: Recordings, kind: str, hand: OpenHand | None, z
 
 
 def measure(
-    recordings: Recordings, hand: OpenHand, baselines: dict[str, Baseline], group: np.ndarray
+    recordings: Recordings,
+    hand: OpenHand,
+    baselines: dict[str, Baseline],
+    group: np.ndarray,
+    *,
+    column: str = "object",
 ) -> tuple[dict[str, QuickError], dict[str, QuickError]]:
     """`errors` and `leaks` of a `Choice`, where they can be measured.
 
     The classifier reads log(1 + excess) above each baseline, in units of the smallest excess of a pressed sensor.
+
+    Args:
+        column: whose values the errors are of.
     """
-    errors, leaks, label = dict[str, QuickError](), dict[str, QuickError](), recordings.columns["object"]
+    errors, leaks, label = dict[str, QuickError](), dict[str, QuickError](), recordings.columns[column]
     usable = hand.contact & ~of_empty_hand(recordings)
     unit = CONTACT_SIGMAS * np.median(hand.noise[np.unique(recordings.columns["session"])])
     for kind, baseline in baselines.items():

@@ -189,7 +189,9 @@ def warnings(overview: Overview) -> list[Note]:
         warn("first frame", f"{leak}: {LESS}. Record the objects in another order in each session.")
     if overview.error and not overview.error.beats_chance:
         guessing = "A quick classifier predicts the objects no better than guessing."
-        warn("error", f"{guessing} Record more of each, held firmly.")
+        exchanged = overview.session_error and overview.session_error.beats_chance
+        swapped = "It predicts the sessions: are these the objects? Then name what is a session session1, session2, ..."
+        warn("error", f"{guessing} {swapped if exchanged else 'Record more of each, held firmly.'}")
     if single:
         once = f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {single}."
         warn("split", f"{once} Nothing is left to test with. {TWICE}")

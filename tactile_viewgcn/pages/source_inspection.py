@@ -63,6 +63,7 @@ class Overview:
         groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
             where no whole groups can be held out.
+        session_error: of recognising the session, measured only where the object cannot be.
         first_frame: error on the first frame of each recording; None where all frames are contact.
         seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: number of intervals of more than 2.5 times that.
@@ -94,7 +95,10 @@ class Overview:
         self.hand, self.choice = hand, (choice := replace(choice, hand=hand, baseline=baseline))
         self.settings = [*preprocess_settings(recordings, choice), *settings]
         errors, leaks = measure(recordings, hand, {kind: baseline}, sides.group) if sides.whole else ({}, {})
-        self.error, self.leak = errors.get(kind), leaks.get(kind)
+        self.error, self.leak, self.session_error = errors.get(kind), leaks.get(kind), None
+        if self.error and not self.error.beats_chance:
+            of_sessions, _ = measure(recordings, hand, {kind: baseline}, sides.group, column="session")
+            self.session_error = of_sessions.get(kind)
         self.first_frame = None if hand.all_contact else check_first_frames(recordings, hand)
 
         kinds = {"frames": everything, "in contact": hand.contact, "open hand": hand.open}

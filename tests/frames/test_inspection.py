@@ -2,6 +2,7 @@
 
 import shlex
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.messages import warnings_of
-from tactile_viewgcn.pages.inspection_text import WIDTH, inspection_lines, verdict, warnings
+from tactile_viewgcn.pages.inspection_text import WIDTH, facts, inspection_lines, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
@@ -20,11 +21,13 @@ from tests.glove_data import (
     FOREIGN_NAMES,
     FOREIGN_OBJECTS,
     FOREIGN_RECORDINGS,
+    OBJECTS,
     all_contact,
     dense,
     drifting,
     drifting_array,
     floats,
+    recording,
     written,
 )
 from tests.readers.files import save
@@ -202,3 +205,14 @@ def test_copies_of_a_recording_test_nothing(tmp_path):
     page = inspect_source(tmp_path)
     assert page.groups["recording"].tolist() == [1, 1, 1] and page.setting("split.by") == "frame"
     assert "copies" in {note.topic for note in warnings(page)} and verdict(page, []).kind == "bad"
+
+
+@pytest.mark.parametrize("inner", ["hand", "session"])
+def test_objects_that_lie_where_sessions_are_expected_are_noticed(tmp_path, inner):
+    for number, (name, session, repeat) in enumerate(product(OBJECTS, (1, 2), range(3))):
+        save(tmp_path / name / f"{inner}{session}" / f"{repeat}.npy", recording(name, number))
+    page = inspect_source(tmp_path)
+    assert sorted(page.recordings.objects) == sorted(OBJECTS) or inner == "hand"
+    assert [note.topic for note in warnings(page)] == ["error"] * (inner == "hand")
+    assert bool(page.session_error and page.session_error.beats_chance) == (inner == "hand")
+    assert any("/FILE" in figure for figure, _ in facts(page))
