@@ -242,8 +242,8 @@ def _address() -> str:
             f"%2F for a / in its password; or sqlite:///FILE, or {DISABLED}"
         )
     scheme, user, password, place = parts.groups()
-    given = {"MLFLOW_TRACKING_USERNAME": user, "MLFLOW_TRACKING_PASSWORD": password}
-    os.environ |= {name: unquote(text) for name, text in given.items() if text}
+    credentials = {"MLFLOW_TRACKING_USERNAME": user, "MLFLOW_TRACKING_PASSWORD": password}
+    os.environ |= {name: unquote(text) for name, text in credentials.items() if text}
     return scheme + place
 
 

@@ -192,12 +192,12 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
     ):
         if stream.read(2) != b"PK":
             raise ValueError("torch writes archives, and it is none")
-        data = b"PK" + stream.read()
-        packed = io.BytesIO(data[:-DIGEST])
-        if hashlib.sha256(packed.getbuffer()).digest() != data[-DIGEST:]:
+        stored = b"PK" + stream.read()
+        packed = io.BytesIO(stored[:-DIGEST])
+        if hashlib.sha256(packed.getbuffer()).digest() != stored[-DIGEST:]:
             raise ValueError("its bytes and its digest differ")
         with zipfile.ZipFile(packed) as archive:
-            if sum(member.file_size for member in archive.infolist()) > len(data):
+            if sum(member.file_size for member in archive.infolist()) > len(stored):
                 raise ValueError("its archive is compressed, or names a part many times")
         packed.seek(0)
         values = torch.load(packed, map_location="cpu", weights_only=True)

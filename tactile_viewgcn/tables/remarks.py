@@ -61,8 +61,9 @@ def _copies(recordings: Recordings, original: np.ndarray) -> list[Note]:
 
 def _sessions(recordings: Recordings) -> list[Note]:
     """A warning where there are several sessions, and each has one object besides the empty hand."""
-    held = np.isin(recordings.columns["object"], [i for i, name in enumerate(recordings.objects) if name != EMPTY_HAND])
-    pairs = np.unique(np.stack([recordings.columns[name][held] for name in ("session", "object")]), axis=1)
+    objects = [number for number, name in enumerate(recordings.objects) if name != EMPTY_HAND]
+    with_object = np.isin(recordings.columns["object"], objects)
+    pairs = np.unique(np.stack([recordings.columns[name][with_object] for name in ("session", "object")]), axis=1)
     if len(pairs.T) > len(np.unique(pairs[0])) or len(np.unique(pairs[1])) < 2:
         return []
     text = "Each session has a single object: whatever changes between sessions looks like the object. "

@@ -154,13 +154,13 @@ def test_an_altered_file_is_refused_and_runs_no_code(tmp_path, capfd, case):
 
 
 def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
-    data = bytearray(model_file(tmp_path / "classifier.pt").read_bytes())
-    Recogniser(io.BytesIO(data))
-    for place in np.random.default_rng(0).choice(8 * len(data), 500, replace=False):
-        data[place // 8] ^= (bit := 1 << place % 8)
+    stored = bytearray(model_file(tmp_path / "classifier.pt").read_bytes())
+    Recogniser(io.BytesIO(stored))
+    for place in np.random.default_rng(0).choice(8 * len(stored), 500, replace=False):
+        stored[place // 8] ^= (bit := 1 << place % 8)
         with pytest.raises(UserError, match="the classifier: "):
-            Recogniser(io.BytesIO(data))
-        data[place // 8] ^= bit
+            Recogniser(io.BytesIO(stored))
+        stored[place // 8] ^= bit
 
 
 def compressed(path: Path) -> None:
