@@ -54,9 +54,9 @@ def _copies(recordings: Recordings, original: np.ndarray) -> list[Note]:
     copies = np.flatnonzero(original != np.arange(len(original)))
     if not len(copies):
         return []
-    pairs = listed([f"{names[copy]} of {names[original[copy]]}" for copy in copies])
-    text = f"{several(len(copies), 'recording')} with the same counts as another one: {pairs}. A copy tests nothing, "
-    return [Note(f"{text}and of a different object it is wrong: remove it, or record it again.", "warning", "copies")]
+    pairs = listed([f"{names[copy]} repeats {names[original[copy]]}" for copy in copies])
+    text = f"{several(len(copies), 'recording')} with the counts of a different one: {pairs}. A copy tests nothing, "
+    return [Note(f"{text}and as a different object it is wrong: remove it, or record it again.", "warning", "copies")]
 
 
 def _sessions(recordings: Recordings) -> list[Note]:
