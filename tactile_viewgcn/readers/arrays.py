@@ -52,7 +52,7 @@ def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bo
     source = joined(path, files, opened)
     if roles:
         named = ", ".join(f"{folder} is the {role}" for role, folder in zip(roles, alike[0], strict=True))
-        text = f"{'/'.join(roles).upper()}/FILE is the order of the folders: {named}"
+        text = f"folders are in the order {'/'.join(roles).upper()}/FILE: {named}"
         source.notes.append(Note(text, topic="folders"))
     return source
 

@@ -19,7 +19,7 @@ SECONDS = 0.1 * np.arange(60)
         (COUNTS, {}, {}),
         (COUNTS, {"recordings": [*"abcdef", "lost"]}, {"no frames": "1 recording|lost"}),
         (COUNTS, {"objects": ["empty_hand", "mug", "pen", "gone"]}, {"no frames": "gone"}),
-        (COPIED, {}, {"copies": "2 recordings|recording3 of recording2|recording4 of recording2"}),
+        (COPIED, {}, {"copies": "2 recordings|recording3 repeats recording2|recording4 repeats recording2"}),
         (COUNTS, {"session": NUMBER // 2}, {"sessions": "single object"}),
         (COUNTS, {"session": NUMBER % 2}, {}),
         (COUNTS, {"time": np.where(NUMBER == 4, 7.0, SECONDS)}, {"time": "9 places|recording4"}),
