@@ -95,18 +95,41 @@ def _append(file: Path) -> OSError | None:
 
 
 class _Stream(io.FileIO):
-    """A file that takes whatever HDF5 writes: `error` is the first error, after which nothing more is written."""
+    """A file for HDF5, which crashes where it reads anything else than it has written.
+
+    Attributes:
+        error: the first error, after which nothing more is written to the disk.
+        lost: places and bytes of what HDF5 wrote since; a long piece, such as a table's frames, raises that error.
+    """
 
     error: OSError | None = None
 
+    def __init__(self, path: Path):
+        super().__init__(path, "w+")
+        self.lost: list[tuple[int, bytes]] = []
+
     def write(self, data: Any) -> int:
-        rest = memoryview(data)
-        size = rest.nbytes
+        place, rest = self.tell(), memoryview(data)
+        end = place + rest.nbytes
         try:
             while rest and not self.error:
                 rest = rest[super().write(rest) :]
         except OSError as error:
             self.error = error
+        if self.error:
+            if rest.nbytes > LEAST_FREE:
+                raise self.error
+            self.lost.append((end - rest.nbytes, bytes(rest)))
+            self.seek(end)
+        return end - place
+
+    def readinto(self, buffer: Any) -> int:
+        place, size = self.tell(), len(buffer)
+        super().readinto(buffer)
+        for start, data in self.lost:
+            first, last = max(place, start), min(place + size, start + len(data))
+            if first < last:
+                buffer[first - place : last - place] = data[first - start : last - start]
         return size
 
     def truncate(self, size: int | None = None) -> int:
@@ -139,7 +162,7 @@ def hdf5_file(path: Path, *, room: int = 0) -> Iterator["h5py.File"]:
             f"{str(path).removesuffix(PART)}: needs {room / 1e6:,.0f} MB, where {usage.free / 1e6:,.0f} MB are free; "
             "make room, or name another disk (TMPDIR for a temporary table)"
         )
-    with _Stream(path, "w+") as stream:
+    with _Stream(path) as stream:
         try:
             with h5py.File(stream, "w") as file:
                 yield file

@@ -97,6 +97,17 @@ WRITERS = {
 }
 
 
+def test_hdf5_reads_what_it_has_written_where_there_is_no_room(tmp_path):
+    for size in range(0, 60_000, 3000):
+        read = {}
+        with room_for(size), pytest.raises(OSError, match="too large"), hdf5_file(tmp_path / "a.h5") as file:
+            for name, row in enumerate(VALUES):
+                file[str(name)] = row
+            file.flush()
+            read |= {name: data[()] for name, data in file.items()}
+        assert len(read) == 90 and all(np.array_equal(read[str(name)], row) for name, row in enumerate(VALUES))
+
+
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_file_without_room_is_one_error_and_leaves_what_was_there(tmp_path, kind):
     write, path = WRITERS[kind], tmp_path / "made"
