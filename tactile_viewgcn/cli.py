@@ -46,7 +46,8 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> None:
     """Describe the recordings SOURCE and recommend parameters for them, with reasons.
 
-    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, or a folder of arrays (OBJECT/*.npy, .npz or .csv).
+    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy, .npz or .csv), or
+    one table of all recordings with a column `object`.
     Every mistake in it is listed.
     """
     from tactile_viewgcn.pages.html import BEGIN, write

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
 PART, OLD = ".unfinished", ".replaced"  # endings of a file or folder being written, and of a folder being replaced
-HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv")
-READ = (*HDF5, *ARRAYS, ".mat")  # endings of recordings
+TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
+HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv", ".tsv", ".csv.gz")
+READ = (*HDF5, *ARRAYS, ".mat", ".txt")  # endings of recordings
 _md5 = partial(hashlib.md5, usedforsecurity=False)
 LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")  # by programs that look into a folder or pack it
 VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, which no reader reads
@@ -235,7 +236,13 @@ def check_outputs(outputs: list[tuple[Path, str]], inputs: list[Path]) -> None:
 
 def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
     """The file itself, or those of `all_below` a folder, if they have one of these endings."""
-    return [file for file in (all_below(path) if path.is_dir() else [path]) if file.suffix.lower() in suffixes]
+    files = all_below(path) if path.is_dir() else [path]
+    return [file for file in files if file.name.lower().endswith(tuple(suffixes))]
+
+
+def arrays_below(path: Path) -> list[Path]:
+    """Arrays as `files_below` finds them; a .txt is one only where no other recordings are, which it may describe."""
+    return files_below(path, ARRAYS) or ([] if files_below(path, READ[:-1]) else files_below(path, READ[-1:]))
 
 
 def all_below(path: Path) -> list[Path]:

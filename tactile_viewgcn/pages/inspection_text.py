@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tactile_viewgcn.files import ARRAYS, files_below
+from tactile_viewgcn.files import arrays_below
 from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.intervals import percent_interval
@@ -82,7 +82,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         if note.level == "info":
             figure, _, text = note.text.partition(" ")
             rows.append((figure, text))
-    if low == high and files_below(table.path, ARRAYS):  # the axes of an array may mean something else
+    if low == high and arrays_below(table.path):  # the axes of an array may mean something else
         if height == 1 and 1 < high <= MAX_SIDE:
             text = f"cells in each file: if that is one frame, --shape {high:g} {width}"
             rows.append((f"{high:g} x {width}", text))
@@ -236,7 +236,7 @@ def command_lines(overview: Overview) -> list[str]:
     source = path if tracked else path.absolute()  # a temporary folder holds what git and DVC track alone
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
     values: dict[str, Any] = {"data.source": str(source)}
-    if files_below(path, ARRAYS):
+    if arrays_below(path):
         values["data.shape"] = list(overview.recordings.shape)
     values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
     options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]

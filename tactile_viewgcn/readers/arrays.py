@@ -1,26 +1,27 @@
-"""Reading folders of arrays, one file a recording: OBJECT/NAME.npy, .npz or .csv, or with folders of sessions or sides.
+"""Reading folders of arrays, one file a recording: OBJECT/FILE, or with folders of sessions or sides.
 
 An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a layout (rows and
 columns of a frame) it may also be one frame; without a layout, (frames, cells) are frames of one row.
 """
 
-import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.files import ARRAYS, files_below
+from tactile_viewgcn.files import TEXTS, arrays_below
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.readers.child import reading
+from tactile_viewgcn.readers.columns import Columns, columns_of, named, sensors_and_time
 from tactile_viewgcn.readers.folder import Names, joined
-from tactile_viewgcn.readers.source import MAX_SIDE, TEST, TRAIN, UNLABELLED, Source, Values, listed
+from tactile_viewgcn.readers.labelled_table import read_labelled
+from tactile_viewgcn.readers.source import TEST, TRAIN, UNLABELLED, Source, Values, frames_shape, listed
+from tactile_viewgcn.readers.text import Table, read_table
 
-HEADER = r"\s*(?:[#%]|(?!(?:nan|inf(?:inity)?)\b)[\"']?\s*[^\W\d])"  # a line of names in a .csv begins so
-TIME = r"[\s#%\"']*time(?:stamp)?(?![a-z])"  # a line of names begins so where the first column holds times
 PLACES = "OBJECT/FILE, SESSION/OBJECT/FILE or OBJECT/SESSION/FILE"
 #: Sides of the published split by the names of their folders; `preprocess` draws its own validation side.
 SIDES = {"train": TRAIN, "training": TRAIN, "val": TRAIN, "validation": TRAIN, "test": TEST, "testing": TEST}
@@ -43,16 +44,23 @@ def read_arrays(path: Path, layout: Sequence[int] | None = None, *, labelled: bo
     Raises:
         UserError: lists the mistakes of all files, and where they differ in shape or depth, or share a name.
     """
-    root, files = (path if path.is_dir() else path.parent), files_below(path, ARRAYS)
+    root, files = (path if path.is_dir() else path.parent), arrays_below(path)
+    columns = next(map(columns_of, _tables(files)), None)
+    if columns and path.is_file() and {"object", *["recording"] * (not labelled)} & named(columns.names).keys():
+        return read_labelled(path, columns, tuple(layout or ()))
     places = [file.relative_to(root).parts[:-1] for file in files]
     depth = Counter(map(len, places)).most_common(1)[0][0]
     alike = [place for place in places if len(place) == depth]
     roles = _roles(alike)
-    opened = partial(_opened, root=root, depth=depth, roles=roles, layout=tuple(layout or ()), labelled=labelled)
+    size = tuple(layout or ())
+    opened = partial(_opened, root=root, depth=depth, roles=roles, layout=size, labelled=labelled, columns=columns)
     source = joined(path, files, opened)
+    if columns:
+        source.notes.extend(columns.notes)
+        source.channels.extend(columns.channels)
     if roles:
-        named = ", ".join(f"{folder} is the {role}" for role, folder in zip(roles, alike[0], strict=True))
-        text = f"folders are in the order {'/'.join(roles).upper()}/FILE: {named}"
+        order = ", ".join(f"{folder} is the {role}" for role, folder in zip(roles, alike[0], strict=True))
+        text = f"folders are in the order {'/'.join(roles).upper()}/FILE: {order}"
         source.notes.append(Note(text, topic="folders"))
     return source
 
@@ -80,42 +88,45 @@ def _roles(places: list[tuple[str, ...]]) -> tuple[str, ...]:
     return tuple("split" if is_side else next(others) for is_side in sides)
 
 
+def _is_table(file: Path) -> bool:
+    return file.name.lower().endswith(TEXTS)
+
+
+def _tables(files: list[Path]) -> Iterator[Table]:
+    """The tables in files, but for those that cannot be read, whose mistakes `joined` lists."""
+    for file in filter(_is_table, files):
+        with suppress(UserError), reading(file):
+            yield read_table(file)
+
+
 @contextmanager
 def _opened(
-    file: Path, root: Path, depth: int, roles: tuple[str, ...], layout: tuple[int, ...], labelled: bool
+    file: Path,
+    root: Path,
+    depth: int,
+    roles: tuple[str, ...],
+    layout: tuple[int, ...],
+    labelled: bool,
+    columns: Columns | None,
 ) -> Iterator[tuple[Names, Values]]:
     *folders, _ = (place := file.relative_to(root)).parts
     if len(folders) != depth:
         raise UserError(f"{file}: in {len(folders)} folders; expected {depth} as for most files, which are {PLACES}")
     if len(folders) > len(roles) or (labelled and "object" not in roles):
-        raise UserError(f"{root}: {str(place)!r} names no object; expected {PLACES}")
+        raise UserError(
+            f"{root}: {str(place)!r} names no object; expected {PLACES}, or one table with a column `object`"
+        )
     names = dict(zip(roles, folders, strict=True))
-    array = _read(file)
-    values = {"pressure": array.reshape(_shape(array.shape, layout, file))}
+    values = sensors_and_time(read_table(file), columns) if _is_table(file) else {"pressure": _read(file)}
+    values["pressure"] = values["pressure"].reshape(frames_shape(values["pressure"].shape, layout, file))
     if side := names.pop("split", ""):
         values["split"] = np.full(len(values["pressure"]), SIDES[side.lower()])
-    recording = {"recording": place.with_suffix("").as_posix()}
+    recording = {"recording": place.as_posix().removesuffix(".gz").rpartition(".")[0]}
     yield {"object": UNLABELLED, "session": "session"} | names | recording, values
-
-
-def _shape(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tuple[int, ...]:
-    """The shape (T, H, W) of the recording in an array of shape `shape`."""
-    if layout and shape == layout:
-        return 1, *layout
-    if layout and shape in ((*shape[:1], math.prod(layout)), (*shape[:1], *layout)):
-        return shape[0], *layout
-    if layout:
-        expected = f"(frames, {layout[0]}, {layout[1]}) or (frames, {math.prod(layout)})"
-        raise UserError(f"{file}: an array {shape}; expected {expected} by --shape, data.shape or the model")
-    if len(shape) == 2 and shape[1] > MAX_SIDE:
-        raise UserError(f"{file}: an array {shape}; expected a layout by data.shape (inspect --shape ROWS COLUMNS)")
-    return (shape[0], 1, shape[1]) if len(shape) == 2 else shape
 
 
 def _read(file: Path) -> np.ndarray:
     """The array in a file; .npy is memory-mapped. Nothing is unpickled."""
-    if file.suffix.lower() == ".csv":
-        return _csv(file)
     if file.suffix.lower() == ".npz":
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
             names = [name for name in arrays if len(arrays) == 1 or name == "pressure"]
@@ -126,22 +137,3 @@ def _read(file: Path) -> np.ndarray:
     if array.offset + array.nbytes != file.stat().st_size:
         raise ValueError("there are more bytes after the array")
     return array
-
-
-def _csv(file: Path) -> np.ndarray:
-    """Numbers (lines, cells), integers where all are, without a first line of names and a first column of times."""
-    lines = re.findall(r"\S.*", file.read_text(encoding="utf-8-sig"))  # without blank lines
-    words, times = (bool(re.match(pattern, "".join(lines[:1]), re.IGNORECASE)) for pattern in (HEADER, TIME))
-    if len(lines) <= words:
-        raise ValueError("no line of numbers")
-    mark = next((mark for mark in ",;" if mark in lines[words]), None)
-    columns = range(1, len(lines[words].split(mark))) if times else None
-    read = partial(np.loadtxt, lines[words:], delimiter=mark, comments=None, ndmin=2, usecols=columns)
-    try:
-        return read(dtype=np.int64)
-    except ValueError:
-        pass
-    try:
-        return read(dtype=np.float64)
-    except ValueError as error:  # quotes the text, but a link may lead to a file that the user does not mean to show
-        raise ValueError(re.sub(r" (['\"]).*\1", "", str(error))) from None

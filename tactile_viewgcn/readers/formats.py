@@ -5,7 +5,7 @@ from pathlib import Path
 
 import h5py
 
-from tactile_viewgcn.files import ARRAYS, HDF5, files_below, stag_files
+from tactile_viewgcn.files import HDF5, arrays_below, files_below, stag_files
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.readers.arrays import PLACES, read_arrays
 from tactile_viewgcn.readers.child import reading
@@ -15,8 +15,8 @@ from tactile_viewgcn.readers.source import SOURCE_MD5, Source, listed
 from tactile_viewgcn.readers.stag import read_folder, read_metadata
 
 EXPECTED = (
-    f"expected a STAG metadata.mat, a STAG folder, HDF5 recordings, or a folder of {PLACES}.npy, .npz or .csv "
-    "(see the manual's page on data)"
+    f"expected a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of {PLACES}.npy, .npz, .csv or .txt, "
+    "or a .csv with a column `object` (see the manual's page on data)"
 )
 
 
@@ -38,7 +38,7 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
     if stag_files(path):
         return read_folder(path)
-    arrays, recordings = files_below(path, ARRAYS), files_below(path, HDF5)
+    arrays, recordings = arrays_below(path), files_below(path, HDF5)
     few, many = sorted((arrays, recordings), key=len)
     if few and len(few) * MANY > len(many):
         raise UserError(f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); keep one form elsewhere")

@@ -1,5 +1,6 @@
 """The form in which every reader returns recordings, and the checks that all of them pass."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,6 +52,7 @@ class Source:
         frames: number of all frames.
         blocks: the frames in the file's order; can be iterated once.
         notes: what was taken for what, and what was left out.
+        channels: names of the sensors, row after row; "" of one without a name, empty without any.
 
     Raises:
         UserError: there are too many names for the table, a name is no text, or two objects share one.
@@ -65,6 +67,7 @@ class Source:
     frames: int
     blocks: Iterator[Block]
     notes: list[Note] = field(default_factory=list)
+    channels: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         for kind, names in self.names.items():
@@ -110,6 +113,20 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     if not all(1 <= side <= MAX_SIDE for side in shape[1:]):
         raise UserError(f"{where}: frames of {shape[1]} x {shape[2]}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}")
     return shape[1], shape[2]
+
+
+def frames_shape(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tuple[int, ...]:
+    """The shape (T, H, W) of the recording in an array of shape `shape`."""
+    if layout and shape == layout:
+        return 1, *layout
+    if layout and shape in ((*shape[:1], math.prod(layout)), (*shape[:1], *layout)):
+        return shape[0], *layout
+    if layout:
+        expected = f"(frames, {layout[0]}, {layout[1]}) or (frames, {math.prod(layout)})"
+        raise UserError(f"{file}: an array {shape}; expected {expected} by --shape, data.shape or the model")
+    if len(shape) == 2 and shape[1] > MAX_SIDE:
+        raise UserError(f"{file}: an array {shape}; expected a layout by data.shape (inspect --shape ROWS COLUMNS)")
+    return (shape[0], 1, shape[1]) if len(shape) == 2 else shape
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tactile_viewgcn.readers.source import BLOCK_FRAMES
+from tactile_viewgcn.tables.live import LiveSensors, clock_notes, sensor_names
 from tactile_viewgcn.tables.recordings import Recordings
 
 
@@ -23,7 +25,7 @@ class ArrayRecordings(Recordings):
         self._pressure = pressure = np.concatenate(arrays)
         lengths = [len(array) for array in arrays]
         row = np.repeat(np.arange(len(arrays)), lengths)
-        self.objects, self.notes = objects, []
+        self.objects, self.channels = objects, []
         self.recordings = [f"X[{number}]" for number in range(len(arrays))]
         self.sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
         self.columns = {
@@ -33,4 +35,9 @@ class ArrayRecordings(Recordings):
             "frame": np.concatenate([np.arange(length) for length in lengths]),
             "time": np.full(len(row), np.nan),
         }
-        self.live = pressure.min(axis=0) < pressure.max(axis=0)
+        sensors = LiveSensors(pressure.shape[1:])
+        for start in range(0, len(row), BLOCK_FRAMES):
+            block = slice(start, start + BLOCK_FRAMES)
+            sensors.add(pressure[block], row[block])
+        pressure[:, sensors.clocks] = 0
+        self.live, self.notes = sensors.live, clock_notes(sensor_names(sensors.clocks))

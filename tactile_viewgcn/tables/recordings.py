@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,7 +19,7 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from tactile_viewgcn.files import atomic_write, hdf5_file, readable
+from tactile_viewgcn.files import TEXTS, arrays_below, atomic_write, hdf5_file, readable
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.readers.child import run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
@@ -31,6 +32,7 @@ from tactile_viewgcn.readers.source import (
     checked_blocks,
 )
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
+from tactile_viewgcn.tables.live import LiveSensors, clock_notes, sensor_names
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
 COLUMN_BYTES = 32  # of all columns, for each frame
@@ -54,6 +56,8 @@ def read_source(
     Raises:
         UserError: as `open_source` and `write_recordings`, or the child crashed.
     """
+    if any(file.name.lower().endswith(TEXTS) for file in arrays_below(path)):
+        import_module("pandas")  # here and once, not in every child within its limits
     with atomic_write(out) as part:
         run_apart(lambda: _write(part, open_source(path, labelled=labelled, layout=layout), md5), path)
 
@@ -70,14 +74,13 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
 
 
 def _write(path: Path, source: Source, md5: str) -> None:
-    low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
+    sensors = LiveSensors(source.shape)
     columns: dict[str, list[np.ndarray]] = {}
 
     def counts() -> Iterator[np.ndarray]:
         for block in checked_blocks(source):
             pressure = block["pressure"]
-            np.minimum(low, pressure.min(axis=0), out=low)
-            np.maximum(high, pressure.max(axis=0), out=high)
+            sensors.add(pressure, block["recording"])
             for name, dtype in COLUMNS.items():
                 if name in block:
                     columns.setdefault(name, []).append(block[name].astype(dtype))
@@ -89,18 +92,22 @@ def _write(path: Path, source: Source, md5: str) -> None:
     check_size(size, source.path)
     with hdf5_file(path, room=size) as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
-        file["live"] = low < high
-        if 0 < (spread := (high - low).max()) < MIN_SPREAD:
+        file["live"] = sensors.live
+        for row, column in np.argwhere(sensors.clocks):
+            file["pressure"][:, row, column] = 0
+        if 0 < (spread := sensors.spread) < MIN_SPREAD:
             raise UserError(
                 f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
                 "rescale the readings"
             )
-        for name, parts in columns.items():
-            file[name] = np.concatenate(parts)
+        for name, blocks in columns.items():
+            file[name] = np.concatenate(blocks)
         for name in ("objects", "recordings", "sessions"):
             file[name] = np.array(getattr(source, name), dtype=h5py.string_dtype())
-        if source.notes:
-            file["notes"] = np.array([json.dumps(asdict(note)) for note in source.notes], dtype=h5py.string_dtype())
+        notes = source.notes + clock_notes(sensor_names(sensors.clocks, source.channels))
+        for name, parts in {"notes": [json.dumps(asdict(note)) for note in notes], "channels": source.channels}.items():
+            if parts:
+                file[name] = np.array(parts, dtype=h5py.string_dtype())
         file.attrs[SOURCE_MD5] = md5
 
 
@@ -124,7 +131,8 @@ class Recordings:
         path: of the file, or of its source; errors name it.
         objects, recordings, sessions: names, by index.
         columns: one array (T,) for each column of the source, see `COLUMNS`.
-        live: bool (H, W), the sensors whose counts vary.
+        live: bool (H, W), the sensors whose counts vary, without clocks, whose counts are 0.
+        channels: names of all sensors, row after row, or none.
         notes: of the reader, see `Source`.
     """
 
@@ -136,6 +144,7 @@ class Recordings:
             )
             self.columns = {name: file[name][()] for name in COLUMNS if name in file or name in ALWAYS}
             self.live = file["live"][()]
+            self.channels = [text.decode() for text in (file["channels"][()] if "channels" in file else ())]
             self.notes = [Note(**json.loads(text)) for text in (file["notes"][()] if "notes" in file else ())]
             self._pressure: Counts = mapped(path, file["pressure"])
 
@@ -161,7 +170,7 @@ class Recordings:
             part._pressure = Gathered(self.frames, rows, self.shape, self.dtype)
         first = part.frames(np.zeros(1, dtype=int))
         varying = ((counts != first).any(axis=0) for _, counts in part.blocks())
-        part.live = np.logical_or.reduce(list(varying)) if live is None else live
+        part.live = self.live & np.logical_or.reduce(list(varying)) if live is None else live
         return part
 
     def frames(self, index: np.ndarray) -> np.ndarray:

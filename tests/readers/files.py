@@ -11,7 +11,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, read_source, write_recordings
 
-COUNTS = np.arange(4 * 5 * 7, dtype=np.int16).reshape(4, 5, 7)
+COUNTS = np.arange(500, 640, dtype=np.int16).reshape(4, 5, 7)
 
 
 def record(path: Path, *, pressure=COUNTS, attributes=(), **datasets) -> Path:

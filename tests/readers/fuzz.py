@@ -3,6 +3,7 @@
 `python -m tests.readers.fuzz KIND FIRST LAST FOLDER` prints the outcome of each input as a line of JSON.
 """
 
+import gzip
 import json
 import re
 import resource
@@ -59,7 +60,9 @@ def good_bytes(kind: str, folder: Path) -> list[bytes]:
         np.savez_compressed(folder / "packed.npz", pressure=COUNTS, time=np.arange(4.0))
         return [(folder / "plain.npz").read_bytes(), (folder / "packed.npz").read_bytes()]
     if kind == "csv":
-        return [b"a,b,c\n1,2,3\n4,5,6\n7,8,9\n", b"1;2.5;3\n4;5;-6e3\n"]
+        named = b"time_ms,label,trial,a,b\n0,mug,1,5,6\n9,mug,1,5,7\n0,pen,1,8,6\n"
+        others = [b"# a b\n1,5 2\n3 4,5\n", "1\t2,5\r\n3\t4\r\n".encode("utf-16"), named, gzip.compress(named)]
+        return [b"a,b,c\n1,2,3\n4,5,6\n7,8,9\n", b"1;2.5;3\n4;5;-6e3\n", *others]
     if kind == "params":
         return [DEFAULTS.read_bytes()]
     return [json.dumps({"counts": table().counts[:8].reshape(2, 4, 12, 12).tolist(), "session": "000"}).encode()]

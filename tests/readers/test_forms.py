@@ -1,5 +1,7 @@
 """Every form of recordings gives the same frames, columns and names."""
 
+import gzip
+
 import h5py
 import numpy as np
 import pytest
@@ -70,6 +72,114 @@ def test_every_form_of_an_array_gives_the_same_frames(tmp_path, name, content, l
     assert (table.objects, table.recordings, table.sessions) == (["mug"], ["mug/1"], ["session"])
     assert table.columns.keys() == {"object", "recording", "session", "frame", "time"}
     assert table.columns["frame"].tolist() == [0, 1, 2, 3] and np.isnan(table.columns["time"]).all()
+
+
+TABLES = {  # the bytes or the text of a table, and its numbers
+    "decimal comma": ("1,5;2\n3;-4,25e1\n", [[1.5, 2], [3, -42.5]]),
+    "decimal comma and blanks": ("1,5 2,5\n3  4\n", [[1.5, 2.5], [3, 4]]),
+    "decimal comma and tabs": ("x\ty\n1,5\t2,5\n3\t4\n", [[1.5, 2.5], [3, 4]]),
+    "mark at each end": ("1,2,\n3,4,\n", [[1, 2], [3, 4]]),
+    "marks at each end and below": ("a;b\n1;2;;;\n3;4;;;\n;;;;\n", [[1, 2], [3, 4]]),
+    "index of pandas": (",0,1\n0,5,6\n1,7,8\n", [[5, 6], [7, 8]]),
+    "index of pandas, tabs": ("\t0\t1\n0\t5\t6\n1\t7\t8\n", [[5, 6], [7, 8]]),
+    "names of pandas": ("0,1,2\n5,6,7\n8,9,1\n", [[5, 6, 7], [8, 9, 1]]),
+    "row names of R": ('"V1" "V2"\n"1" 5 6\n"2" 7 8\n', [[5, 6], [7, 8]]),
+    "comments": ("% 2 sensors\n# a b\n1 2\n# paused, 1,5 s\n3 4\n", [[1, 2], [3, 4]]),
+    "units": ("a,b\nN,N\n1,2\n3,4\n", [[1, 2], [3, 4]]),
+    "LabVIEW": ("Measurement\nWriter\t2\n***End***\nX\tY\tZ\n7\t1\t2\n8\t3\t4\n", [[7, 1, 2], [8, 3, 4]]),
+    "UTF-16": ("1,2\r\n3,4\r\n".encode("utf-16"), [[1, 2], [3, 4]]),
+    "no UTF-8": ("\xb0C;N\n1,5;2\n".encode("latin-1"), [[1.5, 2]]),
+    "line ends of old": ("1,2\r3,4\r", [[1, 2], [3, 4]]),
+    "packed": (gzip.compress(b"1,2\n3,4\n"), [[1, 2], [3, 4]]),
+    "one number a line": ("x\n1\n2\n", [[1], [2]]),
+    "beyond integers": ("1,18446744073709551617\n", [[1, 2.0**64]]),
+}
+
+
+@pytest.mark.parametrize("ending", [".csv", ".TSV", ".txt", ".csv.gz"])
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_are_read_as_programs_write_them(tmp_path, name, ending):
+    content, numbers = TABLES[name]
+    save(tmp_path / "lab" / "mug" / f"1.a{ending}", content)
+    counts, table = ingested(tmp_path / "lab")
+    np.testing.assert_array_equal(counts[:, 0], numbers)
+    assert counts.dtype.kind == np.array(numbers).dtype.kind and table.recordings == ["mug/1.a"]
+
+
+def tables_of(folder, header, line, frames=15):
+    """Two recordings each of two objects, whose lines are `line` of the frame's number and of three readings."""
+    rng = np.random.default_rng(0)
+    for place in ("ball/1", "ball/2", "mug/1", "mug/2"):
+        rows = [line(frame, *rng.integers(500, 600, 3)) for frame in range(frames)]
+        save(folder / f"{place}.csv", header + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    return folder
+
+
+COLUMNS = {  # names, a line, seconds between frames, and the columns that notes name; three sensors are kept
+    "seconds": ("time,a,b,c\n", lambda t, *r: [1.7e9 + t / 8, *r], 0.125, ["column 1 ('time')"]),
+    "unit in the name": ("a,b,c,t [ms]\n", lambda t, *r: [*r, 2 * t], 0.002, ["column 4 ('t [ms]')"]),
+    "unit as name": ("a,b,c,millis\n", lambda t, *r: [*r, t], 0.001, ["column 4 ('millis')"]),
+    "milliseconds": ("a,timestamp,b,c\n", lambda t, a, *r: [a, 33 * t, *r], 0.033, ["column 2 ('timestamp')"]),
+    "clock without a name": ("", lambda t, *r: [*r, 33 * t], None, ["row 1, column 4"]),
+    "clock under an odd name": ("a,b,c,X_Value\n", lambda t, *r: [*r, t / 8], None, ["X_Value"]),
+    "no unit": ("time,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('time')"]),
+    "line numbers": ("Sample,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('Sample')"]),
+    "names": ("a,b,c,label,Trial\n", lambda t, *r: [*r, "x", 7], None, ["column 4 ('label')", "column 5 ('Trial')"]),
+    "fingers": ("index,thumb,t\n", lambda t, *r: r, None, []),
+}
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_columns_that_are_no_sensors_are_left_out_and_named(tmp_path, name):
+    header, line, interval, noted = COLUMNS[name]
+    counts, table = ingested(tables_of(tmp_path / "lab", header, line))
+    assert table.live.sum() == 3 and counts[:, table.live].min() >= 500 and not counts[:, ~table.live].any()
+    expected = np.tile(np.arange(15) * (interval or np.nan), 4)
+    np.testing.assert_allclose(table.columns["time"], expected, atol=1e-6)
+    texts = [note.text for note in table.notes if note.topic in ("columns", "clock")]
+    assert [words in text for words, text in zip(noted, texts, strict=True)] == [True] * len(noted)
+
+
+@pytest.mark.parametrize(
+    "line", [lambda t, *r: [*r, t**4], lambda t, *r: [33 * t, t, 5 * t, 7 * t], lambda t, *r: [*r, 3 * (t % 5)]]
+)
+def test_what_rises_unlike_a_clock_is_a_sensor(tmp_path, line):
+    counts, table = ingested(tables_of(tmp_path / "lab", "", line))
+    assert counts.shape == (60, 1, 4) and table.live.all()
+    assert ingested(tables_of(tmp_path / "short", "", lambda t, *r: [*r, 33 * t], 5))[1].live.all()
+
+
+ONE_TABLE = {  # names and columns of an object's part, and the names of recordings and sessions
+    "trials": ("label,trial", lambda o, i: (o, i), ["ball/1", "ball/2", "mug/1", "mug/2"], ["session"]),
+    "times that fall": ("Class", lambda o, i: (o,), ["ball/1", "ball/2", "mug/3", "mug/4"], ["session"]),
+    "sessions": ("object,subject", lambda o, i: (o, i), ["1/ball/1", "2/ball/2", "1/mug/3", "2/mug/4"], ["1", "2"]),
+}
+
+
+@pytest.mark.parametrize("name", [*ONE_TABLE, "mixed trials"])
+def test_one_table_holds_all_recordings(tmp_path, name):
+    header, names_of, recordings, sessions = ONE_TABLE[name.removeprefix("mixed ")]
+    objects, parts, frames = (axis.ravel() for axis in np.indices((2, 2, 6)))
+    first = 500 + 100 * objects + 10 * parts + frames
+    rows = [
+        [*names_of(("ball", "mug")[label], part + 1), 100 * frame, *range(reading, reading + 3)]
+        for label, part, frame, reading in zip(objects, parts, frames, first.tolist(), strict=True)
+    ]
+    if name == "mixed trials":
+        rows.sort(key=lambda row: row[2])  # all first frames, all second ones
+    text = "\n".join(",".join(map(str, row)) for row in rows)
+    counts, table = ingested(save(tmp_path / "all.csv", f"{header},time_ms,a,b,c\n{text}\n"))
+    assert (table.objects, table.recordings, table.sessions) == (["ball", "mug"], recordings, sessions)
+    np.testing.assert_array_equal(counts[:, 0], first[:, None] + np.arange(3))
+    for column, values in {"object": objects, "recording": 2 * objects + parts, "frame": frames}.items():
+        np.testing.assert_array_equal(table.columns[column], values, err_msg=column)
+    np.testing.assert_allclose(table.columns["time"], frames / 10, atol=1e-9)
+
+
+def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
+    numbers = np.random.default_rng(0).random((200, 20)) ** 9
+    save(tmp_path / "lab" / "mug" / "1.csv", "\n".join(",".join(map(repr, line.tolist())) for line in numbers))
+    np.testing.assert_array_equal(ingested(tmp_path / "lab")[0][:, 0], numbers)
 
 
 def test_an_array_of_two_axes_is_one_frame_only_where_the_layout_says_so(tmp_path):

@@ -109,7 +109,7 @@ SOURCES = {
     "lines of text as MATLAB": (partial(saved, name="a.mat", content="0,513\n" * 99, below=False), "a.mat: damaged"),
     "zeros as MATLAB": (partial(saved, name="a.mat", content=bytes(2000), below=False), "a.mat: damaged"),
     "pictures": (partial(saved, name="photos/000000.jpg", content=b"\xff\xd8"), "STAG"),
-    "a text": (partial(saved, name="table.txt", content="time,pressure\n0,513\n", below=False), "table.txt|STAG"),
+    "a text": (partial(saved, name="table.json", content="time,pressure\n0,513\n", below=False), "table.json|STAG"),
     "a table of ingest": (partial(table_of_ingest, name="recordings.dat"), "recordings.dat|ingest"),
     "a table of ingest among recordings": (partial(table_of_ingest, name="recordings.h5"), "recordings.h5|ingest"),
     "arrays beside HDF5": (both_forms, ".h5|1.npy"),
@@ -181,8 +181,8 @@ def test_the_mistakes_of_all_arrays_are_listed_at_once(tmp_path):
         "pickle.npy": pickled(tmp_path), "words.npy": np.full((4, 2, 3), "a"), "wide.npy": np.zeros((5, 384)),
         "flat.npy": np.zeros(5), "high.npy": np.zeros((5, 65, 2)), "cut.npz": packed[:100],
         "names.npz": {"a": COUNTS, "b": COUNTS}, "ragged.csv": "1,2\n3\n", "gap.csv": "1,,3\n",
-        "nul.csv": "\x001,2\n3,4\n", "minus.csv": "\u22121,2\n3,4\n", "quoted.csv": '"1",2\n3,4\n',
-        "index.csv": ",0,1\n0,5,6\n", "header.csv": "a,b\n",
+        "nul.csv": "\x001,2\n3,4\n", "minus.csv": "\u22121,2\n3,4\n", "quote.csv": '1,"2\n3,4\n',
+        "header.csv": "a,b\n", "empty.csv": "\n",
     }  # fmt: skip
     for number, (name, content) in enumerate(bad.items()):
         save(tmp_path / f"lab{number // 10}" / "mug" / name, content)  # ten are listed
@@ -195,7 +195,38 @@ def test_the_text_of_a_file_at_which_a_link_leads_is_not_quoted(tmp_path, text):
     (tmp_path / "lab" / "mug").mkdir(parents=True)
     (tmp_path / "lab" / "mug" / "1.csv").symlink_to(save(tmp_path / "secrets", text))
     line = refusal(tmp_path / "lab", tmp_path)
-    assert "mug/1.csv: " in line and "row 1" in line and "pa55" not in line
+    assert "mug/1.csv: " in line and "line 2" in line and "pa55" not in line
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a,b\n1,2\n\n# x\n3,x\n", "line 5, column 2 is 'x'"),
+        ("1,2,3\n\n4,,6\n7,8,9\n", "line 3, column 2 is empty"),
+        ("1,2\n3\n4,5\n6,7\n", "line 2, column 2 is empty"),
+        ("1,2\n3,4,5\n6,7\n6,7\n6,7\n", "line 2 has more than 2"),
+        ("1,2\n3,4,5,6\n6,7\n6,7\n6,7\n", "line 2 has more than 2"),
+        ("a,b\r\n1,2\r\n\r\na,b\r\n3,4\r\n", "line 4, column 1 is 'a'"),
+        ("1,5;2\n3,5;2.000,5\n", "line 2, column 2 is '2.000,5'"),
+        ("1,nan\n3,4\n", "line 1, column 2 is 'nan'"),
+        ("1\0,2\n3,4\n", "UTF-8"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_refused_at_a_line_and_a_column(tmp_path, text, words):
+    save(tmp_path / "lab" / "mug" / "1.csv", text)
+    line = refusal(tmp_path / "lab", tmp_path)
+    assert "mug/1.csv: " in line and words in line
+
+
+def test_tables_of_other_columns_and_lines_without_a_name_are_refused(tmp_path):
+    save(tmp_path / "lab" / "mug" / "1.csv", "time_s,a,b\n0,1,2\n1,3,4\n")
+    save(tmp_path / "lab" / "mug" / "2.csv", "a,b,time_s\n1,2,0\n3,4,1\n")
+    assert "mug/2.csv: " in refusal(tmp_path / "lab", tmp_path)
+    save(tmp_path / "lab" / "mug" / "2.csv", "time_s,a\n0,1\n1,3\n")
+    assert "mug/2.csv: shape (1, 1)" in refusal(tmp_path / "lab", tmp_path)
+    table = save(tmp_path / "all.csv", "label,a,b\nmug,1,2\n\n,3,4\nmug,5,6\n")
+    assert "all.csv: line 4, column 1" in refusal(table, tmp_path)
+    assert "`object`" in refusal(save(tmp_path / "all.csv", "a,b\n1,2\n"), tmp_path)
 
 
 def test_blank_lines_take_no_time(tmp_path):

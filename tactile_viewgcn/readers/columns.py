@@ -1,0 +1,148 @@
+"""Telling the sensors in tables from times, line numbers, and names of objects, recordings and sessions.
+
+A clock under any other name is left out of every form of recordings, see `tables.clock`.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.readers.text import Table
+
+UNITS = {
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"),
+    "us": ("us", "µs", "micros", "microsecond", "microseconds"),
+    "ns": ("ns", "nanos", "nanosecond", "nanoseconds"),
+}
+UNIT_OF = {word: unit for unit, words in UNITS.items() for word in words}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: Words in the names of columns. A name of a unit alone is that of a time, but for the short ones of a letter or two.
+TIMES = {"time", "timestamp", "systime", "stamp", "tstamp", "elapsed", "clock", "millis", "micros", "ms", "t"}
+ABOUT_TIMES = {"date", "sys", "system", "log", "unix", "epoch", "utc", "local", "since", "start"}
+COUNTS = {
+    "sample",
+    "frame",
+    "row",
+    "line",
+    "packet",
+    "index",
+    "idx",
+    "id",
+    "n",
+    "no",
+    "nr",
+    "number",
+    "count",
+    "counter",
+}
+COUNTS |= {"samples", "frames", "num", "seq", "sequence", "#"}
+INDEX = {"", "unnamed: 0"}  # the first column of pandas' and R's tables
+NAMES = {
+    "object": {"object", "label", "class", "gesture", "target"},
+    "recording": {"recording", "trial"},
+    "session": {"session", "subject"},
+}
+MOST_LETTERS = 40  # of a name
+LONGEST = 0.5  # seconds between frames, where a unit is guessed
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the columns of tables hold.
+
+    Attributes:
+        names: of all columns.
+        sensors: the columns of sensors.
+        time: the column of times and its unit in seconds, if there is one with a known unit.
+        notes: what the columns hold that are no sensors.
+    """
+
+    names: list[str]
+    sensors: list[int]
+    time: tuple[int, float] | None
+    notes: list[Note]
+    is_shown: bool
+
+    @property
+    def channels(self) -> list[str]:
+        """Names of the sensors; none where the file may not be quoted, see `Table.is_shown`, or has none."""
+        names = [self.names[at][:MOST_LETTERS] for at in self.sensors]
+        return names if self.is_shown and any(names) else []
+
+
+def named(names: list[str]) -> dict[str, int]:
+    """The first column that names objects, recordings or sessions, by what it names."""
+    pairs = [(kind, at) for kind, words in NAMES.items() for at, name in enumerate(names) if name.lower() in words]
+    return dict(reversed(pairs))
+
+
+def starts(table: Table) -> np.ndarray:
+    """Bool (lines,): whether an object, a recording or a session begins with a line, by the columns that name them."""
+    begins = np.arange(len(table.cells)) == 0
+    for at in named(table.names).values():
+        texts = table.cells[at].to_numpy(dtype=object)
+        begins[1:] |= texts[1:] != texts[:-1]
+    return begins
+
+
+def columns_of(table: Table) -> Columns:
+    """What the columns of a table hold, and of all tables like it."""
+    values = table.values(range(len(table.names)))
+    with np.errstate(invalid="ignore"):  # of infinite readings
+        steps = np.diff(values, axis=0)[~starts(table)[1:]]
+    sensors, notes, time = [], [], None
+    for at, name in enumerate(table.names):
+        kind = _kind(name, at, table.names, steps[:, at])
+        if kind == "time" and (unit := _unit(name, float(np.median(steps[:, at])) if len(steps) else 0.0)):
+            time, kind = time or (at, SECONDS[unit]), f"time in {unit}"
+        if kind == "time":
+            kind = "time in no known unit; name it time_s or time_ms to keep the times"
+        if kind:
+            notes.append(Note(f"column {at + 1}{f' ({name!r})' if name else ''} is {kind}", topic="columns"))
+        else:
+            sensors.append(at)
+    return Columns(table.names, sensors, time, notes, table.is_shown)
+
+
+def sensors_and_time(table: Table, columns: Columns | None) -> dict[str, np.ndarray]:
+    """`pressure` (lines, sensors) and, where its unit is known, `time` (lines,) in seconds.
+
+    Raises:
+        UserError: a cell holds no number, or the columns stand in a different order than in other tables.
+    """
+    if columns is None or len(columns.names) != len(table.names):  # a table of a different size is refused with reasons
+        columns = columns_of(table)
+    if table.names != columns.names and sorted(table.names) == sorted(columns.names):
+        raise UserError(f"{table.file}: its columns stand in a different order than those of other files")
+    values = {"pressure": table.numbers(columns.sensors)}
+    if columns.time:
+        at, seconds = columns.time
+        values["time"] = table.numbers([at])[:, 0] * seconds
+    return values
+
+
+def _kind(name: str, at: int, names: list[str], steps: np.ndarray) -> str:
+    """What a column holds by its name, and by its steps (n,) from line to line; "" for a sensor."""
+    words = _words(name)
+    for kind, these in NAMES.items():
+        if name.lower() in these:
+            return f"the name of the {kind}"
+    is_counting = len(steps) > 1 and (steps == steps[0]).all() and steps[0] > 0
+    if (words and words <= COUNTS and is_counting) or (at == 0 and any(names) and name.lower() in INDEX):
+        return "the line's number"
+    is_time = words & TIMES and words <= TIMES | ABOUT_TIMES | UNIT_OF.keys()
+    return "time" if is_time and (words != {"t"} or (steps >= 0).all()) else ""
+
+
+def _words(name: str) -> set[str]:
+    return set(re.findall(r"[a-zµ]+|#", name.lower()))
+
+
+def _unit(name: str, step: float) -> str:
+    """The unit of times, by their name, or by the median step from frame to frame; "" if it may be any."""
+    for word in _words(name) & UNIT_OF.keys():
+        return UNIT_OF[word]
+    return next((unit for unit, seconds in SECONDS.items() if 0 < step * seconds < LONGEST and not 0.5 <= step < 2), "")
