@@ -6,13 +6,14 @@ import numpy as np
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several
 from tactile_viewgcn.readers.source import listed
+from tactile_viewgcn.tables.live import sensor_names
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 SLOW = 1.0  # median seconds between frames; those of a clock in milliseconds are more
 
 
 def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
-    """The reader's notes, and warnings of recordings without frames, copies, sessions and times.
+    """The reader's notes, and warnings of recordings without frames, copies, labels, sessions and times.
 
     Args:
         original: see `originals`.
@@ -21,6 +22,7 @@ def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
         *recordings.notes,
         *without_frames(recordings),
         *_copies(recordings, original),
+        *_labels(recordings),
         *_sessions(recordings),
         *_times(recordings),
     ]
@@ -57,6 +59,20 @@ def _copies(recordings: Recordings, original: np.ndarray) -> list[Note]:
     pairs = listed([f"{names[copy]} repeats {names[original[copy]]}" for copy in copies])
     text = f"{several(len(copies), 'recording')} with the counts of a different one: {pairs}. A copy tests nothing, "
     return [Note(f"{text}and as a different object it is wrong: remove it, or record it again.", "warning", "copies")]
+
+
+def _labels(recordings: Recordings) -> list[Note]:
+    """A warning of sensors that read one number for each object, and not the same for all."""
+    first, labels = dict[int, np.ndarray](), recordings.live.copy()
+    for index in frames_by_recording(recordings):
+        counts = recordings.frames(index)
+        expected = first.setdefault(int(recordings.columns["object"][index[0]]), counts[0])
+        labels &= (counts == expected).all(axis=0)
+    if not labels.any() or len(first) < 2:
+        return []
+    names = listed(sensor_names(labels, recordings.channels), "; ")
+    text = f"{several(int(labels.sum()), 'sensor')} with one reading for each object: {names}. Names of objects are no "
+    return [Note(f"{text}readings: remove them, or call the column `object`.", "warning", "labels")]
 
 
 def _sessions(recordings: Recordings) -> list[Note]:

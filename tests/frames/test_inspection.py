@@ -61,17 +61,20 @@ GLOVES = {
 }
 
 
-def test_objects_that_differ_in_the_clock_alone_are_not_told_apart(tmp_path):
+@pytest.mark.parametrize(("name", "interval", "said"), [("time", 0.125, "'time') is time in s"), ("X", None, "clock")])
+def test_objects_that_differ_in_the_clock_alone_are_not_distinguished(tmp_path, name, interval, said):
     rng = np.random.default_rng(0)
     for label, number in np.ndindex(3, 6):
         readings = 500 + rng.normal(0, 1, (40, 6)) + 30 * (np.arange(40) > 9)[:, None]
         time = 1.7e9 + 3600 * label + 300 * number + np.arange(40) / 8
         (folder := tmp_path / "lab" / f"o{label}").mkdir(parents=True, exist_ok=True)
         table = np.column_stack([time, readings])
-        np.savetxt(folder / f"{number}.csv", table, delimiter=",", header="time,a,b,c,d,e,f", comments="", fmt="%.3f")
+        np.savetxt(
+            folder / f"{number}.csv", table, delimiter=",", header=f"{name},a,b,c,d,e,f", comments="", fmt="%.3f"
+        )
     overview = inspect_source(tmp_path / "lab")
-    assert overview.recordings.shape == (1, 6) and overview.interval == 0.125 and not overview.error.beats_chance
-    assert "column 1 ('time') is time in s" in " ".join(inspection_lines(overview))
+    assert overview.recordings.live.sum() == 6 and overview.interval == interval and not overview.error.beats_chance
+    assert said in " ".join(inspection_lines(overview))
 
 
 @pytest.mark.parametrize("name", GLOVES)

@@ -10,6 +10,9 @@ COUNTS = np.random.default_rng(0).integers(500, 600, (60, 4, 6)).astype(np.int16
 NUMBER = np.repeat(np.arange(6), 10)  # of the recording: two of the empty hand, two of each of two objects
 SOUND = {"object": NUMBER // 2, "recording": NUMBER, "time": 0.1 * np.arange(60)}
 COPIED = COUNTS[np.r_[:30, 20:30, 20:30, 50:60]]  # recordings 3 and 4 are of the counts of 2
+LABELLED, TICKING = COUNTS.copy(), COUNTS.copy()
+LABELLED[:, 3, 5] = 500 + NUMBER // 2
+TICKING[:, 0, 0] = 3 * np.arange(60)
 SECONDS = 0.1 * np.arange(60)
 
 
@@ -26,9 +29,11 @@ SECONDS = 0.1 * np.arange(60)
         (COUNTS, {"time": np.where(np.arange(60) == 25, 0, SECONDS)}, {"time": "1 place|recording2"}),
         (COUNTS, {"time": 1000 * SECONDS}, {"time": "100 s|1,000"}),
         (COUNTS, {"time": np.nan}, {}),
+        (LABELLED, {}, {"labels": "1 sensor|row 4, column 6"}),
+        (TICKING, {}, {"clock": "1 sensor|row 1, column 1"}),
     ],
     ids=["sound", "empty recording", "lost object", "copies", "an object a session", "two sessions", "times repeat",
-         "times fall", "milliseconds", "no times"],
+         "times fall", "milliseconds", "no times", "labels", "clock"],
 )  # fmt: skip
 def test_what_spoils_a_result_is_said_of_the_table(tmp_path, counts, changes, warned):
     table = written(tmp_path / "t.h5", counts, **(SOUND | changes))
