@@ -6,13 +6,14 @@ import numpy as np
 
 from stages.command import Job, run
 from tactile_viewgcn.messages import several
+from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables.recordings import Recordings, read_source
 from tactile_viewgcn.tables.remarks import originals, remarks
 
 
 def ingest(job: Job, source: Path, out: Path) -> str:
-    layout = None if job.params.data.shape == "auto" else job.params.data.shape
-    read_source(source, out, job.md5s["source"], layout=layout)
+    data = job.params.data
+    read_source(source, out, job.md5s["source"], form=Form(data.shape, data.layout, data.columns))
     table = Recordings(out)
     for note in remarks(table, originals(table)):
         job.note(note)

@@ -3,15 +3,22 @@
 import io
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tactile_viewgcn.files import check_outputs, readable
 from tactile_viewgcn.messages import UserError, shown, user_message
-from tactile_viewgcn.params import preset_changes, presets
+from tactile_viewgcn.params import DEFAULTS, load, preset_changes, presets
 
+if TYPE_CHECKING:
+    from tactile_viewgcn.readers.source import Form
+
+_SET_DATA = click.option(
+    "--set", "changes", multiple=True, metavar="data.KEY=VALUE", help="How to read SOURCE, as data in params.yaml."
+)
 SIDE = click.IntRange(1, 64)  # rows or columns of a frame, the range that readers check
 
 
@@ -27,7 +34,7 @@ def cli() -> None:
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Change a value of the file.")
 def check(path: Path, changes: tuple[str, ...]) -> None:
     """Check params.yaml, list every mistake, and look for data.source."""
-    from tactile_viewgcn.params import VIRTUAL, load
+    from tactile_viewgcn.params import VIRTUAL
     from tactile_viewgcn.schema import flatten
 
     params = load(path, changes)
@@ -43,7 +50,8 @@ def check(path: Path, changes: tuple[str, ...]) -> None:
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option("--html", "page", type=click.Path(path_type=Path), help="Write a page with pictures to this file.")
 @click.option("--shape", type=(SIDE, SIDE), metavar="ROWS COLUMNS", help="Shape of a frame of arrays, see data.shape.")
-def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> None:
+@_SET_DATA
+def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None, changes: tuple[str, ...]) -> None:
     """Describe the recordings SOURCE and recommend parameters for them, with reasons.
 
     SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy, .npz or .csv), or
@@ -56,7 +64,8 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None) -> N
 
     if page:
         check_outputs([(page, BEGIN)], [source])
-    inspection = inspect_source(source, shape)
+    form = _form(changes)
+    inspection = inspect_source(source, replace(form, shape=shape) if shape else form)
     _say(*inspection_lines(inspection))
     if page:
         from tactile_viewgcn.pages.inspection_page import inspection_page
@@ -89,7 +98,8 @@ def preset(name: str) -> None:
 @click.option("--together", is_flag=True, help="Also give one answer for each folder and object.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers to this file too.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")
-def predict(**options: Any) -> None:
+@_SET_DATA
+def predict(changes: tuple[str, ...], **options: Any) -> None:
     """Recognise with MODEL the objects that are held in the recordings SOURCE, labelled or not.
 
     MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS.
@@ -97,7 +107,7 @@ def predict(**options: Any) -> None:
     """
     from tactile_viewgcn.recognition import prediction
 
-    prediction.predict(echo=_say, **options)
+    prediction.predict(echo=_say, form=_form(changes), **options)
 
 
 @cli.command()
@@ -113,6 +123,13 @@ def report(run: str, out: Path) -> None:
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         page = run_page(read_run(run))
     _say(write(out, page))
+
+
+def _form(changes: tuple[str, ...]) -> "Form":
+    from tactile_viewgcn.readers.source import Form
+
+    data = load(DEFAULTS, changes, "--set").data
+    return Form(data.shape, data.layout, data.columns)
 
 
 def _say(*lines: str) -> None:

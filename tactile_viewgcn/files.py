@@ -24,8 +24,8 @@ LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
 PART, OLD = ".unfinished", ".replaced"  # endings of a file or folder being written, and of a folder being replaced
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
-HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".csv", ".tsv", ".csv.gz")
-READ = (*HDF5, *ARRAYS, ".mat", ".txt")  # endings of recordings
+HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".mat", ".csv", ".tsv", ".csv.gz")
+READ = (*HDF5, *ARRAYS, ".txt")  # endings of recordings
 _md5 = partial(hashlib.md5, usedforsecurity=False)
 LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")  # by programs that look into a folder or pack it
 VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, which no reader reads

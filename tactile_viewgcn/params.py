@@ -22,6 +22,7 @@ CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviation
 MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single precision, in which trainings compute
 MOST = 1_000_000  # upper limit of counts
 LAUNCHER = "^(python|torchrun (--standalone )?--nproc-per-node [1-9][0-9]{0,2}) -m$"
+LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT)[^A-Z]+){0,2}OBJECT([^A-Z]+(SESSION|SPLIT)){0,2}([^A-Z]+FILE)?)$"
 PLACES = {"cube": 8, "dodecahedron": 20}  # number of viewpoints of the configurations in which it is fixed
 
 # all but sensors are networks on the pretrained backbone
@@ -77,7 +78,9 @@ def on_sensors(name: str) -> bool:
 @dataclass(frozen=True, config=SECTION)
 class Data:
     source: Annotated[StrictStr, MinLen(1)]
-    shape: Literal["auto"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)]
+    shape: Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)]
+    layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT)]
+    columns: dict[Literal["pressure", "time", "object", "recording", "session"], StrictStr]
 
 
 @dataclass(frozen=True, config=SECTION)

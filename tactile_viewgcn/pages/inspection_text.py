@@ -16,7 +16,7 @@ from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
 from tactile_viewgcn.params import VIRTUAL
-from tactile_viewgcn.readers.source import MAX_SIDE, listed
+from tactile_viewgcn.readers.source import FRAMES_LAST, MAX_SIDE, listed
 from tactile_viewgcn.schema import as_change
 
 WIDTH = 80
@@ -236,8 +236,11 @@ def command_lines(overview: Overview) -> list[str]:
     source = path if tracked else path.absolute()  # a temporary folder holds what git and DVC track alone
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
     values: dict[str, Any] = {"data.source": str(source)}
-    if arrays_below(path):
-        values["data.shape"] = list(overview.recordings.shape)
+    form = overview.form
+    if form.shape == FRAMES_LAST or arrays_below(path):
+        values["data.shape"] = FRAMES_LAST if form.shape == FRAMES_LAST else list(overview.recordings.shape)
+    values |= {"data.layout": form.layout} if form.layout != "auto" else {}
+    values |= {"data.columns": dict(form.columns)} if form.columns else {}
     values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
     options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]
     return " \\\n".join([" ".join(["dvc exp run", *presets]), *options]).split("\n")

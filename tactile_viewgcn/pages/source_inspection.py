@@ -1,6 +1,5 @@
 """What an inspection shows: a rehearsal of `preprocess`, and further facts of the recordings."""
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.pages.settings import preprocess_settings, split_settings
 from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.readers.source import AUTO, Form
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
@@ -28,17 +28,17 @@ SATURATED = 0.01  # share of frames at the largest reading of all sensors
 GAP = 2.5  # median intervals: frames are missing
 
 
-def inspect_source(path: str | Path, layout: Sequence[int] | None = None) -> "Overview":
+def inspect_source(path: str | Path, form: Form = AUTO) -> "Overview":
     """Inspect a source in any form that `ingest` reads, see `open_source`.
 
     Raises:
         UserError: lists the mistakes of the source.
         FileNotFoundError: nothing at that path.
     """
-    with recordings_of(path, layout=layout) as recordings:
+    with recordings_of(path, form=form) as recordings:
         asked = load(DEFAULTS).preprocess
         return Overview(
-            recordings, replace(asked, baseline="auto", filter="auto", contact_sensors="auto", scale="auto")
+            recordings, replace(asked, baseline="auto", filter="auto", contact_sensors="auto", scale="auto"), form
         )
 
 
@@ -50,6 +50,7 @@ class Overview:
     Args:
         recordings: the table of raw counts.
         asked: settings of `preprocess`; `auto` where this chooses.
+        form: as which the source was read.
 
     Attributes:
         recordings: the table; its frames stay mapped after its file is gone.
@@ -77,9 +78,10 @@ class Overview:
             noise_pairs: number of pairs of open-hand frames that show it, 0 where the changes are of all frames.
     """
 
-    def __init__(self, recordings: Recordings, asked: PreprocessSection):
+    def __init__(self, recordings: Recordings, asked: PreprocessSection, form: Form = AUTO):
         columns, empty, recorded = recordings.columns, of_empty_hand(recordings), frames_by_recording(recordings)
         first, everything = np.array([index[0] for index in recorded]), np.ones(len(recordings), dtype=bool)
+        self.form = form
         self.recordings, self.label, self.session = recordings, columns["object"][first], columns["session"][first]
         original = originals(recordings)
         self.remarks, self.groups = remarks(recordings, original), _groups(recordings, original, empty)

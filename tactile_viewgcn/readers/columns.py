@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.readers.source import Form, listed
 from tactile_viewgcn.readers.text import Table
 
 UNITS = {
@@ -73,29 +74,37 @@ class Columns:
         return names if self.is_shown and any(names) else []
 
 
-def named(names: list[str]) -> dict[str, int]:
+def named(names: list[str], form: Form) -> dict[str, int]:
     """The first column that names objects, recordings or sessions, by what it names."""
-    pairs = [(kind, at) for kind, words in NAMES.items() for at, name in enumerate(names) if name.lower() in words]
+    words = {kind: {form.columns[kind].lower()} if kind in form.columns else set for kind, set in NAMES.items()}
+    pairs = [(kind, at) for kind in words for at, name in enumerate(names) if name.lower() in words[kind]]
     return dict(reversed(pairs))
 
 
-def starts(table: Table) -> np.ndarray:
+def starts(table: Table, form: Form) -> np.ndarray:
     """Bool (lines,): whether an object, a recording or a session begins with a line, by the columns that name them."""
     begins = np.arange(len(table.cells)) == 0
-    for at in named(table.names).values():
+    for at in named(table.names, form).values():
         texts = table.cells[at].to_numpy(dtype=object)
         begins[1:] |= texts[1:] != texts[:-1]
     return begins
 
 
-def columns_of(table: Table) -> Columns:
-    """What the columns of a table hold, and of all tables like it."""
+def columns_of(table: Table, form: Form) -> Columns:
+    """What the columns of a table hold, and of all tables like it.
+
+    Raises:
+        UserError: it has no column of a name that the form gives.
+    """
+    if missing := [name for name in form.columns.values() if name not in table.names]:
+        raise UserError(f"{table.file}: no column {missing[0]!r}; found {listed(table.names)}")
     values = table.values(range(len(table.names)))
     with np.errstate(invalid="ignore"):  # of infinite readings
-        steps = np.diff(values, axis=0)[~starts(table)[1:]]
-    sensors, notes, time = [], [], None
+        steps = np.diff(values, axis=0)[~starts(table, form)[1:]]
+    labels, sensors, notes, time = named(table.names, form), [], [], None
     for at, name in enumerate(table.names):
-        kind = _kind(name, at, table.names, steps[:, at])
+        kind = next((f"the name of the {label}" for label, column in labels.items() if column == at), "")
+        kind = kind or ("time" if name == form.columns.get("time") else _kind(name, at, table.names, steps[:, at]))
         if kind == "time" and (unit := _unit(name, float(np.median(steps[:, at])) if len(steps) else 0.0)):
             time, kind = time or (at, SECONDS[unit]), f"time in {unit}"
         if kind == "time":
@@ -107,14 +116,14 @@ def columns_of(table: Table) -> Columns:
     return Columns(table.names, sensors, time, notes, table.is_shown)
 
 
-def sensors_and_time(table: Table, columns: Columns | None) -> dict[str, np.ndarray]:
+def sensors_and_time(table: Table, columns: Columns | None, form: Form) -> dict[str, np.ndarray]:
     """`pressure` (lines, sensors) and, where its unit is known, `time` (lines,) in seconds.
 
     Raises:
         UserError: a cell holds no number, or the columns stand in a different order than in other tables.
     """
     if columns is None or len(columns.names) != len(table.names):  # a table of a different size is refused with reasons
-        columns = columns_of(table)
+        columns = columns_of(table, form)
     if table.names != columns.names and sorted(table.names) == sorted(columns.names):
         raise UserError(f"{table.file}: its columns stand in a different order than those of other files")
     values = {"pressure": table.numbers(columns.sensors)}
@@ -127,9 +136,6 @@ def sensors_and_time(table: Table, columns: Columns | None) -> dict[str, np.ndar
 def _kind(name: str, at: int, names: list[str], steps: np.ndarray) -> str:
     """What a column holds by its name, and by its steps (n,) from line to line; "" for a sensor."""
     words = _words(name)
-    for kind, these in NAMES.items():
-        if name.lower() in these:
-            return f"the name of the {kind}"
     is_counting = len(steps) > 1 and (steps == steps[0]).all() and steps[0] > 0
     if (words and words <= COUNTS and is_counting) or (at == 0 and any(names) and name.lower() in INDEX):
         return "the line's number"

@@ -1,33 +1,33 @@
 """Finding out in which form a path holds recordings, and opening them."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
 
 from tactile_viewgcn.files import HDF5, arrays_below, files_below, stag_files
 from tactile_viewgcn.messages import Note, UserError, several
-from tactile_viewgcn.readers.arrays import PLACES, read_arrays
+from tactile_viewgcn.readers.arrays import read_arrays
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.folder import MANY
 from tactile_viewgcn.readers.hdf5 import open_hdf5, read_hdf5
-from tactile_viewgcn.readers.source import SOURCE_MD5, Source, listed
-from tactile_viewgcn.readers.stag import read_folder, read_metadata
+from tactile_viewgcn.readers.places import PLACES
+from tactile_viewgcn.readers.source import AUTO, SOURCE_MD5, Form, Source, listed
+from tactile_viewgcn.readers.stag import matlab_fields, read_folder, read_metadata
 
 EXPECTED = (
-    f"expected a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of {PLACES}.npy, .npz, .csv or .txt, "
-    "or a .csv with a column `object` (see the manual's page on data)"
+    f"expected a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of {PLACES}.npy, .npz, .mat, .csv or "
+    ".txt, or a .csv with a column `object` (see the manual's page on data)"
 )
 
 
-def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None) -> Source:
+def open_source(path: str | Path, *, labelled: bool = True, form: Form = AUTO) -> Source:
     """The source at a path: STAG's metadata.mat or folder, HDF5 recordings, or arrays.
 
     A damaged file may crash this process; `read_source` uses a separate one.
 
     Args:
         labelled: False: recordings may have no object, see `read_hdf5` and `read_arrays`.
-        layout: (rows, columns) of a frame, for arrays alone; None: as the arrays have them.
+        form: of arrays, tables and HDF5 recordings.
 
     Raises:
         FileNotFoundError: nothing is at that path.
@@ -38,12 +38,16 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
     if stag_files(path):
         return read_folder(path)
+    if path.is_file() and path.suffix.lower() == ".mat":
+        with reading(path):
+            is_stag = labelled or matlab_fields(path, ("objectId",))
+        return read_metadata(path) if is_stag else read_arrays(path, form, labelled=False)
     arrays, recordings = arrays_below(path), files_below(path, HDF5)
     few, many = sorted((arrays, recordings), key=len)
     if few and len(few) * MANY > len(many):
         raise UserError(f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); keep one form elsewhere")
     if many:
-        source = read_arrays(path, layout, labelled=labelled) if many is arrays else read_hdf5(path, labelled=labelled)
+        source = (read_arrays if many is arrays else read_hdf5)(path, form, labelled=labelled)
         if few:
             text = f"{several(len(few), 'file')} of a different form left out beside {len(many):,}: "
             source.notes.append(Note(text + listed(list(map(str, few))), "warning", "files"))
@@ -54,7 +58,7 @@ def open_source(path: str | Path, *, labelled: bool = True, layout: Sequence[int
             if is_hdf5 := h5py.is_hdf5(path):
                 attributes = set(open_hdf5(path).attrs)
     if {"object", SOURCE_MD5} & attributes:  # files of MATLAB 7.3 have neither
-        return read_hdf5(path, labelled=labelled)
-    if is_hdf5 or path.suffix.lower() == ".mat":
+        return read_hdf5(path, form, labelled=labelled)
+    if is_hdf5:
         return read_metadata(path)
     raise UserError(f"{path}: no recordings in it; {EXPECTED}")

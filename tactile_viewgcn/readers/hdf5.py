@@ -10,10 +10,11 @@ attributes    object, session; optional: recording (else the file's path in the 
 A file may come from anybody: nothing in it leads to a different file.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -21,14 +22,30 @@ import numpy as np
 from tactile_viewgcn.files import HDF5, files_below
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.folder import Names, joined
-from tactile_viewgcn.readers.source import NUMBERS, SOURCE_MD5, SPLITS, UNLABELLED, Source, Values, listed
+from tactile_viewgcn.readers.places import Layout, layout_of
+from tactile_viewgcn.readers.source import (
+    AUTO,
+    FRAMES_LAST,
+    NUMBERS,
+    SOURCE_MD5,
+    SPLITS,
+    UNLABELLED,
+    Form,
+    Source,
+    Values,
+    framed,
+    listed,
+)
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
+ATTRIBUTES = ("object", "session", "recording", "split")
 CACHE = 64 * 2**20  # bytes of a chunk that is kept for the next block
 
 
-def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
+def read_hdf5(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Source:
     """One recording, or all .h5 and .hdf5 files below a folder in the order of their paths.
+
+    The folders of a file without an attribute `object` name object and session, see `layout_of`.
 
     Args:
         labelled: False: files may lack `object`, which is then `UNLABELLED`, and `session`, which is then the same.
@@ -37,22 +54,33 @@ def read_hdf5(path: Path, *, labelled: bool = True) -> Source:
         UserError: lists the mistakes of all files, and where they differ in shape or columns, or share a name.
     """
     files, root = ([path], path.parent) if path.is_file() else (files_below(path, HDF5), path)
-    return joined(path, files, partial(_opened, root=root, labelled=labelled))
+    layout = cache(partial(layout_of, path, files, form.layout))
+    source = joined(path, files, partial(_opened, root=root, layout=layout, form=form, labelled=labelled))
+    source.notes.extend(layout().note(files[0]) if layout.cache_info().currsize else [])
+    return source
 
 
 @contextmanager
-def _opened(path: Path, root: Path, labelled: bool) -> Iterator[tuple[Names, Values]]:
+def _opened(
+    path: Path, root: Path, layout: Callable[[], Layout], form: Form, labelled: bool
+) -> Iterator[tuple[Names, Values]]:
     with open_hdf5(path) as file:
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
-        if "pressure" not in (names := list(file)):
-            raise UserError(f"{path}: no dataset /pressure; found {listed(names) or 'nothing'}")
-        values = {name: dataset(file, name, "numbers") for name in DATASETS if name in names}
-        texts = {
-            name: _attribute(file, name) for name in ("object", "session", "recording", "split") if name in file.attrs
+        in_file = {name: form.columns.get(name, name) for name in (*DATASETS, *ATTRIBUTES)}
+        if in_file["pressure"] not in file:
+            raise UserError(
+                f"{path}: no dataset /{in_file['pressure']}; found {listed(list(file)) or 'nothing'}; if one of them "
+                "holds the readings, -S 'data.columns={pressure: NAME}'"
+            )
+        values: dict[str, Any] = {
+            name: dataset(file, in_file[name], "numbers") for name in DATASETS if in_file[name] in file
         }
-        if labelled and (missing := [name for name in ("object", "session") if not texts.get(name)]):
-            raise UserError(f"{path}: no attribute {', '.join(map(repr, missing))}; expected texts on the file's root")
+        if values["pressure"].ndim != 3 or form.shape == FRAMES_LAST:
+            values["pressure"] = framed(values["pressure"][()], form, str(path))
+        texts = {name: _attribute(file, in_file[name]) for name in ATTRIBUTES if in_file[name] in file.attrs}
+        if labelled and not texts.get("object"):
+            texts = layout().names(path, labelled=True) | texts
         if "split" in texts:
             if texts["split"] not in SPLITS:
                 raise UserError(f"{path}: attribute split is {texts['split']!r}; expected train or test")

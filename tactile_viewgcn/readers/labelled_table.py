@@ -9,9 +9,10 @@ from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.columns import Columns, named, sensors_and_time, starts
 from tactile_viewgcn.readers.source import (
     UNLABELLED,
+    Form,
     Source,
     check_shape,
-    frames_shape,
+    framed,
     numbered,
     sliced,
     storage_type,
@@ -19,7 +20,7 @@ from tactile_viewgcn.readers.source import (
 from tactile_viewgcn.readers.text import Table, read_table
 
 
-def read_labelled(path: Path, columns: Columns, layout: tuple[int, ...]) -> Source:
+def read_labelled(path: Path, columns: Columns, form: Form) -> Source:
     """The recordings in a table: the lines of one object, session and recording.
 
     Where no column names recordings, one begins where the object or the session changes, and where the time falls.
@@ -29,9 +30,9 @@ def read_labelled(path: Path, columns: Columns, layout: tuple[int, ...]) -> Sour
     """
     with reading(path):
         table = read_table(path)
-        values, texts = sensors_and_time(table, columns), _texts(table)
+        values, texts = sensors_and_time(table, columns, form), _texts(table, form)
     if "recording" not in texts:
-        begins = starts(table)
+        begins = starts(table, form)
         begins[1:] |= np.diff(values.get("time", np.zeros(len(begins)))) < 0
         texts["recording"] = [str(number) for number in np.cumsum(begins)]
     shown = [kind for kind in ("session", "object", "recording") if kind in texts]
@@ -49,7 +50,7 @@ def read_labelled(path: Path, columns: Columns, layout: tuple[int, ...]) -> Sour
     values["frame"] = np.arange(len(order)) - first
     if "time" in values:
         values["time"] = values["time"] - values["time"][first]
-    pressure = values["pressure"] = values["pressure"].reshape(frames_shape(values["pressure"].shape, layout, path))
+    pressure = values["pressure"] = framed(values["pressure"], form, str(path))
     return Source(
         path,
         names["object"],
@@ -64,10 +65,10 @@ def read_labelled(path: Path, columns: Columns, layout: tuple[int, ...]) -> Sour
     )
 
 
-def _texts(table: Table) -> dict[str, list[str]]:
+def _texts(table: Table, form: Form) -> dict[str, list[str]]:
     """The names in the columns of objects, recordings and sessions, of each line."""
     texts = {}
-    for kind, at in named(table.names).items():
+    for kind, at in named(table.names, form).items():
         for row in np.flatnonzero(table.cells[at].isna())[:1]:
             where = f"line {table.line(row)}, column {at + 1}"
             raise UserError(f"{table.file}: {where} is empty; expected the name of the {kind} in each line")

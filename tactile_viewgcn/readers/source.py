@@ -1,7 +1,6 @@
 """The form in which every reader returns recordings, and the checks that all of them pass."""
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,8 +36,27 @@ COLUMNS = {
     "grasp": np.int16,  # number of the grasp inside the recording (graspIndex)
     "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
 }
+FRAMES_LAST = "frames_last"
 Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames
 Values = Mapping[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or datasets that are read when sliced
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the user says of files that leave it open, as `data` of params.yaml.
+
+    Attributes:
+        shape: rows and columns of a frame, `FRAMES_LAST`, or `auto`: as arrays have them.
+        layout: pattern of the files' paths, or `auto`, see `layout_of`.
+        columns: the names of columns, arrays or datasets in the files, by what they hold.
+    """
+
+    shape: str | Sequence[int] = "auto"
+    layout: str = "auto"
+    columns: Mapping[Any, str] = field(default_factory=dict)
+
+
+AUTO = Form()
 
 
 @dataclass(frozen=True)
@@ -115,18 +133,44 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     return shape[1], shape[2]
 
 
-def frames_shape(shape: tuple[int, ...], layout: tuple[int, ...], file: Path) -> tuple[int, ...]:
-    """The shape (T, H, W) of the recording in an array of shape `shape`."""
-    if layout and shape == layout:
-        return 1, *layout
-    if layout and shape in ((*shape[:1], math.prod(layout)), (*shape[:1], *layout)):
-        return shape[0], *layout
-    if layout:
-        expected = f"(frames, {layout[0]}, {layout[1]}) or (frames, {math.prod(layout)})"
-        raise UserError(f"{file}: an array {shape}; expected {expected} by --shape, data.shape or the model")
-    if len(shape) == 2 and shape[1] > MAX_SIDE:
-        raise UserError(f"{file}: an array {shape}; expected a layout by data.shape (inspect --shape ROWS COLUMNS)")
-    return (shape[0], 1, shape[1]) if len(shape) == 2 else shape
+def framed(array: np.ndarray, form: Form, where: str) -> np.ndarray:
+    """An array as frames (T, H, W), of which two axes may be one.
+
+    Raises:
+        UserError: it has other axes than the form says.
+    """
+    if array.ndim not in (2, 3):
+        raise UserError(f"{where}: an array {array.shape}; expected (frames, rows, columns) or (frames, cells)")
+    if form.shape == FRAMES_LAST:
+        array = np.moveaxis(array, -1, 0)
+    elif not isinstance(form.shape, str):
+        rows, columns = form.shape
+        for shape in ((len(array), rows, columns), (len(array), rows * columns), (rows, columns)):
+            if array.shape == shape:
+                return array.reshape(-1, rows, columns)
+        expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
+        raise UserError(f"{where}: an array {array.shape}; expected {expected} by --shape, data.shape or the model")
+    if array.ndim == 2 and array.shape[1] > MAX_SIDE:
+        raise UserError(
+            f"{where}: an array {array.shape}, (frames, cells); expected up to {MAX_SIDE} cells, or -S data.shape="
+            f"[ROWS,COLUMNS] of a frame (inspect --shape ROWS COLUMNS), or -S data.shape={FRAMES_LAST}: (cells, frames)"
+        )
+    return array[:, None] if array.ndim == 2 else array
+
+
+def pressure_name(names: list[str], form: Form, where: str) -> str:
+    """The name of the array that holds the pressure: `pressure`, that which the form gives, or the only one.
+
+    Raises:
+        UserError: there is none of the expected name, or there are several.
+    """
+    name = form.columns.get("pressure", "pressure")
+    if name in names or ("pressure" not in form.columns and len(names) == 1):
+        return name if name in names else names[0]
+    raise UserError(
+        f"{where}: no array {name}; found {listed(names) or 'none'}; if one of them holds the readings, "
+        "-S 'data.columns={pressure: NAME}'"
+    )
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:

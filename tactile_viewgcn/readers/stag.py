@@ -65,7 +65,7 @@ def read_folder(path: Path) -> Source:
 @contextmanager
 def _opened(file: Path) -> Iterator[tuple[Names, Values]]:
     session, name = file.parts[-3:-1]
-    fields = _fields(file, ("pressure", *COLUMN_OF_RAW_FIELD))
+    fields = matlab_fields(file, ("pressure", *COLUMN_OF_RAW_FIELD))
     names = {"object": re.sub(r"^\d+-", "", name), "recording": f"{session}/{name}", "session": session}
     yield names, _values(fields, COLUMN_OF_RAW_FIELD, ("pressure",), file)
 
@@ -77,7 +77,7 @@ def read_metadata(path: Path) -> Source:
         UserError: not a MAT-file, or cut short; a field is missing, or has the wrong length or kind.
     """
     with reading(path):
-        fields = _fields(path, (*REQUIRED, *COLUMN_OF_FIELD, *NAMES))
+        fields = matlab_fields(path, (*REQUIRED, *COLUMN_OF_FIELD, *NAMES))
         values = _values(fields, COLUMN_OF_FIELD, REQUIRED, path)
         if "split" in values:
             names = fields.get("splits", ["train", "test"])
@@ -129,7 +129,7 @@ class _Reversed:
         return self._values[..., at].T
 
 
-def _fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
+def matlab_fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
     """Those of the named fields that a MAT-file has: numbers with MATLAB's axes; a cell array as a list of its texts.
 
     A file of MATLAB 5 is read whole; numbers of MATLAB 7.3 are read when they are sliced.
@@ -144,6 +144,18 @@ def _fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
 
     fields = io.loadmat(path, variable_names=names)
     return {name: _of_matlab5(fields[name], f"{path}: {name}") for name in names if name in fields}
+
+
+def matlab_names(path: Path) -> list[str]:
+    """Names of the variables of a MAT-file with more than one row and column, or that have three axes."""
+    if h5py.is_hdf5(path):
+        with open_hdf5(path) as file:
+            shapes = {name: getattr(file[name], "shape", None) or () for name in file}
+    else:
+        from scipy import io
+
+        shapes = {name: shape for name, shape, _ in io.whosmat(path)}
+    return [name for name, shape in shapes.items() if sum(size > 1 for size in shape) > 1]
 
 
 def _of_matlab5(value: Any, where: str) -> Any:

@@ -6,11 +6,13 @@ import math
 import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.files import atomic_write, check_outputs
 from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
+from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of
@@ -24,6 +26,7 @@ NAME_WIDTH, FRAMES_WIDTH = 20, 12
 def predict(
     model: str,
     source: str,
+    form: Form,
     *,
     window: float | None,
     stop_at: float | None,
@@ -35,6 +38,7 @@ def predict(
     """Print the answers as a table, and write them to the named files: both whole, or neither.
 
     Args:
+        form: as which the source is read; a shape of `auto` is the model's.
         window, stop_at: see `answer_table`.
         together: also answer the recordings of each folder together, as of one object, or each object of the folder
             where recordings are labelled.
@@ -54,7 +58,8 @@ def predict(
     )
     if not recogniser.novelty:
         echo("  it does not recognise what is unlike anything seen")
-    with recordings_of(source, labelled=False, layout=recogniser.shape) as recordings:
+    form = replace(form, shape=recogniser.shape if form.shape == "auto" else form.shape)
+    with recordings_of(source, labelled=False, form=form) as recordings:
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
         answers, more = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
     records = [_record(answer, classes) for answer in answers]

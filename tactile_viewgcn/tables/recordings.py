@@ -7,7 +7,7 @@ are (frame, row, column).
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import asdict
@@ -24,10 +24,12 @@ from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.readers.child import run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import (
+    AUTO,
     BLOCK_FRAMES,
     COLUMNS,
     MIN_SPREAD,
     SOURCE_MD5,
+    Form,
     Source,
     checked_blocks,
 )
@@ -48,9 +50,7 @@ def check_size(needed: int, path: Path) -> None:
         )
 
 
-def read_source(
-    path: Path, out: Path, md5: str = "", *, labelled: bool = True, layout: Sequence[int] | None = None
-) -> None:
+def read_source(path: Path, out: Path, md5: str = "", *, labelled: bool = True, form: Form = AUTO) -> None:
     """Write the recordings at a path, see `open_source`, to a table, in a child process, see `run_apart`.
 
     Raises:
@@ -59,7 +59,7 @@ def read_source(
     if any(file.name.lower().endswith(TEXTS) for file in arrays_below(path)):
         import_module("pandas")  # here and once, not in every child within its limits
     with atomic_write(out) as part:
-        run_apart(lambda: _write(part, open_source(path, labelled=labelled, layout=layout), md5), path)
+        run_apart(lambda: _write(part, open_source(path, labelled=labelled, form=form), md5), path)
 
 
 def write_recordings(path: str | Path, source: Source, md5: str) -> None:
@@ -112,13 +112,11 @@ def _write(path: Path, source: Source, md5: str) -> None:
 
 
 @contextmanager
-def recordings_of(
-    path: str | Path, *, labelled: bool = True, layout: Sequence[int] | None = None
-) -> Iterator["Recordings"]:
+def recordings_of(path: str | Path, *, labelled: bool = True, form: Form = AUTO) -> Iterator["Recordings"]:
     """A temporary table of the recordings at a path, see `open_source`; its errors name that path."""
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings.h5"
-        read_source(Path(path), file, labelled=labelled, layout=layout)
+        read_source(Path(path), file, labelled=labelled, form=form)
         recordings = Recordings(file)
         recordings.path = Path(path)
         yield recordings

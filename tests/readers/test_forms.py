@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import io
 
 from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.source import TEST, TRAIN
+from tactile_viewgcn.readers.source import TEST, TRAIN, Form
 from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
 from tests.stag_files import SENSORS, as_weights, metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
 
@@ -66,7 +67,7 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkey
 )
 def test_every_form_of_an_array_gives_the_same_frames(tmp_path, name, content, layout):
     save(tmp_path / "lab" / "mug" / name, content)
-    counts, table = ingested(tmp_path / "lab", layout=layout)
+    counts, table = ingested(tmp_path / "lab", form=Form(shape=layout or "auto"))
     np.testing.assert_array_equal(counts, COUNTS)
     assert counts.dtype.kind == ("f" if getattr(content, "dtype", COUNTS.dtype).kind == "f" else "i")
     assert (table.objects, table.recordings, table.sessions) == (["mug"], ["mug/1"], ["session"])
@@ -149,6 +150,57 @@ def test_what_rises_unlike_a_clock_is_a_sensor(tmp_path, line):
     assert ingested(tables_of(tmp_path / "short", "", lambda t, *r: [*r, 33 * t], 5))[1].live.all()
 
 
+def saved_as(form, place, counts):
+    """A recording (T, 7) in a file of one of the forms in which programs write it."""
+    names = ",".join(f"s{column}" for column in range(7))
+    clock = "".join(f"{frame / 4:.2f} {' '.join(map(str, row))}\n" for frame, row in enumerate(counts.tolist()))
+    match form:
+        case "datasets of other names":
+            record(place.with_suffix(".h5"), pressure=None, emg=counts, attributes={"object": None, "session": None})
+        case "MATLAB 5" | "MATLAB, channels first":
+            place.parent.mkdir(parents=True, exist_ok=True)
+            io.savemat(f"{place}.mat", {"emg": counts.T if "first" in form else counts, "fs": 4.0, "unit": "mV"})
+        case "MATLAB 7.3":
+            record(place.with_suffix(".mat"), pressure=None, emg=counts.T, fs=4.0, attributes={"object": None})
+        case "tabs beside UTF-16":
+            save(place.with_suffix(".txt"), "\n".join("\t".join(map(str, row)) for row in counts.tolist()))
+            save(place.parents[2] / "notes.txt", "recorded by me".encode("utf-16"))
+        case "blanks and a clock":
+            save(place.with_suffix(".txt"), f"t {names.replace(',', ' ')}\n{clock}")
+        case "label in the name":
+            save(place.parents[1] / f"{place.parent.name}_{place.name}.npy", counts)
+        case "commas at each end and stamps":
+            lines = clock.replace(" ", ",").replace("\n", ",\n")
+            save(place.with_suffix(".csv"), f"timestamp,{names},\n{lines}")
+
+
+@pytest.mark.parametrize(
+    ("form", "changes"),
+    [
+        ("datasets of other names", {"columns": {"pressure": "emg"}}),
+        ("MATLAB 5", {}),
+        ("MATLAB 7.3", {}),
+        ("MATLAB, channels first", {"shape": "frames_last"}),
+        ("tabs beside UTF-16", {}),
+        ("blanks and a clock", {}),
+        ("label in the name", {"layout": "OBJECT_FILE"}),
+        ("commas at each end and stamps", {}),
+    ],
+)
+def test_recordings_of_other_programs_give_the_same_frames(tmp_path, form, changes):
+    places = ["ball/1", "ball/2", "mug/1", "mug/2"]
+    frames = {place: COUNTS.reshape(20, 7) + number for number, place in enumerate(places)}
+    for place, counts in frames.items():
+        saved_as(form, tmp_path / "lab" / place, counts)
+    counts, table = ingested(tmp_path / "lab", form=Form(**changes))
+    np.testing.assert_array_equal(counts[:, 0], np.concatenate(list(frames.values())))
+    assert table.objects == ["ball", "mug"] and len(table.recordings) == 4
+    has_times = "clock" in form or "stamps" in form
+    np.testing.assert_allclose(table.columns["time"], np.tile(np.arange(20) / 4 if has_times else [np.nan] * 20, 4))
+    if changes and "shape" not in changes:
+        assert "data." in refusal(tmp_path / "lab", tmp_path)  # the line to type
+
+
 ONE_TABLE = {  # names and columns of an object's part, and the names of recordings and sessions
     "trials": ("label,trial", lambda o, i: (o, i), ["ball/1", "ball/2", "mug/1", "mug/2"], ["session"]),
     "times that fall": ("Class", lambda o, i: (o,), ["ball/1", "ball/2", "mug/3", "mug/4"], ["session"]),
@@ -184,7 +236,7 @@ def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
 
 def test_an_array_of_two_axes_is_one_frame_only_where_the_layout_says_so(tmp_path):
     save(tmp_path / "lab" / "mug" / "1.npy", COUNTS[0])
-    assert ingested(tmp_path / "lab", layout=[5, 7])[0].shape == (1, 5, 7)
+    assert ingested(tmp_path / "lab", form=Form(shape=[5, 7]))[0].shape == (1, 5, 7)
     assert ingested(tmp_path / "lab")[0].shape == (5, 1, 7)
 
 

@@ -1,0 +1,93 @@
+"""What the folders and the name of a file say of its recording: object, session and side of the published split."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.readers.source import TEST, TRAIN
+
+PLACES = "OBJECT/FILE, SESSION/OBJECT/FILE or OBJECT/SESSION/FILE"
+#: Sides of the published split by the names of their folders; `preprocess` draws its own validation side.
+SIDES = {"train": TRAIN, "training": TRAIN, "val": TRAIN, "validation": TRAIN, "test": TEST, "testing": TEST}
+#: A folder of a session is named by a number, a day, or one of these words with or without a number.
+SESSION = re.compile(
+    r"[\W\d_]+(t[\W\d_]+z?)?|(mon|tues?|wed(nes)?|thu(rs)?|fri|sat(ur)?|sun)(day)?|[spdrt][\W_]*\d+"
+    r"|(session|sess|ses|day|date|week|visit|run|rec|recording|trial|take|subject|subj|sub|participant|person|user)"
+    r"([\W\d_].*)?",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A pattern such as SESSION/OBJECT/FILE or OBJECT_FILE of the paths of files below a folder."""
+
+    root: Path
+    text: str
+
+    def names(self, file: Path, *, labelled: bool) -> dict[str, str]:
+        """The names in a file's path, by `object`, `session` and `split`, and that of the `recording`.
+
+        Raises:
+            UserError: the path is of a different pattern, or names no object where it is `labelled`.
+        """
+        place = file.relative_to(self.root).as_posix()
+        recording = re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
+        pattern = re.sub("OBJECT|SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+)", re.escape(self.text))
+        if not (match := re.fullmatch(pattern.replace("FILE", "[^/]+"), recording)):
+            raise UserError(f"{file}: expected {self.text} as for most files; in all, {PLACES}")
+        if labelled and "object" not in match.groupdict():
+            raise UserError(
+                f"{self.root}: {place!r} names no object; expected {PLACES}, a table with a column `object`, or a "
+                "pattern, such as data.layout=OBJECT_FILE for mug_1.csv"
+            )
+        return match.groupdict() | {"recording": recording}
+
+    def note(self, file: Path) -> list[Note]:
+        """What the folders of a file are taken for."""
+        names = {role: name for role, name in self.names(file, labelled=False).items() if role != "recording"}
+        order = ", ".join(f"{name} is the {role}" for role, name in names.items())
+        return [Note(f"folders are in the order {self.text}: {order}", topic="folders")] if names else []
+
+
+def layout_of(path: Path, files: Sequence[Path], layout: str) -> Layout:
+    """The layout of the files below a folder, or of one file: the given one, or by `auto` that of most files.
+
+    Raises:
+        UserError: most files lie deeper than two folders and that of the published split.
+    """
+    root = path if path.is_dir() else path.parent
+    if layout != "auto":
+        return Layout(root, layout)
+    places = [file.relative_to(root).parts[:-1] for file in files]
+    depth = Counter(map(len, places)).most_common(1)[0][0]
+    roles = _roles([place for place in places if len(place) == depth])
+    if len(roles) < depth:
+        raise UserError(f"{root}: {'/'.join(files[0].relative_to(root).parts)!r} names no object; expected {PLACES}")
+    return Layout(root, "/".join([*roles, "FILE"]))
+
+
+def _roles(places: list[tuple[str, ...]]) -> list[str]:
+    """What the folders above each file name, from the outermost: OBJECT, SESSION or SPLIT; none of too many.
+
+    Folders that are all named as a side are the split. Of two others the inner ones are the objects, unless the outer
+    ones are more likely to be: there is a folder of the empty hand, their names are not those of sessions, or only they
+    have several names.
+
+    Args:
+        places: names of the folders above each file, equally many.
+    """
+    levels = [set(level) for level in zip(*places, strict=True)]
+    sides = [{name.lower() for name in level} <= SIDES.keys() for level in levels]
+    likely = [
+        (EMPTY_HAND in level, not all(map(SESSION.fullmatch, level)), len(level) > 1)
+        for level, is_side in zip(levels, sides, strict=True)
+        if not is_side
+    ]
+    if len(likely) > 2:
+        return []
+    others = iter(["OBJECT", "SESSION"] if len(likely) == 1 or likely[:1] > likely[1:] else ["SESSION", "OBJECT"])
+    return ["SPLIT" if is_side else next(others) for is_side in sides]
