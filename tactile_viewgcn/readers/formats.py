@@ -4,7 +4,7 @@ from pathlib import Path
 
 import h5py
 
-from tactile_viewgcn.files import HDF5, arrays_below, files_below, stag_files
+from tactile_viewgcn.files import HDF5, all_below, arrays_below, files_below, stag_files
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.readers.arrays import read_arrays
 from tactile_viewgcn.readers.child import reading
@@ -61,4 +61,5 @@ def open_source(path: str | Path, *, labelled: bool = True, form: Form = AUTO) -
         return read_hdf5(path, form, labelled=labelled)
     if is_hdf5:
         return read_metadata(path)
-    raise UserError(f"{path}: no recordings in it; {EXPECTED}")
+    endings = sorted({file.suffix for file in (all_below(path) if path.is_dir() else [path])})
+    raise UserError(f"{path}: no recordings in it, only files of {listed(endings)}; {EXPECTED}")

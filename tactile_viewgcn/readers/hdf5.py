@@ -34,7 +34,7 @@ from tactile_viewgcn.readers.source import (
     Source,
     Values,
     framed,
-    listed,
+    no_array,
 )
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
@@ -69,10 +69,7 @@ def _opened(
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
         in_file = {name: form.columns.get(name, name) for name in (*DATASETS, *ATTRIBUTES)}
         if in_file["pressure"] not in file:
-            raise UserError(
-                f"{path}: no dataset /{in_file['pressure']}; found {listed(list(file)) or 'nothing'}; if one of them "
-                "holds the readings, -S 'data.columns={pressure: NAME}'"
-            )
+            raise no_array(in_file["pressure"], list(file), str(path))
         values: dict[str, Any] = {
             name: dataset(file, in_file[name], "numbers") for name in DATASETS if in_file[name] in file
         }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
-from tactile_viewgcn.readers.source import TEST, TRAIN
+from tactile_viewgcn.readers.source import TEST, TRAIN, setting
 
 PLACES = "OBJECT/FILE, SESSION/OBJECT/FILE or OBJECT/SESSION/FILE"
 #: Sides of the published split by the names of their folders; `preprocess` draws its own validation side.
@@ -41,8 +41,8 @@ class Layout:
             raise UserError(f"{file}: expected {self.text} as for most files; in all, {PLACES}")
         if labelled and "object" not in match.groupdict():
             raise UserError(
-                f"{self.root}: {place!r} names no object; expected {PLACES}, a table with a column `object`, or a "
-                "pattern, such as data.layout=OBJECT_FILE for mug_1.csv"
+                f"{self.root}: {place!r} names no object; expected {PLACES}, or a table with a column `object`; "
+                f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
             )
         return match.groupdict() | {"recording": recording}
 

@@ -152,8 +152,8 @@ def framed(array: np.ndarray, form: Form, where: str) -> np.ndarray:
         raise UserError(f"{where}: an array {array.shape}; expected {expected} by --shape, data.shape or the model")
     if array.ndim == 2 and array.shape[1] > MAX_SIDE:
         raise UserError(
-            f"{where}: an array {array.shape}, (frames, cells); expected up to {MAX_SIDE} cells, or -S data.shape="
-            f"[ROWS,COLUMNS] of a frame (inspect --shape ROWS COLUMNS), or -S data.shape={FRAMES_LAST}: (cells, frames)"
+            f"{where}: an array {array.shape}, (frames, cells); expected up to {MAX_SIDE} cells; "
+            f"{setting('data.shape=[ROWS,COLUMNS]')} of a frame; or, for (cells, frames), data.shape={FRAMES_LAST}"
         )
     return array[:, None] if array.ndim == 2 else array
 
@@ -167,10 +167,18 @@ def pressure_name(names: list[str], form: Form, where: str) -> str:
     name = form.columns.get("pressure", "pressure")
     if name in names or ("pressure" not in form.columns and len(names) == 1):
         return name if name in names else names[0]
-    raise UserError(
-        f"{where}: no array {name}; found {listed(names) or 'none'}; if one of them holds the readings, "
-        "-S 'data.columns={pressure: NAME}'"
-    )
+    raise no_array(name, names, where)
+
+
+def no_array(name: str, names: list[str], where: str) -> UserError:
+    """The error of a file with arrays or datasets of other names than the expected one."""
+    remedy = setting("data.columns={pressure: NAME}")
+    return UserError(f"{where}: no array {name}; found {listed(names) or 'none'}; if one has the readings, {remedy}")
+
+
+def setting(change: str) -> str:
+    """How to set a key of `data`, for a message."""
+    return f"set '{change}' (-S of `dvc exp run`, --set of `inspect` and `predict`)"
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:
