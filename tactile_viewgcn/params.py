@@ -70,6 +70,12 @@ Mechanics = Literal["motion", "weight", "shift", "tremor", "fit"]  # effects of 
 Reading = Literal["bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects"]
 
 
+def everywhere(path: Path) -> Path:
+    """`data.source` as DVC's temporary workspaces find it, which hold what git and DVC track alone: mostly absolute."""
+    tracked = path == Path(VIRTUAL) or path.absolute().with_name(f"{path.name}.dvc").exists()
+    return path if tracked else path.absolute()
+
+
 def on_sensors(name: str) -> bool:
     """Whether the system reads the sensors, so that no backbone is pretrained for it."""
     return name == "sensors"

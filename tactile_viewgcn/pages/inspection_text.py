@@ -3,7 +3,6 @@
 import shlex
 import textwrap
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
-from tactile_viewgcn.params import VIRTUAL
+from tactile_viewgcn.params import everywhere
 from tactile_viewgcn.readers.source import FRAMES_LAST, MAX_SIDE, listed
 from tactile_viewgcn.schema import as_change
 
@@ -232,8 +231,7 @@ def command_lines(overview: Overview) -> list[str]:
     if len(np.unique(overview.label)) == 1:
         return []
     path, settings = overview.recordings.path, overview.settings
-    tracked = path == Path(VIRTUAL) or path.absolute().with_name(f"{path.name}.dvc").exists()
-    source = path if tracked else path.absolute()  # a temporary folder holds what git and DVC track alone
+    source = everywhere(path)
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
     values: dict[str, Any] = {"data.source": str(source)}
     form = overview.form

@@ -2,10 +2,11 @@
 
 import shlex
 from itertools import starmap
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from tactile_viewgcn.pages.outcome import Outcome
-from tactile_viewgcn.params import on_sensors
+from tactile_viewgcn.params import everywhere, on_sensors
 from tactile_viewgcn.schema import as_change
 
 FOLDED = ("recording", "grasp", "session")  # values of `split.by` that have folds
@@ -50,6 +51,8 @@ def next_steps(outcome: Outcome) -> list[Step]:
         )
         folds = ",".join(map(str, range(params["split.folds"])))
         others = {key: value for key, value in changed.items() if key != "split.fold"}
+        if (source := str(everywhere(Path(params["data.source"])))) != params["data.source"]:
+            others["data.source"] = source
         sweep = again(others, f"dvc exp run --queue -S split.fold={folds}")
         commands = f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
         steps.append(Step(f"Test every {by} once.", why, commands))

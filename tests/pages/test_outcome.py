@@ -1,6 +1,7 @@
 """The worth of a run's answers, and the next steps, of runs with chosen answers."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,7 +66,7 @@ def test_objects_pairs_and_guessing_by_hand():
     assert outcome.chance == pytest.approx(2 / 6) and outcome.only == ""
 
 
-QUEUE = "-S split.fold=0,1,2 -S views=4\ndvc q"
+QUEUE = f"-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{Path.cwd() / 'my glove'}\"'\ndvc q"
 LONGER = "-S pretrain.epochs=60 -S finetune.epochs=30"
 SIMULATED = {"data_source": "data/virtual/recordings"}
 
@@ -79,6 +80,7 @@ SIMULATED = {"data_source": "data/virtual/recordings"}
         (ALWAYS_BALL, {"model_system": "view_gcn"}, "bad", "guessing", "See whether", LONGER),
         (RIGHT, {"split_by": "frame"}, "unsure", "Single frames", "Hold out whole", "-S split.by=recording"),
         (RIGHT, SIMULATED, "good", "", "Take your own", "inspect data/my_glove"),
+        (FEW, SIMULATED, "unsure", "", "Test every", "-S split.fold=0,1,2 -S data.source=data/virtual/recordings\ndvc q"),
     ],
 )
 def test_verdict_and_steps_follow_from_error_interval_and_split(answers, changes, kind, reason, first_step, command):
