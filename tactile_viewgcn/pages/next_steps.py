@@ -26,15 +26,10 @@ def next_steps(outcome: Outcome) -> list[Step]:
     run, params, changed = outcome.run, outcome.run.params, outcome.run.changed
     by, network, steps = params["split.by"], not on_sensors(params["model.system"]), list[Step]()
     if outcome.warnings:
-        remedies = {note.key: note.value for note in outcome.warnings if note.key in params and note.value is not None}
+        remedies = {note.key: note.value for note in outcome.warnings if note.key in params}
+        remedies = {key: value for key, value in remedies.items() if value not in (None, params[key])}
         command = again(changed | remedies) if remedies else ""
         steps.append(Step("Mend the causes of the warnings, and run again.", command=command))
-    if outcome.guesses:
-        why = "The page shows contact, mean frames and faulty sensors, and the settings that fit."
-        shape = params.get("data.shape", "auto")
-        layout = "" if shape == "auto" else f" --shape {' '.join(map(str, shape))}"
-        command = f"tactile-viewgcn inspect {shlex.quote(str(params['data.source']))}{layout} --html inspection.html"
-        steps.append(Step("See whether the recordings can tell the objects apart.", why, command))
     if outcome.only and network:
         longer = {key: 2 * params[key] for key in ("pretrain.epochs", "finetune.epochs")}
         why = "A network that gives one answer always has not learnt yet."
@@ -64,6 +59,12 @@ def next_steps(outcome: Outcome) -> list[Step]:
         others = {key: value for key, value in changed.items() if not key.startswith(LEARNING)}
         command = again(others, "dvc exp run $(tactile-viewgcn preset best)")
         steps.append(Step("Try the preset best.", why, command))
+    if outcome.guesses:  # not first: most have inspected them before the run
+        why = "The page shows contact, mean frames and faulty sensors, and the settings that fit."
+        shape = params.get("data.shape", "auto")
+        layout = "" if shape == "auto" else f" --shape {' '.join(map(str, shape))}"
+        command = f"tactile-viewgcn inspect {shlex.quote(str(params['data.source']))}{layout} --html inspection.html"
+        steps.append(Step("See whether the recordings can tell the objects apart.", why, command))
     if run.simulated:
         why = "These are simulated. This says what yours hold, and what to set:"
         steps.append(Step("Take your own recordings.", why, "tactile-viewgcn inspect data/my_glove"))
