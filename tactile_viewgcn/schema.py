@@ -182,4 +182,6 @@ def _written(value: Any) -> str:
         return f"{{{', '.join(f'{name}: {_written(one)}' for name, one in value.items())}}}"
     if isinstance(value, str) and re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(parse(value), str):
         return value
+    if isinstance(value, str) and "\\" in value and "'" not in value and value.isprintable() and value[-1] != "\\":
+        return f"'{value}'"  # Hydra reads a backslash as it stands, but before a quote, and YAML so in single quotes
     return json.dumps(value, ensure_ascii=False).removesuffix(".0")

@@ -218,6 +218,9 @@ def test_batches_of_one_from_which_batch_normalisation_learns_nothing_are_refuse
     [
         ("data/glöve 16", '"data/glöve 16"'),
         ('it\'s "b", #1 & {c}: $d', '"it\'s \\"b\\", #1 & {c}: $d"'),
+        ("lab\\glove $5", "'lab\\glove $5'"),
+        ('a\\b "c"\\d', "'a\\b \"c\"\\d'"),
+        ("ends\\", '"ends\\\\"'),
         ("true", '"true"'),
         (True, "true"),
         (None, "null"),
