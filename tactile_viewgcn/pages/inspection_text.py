@@ -209,8 +209,8 @@ def verdict(overview: Overview, warned: list[Note]) -> Verdict:
     """Whether the recordings can be trained and tested on."""
     by = overview.setting("split.by")
     groups = _groups(overview, by)
-    if len(np.unique(overview.label)) == 1:
-        return Verdict("bad", f"Not yet: {one_class(overview.recordings.objects[overview.label[0]])}.", [])
+    if len(left := _kept(overview)) < 2:
+        return Verdict("bad", f"Not yet: {one_class(', '.join(left) or 'none')}.", [])
     if (groups > 1).sum() < 2:
         return Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
     fewest = several(int(groups[groups > 0].min()), by)
@@ -225,10 +225,10 @@ def verdict(overview: Overview, warned: list[Note]) -> Verdict:
 def command_lines(overview: Overview) -> list[str]:
     """The command `dvc exp run` with the recommended settings, in lines of a shell that go on after a backslash.
 
-    None for recordings of one class, which no setting makes usable. Every `auto` of `preprocess` stays `auto`: unlike
-    an inspection, `preprocess` does not look at the test side.
+    None where `preprocess` would keep one class, which no setting makes usable. Every `auto` of `preprocess` stays
+    `auto`: unlike an inspection, `preprocess` does not look at the test side.
     """
-    if len(np.unique(overview.label)) == 1:
+    if len(_kept(overview)) < 2:
         return []
     path, settings = overview.recordings.path, overview.settings
     source = everywhere(path)
@@ -242,6 +242,15 @@ def command_lines(overview: Overview) -> list[str]:
     values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
     options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]
     return " \\\n".join([" ".join(["dvc exp run", *presets]), *options]).split("\n")
+
+
+def _kept(overview: Overview) -> list[str]:
+    """Names of the objects of which `preprocess` keeps frames; it keeps those of the empty hand too."""
+    kind = {"flags": "flagged", "contact": "in contact"}.get(overview.choice.params.filter, "frames")
+    kept, objects = overview.label[overview.counts[kind] > 0], overview.recordings.objects
+    return [
+        name for label, name in enumerate(objects) if label in kept or (name == EMPTY_HAND and label in overview.label)
+    ]
 
 
 def _names(overview: Overview, chosen: np.ndarray) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn.pages.html import BEGIN
 from tactile_viewgcn.pages.inspection_page import inspection_page
-from tactile_viewgcn.pages.inspection_text import facts, tables, verdict, warnings
+from tactile_viewgcn.pages.inspection_text import command_lines, facts, tables, verdict, warnings
 from tactile_viewgcn.pages.settings import split_settings
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tests.pages.test_html import parsed, text_of
@@ -122,6 +122,14 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
     names = {"contact": ": mug.", "split": ": Öl & <b>.", "time": "8 ", "stuck": "1 ", "saturated": "95 "}
     assert all(name in texts[topic] for topic, name in names.items())
     assert verdict(faulty, warnings(faulty)).kind == "unsure"
+
+
+def test_where_one_object_alone_is_touched_no_command_is_printed(overview):
+    mug, counts = overview.recordings.objects.index("mug"), overview.counts
+    alone = changed(overview, counts=counts | {"in contact": np.where(overview.label == mug, counts["in contact"], 0)})
+    assert overview.choice.params.filter == "contact" and command_lines(overview) and command_lines(alone) == []
+    judged = verdict(alone, warnings(alone))
+    assert judged.kind == "bad" and "mug" in judged.answer
 
 
 @pytest.mark.parametrize(
