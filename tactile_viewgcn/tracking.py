@@ -37,7 +37,7 @@ SETTINGS = {  # MLflow reads them when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # seconds
     "MLFLOW_DISABLE_TELEMETRY": "true",
-    "MLFLOW_LOGGING_LEVEL": "WARNING",
+    "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # it logs an error with its traceback before it raises it
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
@@ -203,15 +203,32 @@ def _open(uri: str) -> tuple[Any, list[str]]:
     import mlflow
 
     mlflow.set_tracking_uri(uri)
-    name = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
-    names, folder = (name, f"{name}/stages"), _database(uri).parent if uri.startswith(SQLITE) else None
+    names, folder = _experiments(), _database(uri).parent if uri.startswith(SQLITE) else None
     with _one_at_a_time(uri):  # one process makes the tables
         client, place = mlflow.MlflowClient(), (folder / "mlruns").as_uri() if folder else None
+        _check_place(client, uri)
         for each in names:
             if not client.get_experiment_by_name(each):
                 with suppress(Exception):  # a process on another machine may be faster
                     client.create_experiment(each, place, KIND)
     return mlflow, [mlflow.set_experiment(each).experiment_id for each in names]
+
+
+def _experiments() -> tuple[str, str]:
+    """Names of the experiments of rows and of stages."""
+    name = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
+    return name, f"{name}/stages"
+
+
+def _check_place(client: Any, uri: str) -> None:
+    """Raise a UserError for a database that has been moved: it holds the absolute path of the files beside it."""
+    here = _database(uri).parent / "mlruns"
+    for experiment in filter(
+        None, map(client.get_experiment_by_name, _experiments() if uri.startswith(SQLITE) else ())
+    ):
+        place = Path(unquote(experiment.artifact_location.removeprefix("file://")))
+        if experiment.artifact_location.startswith("file://") and place != here and not place.exists():
+            raise UserError(f"moved: its files were in {place}; make that a link to {here}, or move the store back")
 
 
 def _one_at_a_time(uri: str) -> AbstractContextManager[Any]:
@@ -253,7 +270,9 @@ def _database(uri: str) -> Path:
 
 def _reason(error: Exception) -> str:
     """The store and its error in one line."""
-    return " ".join(f"MLflow store {_address()}: {error}".split())[:300]  # a server may answer with a whole page
+    text, _, query = str(error).partition("[SQL:")
+    text += "; close the program that holds it, and try again" * bool(query and "locked" in text)
+    return " ".join(f"MLflow store {_address()}: {text}".split())[:400]  # a server may answer with a whole page
 
 
 def read_artifact(run_id: str, name: str) -> bytes:
@@ -282,6 +301,7 @@ def _download(name: str, folder: Path) -> Path:
 
     try:
         mlflow.set_tracking_uri(uri)
+        _check_place(mlflow.MlflowClient(), uri)
         return Path(mlflow.artifacts.download_artifacts(name, dst_path=str(folder)))
     except Exception as error:
         raise UserError(f"{name}: {_reason(error)}; is MLFLOW_TRACKING_URI right?") from error

@@ -195,11 +195,31 @@ def test_a_locked_database_and_a_deleted_experiment_are_such_stores(store, clien
         pass
     with closing(sqlite3.connect(store / "mlflow.db")) as other:
         other.execute("BEGIN IMMEDIATE")
-        with pytest.raises(UserError, match=r"mlflow\.db: .*locked"), tracking.stage_run("ingest"):
+        with pytest.raises(UserError, match=r"mlflow\.db: .*locked") as locked, tracking.stage_run("ingest"):
             pytest.fail("the work began")
+    assert "SELECT" not in str(locked.value) and "INSERT" not in str(locked.value)
     client.delete_experiment(client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id)
     with pytest.raises(UserError, match="deleted"), tracking.stage_run("ingest"):
         pytest.fail("the work began")
+
+
+def test_a_store_that_has_moved_is_one_line_that_names_both_places(store, client, monkeypatch):
+    with tracking.stage_run("evaluate", row=True) as run:
+        run.artifacts(ROOT / "LICENSE")
+    before, after = (store / name for name in ("mlruns", "moved"))
+    after.mkdir()
+    for name in ("mlflow.db", "mlruns"):
+        (store / name).rename(after / name)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{after}/mlflow.db")
+    with pytest.raises(UserError) as read:
+        tracking.read_artifact(run.id, "LICENSE")
+    with pytest.raises(UserError) as opened, tracking.stage_run("ingest"):
+        pytest.fail("the work began")
+    for line in map(str, (read.value, opened.value)):
+        assert f"{before};" in line and str(after / "mlruns") in line and "\n" not in line
+    assert not before.exists()
+    before.symlink_to(after / "mlruns")
+    assert tracking.read_artifact(run.id, "LICENSE") == (ROOT / "LICENSE").read_bytes()
 
 
 def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_workspace(store, monkeypatch):
