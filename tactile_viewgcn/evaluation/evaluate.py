@@ -15,7 +15,7 @@ from torch import Tensor
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.predictions import Predictions, predictions_of
 from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_p95
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials, all_trials, check_grasps, unit_of_grasps
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, Trials, all_trials, check_grasps, unit_of_grasps
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Cluster, Evaluate
@@ -98,7 +98,7 @@ def evaluate_table(
     }
     for protocol, trials in protocols.items():
         rng = stream(seed, "interval", PROTOCOLS.index(protocol))
-        metrics[protocol] = scores_of(trials, groups, rng, classifier.views)
+        metrics[protocol] = scores_of(trials, groups, rng, classifier.views, len(table.classes))
     if evaluate.grasps != "all" and "recording" in protocols:
         metrics["recording"]["joined"] = {unit_of_grasps(table): evaluate.grasps}
     if evaluate.confidence_threshold and temperatures:
@@ -123,8 +123,8 @@ def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) 
     return {"mean": float(1 - correct.mean(axis=1).mean()), "low": low, "high": high}
 
 
-def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, views: int) -> dict[str, Any]:
-    """Error, see `error_of`, and top-3 error as fractions; `empty_clusters` without frames, over all trials.
+def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, views: int, classes: int) -> dict[str, Any]:
+    """Error, see `error_of`, and top-3 error of four classes or more, as fractions; `empty_clusters` over all trials.
 
     `std` is the standard deviation of the error over trials, which differ in their clustering alone. `by_views` has the
     error by the number of views up to V, where the classifier takes fewer.
@@ -134,7 +134,7 @@ def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, view
     by_views = {str(count): error_of(correct, groups, rng) for count, correct in trials.fewer.items()}
     return {
         "error": error | {"std": float(std)},
-        "top3_error": float(1 - trials.in_top3.mean()),
+        **({"top3_error": float(1 - trials.in_top3.mean())} if classes > TOP else {}),
         "empty_clusters": trials.empty,
         **({"by_views": by_views | {str(views): error}} if by_views else {}),
     }

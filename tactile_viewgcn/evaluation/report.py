@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP
+from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several, write_csv
@@ -129,7 +129,7 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
     ]
     scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
     for protocol, score in scores.items():
-        top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if metrics["classes"] > TOP else ""
+        top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if "top3_error" in score else ""
         lines.append(
             f"  {protocol} protocol{joined_text(score)}: error {error_text(score['error'])} %, std over trials "
             f"{100 * score['error']['std']:.1f}{top3}"

@@ -159,7 +159,7 @@ def test_scores_by_hand():
     correct = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 1, 1, 0]], dtype=bool)
     in_top3 = np.array([[1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 0, 0], [1, 1, 1, 1]], dtype=bool)
     trials = Trials(correct * 1, correct, in_top3, 0, {1: correct & in_top3[::-1], 2: in_top3})
-    score = scores_of(trials, np.array([0, 0, 1, 1]), np.random.default_rng(0), 4)
+    score = scores_of(trials, np.array([0, 0, 1, 1]), np.random.default_rng(0), 4, 4)
     assert score["error"]["mean"] == pytest.approx(1 - 9 / 16)
     assert score["error"]["std"] == pytest.approx(np.sqrt((0.0625**2 + 2 * 0.1875**2 + 0.3125**2) / 3))
     assert score["top3_error"] == pytest.approx(3 / 16)
@@ -173,7 +173,7 @@ def test_scores_by_hand():
 @pytest.mark.stability("one trial")
 def test_one_trial_has_no_spread_and_one_group_no_interval(row):
     correct = np.array([[True, False, True, True]])
-    score = scores_of(Trials(correct * 1, correct, correct, 0), np.zeros(4), np.random.default_rng(0), 4)
+    score = scores_of(Trials(correct * 1, correct, correct, 0), np.zeros(4), np.random.default_rng(0), 4, 4)
     row("error", abs(score["error"]["mean"] - 0.25))
     row("spread over trials", score["error"]["std"])
     row("intervals given", float(score["error"]["low"] is not None or score["error"]["high"] is not None))

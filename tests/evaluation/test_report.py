@@ -51,7 +51,7 @@ def evaluation():
     layout = np.zeros((3, 1, 1)), np.ones((1, 1))
     predictions = Predictions(predicted, LABELS, groups, groups, np.array(CLASSES), *layout)
     metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}, "groups": {"test": 2}}
-    metrics |= {protocol: scores_of(one, groups, np.random.default_rng(0), 4) for protocol, one in protocols.items()}
+    metrics |= {protocol: scores_of(one, groups, np.random.default_rng(0), 4, 4) for protocol, one in protocols.items()}
     return Evaluation(protocols, predictions, metrics, 7.65432, LATENCY)
 
 
@@ -113,7 +113,6 @@ def test_the_lines_and_tags_have_errors_with_their_intervals_and_what_auto_chose
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in "\n".join(lines)
     assert "  by views (recording): 1: 87.5, 4: 62.5 %" in lines
-    assert not any("top-3" in line for line in summary_lines(metrics | {"classes": 3}, timing))
     assert tags["error.object.percent"] == text and tags["resolved.model.members"] == "svm + trees"
     assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (4, 4, 7)
     assert not parameters.keys() & row_metrics(metrics, timing).keys()
@@ -143,6 +142,15 @@ def test_the_row_has_errors_and_costs_as_metrics(evaluation, timing):
     seconds = {f"seconds.{name}": value for name, value in timing["seconds"].items()}
     expected = errors | seconds | {"ms_per_view_set": 1.5, "peak_mb": 1300.5}
     assert row_metrics(evaluation.metrics, timing) == pytest.approx(expected)
+
+
+def test_three_classes_have_no_error_of_the_first_three(evaluation, timing):
+    scores = {
+        name: scores_of(one, np.arange(4), np.random.default_rng(0), 4, 3) for name, one in evaluation.protocols.items()
+    }
+    metrics = evaluation.metrics | {"classes": 3} | scores
+    assert not [name for name in row_metrics(metrics, timing) if "top3" in name]
+    assert not any("top-3" in line for line in summary_lines(metrics, timing))
 
 
 def test_the_dataset_is_the_source_that_ingest_read():
