@@ -105,12 +105,14 @@ def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, A
 def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str, str]) -> str:
     """A name for people, such as `V=12 pretrain.lr=0.01 mvcnn`: first the values that differ from the committed ones.
 
+    The shortest stands first: a list cuts long names, and runs with one long path differ in a short value.
+
     Args:
         values: by dotted key, see `changes_of`.
         texts: words of every name; the text of a key stands in the place of that key's `key=value`.
     """
     changed = changes_of(values, committed)
-    first = [texts.get(key) or as_change(key, value) for key, value in changed.items()]
+    first = sorted((texts.get(key) or as_change(key, value) for key, value in changed.items()), key=len)
     return " ".join([*first, *(text for key, text in texts.items() if key not in changed)])
 
 

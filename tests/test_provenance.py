@@ -15,10 +15,11 @@ COMMITTED = {"views": 8, "pretrain.lr": 5e-3, "finetune.lr": 5e-4, "glove.object
     [
         ({}, "mvcnn V=8"),
         ({"pretrain.lr": 0.01}, "pretrain.lr=0.01 mvcnn V=8"),
-        ({"finetune.lr": 1e-5, "x.flag": False}, "finetune.lr=1e-05 x.flag=false mvcnn V=8"),
+        ({"finetune.lr": 1e-5, "x.flag": False}, "x.flag=false finetune.lr=1e-05 mvcnn V=8"),
         ({"glove.objects": ["ball", "mug"]}, "glove.objects=[ball,mug] mvcnn V=8"),
         ({"views": 4}, "V=4 mvcnn"),
         ({"pretrain.lr": 0.01, "views": 4}, "V=4 pretrain.lr=0.01 mvcnn"),
+        ({"glove.objects": "/a/long/path", "pretrain.lr": 1}, "pretrain.lr=1 glove.objects=/a/long/path mvcnn V=8"),
         ({"new.key": 1}, "mvcnn V=8"),
     ],
 )
