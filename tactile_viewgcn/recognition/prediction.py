@@ -63,7 +63,7 @@ def predict(
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
         answers, more = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
     records = [_record(answer, classes) for answer in answers]
-    joined = [_record(answer, classes) for answer in _joined(recogniser, answers)] if together else []
+    joined = [_record(answer, classes, together=True) for answer in _joined(recogniser, answers) if together]
     echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
     echo(*_lines(records, classes))
     if joined:
@@ -109,8 +109,11 @@ def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
     return joined
 
 
-def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
-    """The answer as plain values, NaN as None; no class has a probability without contact."""
+def _record(answer: Answer, classes: list[str], *, together: bool = False) -> dict[str, Any]:
+    """The answer as plain values, NaN as None; no class has a probability without contact.
+
+    `right` is None without a label, and for one that is no object of the model.
+    """
     shares = {} if answer.status == NO_CONTACT else dict(zip(classes, answer.probabilities.tolist(), strict=True))
     ranked = sorted(shares.items(), key=lambda pair: -pair[1])
     best: list[tuple[str | None, float | None]] = [*ranked, *[(None, None)] * TOP][:TOP]
@@ -120,7 +123,8 @@ def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
         values |= {f"class_{place}": name, f"probability_{place}": share}
     values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
     values |= {"novelty": answer.novelty, "object": answer.object or None}
-    values |= {"grasp_again": answer.grasp_again, "probabilities": shares}
+    right = _place(values) == 1 if answer.object in {*classes, EMPTY_HAND} else None
+    values |= {"right": right, "grasp_again": answer.grasp_again, "together": together, "probabilities": shares}
     return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()}
 
 

@@ -69,7 +69,7 @@ def test_the_recordings_of_a_folder_or_of_a_labelled_object_are_answered_togethe
     assert sorted(" ".join(line.split()[:3]) for line in lines[begin : begin + len(expected)]) == expected
     assert f"answers: {len(expected)} with an object" in lines[begin:]
     assert (lines[-1] == "right: 2 of 2 (100.0 %)") == ("labelled" in names[0])
-    joined = answers_in(place / "answers.json")[len(names) :]
+    joined = [answer for answer in answers_in(place / "answers.json") if answer["together"]]
     keys = "{recording} {frames_used}/{frames_in_contact} {answer}"
     assert sorted(keys.format(**answer) for answer in joined) == expected
 
@@ -111,6 +111,7 @@ def test_labelled_recordings_are_counted_and_the_files_hold_what_is_printed(plac
     rows = {row["recording"]: row for row in csv.DictReader((place / "a.csv").read_text("utf-8").splitlines())}
     assert [rows[name]["answer"] for name in OBJECTS] == list(OBJECTS)
     assert rows["empty"]["answer"] == "no contact" and rows["empty"]["class_1"] == ""
+    assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]  # as many as printed
     assert (rows["cup"]["frames_used"], rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("8", "20", "60")
     answers = {answer["recording"]: answer for answer in answers_in(place / "a.json")}
     assert sum(answers["cup"]["probabilities"].values()) == pytest.approx(1, abs=1e-5)
