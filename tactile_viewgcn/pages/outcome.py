@@ -27,7 +27,7 @@ class Outcome:
             the object that it is most often taken for, with that share; the highest error first.
         tested: their recordings, in words.
         only: the one object that every answer named, or "".
-        candidates: of the comparison that `model.members: auto` made, the lowest error first, see `recognition.choice`.
+        candidates: of the comparison that `model.members: auto` made, the chosen one first, see `recognition.choice`.
         members: of `sensors`, as asked for or as chosen.
         warnings: notes of the stages.
     """

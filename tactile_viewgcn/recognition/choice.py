@@ -82,11 +82,14 @@ def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int
 def choose(rows: list[Candidate]) -> Candidate:
     """The first row whose error exceeds the lowest by at most one standard error of the difference over groups."""
     best = min(rows, key=lambda row: row.wrong.mean())
-    for row in rows:
-        more = row.wrong - best.wrong
-        if more.mean() <= (more.std(ddof=1) / len(more) ** 0.5 if len(more) > 1 else 0.0):
-            return row
-    return best
+    within = (row for row in rows if (row.wrong - best.wrong).mean() <= standard_error(row, best))
+    return next(within, best)
+
+
+def standard_error(row: Candidate, best: Candidate) -> float:
+    """The standard error of the difference between two candidates' errors, over groups; 0 of one group."""
+    more = row.wrong - best.wrong
+    return float(more.std(ddof=1) / len(more) ** 0.5) if len(more) > 1 else 0.0
 
 
 def choose_members(
@@ -94,7 +97,9 @@ def choose_members(
 ) -> tuple[list[Member], list[Note]]:
     """The members for the table's training side, and notes: the choice, and a table of the candidates.
 
-    A note of the table is a line that fits a terminal of 80 columns; its value has the same facts for programs.
+    The table begins with the chosen one; the others follow by the mean of both errors, which decides. A note of the
+    table is a line that fits a terminal of 80 columns: that mean, the standard error of its difference from the lowest,
+    and the costs. Its value has the same facts for programs, and both errors.
     """
     rows = compare(table, views, candidates, seed)
     if not rows:
@@ -107,14 +112,17 @@ def choose_members(
         f"the first of {len(rows)} candidates whose error is within a standard error of the lowest; compared on "
         f"{compared} training groups, each left out of the fits that answer it"
     )
-    columns = f"{'err %':>5} {'rec %':>5} {'fit s':>6} {'ms':>5}"
-    head = f"{columns}   of {several(views, 'frame')}, of recordings; * taken"
+    columns = f"{'err %':>5} {'±':>5} {'fit s':>6} {'ms':>5}"
+    head = f"{columns}   of {several(views, 'frame')} and recordings; * taken"
     notes = [_choice(best.members, text), Note(head, topic="candidates")]
-    for row in sorted(rows, key=lambda row: row.wrong.mean()):
-        errors = f"{100 * row.error:5.1f} {100 * row.whole_error:5.1f}"
+    lowest = min(rows, key=lambda row: row.wrong.mean())
+    for row in sorted(rows, key=lambda row: (row is not best, row.wrong.mean())):
+        above = standard_error(row, lowest)
+        errors = f"{100 * row.wrong.mean():5.1f} {100 * above:5.1f}"
         costs = f"{row.seconds:6.1f} {row.milliseconds:5.1f}"
         text = f"{errors} {costs} {'*' if row is best else ' '} {'+'.join(row.members)}"
-        value = {name: value for name, value in row._asdict().items() if name != "wrong"} | {"taken": row is best}
+        value = {name: value for name, value in row._asdict().items() if name != "wrong"}
+        value |= {"mean": float(row.wrong.mean()), "standard_error": above, "taken": row is best}
         notes.append(Note(text, topic="candidates", key="model.members", value=value))
     return best.members, notes
 

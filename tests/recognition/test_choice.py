@@ -43,15 +43,24 @@ def test_a_good_candidate_is_chosen_and_the_test_side_changes_nothing():
     assert [note.key for note in notes[1:]] == ["", *["model.members"] * 3]
     rows = [note.value for note in notes[2:]]
     for note, row in zip(notes[2:], rows, strict=True):
-        numbers = [100 * row["error"], 100 * row["whole_error"], row["seconds"], row["milliseconds"]]
+        numbers = [100 * row["mean"], 100 * row["standard_error"], row["seconds"], row["milliseconds"]]
         assert str(note).split()[1:5] == [f"{number:.1f}" for number in numbers]
     assert [row["members"] for row in rows if row["taken"]] == [members]
-    means = [row["error"] + row["whole_error"] for row in rows]
-    assert means == sorted(means)
     assert all(0 <= row["error"] < 0.75 and row["milliseconds"] > 0 for row in rows)  # better than chance
     other = replace(frames, label=np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype))
     again = choose_members(other, 4, CANDIDATES, 0)
     assert [note.value["error"] for note in again[1][2:]] == [row["error"] for row in rows]
+
+
+def test_the_chosen_candidate_stands_first_and_the_others_by_what_decides(monkeypatch):
+    wrong = [1, 1, 1, 1], [1, 0, 1, 0], [0, 0, 1, 0]  # the second is the first within a standard error of a quarter
+    rows = [candidate(members, each) for members, each in zip(CANDIDATES, wrong, strict=True)]
+    monkeypatch.setattr(choice, "compare", lambda *_: rows)
+    shown = [note.value for note in choose_members(table(), 4, CANDIDATES, 0)[1][2:]]
+    assert [row["members"] for row in shown] == [CANDIDATES[1], CANDIDATES[2], CANDIDATES[0]]
+    assert [(row["taken"], row["mean"], row["standard_error"]) for row in shown] == [
+        (True, 0.5, 0.25), (False, 0.25, 0.0), (False, 1.0, 0.25)
+    ]  # fmt: skip
 
 
 def test_candidates_that_err_alike_stand_in_their_order(monkeypatch):
