@@ -19,7 +19,6 @@ COMMITTED = {"views": 8, "pretrain.lr": 5e-3, "finetune.lr": 5e-4, "glove.object
         ({"glove.objects": ["ball", "mug"]}, "glove.objects=[ball,mug] mvcnn V=8"),
         ({"views": 4}, "V=4 mvcnn"),
         ({"pretrain.lr": 0.01, "views": 4}, "V=4 pretrain.lr=0.01 mvcnn"),
-        ({"glove.objects": "/a/long/path", "pretrain.lr": 1}, "pretrain.lr=1 glove.objects=/a/long/path mvcnn V=8"),
         ({"new.key": 1}, "mvcnn V=8"),
     ],
 )

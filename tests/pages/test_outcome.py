@@ -80,7 +80,7 @@ SIMULATED = {"data_source": "data/virtual/recordings"}
         (ALWAYS_BALL, {"model_system": "view_gcn"}, "bad", "guessing", "Train longer.", LONGER),
         (RIGHT, {"split_by": "frame"}, "unsure", "Single frames", "Hold out whole", "-S split.by=recording"),
         (RIGHT, SIMULATED, "good", "", "Take your own", "inspect data/my_glove"),
-        (FEW, SIMULATED, "unsure", "", "Test every", "-S split.fold=0,1,2 -S data.source=data/virtual/recordings\ndvc q"),
+        (FEW, SIMULATED, "unsure", "", "Test every", "-S data.source=data/virtual/recordings\ndvc q"),
     ],
 )
 def test_verdict_and_steps_follow_from_error_interval_and_split(answers, changes, kind, reason, first_step, command):
