@@ -270,7 +270,7 @@ def _database(uri: str) -> Path:
 
 def _reason(error: Exception) -> str:
     """The store and its error in one line."""
-    text, _, query = str(error).partition("[SQL:")
+    text, _, query = str(error).partition("\n[SQL:")
     text += "; close the program that holds it, and try again" * bool(query and "locked" in text)
     return " ".join(f"MLflow store {_address()}: {text}".split())[:400]  # a server may answer with a whole page
 
