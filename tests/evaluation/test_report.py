@@ -71,6 +71,12 @@ def test_costs_name_each_stage_and_the_hungriest_one_s_memory(evaluation, timing
     assert costs(evaluation, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0
 
 
+def test_records_are_read_by_stage(tmp_path):
+    for stage, record in RECORDS.items():
+        record.write(tmp_path / f"{stage}.json")
+    assert read_records(tmp_path.iterdir()) == RECORDS
+
+
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])
 def test_a_damaged_record_is_named(tmp_path, content):
     (tmp_path / "ingest.json").write_text(content)

@@ -23,9 +23,12 @@ def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_bel
     counts = np.concatenate([resting(baseline[session] + 30 * label, 5000, session) for session, label in parts])
     sessions, objects = (np.repeat(ids, 5000) for ids in zip(*parts, strict=True))
     counts[np.random.default_rng(1).random(counts.shape) < 0.01] += 20
-    measured = empty_hand_baseline(written(tmp_path / "t", counts, session=sessions, object=objects))
+    recordings = written(tmp_path / "t", counts, session=sessions, object=objects)
+    measured, alone = empty_hand_baseline(recordings), empty_hand_baseline(recordings.part(np.flatnonzero(sessions)))
     assert measured.names == ["session0", "session1"]
-    assert (measured.mean.shape, measured.mean.dtype, measured.noise.dtype) == ((2, 1, 2), np.float32, np.float32)
+    for one in (measured, alone):  # of two sessions, and of the second, to which the first adds nothing
+        assert (one.mean.shape, one.mean.dtype, one.noise.dtype) == ((2, 1, 2), np.float32, np.float32)
+        np.testing.assert_array_equal((one.mean[1], one.noise[1]), (measured.mean[1], measured.noise[1]))
     np.testing.assert_allclose(measured.mean, baseline, atol=0.05)
     np.testing.assert_allclose(measured.noise, np.hypot(SD, ROUNDING_SD), atol=0.05)
     np.testing.assert_array_equal(measured.of_frame, sessions)

@@ -1,13 +1,16 @@
 """The values that `auto` becomes: by errors of a quick classifier on the training side, or by what was recorded."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import choose as module
-from tactile_viewgcn.frames.baseline import MIN_FRAMES
-from tactile_viewgcn.frames.choose import choose
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, constant_baseline
+from tactile_viewgcn.frames.choose import choose, contact_readings
 from tactile_viewgcn.frames.contact import sensors_in_contact
-from tactile_viewgcn.frames.quick_error import QuickError, quick_error
+from tactile_viewgcn.frames.open_hand import find_open_hand
+from tactile_viewgcn.frames.quick_error import QuickError, _rank, quick_error
 from tactile_viewgcn.frames.sides import deal
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
@@ -141,9 +144,20 @@ def test_a_scale_is_refused_where_params_would_refuse_it(glove, reading, scale, 
             chosen(glove, *BY_RECORDING)
 
 
+def test_readings_in_contact_lie_above_five_standard_deviations_of_noise_and_not_on_them(glove):
+    hand = find_open_hand(glove, 5)
+    readings = contact_readings(glove, replace(hand, noise=np.full_like(hand.noise, 6)), constant_baseline(glove, 514))
+    assert set(readings) >= {31, 32} and readings.min() == 31
+
+
 def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
     assert [sensors_in_contact(count) for count in (1, 16, 96, 384, 548, 1400)] == [2, 2, 3, 10, 14, 14]
     assert chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).params.contact_sensors == 2  # of 40
+
+
+def test_frames_of_a_cell_are_ranked_in_their_order():
+    cells = np.random.default_rng(0).integers(3, size=200).tolist()
+    assert _rank(np.array(cells)).tolist() == [cells[:place].count(cell) for place, cell in enumerate(cells)]
 
 
 def test_a_standard_error_is_over_groups():

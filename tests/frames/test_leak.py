@@ -7,7 +7,7 @@ import pytest
 
 from tactile_viewgcn.frames import leak as module
 from tactile_viewgcn.frames.choose import measure_baseline
-from tactile_viewgcn.frames.leak import check_first_frames, check_leak, leak_notes
+from tactile_viewgcn.frames.leak import check_first_frames, check_leak, leak_counts, leak_notes
 from tactile_viewgcn.frames.open_hand import find_open_hand
 from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.frames.split import split_groups
@@ -103,6 +103,8 @@ def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(tmp_path
     hand = find_open_hand(recordings, 5)
     leak = QuickError(np.zeros((20, 2), dtype=int), np.full(20, 0.05), 0.02, 0.08, 0.96, 2000, 1.0)
     assert leak.beats_chance and not replace(leak, high=0.96).beats_chance
+    numbers = {"error": 0.05, "low": 0.02, "high": 0.08, "chance": 0.96, "groups": 1, "frames": 2000, "seconds": 1.0}
+    assert leak_counts(leak) == pytest.approx({f"leak.{name}": number for name, number in numbers.items()})
     for high, advised, expected in [
         (0.08, True, [("info", "", None), ("warning", "preprocess.baseline", "grasp")]),
         (0.08, False, [("info", "", None), ("warning", "", None)]),

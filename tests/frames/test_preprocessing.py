@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.frames.preprocessing import frame_counts, preprocess_recordings
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.stag import read_metadata
@@ -68,8 +68,14 @@ def test_no_group_is_on_two_sides_both_have_every_class_and_the_account_adds_up(
     for row in rows:
         assert row["frames"] == row["dropped_by_filter"] + row["dropped_with_class"] + row["kept"]
     assert [sum(row[name] for row in rows) for name in ("frames", "kept")] == [len(COUNTS), len(frames)]
+    assert bool(notes_on(made, "split")) == (by == "source")
+    counts = frame_counts(frames)
     for code, name in enumerate(SIDES):
-        assert sum(row[f"anchors_{name}"] for row in rows) == (frames.anchor & (frames.side == code)).sum()
+        on = frames.side == code
+        assert sum(row[f"anchors_{name}"] for row in rows) == counts[f"anchors.{name}"] == (frames.anchor & on).sum()
+        assert counts[f"frames.{name}"] == on.sum()
+        for column in ("group", "recording"):
+            assert counts[f"{column}s.{name}"] == len(set(getattr(frames, column)[on]))
 
 
 def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares_are_counted(tmp_path):
@@ -81,6 +87,7 @@ def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares
         frames, made, _ = prepared(tmp_path, columns=COLUMNS | {"split": published})
         np.testing.assert_array_equal(frames.side == TEST, published[VALID] == 1)
         assert notes_on(made, "split", f" {shared} recordings")
+    assert notes_on(prepared(tmp_path, "split.by=frame")[1], "split")
 
 
 def test_sessions_are_held_out_for_all_objects_though_one_missed_the_first(tmp_path):
@@ -115,7 +122,7 @@ def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
 def test_an_empty_hand_that_is_not_on_both_sides_is_no_class_and_still_the_baseline(tmp_path, by):
     part = selected((SESSION == 0) & ((OBJECT > 0) | (RECORDING == 0)))  # one recording of the empty hand
     frames, made, _ = prepared(tmp_path, f"split.by={by}", **part)
-    assert notes_on(made, "objects", "empty_hand")
+    assert [note.text.split()[0] for note in notes_on(made, "objects", "baseline")] == ["empty_hand"]
     assert frames.classes == ["object1", "object2"]
     assert not (made.keep & (part["columns"]["object"] == 0)).any()
     np.testing.assert_allclose(frames.baseline_mean.mean(), 514, atol=0.2)
