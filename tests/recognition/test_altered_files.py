@@ -60,7 +60,7 @@ ALTERED = {
     "a leaf with a child": (f"{ESTIMATOR}/right", leaves_have_children, "child"),
     "a child outside": (f"{ESTIMATOR}/right", first(10**9), "right"),
     "a child below 0": (f"{ESTIMATOR}/left", first(-1), "left"),
-    "a feature outside": (f"{ESTIMATOR}/feature", first(80), "feature"),
+    "a feature outside": (f"{ESTIMATOR}/feature", first(80), "0 to 79"),
     "a feature below 0": (f"{ESTIMATOR}/feature", first(-2), "feature"),
     "a root outside": (f"{ESTIMATOR}/roots", first(10**9), "roots"),
     "no root": (f"{ESTIMATOR}/roots", lambda roots: roots[:0], "no trees"),

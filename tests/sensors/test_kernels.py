@@ -26,7 +26,9 @@ def test_blocks_are_the_squares_of_any_glove(shape):
                 inside = (rows // size == top // size) & (columns // size == left // size)
                 if inside.sum() >= size**2 / 2:
                     expected.append(inside / inside.sum())
-    np.testing.assert_allclose(block_weights(live), np.transpose(expected), rtol=1e-6)
+    weights = block_weights(live)
+    np.testing.assert_allclose(weights, np.transpose(expected), rtol=1e-6)
+    assert weights.dtype == Kernel().centred(weights, 0.25).kernel(weights).dtype == np.float32  # as a file keeps them
 
 
 def test_kernel_ridge_regression_by_hand():

@@ -13,9 +13,9 @@ from sklearn.svm import SVC
 
 from tactile_viewgcn.params import Member, Params
 from tactile_viewgcn.recognition.model_file import load_classifier, save_classifier
-from tactile_viewgcn.sensors import forest, max_network, pipelines
+from tactile_viewgcn.sensors import estimators, forest, max_network, pipelines
 from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.sensors.estimators import MOST_SETS, TrainingFrames
+from tactile_viewgcn.sensors.estimators import MOST_SETS, Logistic, TrainingFrames
 from tactile_viewgcn.sensors.kernels import SupportVectors
 from tactile_viewgcn.sensors.pipelines import MEMBERS
 from tactile_viewgcn.sensors.systems import FLOOR
@@ -126,6 +126,14 @@ def test_fewer_trees_where_their_leaves_would_hold_too_much_and_in_a_comparison_
     monkeypatch.setattr(forest, "MOST_LEAF_VALUES", most)
     assert len(MEMBERS["trees"]().fit(frames).fitted[1].roots) == trees
     assert len(MEMBERS["max_kernel"]().fit(frames).fitted[4].points) == 6 * sets
+
+
+def test_a_comparison_alone_stops_the_logistic_regression_early(monkeypatch):
+    monkeypatch.setattr(estimators, "QUICK_ITERATIONS", 1)
+    whole, quick = (Logistic().fit(data().frames, data().labels, replace(data(), quick=each)) for each in (False, True))
+    plain = LogisticRegression(max_iter=500).fit(data().frames, data().labels)
+    np.testing.assert_allclose(whole.weights, plain.coef_.T, rtol=1e-3, atol=1e-6)
+    assert np.abs(quick.weights - whole.weights).max() > 0.01
 
 
 def test_view_sets_stay_in_a_pool_and_have_its_label():

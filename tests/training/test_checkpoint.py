@@ -1,6 +1,7 @@
 """A training that was interrupted ends as one that was not."""
 
 import os
+import re
 import time
 from threading import Thread
 
@@ -110,6 +111,12 @@ def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
         path.write_bytes(b"under way")
         raise Interrupted
     assert path.read_bytes() == b"under way"
+
+
+@pytest.mark.parametrize(("before", "numbers"), [(0, ["7", "0.250"]), (4, ["7", "4", "0.250"])])
+def test_the_text_of_a_progress_has_the_epochs_before_an_interruption_only_where_there_was_one(before, numbers):
+    progress = Progress(epoch=7, curves={"loss": [3.0, 0.25]}, resumed=(before, 9.0))
+    assert re.findall(r"[\d.]+", str(progress)) == numbers
 
 
 def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch):

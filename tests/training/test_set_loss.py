@@ -1,9 +1,11 @@
 """The loss of view sets, and the bank of features that they share."""
 
+import pytest
 import torch
 import torch.nn.functional as functional
 from torch import nn
 
+from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.training.inputs import Augmentation
 from tactile_viewgcn.training.set_loss import FeatureBank, SetLoss
@@ -46,6 +48,15 @@ def test_the_bank_holds_each_frame_s_features_and_those_of_augmented_frames():
     frames = torch.arange(24.0).view(12, 1, 1, 2)
     assert torch.equal(filled_bank(frames).values, frames.flatten(1))
     assert abs(float(filled_bank(torch.zeros(200, 1, 2, 2), noise=0.5).values.std()) - 0.5) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("precision", "shape", "dtype"),
+    [("bfloat16", (4, 2, 2), torch.bfloat16), ("bfloat16", (4,), torch.float32), ("float64", (4, 2, 2), torch.float64)],
+)
+def test_the_bank_keeps_the_precision_of_features_and_of_maps(precision, shape, dtype):
+    bank = FeatureBank(3, shape, Compute(CPU.device, precision))
+    assert (bank.values.shape, bank.values.dtype) == ((3, *shape), dtype)
 
 
 def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank():
