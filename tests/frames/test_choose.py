@@ -122,20 +122,15 @@ def test_flags_are_taken_if_every_object_has_some(tmp_path, flagged, baseline, e
 
 
 @pytest.mark.parametrize(
-    ("times", "scale"),
-    [(0.4, pytest.approx(13, rel=0.1)), (0.6, 150), (1, 150), (4, 150), (100, pytest.approx(3200, rel=0.1))],
-)
-def test_the_released_scale_is_kept_at_one_to_ten_times_the_strongest_readings(tmp_path, times, scale):
-    """A pressed sensor reads about 30 counts above the open hand, the strongest hundredth 32 or more."""
-    made = drifting(recordings=2, grasps=2)
-    counts = np.rint(500 + times * (made.counts - 500.0)).astype(np.int16)
-    assert chosen(written(tmp_path / "t", counts, **made.columns), *BY_RECORDING).params.scale == scale
-
-
-@pytest.mark.parametrize(
-    ("reading", "scale"), [(15, 150), (14.9, 15), (1e30, 1e30), (1.1e30, None), (1e-30, 1e-30), (9e-31, None), (0, 150)]
-)
-def test_a_scale_is_refused_where_params_would_refuse_it(glove, reading, scale, monkeypatch):
+    ("reading", "scale"),
+    [
+        (15, 150), (150, 150), (14.9, 15), (163, 160), (0, 150),
+        (1e30, 1e30), (1.1e30, None), (1e-30, 1e-30), (9e-31, None),
+    ],
+)  # fmt: skip
+def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is_taken_that_params_refuses(
+    glove, reading, scale, monkeypatch
+):
     monkeypatch.setattr(module, "contact_readings", lambda *_: np.full(9 if reading else 0, reading))
     if scale:
         assert chosen(glove, *BY_RECORDING).params.scale == scale
@@ -147,7 +142,7 @@ def test_a_scale_is_refused_where_params_would_refuse_it(glove, reading, scale, 
 def test_readings_in_contact_lie_above_five_standard_deviations_of_noise_and_not_on_them(glove):
     hand = find_open_hand(glove, 5)
     readings = contact_readings(glove, replace(hand, noise=np.full_like(hand.noise, 6)), constant_baseline(glove, 514))
-    assert set(readings) >= {31, 32} and readings.min() == 31
+    assert readings.min() == 31 and 32 <= np.percentile(readings, 99) < 35  # of a pressed sensor about 30
 
 
 def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):

@@ -18,6 +18,7 @@ from tactile_viewgcn.recognition.answer import (
     bisecting,
 )
 from tactile_viewgcn.recognition.novelty import spread_sets
+from tactile_viewgcn.recognition.preprocessing import check_strength
 from tactile_viewgcn.tables.recordings import recordings_of
 from tests.glove_data import HELD, OBJECTS, SHAPE, empty_hand, recogniser, recording, write
 
@@ -115,6 +116,17 @@ def test_a_file_of_fractions_or_of_a_different_scale_is_refused(tmp_path, name, 
     write(tmp_path / f"{name}.h5", change(recording("ball", 55)))
     with pytest.raises(UserError, match=message):
         answered(recogniser(), tmp_path / f"{name}.h5")
+    if name != "fractions":  # counts in memory may be of any scale
+        assert answer_recording(recogniser(), change(recording("ball", 55))).contact
+
+
+def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more():
+    fitted = recogniser().preprocessing
+    weakest, strongest = (value * times for value, times in zip(fitted.strong_readings, (1 / 4, 4), strict=True))
+    for reading, outside in (weakest, 0), (strongest, np.inf):
+        check_strength(fitted, np.full((3, *SHAPE), reading), "new")
+        with pytest.raises(UserError, match="new: "):
+            check_strength(fitted, np.full((3, *SHAPE), np.nextafter(reading, outside)), "new")
 
 
 def test_recordings_without_object_and_session_are_read_where_labels_are_not_needed(tmp_path):

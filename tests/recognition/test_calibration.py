@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.frames.split import TEST, TRAIN, VALIDATION
+from tactile_viewgcn.frames.split import VALIDATION
 from tactile_viewgcn.recognition.calibration import (
     MAX_TEMPERATURE,
     MIN_TEMPERATURE,
@@ -108,10 +108,17 @@ def test_recordings_of_one_object_are_calibrated_together():
     assert len(alone) == 1 and together_temperatures(2 * logits, classes)[0] == pytest.approx(2, abs=0.3)
 
 
-def test_all_frames_of_a_recording_are_taken_only_where_they_err_less():
-    frames = table("split.folds=6")
-    assert cross_calibrate(frames, "kernel").most_frames in (4, 32)
-    first = np.unique(np.stack([frames.recording, frames.label]), axis=1, return_index=True)[1]
-    few = np.isin(np.arange(len(frames)), first)
-    alone = replace(frames, side=np.where(few, TRAIN, TEST).astype(frames.side.dtype), anchor=few)
-    assert cross_calibrate(alone, "kernel").most_frames == 4
+@pytest.mark.parametrize(("of_few", "of_whole", "most"), [(0, 1, 32), (1, 1, 4), (1, 0, 4)])
+def test_all_frames_of_a_recording_are_taken_only_where_they_err_less(of_few, of_whole, most):
+    """Answers of four frames, and of all of them, that are always right or always wrong."""
+    part = next(left_out_parts(table("split.folds=6")))
+    classifier, labels = fit(part), torch.from_numpy(part.label[part.on(VALIDATION)].astype(np.int64))
+
+    def logits(_, sets):
+        right = of_whole if sets.shape[1] > 4 else of_few
+        return torch.nn.functional.one_hot((labels[sets[:, 0]] + 1 - right) % 4, 4).float()
+
+    classifier.logits = logits
+    calibration = calibrate([(classifier, part)], CPU, 0)
+    assert calibration.most_frames == most and len(calibration.by_frames) == 4
+    assert (calibration.by_frames[0] < MAX_TEMPERATURE / 2) == of_few

@@ -83,16 +83,22 @@ def test_a_candidate_s_errors_are_those_of_fits_to_other_groups():
 
 @pytest.mark.parametrize(("views", "expected"), [(4, (4, WHOLE)), (12, (12,))])
 def test_view_sets_of_all_frames_of_short_recordings_are_fitted_once(monkeypatch, views, expected):
-    """Where no recording has more than V frames, its V frames are the whole."""
-    sizes, training_frames = [], choice.training_frames
+    """Where no recording has more than V frames, its V frames are the whole. The time of an answer is from V frames."""
+    sizes, timed, training_frames = [], [], choice.training_frames
 
     def recorded(part, views, of_part, *rest, **options):
         sizes.append(of_part)
         return training_frames(part, views, of_part, *rest, **options)
 
     monkeypatch.setattr(choice, "training_frames", recorded)
+    monkeypatch.setattr(choice, "_milliseconds", lambda _, readings: timed.append(len(readings)) or 1.0)
     assert compare(table("split.folds=6"), views, [["max_kernel"]], 0)
-    assert set(sizes) == {expected}
+    assert set(sizes) == {expected} and set(timed) == {views}
+
+
+def test_the_time_of_an_answer_is_the_median_in_milliseconds(monkeypatch):
+    monkeypatch.setattr(choice.timeit, "repeat", lambda *_, **__: [0.25, 1.0, 0.5])
+    assert choice._milliseconds(None, None) == 500.0
 
 
 def test_with_one_group_an_object_nothing_is_compared_and_a_note_says_so():

@@ -1,14 +1,17 @@
-"""Contact in new recordings of a glove whose noise is cut off at 0."""
+"""Contact and baseline of new recordings, by the preprocessing of a training."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.recognition.preprocessing import find_contact
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
-from tests.glove_data import FILE
+from tests.glove_data import FILE, empty_hand, recogniser, recording
 
 NOISE, WEAK, HELD = 20.0, 7.0, np.arange(90) // 15 % 2 == 1  # counts; standard deviations; frames of three grasps
 
@@ -26,6 +29,12 @@ def table(seeds, *, empty):
     return ArrayRecordings(arrays, ["empty_hand", "cup", "pen"], np.array(labels), np.zeros(len(arrays), dtype=int))
 
 
+def one_session(*arrays):
+    """A table of recordings, the last one of a pen and the others of the empty hand."""
+    labels = np.array([0] * (len(arrays) - 1) + [1])
+    return ArrayRecordings(arrays, ["empty_hand", "pen"], labels, 0 * labels)
+
+
 @pytest.mark.parametrize("baseline", ["grasp", "empty_hand"])
 def test_noise_that_is_cut_off_is_corrected_once(baseline):
     fixed = "filter=contact", "contact_sensors=5", "empty_hand_class=false"
@@ -39,3 +48,39 @@ def test_noise_that_is_cut_off_is_corrected_once(baseline):
     estimate, contact = find_contact(fitted, new)
     np.testing.assert_allclose(np.median(estimate.noise[estimate.of_frame]), NOISE, rtol=0.25)
     np.testing.assert_array_equal(contact, np.tile(HELD, 2))
+
+
+@pytest.mark.parametrize(
+    ("filtered", "baseline", "kept", "flags", "expected"),
+    [
+        ("flags", "empty_hand", 0.5, ["valid"], "flags"),
+        ("flags", "empty_hand", 0.5, ["grasp_valid"], "flags"),
+        ("flags", "empty_hand", 0.5, [], "contact"),
+        ("none", "empty_hand", 0.5, ["valid"], "all"),
+        ("contact", "empty_hand", 0.99, ["valid"], "contact"),
+        ("contact", "none", 0.99, [], "all"),  # the training was contact from end to end
+        ("contact", "none", 0.98, [], "contact"),
+    ],
+)
+def test_contact_is_found_as_in_the_training(filtered, baseline, kept, flags, expected):
+    """The open hand of 30 frames, a grasp of 20, the open hand of 10; the flags are of frames 33 to 39 alone."""
+    fitted = recogniser().preprocessing
+    params = replace(fitted.params, filter=filtered, baseline=baseline, zero=123.0)
+    fitted = fitted.model_copy(update={"params": params, "kept_share": kept})
+    new, frame = one_session(recording("pen", 90)), np.arange(60)
+    masks = {"flags": (frame >= 33) & (frame < 40), "contact": (frame >= 30) & (frame < 50), "all": frame >= 0}
+    new.columns |= dict.fromkeys(flags, masks["flags"])
+    estimate, contact = find_contact(fitted, new)
+    np.testing.assert_array_equal(contact, masks[expected])
+    assert (estimate.mean == 123).all() == (baseline == "none")
+
+
+@pytest.mark.parametrize("frames", [MIN_FRAMES - 1, MIN_FRAMES])
+def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
+    """The glove reads 20 counts more than in the training, and no recording has an open hand."""
+    fitted, held = recogniser().preprocessing, recording("pen", 91, before=0, after=0)
+    new = one_session(empty_hand(92)[:frames] + np.int16(20), held + np.int16(20))
+    estimate, _ = find_contact(fitted, new)
+    assert len(estimate.notes) == (frames < MIN_FRAMES)
+    shift = np.median(estimate.mean - fitted.mean_baseline())
+    assert shift == pytest.approx(0 if frames < MIN_FRAMES else 20, abs=1)

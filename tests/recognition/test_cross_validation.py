@@ -58,6 +58,16 @@ def test_a_whole_recording_is_answered_by_its_own_frames():
     assert len(np.unique(left.few[0])) == 4 and len(left.few) == len(left.whole) == len(set(recording))
 
 
+@pytest.mark.parametrize("views", [1, 4])
+def test_one_recording_alone_is_left_out_and_answered_by_one_frame_or_several(views):
+    frames = table()
+    side = np.where(frames.recording == 0, VALIDATION, TRAIN).astype(frames.side.dtype)
+    left = LeftOut(replace(frames, side=side), views, np.random.default_rng(0))
+    assert left.few.shape == (1, views) and len(left.whole) == 1 and left.drawn.shape[1] == views
+    for sets in (left.few, left.whole, left.drawn):
+        assert left.wrong(sets, np.eye(4)[left.label[sets[:, 0]]]).tolist() == [0.0]
+
+
 def test_shares_of_wrong_answers_are_of_each_group_and_a_group_without_answers_has_none():
     left = LeftOut.__new__(LeftOut)
     left.label, left.group = np.array([0, 0, 1, 1, 2, 2]), np.array([7, 7, 3, 3, 5, 5])

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from sklearn.exceptions import DataConversionWarning
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from tactile_viewgcn import TactileClassifier
@@ -147,6 +148,7 @@ def test_a_classifier_that_is_pickled_or_saved_answers_alike(tmp_path):
     X, _ = grasps(2, seed=1)
     expected = fitted().predict_proba(X)
     assert (pickle.loads(pickle.dumps(fitted())).predict_proba(X) == expected).all()
+    assert "recogniser_" not in fitted().__getstate__()  # the file has it
     fitted().save(tmp_path / "classifier.pt")
     recogniser = Recogniser(tmp_path / "classifier.pt")
     assert recogniser.classes == list(OBJECTS)
@@ -166,8 +168,9 @@ def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_pa
 def test_a_class_without_contact_has_a_warning_and_probability_0():
     X, y = grasps(3)
     X = [counts[: OPEN - 1] if name == "cup" else counts for counts, name in zip(X, y, strict=True)]
-    with pytest.warns(UserWarning, match="cup"):
-        classifier = made().fit(X, y)
+    with pytest.warns(DataConversionWarning), pytest.warns(UserWarning, match="cup") as warned:
+        classifier = made().fit(X, y[:, None])
+    assert warned[-1].filename == __file__
     assert classifier.predict_proba(X[:1])[0, 1] == 0
     assert any("cup" in note.text and note.level == "warning" for note in classifier.notes_)
 

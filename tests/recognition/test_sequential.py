@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.evaluation.evaluate import evaluate_table, sequential_scores
+from tactile_viewgcn.evaluation.evaluate import sequential_scores
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
@@ -82,21 +82,6 @@ def test_each_number_of_frames_has_its_own_temperature_in_trials():
     )
     np.testing.assert_allclose(trials.confidence[0].mean(axis=1), 1 / (1 + np.exp([-1 / 2, -1 / 0.5])), rtol=1e-6)
     assert trials.correct.all()
-
-
-def evaluated(confidence_threshold, temperatures):
-    changes = "finetune.num_views=random", "split.validation=0.25"
-    params = recipe(*changes, f"evaluate.confidence_threshold={confidence_threshold}")
-    return evaluate_table(trained(), table(), params.cluster, params.evaluate, CPU, 0, temperatures, timed=False)
-
-
-def test_evaluation_reports_sequential_trials_where_asked_and_all_else_unchanged():
-    plain, sequential = evaluated(0, None).metrics, evaluated(0.9, [1.0] * 4).metrics
-    assert set(sequential) - set(plain) == {"sequential"} and plain["object"] == sequential["object"]
-    assert 1 <= sequential["sequential"]["frames"] <= 4
-    assert evaluated(0.999999, [50.0] * 4).metrics["sequential"]["frames"] == 4
-    with pytest.raises(UserError, match=r"evaluate\.confidence_threshold is 0\.9"):  # it is not calibrated
-        evaluated(0.9, None)
 
 
 @pytest.fixture(scope="module")
