@@ -17,6 +17,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
 from tactile_viewgcn.params import DEFAULTS, Member, Params, load, preset_changes
+from tactile_viewgcn.readers.source import MAX_SIDE
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_by_row
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
@@ -40,7 +41,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
       as in the pipeline; a row may be a list of several recordings of one object, which are answered together;
     - an array of view sets (n, V, H, W), counts above baseline of frames in contact;
     - an array (n, S), or anything that scikit-learn turns into one: each row is a frame of 1 x S sensors in contact,
-      counts above baseline.
+      counts above baseline, up to 64 * 64 of them.
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
@@ -87,6 +88,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         form = form_of(X)
         if form == ROWS:
             X, y = validate_data(self, X, y, dtype=(np.float64, np.float32))
+            if X.shape[1] > MAX_SIDE**2:
+                raise UserError(f"X has rows of {X.shape[1]} sensors; expected up to {MAX_SIDE**2}")
             arrays, row = list(X[:, None, None]), np.arange(len(X))
         else:
             arrays, row = checked_arrays(recordings_by_row(X))

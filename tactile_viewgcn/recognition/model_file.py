@@ -106,7 +106,7 @@ class Content(BaseModel):
         rules = {
             "params": "auto" not in vars(fitted.params).values(),
             "viewpoints": 1 <= views <= MOST_VIEWS and self.viewpoints.shape == (views, 3),
-            "live": len(shape) == 2 and max(shape) <= MOST_SIDE and live.dtype == bool and live.any(),
+            "live": len(shape) == 2 and live.size <= MOST_SIDE**2 and live.dtype == bool and live.any(),
             "noise": _real(fitted.noise, shape) and (fitted.noise >= 0).all(),
             "baselines": all(_real(each, shape) and np.abs(each).max() <= most for each in fitted.baselines.values()),
             "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),

@@ -165,6 +165,14 @@ def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_pa
     assert (torch.get_rng_state() == before).all()
 
 
+@pytest.mark.parametrize(("reading", "scale"), [(20, 20), (-20, 1)])
+def test_the_scale_of_rows_is_of_positive_readings_and_a_random_state_gives_any_seed(reading, scale):
+    X, states = reading * np.eye(4, 548), [np.random.RandomState(number) for number in range(2)]  # as many as STAG's
+    fits = [TactileClassifier(system="logistic", random_state=state).fit(X, [0, 0, 1, 1]).params_ for state in states]
+    assert [params.preprocess.scale for params in fits] == [scale] * 2
+    assert len({params.seed // 2**16 for params in fits}) == 2
+
+
 def test_a_class_without_contact_has_a_warning_and_probability_0():
     X, y = grasps(3)
     X = [counts[: OPEN - 1] if name == "cup" else counts for counts, name in zip(X, y, strict=True)]

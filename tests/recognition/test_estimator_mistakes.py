@@ -41,6 +41,7 @@ IN_FIT = {
     "an empty list of several": ("X", with_third([]), r"X\[2\].*\(0,\)"),
     "no frames": ("X", with_third(np.ones((0, 4, 4))), r"X\[2\] has no frames"),
     "too many rows": ("X", [np.ones((2, 65, 4))] * 4, r"X\[0\].*65 x 4.*64 x 64"),
+    "too many sensors": ("X", np.eye(4, 4097), r"X .*4097 sensors.*4096"),
     "NaN": ("X", with_third(changed(np.nan)), r"X\[2\] holds nan in frame 1, row 2, column 3"),
     "counts too large": ("X", with_third(changed(2**40, np.int64)), r"X\[2\].* 1 to 1099511627776"),
     "texts": ("X", with_third(np.full((5, 4, 4), "1")), r"X\[2\].*<U1"),
