@@ -131,7 +131,8 @@ def test_flags_are_taken_if_every_object_has_some(tmp_path, flagged, baseline, e
 def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is_taken_that_params_refuses(
     glove, reading, scale, monkeypatch
 ):
-    monkeypatch.setattr(module, "contact_readings", lambda *_: np.full(9 if reading else 0, reading))
+    readings = np.repeat([reading / 10, reading, 10 * reading], [900, 99, 1])  # one alone is stronger
+    monkeypatch.setattr(module, "contact_readings", lambda *_: readings[readings > 0])
     if scale:
         assert chosen(glove, *BY_RECORDING).params.scale == scale
     else:
