@@ -139,6 +139,10 @@ def place(tmp_path_factory) -> Path:
     for name in ("mug", "pen"):
         (folder / "data" / "my_csv" / name).mkdir(parents=True)
         np.savetxt(folder / "data" / "my_csv" / name / "1.csv", rng.random((20, 16 * 24)), delimiter=",")
+        (folder / "data" / "lab" / name).mkdir(parents=True)
+        (logged,) = (text for page, text in fences("text") if page == "docs/logger.md")
+        for number in range(4):
+            (folder / "data" / "lab" / name / f"{number}.csv").write_text(logged)
     (folder / "data" / "my_glove").mkdir(parents=True)
     shutil.copy(folder / "mug_1.h5", folder / "data" / "my_glove")
     return folder

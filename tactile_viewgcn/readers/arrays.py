@@ -36,7 +36,7 @@ def read_arrays(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Sour
     columns = next((columns_of(table, form) for table in _tables(files)), None)
     if columns and path.is_file() and {"object", *["recording"] * (not labelled)} & named(columns.names, form).keys():
         return read_labelled(path, columns, form)
-    layout = layout_of(path, files, form.layout)
+    layout = layout_of(path, files, form.layout, labelled=labelled)
     source = joined(path, files, partial(_opened, layout=layout, form=form, labelled=labelled, columns=columns))
     if columns:
         source.notes.extend(columns.notes)

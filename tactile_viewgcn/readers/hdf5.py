@@ -54,7 +54,7 @@ def read_hdf5(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Source
         UserError: lists the mistakes of all files, and where they differ in shape or columns, or share a name.
     """
     files, root = ([path], path.parent) if path.is_file() else (files_below(path, HDF5), path)
-    layout = cache(partial(layout_of, path, files, form.layout))
+    layout = cache(partial(layout_of, path, files, form.layout, labelled=labelled))
     source = joined(path, files, partial(_opened, root=root, layout=layout, form=form, labelled=labelled))
     source.notes.extend(layout().note(files[0]) if layout.cache_info().currsize else [])
     return source

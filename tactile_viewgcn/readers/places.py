@@ -53,8 +53,10 @@ class Layout:
         return [Note(f"folders are in the order {self.text}: {order}", topic="folders")] if names else []
 
 
-def layout_of(path: Path, files: Sequence[Path], layout: str) -> Layout:
+def layout_of(path: Path, files: Sequence[Path], layout: str, *, labelled: bool) -> Layout:
     """The layout of the files below a folder, or of one file: the given one, or by `auto` that of most files.
+
+    Folders that only sessions are named as hold objects, unless recordings need not be `labelled`.
 
     Raises:
         UserError: most files lie deeper than two folders and that of the published split.
@@ -65,6 +67,8 @@ def layout_of(path: Path, files: Sequence[Path], layout: str) -> Layout:
     places = [file.relative_to(root).parts[:-1] for file in files]
     depth = Counter(map(len, places)).most_common(1)[0][0]
     roles = _roles([place for place in places if len(place) == depth])
+    if not labelled and roles == ["OBJECT"] and all(SESSION.fullmatch(place[0]) for place in places if place):
+        roles = ["SESSION"]
     if len(roles) < depth:
         raise UserError(f"{root}: {'/'.join(files[0].relative_to(root).parts)!r} names no object; expected {PLACES}")
     return Layout(root, "/".join([*roles, "FILE"]))
