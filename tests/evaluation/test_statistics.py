@@ -10,19 +10,6 @@ from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_
 DIGITS = 1e-12  # of double precision
 
 
-@pytest.mark.parametrize(
-    ("confidence", "correct", "error"),
-    [
-        ([0.95, 0.95, 0.05, 0.5], [1, 0, 0, 1], (0.9 + 0.05 + 0.5) / 4),
-        ([0.0, 0.0], [1, 1], 1),
-        ([1.0, 0.99], [0, 1], (1 - 0.01) / 2),  # one bin
-        ([1.0, 0.9], [0, 1], (1 + 0.1) / 2),  # two
-    ],
-)
-def test_the_calibration_error_by_hand(confidence, correct, error):
-    assert calibration_error(np.array(confidence), np.array(correct, dtype=bool)) == pytest.approx(error)
-
-
 @pytest.mark.stability("calibration")
 def test_the_calibration_error_of_one_bin_is_how_far_confidence_is_from_the_share_correct(row):
     correct = np.arange(10) < 7

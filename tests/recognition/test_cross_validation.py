@@ -48,24 +48,17 @@ def test_of_many_recordings_and_frames_some_are_used_and_never_others_than_train
     assert set(frames.recording[used & ~frames.anchor]) <= set(frames.recording[used & frames.anchor])
 
 
-def test_a_whole_recording_is_answered_by_its_own_frames():
-    part = next(left_out_parts(table()))
-    left = LeftOut(part, 4, np.random.default_rng(0))
+@pytest.mark.parametrize("views", [1, 4])
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_whole_recording_is_answered_by_its_own_frames(alone, views):
+    part, of_one = next(left_out_parts(table())), np.where(table().recording == 0, VALIDATION, TRAIN)
+    left = LeftOut(part := replace(part, side=of_one) if alone else part, views, np.random.default_rng(0))
     recording = part.recording[left.index]
-    assert left.few.shape[1] == left.drawn.shape[1] == 4 and left.whole.shape[1] == cross_validation.WHOLE
+    assert left.few.shape[1] == left.drawn.shape[1] == views and left.whole.shape[1] == cross_validation.WHOLE
     for sets in (left.few, left.whole, left.drawn):
         assert (recording[sets] == recording[sets[:, :1]]).all() and set(recording[sets[:, 0]]) == set(recording)
-    assert len(np.unique(left.few[0])) == 4 and len(left.few) == len(left.whole) == len(set(recording))
-
-
-@pytest.mark.parametrize("views", [1, 4])
-def test_one_recording_alone_is_left_out_and_answered_by_one_frame_or_several(views):
-    frames = table()
-    side = np.where(frames.recording == 0, VALIDATION, TRAIN).astype(frames.side.dtype)
-    left = LeftOut(replace(frames, side=side), views, np.random.default_rng(0))
-    assert left.few.shape == (1, views) and len(left.whole) == 1 and left.drawn.shape[1] == views
-    for sets in (left.few, left.whole, left.drawn):
-        assert left.wrong(sets, np.eye(4)[left.label[sets[:, 0]]]).tolist() == [0.0]
+        assert (left.wrong(sets, np.eye(4)[left.label[sets[:, 0]]]) == 0).all()
+    assert len(np.unique(left.few[0])) == views and len(left.few) == len(left.whole) == len(set(recording))
 
 
 def test_shares_of_wrong_answers_are_of_each_group_and_a_group_without_answers_has_none():
