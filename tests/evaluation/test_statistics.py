@@ -10,6 +10,11 @@ from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_
 DIGITS = 1e-12  # of double precision
 
 
+@pytest.mark.parametrize(("below", "error"), [(0.99, (1 - 0.01) / 2), (0.9, (1 + 0.1) / 2)], ids=["one bin", "two"])
+def test_a_confidence_of_1_is_in_the_last_bin(below, error):
+    assert calibration_error(np.array([1.0, below]), np.array([False, True])) == pytest.approx(error)
+
+
 @pytest.mark.stability("calibration")
 def test_the_calibration_error_of_one_bin_is_how_far_confidence_is_from_the_share_correct(row):
     correct = np.arange(10) < 7
