@@ -40,7 +40,7 @@ def read_arrays(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Sour
     source = joined(path, files, partial(_opened, layout=layout, form=form, labelled=labelled, columns=columns))
     if columns:
         source.notes.extend(columns.notes)
-        source.channels.extend(columns.channels)
+        source.channel_names.extend(columns.channel_names)
     with suppress(UserError):  # the file that is shown may be a stray one
         source.notes.extend(layout.note(files[0]))
     return source

@@ -68,7 +68,7 @@ class Columns:
     is_shown: bool
 
     @property
-    def channels(self) -> list[str]:
+    def channel_names(self) -> list[str]:
         """Names of the sensors; none where the file may not be quoted, see `Table.is_shown`, or has none."""
         names = [self.names[at][:MOST_LETTERS] for at in self.sensors]
         return names if self.is_shown and any(names) else []

@@ -61,7 +61,7 @@ def read_labelled(path: Path, columns: Columns, form: Form) -> Source:
         len(pressure),
         sliced(values, len(pressure)),
         columns.notes,
-        columns.channels,
+        columns.channel_names,
     )
 
 

@@ -70,7 +70,7 @@ class Source:
         frames: number of all frames.
         blocks: the frames in the file's order; can be iterated once.
         notes: what was taken for what, and what was left out.
-        channels: names of the sensors, row after row; "" of one without a name, empty without any.
+        channel_names: names of the sensors, row after row; "" of one without a name, empty without any.
 
     Raises:
         UserError: there are too many names for the table, a name is no text, or two objects share one.
@@ -85,7 +85,7 @@ class Source:
     frames: int
     blocks: Iterator[Block]
     notes: list[Note] = field(default_factory=list)
-    channels: list[str] = field(default_factory=list)
+    channel_names: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         for kind, names in self.names.items():

@@ -25,7 +25,7 @@ class ArrayRecordings(Recordings):
         self._pressure = pressure = np.concatenate(arrays)
         lengths = [len(array) for array in arrays]
         row = np.repeat(np.arange(len(arrays)), lengths)
-        self.objects, self.channels = objects, []
+        self.objects, self.channel_names = objects, []
         self.recordings = [f"X[{number}]" for number in range(len(arrays))]
         self.sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
         self.columns = {

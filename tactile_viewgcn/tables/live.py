@@ -49,9 +49,9 @@ class LiveSensors:
         return (self._low < self._high) & ~self.clocks
 
 
-def sensor_names(sensors: np.ndarray, channels: Sequence[str] = ()) -> list[str]:
+def sensor_names(sensors: np.ndarray, channel_names: Sequence[str] = ()) -> list[str]:
     """The channel's name, or row and column from 1, of each of some sensors, bool (H, W)."""
-    names = channels or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
+    names = channel_names or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
     return [names[at] or f"column {at + 1}" for at in np.flatnonzero(sensors).tolist()]
 
 

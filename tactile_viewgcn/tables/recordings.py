@@ -104,8 +104,11 @@ def _write(path: Path, source: Source, md5: str) -> None:
             file[name] = np.concatenate(blocks)
         for name in ("objects", "recordings", "sessions"):
             file[name] = np.array(getattr(source, name), dtype=h5py.string_dtype())
-        notes = source.notes + clock_notes(sensor_names(sensors.clocks, source.channels))
-        for name, parts in {"notes": [json.dumps(asdict(note)) for note in notes], "channels": source.channels}.items():
+        notes = source.notes + clock_notes(sensor_names(sensors.clocks, source.channel_names))
+        for name, parts in {
+            "notes": [json.dumps(asdict(note)) for note in notes],
+            "channel_names": source.channel_names,
+        }.items():
             if parts:
                 file[name] = np.array(parts, dtype=h5py.string_dtype())
         file.attrs[SOURCE_MD5] = md5
@@ -130,7 +133,7 @@ class Recordings:
         objects, recordings, sessions: names, by index.
         columns: one array (T,) for each column of the source, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary, without clocks, whose counts are 0.
-        channels: names of all sensors, row after row, or none.
+        channel_names: names of all sensors, row after row, or none.
         notes: of the reader, see `Source`.
     """
 
@@ -142,7 +145,9 @@ class Recordings:
             )
             self.columns = {name: file[name][()] for name in COLUMNS if name in file or name in ALWAYS}
             self.live = file["live"][()]
-            self.channels = [text.decode() for text in (file["channels"][()] if "channels" in file else ())]
+            self.channel_names = [
+                text.decode() for text in (file["channel_names"][()] if "channel_names" in file else ())
+            ]
             self.notes = [Note(**json.loads(text)) for text in (file["notes"][()] if "notes" in file else ())]
             self._pressure: Counts = mapped(path, file["pressure"])
 

@@ -70,7 +70,7 @@ def _labels(recordings: Recordings) -> list[Note]:
         labels &= (counts == expected).all(axis=0)
     if not labels.any() or len(first) < 2:
         return []
-    names = listed(sensor_names(labels, recordings.channels), "; ")
+    names = listed(sensor_names(labels, recordings.channel_names), "; ")
     text = f"{several(int(labels.sum()), 'sensor')} with one reading for each object: {names}. Names of objects are no "
     return [Note(f"{text}readings: remove them, or call the column `object`.", "warning", "labels")]
 
