@@ -95,6 +95,7 @@ class PreprocessSection:
     zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)]
     filter: Literal["auto", "flags", "contact", "none"]
     contact_sensors: Literal["auto"] | Count
+    unit: Literal["auto", "one", "each"]  # auto: see frames/units.py
     transform: Literal["clip", "log"]
     scale: Literal["auto"] | Positive
     empty_hand_class: StrictBool

@@ -146,7 +146,7 @@ def time_lines(
         axes.tick_params(labelsize=8)
     timed = not np.isnan(seconds).any()
     figure.supxlabel("seconds" if timed else "share of the recording", fontsize=9)
-    figure.supylabel("mean counts above baseline", fontsize=9)
+    figure.supylabel("mean reading above baseline", fontsize=9)
     return figure
 
 

@@ -20,6 +20,7 @@ from tactile_viewgcn.frames.leak import check_leak
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.frames.sides import Sides, follows_paper, with_empty_hand
+from tactile_viewgcn.frames.units import measure_units
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
@@ -38,13 +39,14 @@ class Choice:
 
     Attributes:
         params: the settings, every `auto` decided.
-        recordings: the training side's frames and its sessions' empty hand; nothing else was looked at.
+        recordings: the training side's frames and its sessions' empty hand, in units; nothing else was looked at.
         group: (T,) split group of these frames.
         baseline: of these frames, the one that `params` names.
         notes: of level `choice`, one for each value that was `auto`.
         hand: where the hand is open, and where it is in contact; None where nothing needed it.
         errors: by baseline, of a quick classifier on contact, on held-out groups of the training side.
         leaks: the same without contact: an error below chance is a leak.
+        channels: (2, H, W) zero and gain of the units, None for raw counts.
     """
 
     params: PreprocessSection
@@ -55,6 +57,7 @@ class Choice:
     hand: OpenHand | None = None
     errors: dict[str, QuickError] = field(default_factory=dict)
     leaks: dict[str, QuickError] = field(default_factory=dict)
+    channels: np.ndarray | None = None
 
 
 def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Choice:
@@ -77,24 +80,34 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
             f"{recordings.path}: no sensor varies over {several(len(recordings), 'frame')}; expected some that do: "
             "is the glove connected?"
         )
-    if params.baseline == "none" and "auto" not in vars(asked).values():
-        return Choice(params, recordings, group, constant_baseline(recordings, params.zero))
 
     def take(key: str, value: Any, reason: str, topic: str) -> None:
         nonlocal params
         params = replace(params, **{key: value})
         notes.append(Note(reason, "choice", topic, f"preprocess.{key}", value))
 
+    unit, channels, reason = measure_units(trained, asked.unit)
+    recordings, trained = recordings.in_units(channels), trained.in_units(channels)
+    if asked.unit == "auto":
+        take("unit", unit, reason, "unit")
+    elif channels is not None:
+        notes.append(Note(reason, topic="unit"))
+    if params.baseline == "none" and channels is not None:
+        take("zero", 0.0, "the channels' own zeros", "baseline")
+    if params.baseline == "none" and "auto" not in vars(params).values():
+        return Choice(params, recordings, group, constant_baseline(recordings, params.zero), notes, channels=channels)
     if asked.contact_sensors == "auto":
         reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
         take("contact_sensors", sensors_in_contact(live), reason, "contact")
     hand = find_open_hand(recordings, int(params.contact_sensors))
-    if quietest_are_contact(recordings, hand):
+    if (unit == "each" and asked.baseline == "auto") or quietest_are_contact(recordings, hand):
         hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
     baselines, errors, leaks = dict[str, Baseline](), dict[str, QuickError](), dict[str, QuickError]()
     if asked.baseline == "auto":
         zero = smallest_reading(trained)
-        if paper:
+        if unit == "each":
+            best = "none", "channels of unlike kind have no open hand in common: recordings are taken as they are"
+        elif paper:
             best = "empty_hand", "recorded in every session, and the split is published"
         elif hand.all_contact:
             best = "none", "even the quietest frames are contact: recordings are taken as they are"
@@ -119,7 +132,7 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         take("filter", *_filter(recordings, hand, params.baseline), "filter")
     if asked.scale == "auto":
         take("scale", *_scale(contact_readings(recordings, hand, baseline)), "scale")
-    return Choice(params, recordings, group, baseline, notes, hand, errors, leaks)
+    return Choice(params, recordings, group, baseline, notes, hand, errors, leaks, channels)
 
 
 def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline) -> np.ndarray:

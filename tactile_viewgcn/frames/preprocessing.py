@@ -57,7 +57,7 @@ def preprocess_recordings(
     if not sides.training.any():
         keep_testable(recordings, sides, np.ones(len(recordings), dtype=bool), split)  # raises
     choice = choose(recordings, asked, sides)
-    recordings = recordings.part(np.arange(len(recordings)), choice.recordings.live)
+    recordings = recordings.part(np.arange(len(recordings)), choice.recordings.live).in_units(choice.channels)
     baseline = _of_all_sides(recordings, choice, sides)
     passed, notes = passing(recordings, baseline, choice.params)
     keep = passed & (asked.empty_hand_class | ~empty)
@@ -76,7 +76,7 @@ def preprocess_recordings(
     anchors = anchors[~sides.surplus[keep]]  # after the draw: those of the other sides stay the same
     keep &= ~sides.surplus
     share = float(passed[sides.training].mean())
-    frames = _table(recordings, choice.params, baseline, sides, keep, anchors, share)
+    frames = _table(recordings, choice, baseline, sides, keep, anchors, share)
     notes = [*choice.notes, *baseline.notes, *notes]
     if choice.hand and asked.scale != "auto":
         notes += clipping_warnings(frames, choice.hand.noise)
@@ -109,7 +109,7 @@ def _of_all_sides(recordings: Recordings, choice: Choice, sides: Sides) -> Basel
 
 def _table(
     recordings: Recordings,
-    params: PreprocessSection,
+    choice: Choice,
     baseline: Baseline,
     sides: Sides,
     keep: np.ndarray,
@@ -137,11 +137,12 @@ def _table(
         classes=[recordings.objects[i] for i in objects],
         recordings=recordings.recordings,
         sessions=recordings.sessions,
-        transform=params.transform,
-        scale=float(params.scale),
+        transform=choice.params.transform,
+        scale=float(choice.params.scale),
         noise=baseline.noise[np.unique(baseline.of_frame[sides.training])].mean(axis=0),
-        preprocess=asdict(params),
+        preprocess=asdict(choice.params),
         kept_share=share,
+        channels=choice.channels,
     )
 
 

@@ -43,8 +43,8 @@ def noise_warnings(frames: Frames, noise: float) -> list[Note]:
     if not len(above) or np.median(above) >= noise * frames.scale:
         return []
     text = (
-        f"at {frames.scale:g} the median reading of a sensor in contact, {np.median(above):.3g} counts, is below the "
-        f"noise that training adds, {noise * frames.scale:.3g} counts: a network would answer the same for every object"
+        f"at {frames.scale:g} the median reading of a sensor in contact, {np.median(above):.3g}, is below the "
+        f"noise that training adds, {noise * frames.scale:.3g}: a network would answer the same for every object"
     )
     return [_warning(text, above)]
 

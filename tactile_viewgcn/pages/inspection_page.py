@@ -33,7 +33,7 @@ def inspection_page(overview: Overview) -> str:
         mean_frames=_mean_frames(overview),
         time_lines=_time_lines(overview),
         sensor_states=_sensor_states(overview),
-        noise=plots.mean_frames(overview.noise[None], overview.recordings.live, [""], "counts"),
+        noise=plots.mean_frames(overview.noise[None], overview.recordings.live, [""], overview.unit),
         noise_pairs=overview.noise_pairs,
     )
 
@@ -57,7 +57,7 @@ def _mean_frames(overview: Overview) -> Figure:
     frames, names = sums[drawn] / number[drawn, None, None], [recordings.objects[label] for label in drawn]
     if not len(drawn):
         frames, names = sums[:1], ["no contact"]
-    return plots.mean_frames(frames, recordings.live, names, "counts above baseline", columns=5)
+    return plots.mean_frames(frames, recordings.live, names, f"{overview.unit} above baseline", columns=5)
 
 
 def _time_lines(overview: Overview) -> Figure:

@@ -113,15 +113,15 @@ def tables(overview: Overview) -> list[Table]:
         ),
         Table(
             "Sessions",
-            "Frames of the empty hand; noise of the median sensor, in counts; drift of the open hand in the median "
-            "recording, in standard deviations of noise.",
+            f"Frames of the empty hand; noise of the median sensor, in {overview.unit}; drift of the open hand in the "
+            "median recording, in standard deviations of noise.",
             ["session", "recordings", "empty hand", "noise", "drift"],
             [_session(overview, number) for number in np.unique(overview.session)],
         ),
         Table(
             "Readings",
             "The second row is of sensors in contact. 1 % of the readings are below the number under 1 %.",
-            ["counts", "least", "1 %", "median", "99 %", "most"],
+            [overview.unit, "least", "1 %", "median", "99 %", "most"],
             [
                 [name, *("" if np.isnan(value) else f"{value:.4g}" for value in values)]
                 for name, values in overview.readings.items()

@@ -45,6 +45,8 @@ def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
     assert hand
     if hand.sensors == SENSORS_IN_CONTACT or hand.all_contact:
         settings = [note for note in settings if note.key != "preprocess.contact_sensors"]
+    if choice.channels is None:
+        settings = [note for note in settings if note.key != "preprocess.unit"]
     if len(np.unique(recordings.columns["recording"])) == len(recordings):
         settings.append(_choice("views", 1, "every recording is one frame"))
     if not has_published_split(recordings) or hand.contact.sum() <= FEW_FRAMES:  # unlike STAG's `classification`

@@ -36,10 +36,8 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> "Overview":
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, form=form) as recordings:
-        asked = load(DEFAULTS).preprocess
-        return Overview(
-            recordings, replace(asked, baseline="auto", filter="auto", contact_sensors="auto", scale="auto"), form
-        )
+        asked = replace(load(DEFAULTS).preprocess, baseline="auto", filter="auto", contact_sensors="auto")
+        return Overview(recordings, replace(asked, unit="auto", scale="auto"), form)
 
 
 class Overview:
@@ -69,9 +67,10 @@ class Overview:
         seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: number of intervals of more than 2.5 times that.
         drift: (R,) largest change of the open hand, see `_drift`.
-        readings: percentiles (5,) 0, 1, 50, 99 and 100 of `all` readings in counts, and of those of sensors in contact
+        readings: percentiles (5,) 0, 1, 50, 99 and 100 of `all` readings, and of those of sensors in contact
             `above the baseline`; NaN without any.
-        stuck: bool (H, W) sensors that vary by less than a tenth of the median sensor's noise.
+        stuck: bool (H, W) sensors whose noise and variation are below a tenth of the median sensor's noise; none where
+            there is no open hand, in which an idle sensor has its noise and a faulty one has none.
         saturated: bool (H, W) sensors that read the largest number that any does in more than 1 % of the frames; none
             where only one reading is that large.
         noise: (H, W) standard deviation of a sensor's changes between successive frames, divided by the root of two;
@@ -91,6 +90,7 @@ class Overview:
         sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
         choice = choose(recordings, asked, sides)
         assert choice.hand  # all is `auto`
+        recordings = recordings.in_units(choice.channels)
         hand = find_open_hand(recordings, choice.hand.sensors, all_contact=choice.hand.all_contact)
         kind = choice.params.baseline
         baseline = measure_baseline(recordings, kind, hand, choice.params.zero)
@@ -120,12 +120,23 @@ class Overview:
             "above the baseline": np.percentile(above, PERCENTILES) if len(above) else np.full(5, np.nan),
         }
         noise = np.median(hand.noise[np.unique(self.session)], axis=0)
-        stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
         saturated = (at_largest / len(recordings) > SATURATED) & (at_largest.sum() > 1)
         open_noise, self.noise_pairs = _open_noise(hand, recorded)
+        stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
+        if self.noise_pairs:  # all sensors are idle then: what lacks the others' noise is no sensor
+            stuck &= open_noise < STUCK * np.median(open_noise)
+        else:
+            stuck[:] = False
         layouts = np.zeros((3, *recordings.shape))
         layouts[:, recordings.live] = stuck, saturated, open_noise if self.noise_pairs else noise
         self.stuck, self.saturated, self.noise = layouts[0] > 0, layouts[1] > 0, layouts[2]
+
+    @property
+    def unit(self) -> str:
+        """The unit of readings, noise and baselines."""
+        own = "% of a sensor's range"
+        counts = "counts" if self.recordings.dtype.kind in "iu" else "the readings' unit"
+        return own if self.choice.params.unit == "each" else counts
 
     def setting(self, key: str) -> str:
         """The recommended value of a parameter."""

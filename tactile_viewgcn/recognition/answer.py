@@ -101,6 +101,7 @@ def answer_table(
     fitted, columns = recogniser.preprocessing, recordings.columns
     for _, counts in recordings.blocks():
         check_counts(fitted, counts, str(recordings.path))
+    recordings = recordings.in_units(fitted.channels)
     recordings.live = fitted.live
     answers, classified = [], []
     baseline, contact = find_contact(fitted, recordings)
@@ -144,7 +145,7 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
     """The answer to a recording by its n frames in contact, of which some are classified, evenly spaced.
 
     Args:
-        excess: (n, H, W) counts above baseline, in the order of time.
+        excess: (n, H, W) counts above baseline, or readings in the model's units, in the order of time.
         stop_at: see `answer_recording`.
     """
     count, views = len(excess), recogniser.classifier.views

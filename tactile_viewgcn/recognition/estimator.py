@@ -28,6 +28,7 @@ CHOSEN = {
     "preprocess.zero": 0,
     "preprocess.filter": "none",
     "preprocess.contact_sensors": 1,
+    "preprocess.unit": "one",
     "cluster.scope": "recording",
 }
 

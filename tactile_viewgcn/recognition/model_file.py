@@ -46,6 +46,7 @@ class FittedPreprocessing(BaseModel):
         live: bool (H, W) sensors.
         noise: (H, W) standard deviation of the baseline in counts, 0 where it was not measured.
         baselines: (H, W) mean of each session that has training frames, by the session's name.
+        channels: (2, H, W) zero and gain of the units that all but `live` are in, see `in_units`; None for raw counts.
     """
 
     model_config = CHECKED
@@ -56,6 +57,7 @@ class FittedPreprocessing(BaseModel):
     live: Array
     noise: Array
     baselines: Annotated[dict[str, Array], MinLen(1)]
+    channels: Array | None
 
     @classmethod
     def of(cls, frames: Frames) -> Self:
@@ -74,6 +76,7 @@ class FittedPreprocessing(BaseModel):
             "live": frames.live,
             "noise": np.nan_to_num(frames.noise),
             "baselines": baselines,
+            "channels": frames.channels,
         }
         return cls.model_validate(values)
 
@@ -86,7 +89,7 @@ class Content(BaseModel):
     """What a file holds, each value in its range; see `save_classifier`."""
 
     model_config = CHECKED
-    format: Literal[9] = 9  # add 1 when the content of a file changes
+    format: Literal[10] = 10  # add 1 when the content of a file changes
     learnt: dict[str, Any]
     viewpoints: Tensor
     model: Model
@@ -101,7 +104,7 @@ class Content(BaseModel):
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
         views, fitted = len(self.viewpoints), self.preprocessing
-        shape, live = fitted.live.shape, fitted.live
+        shape, live, channels = fitted.live.shape, fitted.live, fitted.channels
         most = max(np.iinfo(fitted.dtype).max + 1, abs(fitted.params.zero)) if "int" in fitted.dtype else MAX_NUMBER
         rules = {
             "params": "auto" not in vars(fitted.params).values(),
@@ -109,6 +112,7 @@ class Content(BaseModel):
             "live": len(shape) == 2 and live.size <= MOST_SIDE**2 and live.dtype == bool and live.any(),
             "noise": _real(fitted.noise, shape) and (fitted.noise >= 0).all(),
             "baselines": all(_real(each, shape) and np.abs(each).max() <= most for each in fitted.baselines.values()),
+            "channels": channels is None or (_real(channels, (2, *shape)) and (channels[1] != 0).all()),
             "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),
             "calibration": self.calibration is None or len(self.calibration.by_frames) == views,
             "novelty": self.novelty is None or _real(self.novelty.maps, (len(self.novelty.maps), live.sum())),

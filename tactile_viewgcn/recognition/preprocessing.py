@@ -54,7 +54,7 @@ def check_strength(fitted: FittedPreprocessing, excess: np.ndarray, where: str) 
     reading, (weakest, strongest) = float(np.quantile(excess[:, fitted.live], 1 - STRONG_SHARE)), fitted.strong_readings
     if not weakest / MOST_TIMES <= reading <= strongest * MOST_TIMES:
         raise UserError(
-            f"{where}: one in a hundred readings in contact is above {reading:.3g} counts over its baseline; expected "
+            f"{where}: one in a hundred readings in contact is {reading:.3g} or more above its baseline; expected "
             f"{weakest:.3g} to {strongest:.3g}, as in the training: is the glove or the unit a different one?"
         )
 

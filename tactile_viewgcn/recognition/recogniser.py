@@ -25,7 +25,8 @@ class Recogniser:
     """A trained classifier for raw counts.
 
     Methods take raw counts and a baseline: (H, W) counts of the empty hand in the same session; None for the mean of
-    the training's sessions; or "subtracted" where the counts are above their baseline already. They raise a UserError
+    the training's sessions; or "subtracted" where they are above their baseline, and in
+    the model's units, already. They raise a UserError
     for counts or a baseline of a different shape, for values that are not finite or too large, and for raw counts
     that the training's integer type cannot hold.
 
@@ -63,7 +64,9 @@ class Recogniser:
             raise UserError(
                 f"session is {name!r}; expected one of {', '.join(baselines)}, or give the empty hand's baseline itself"
             )
-        return baselines[name] if name else self.preprocessing.mean_baseline()
+        channels = self.preprocessing.channels
+        baseline = baselines[name] if name else self.preprocessing.mean_baseline()
+        return baseline if channels is None else channels[0] + baseline / channels[1]
 
     @torch.inference_mode()
     def probabilities(self, counts: np.ndarray, baseline: Baseline = None) -> np.ndarray:
@@ -153,6 +156,8 @@ class Recogniser:
                 raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
             check_finite(baseline, "baseline")
             counts = np.subtract(counts, baseline, dtype=np.float64)
+            if self.preprocessing.channels is not None:
+                counts *= self.preprocessing.channels[1]
         inputs = network_input(counts.reshape(-1, *self.shape), self._transform, self._scale)
         with self._compute.autocast():
             return self.classifier.frame_values(self._compute.frames(torch.from_numpy(inputs)))

@@ -88,7 +88,7 @@ class SensorClassifier:
         """
         self.live, self.unit = live, float(state["unit"])
         if not self.unit > 0:
-            raise ValueError(f"unit is {self.unit:g} counts")
+            raise ValueError(f"unit is {self.unit:g}; expected more than 0")
         for member, of_member in zip(self.members, state["members"], strict=True):
             member.load_state_dict(of_member, live, self.classes)
         self._measure()

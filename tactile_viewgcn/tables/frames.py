@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,7 +24,7 @@ class Frames:
     """The n kept frames in the order of their recordings, with R baselines and C classes.
 
     Attributes:
-        counts: (n, H, W) raw counts, memory-mapped where the table was read.
+        counts: (n, H, W) raw counts, or readings in units by `channels`, memory-mapped where the table was read.
         label: (n,) class, index into `classes`.
         recording, session: (n,) index into `recordings` and `sessions`.
         grasp: (n,) number of the grasp inside its recording; 0 where grasps are not numbered.
@@ -40,6 +40,7 @@ class Frames:
         noise: (H, W) mean standard deviation of the training side's baselines in counts, NaN where it was not measured.
         preprocess: the section of params.yaml behind this table, every `auto` decided; new recordings get the same.
         kept_share: share of the training side's frames that pass the filter.
+        channels: (2, H, W) zero and gain that made `counts` of the raw ones, see `in_units`; None where they are raw.
     """
 
     counts: Counts
@@ -62,6 +63,7 @@ class Frames:
     noise: np.ndarray
     preprocess: dict[str, Any]
     kept_share: float
+    channels: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.label)
@@ -108,7 +110,7 @@ def write_frames(path: str | Path, frames: Frames) -> None:
                 file[field.name] = value
             elif isinstance(value, list):
                 file[field.name] = np.array(value, dtype=h5py.string_dtype())
-            else:
+            elif value is not None:
                 file.attrs[field.name] = json.dumps(value) if isinstance(value, dict) else value
 
 
@@ -122,9 +124,9 @@ def read_frames(path: str | Path | BinaryIO) -> Frames:
             elif field.name in file.attrs:
                 value = file.attrs[field.name]
                 values[field.name] = value if isinstance(value, str) else float(value)
-            elif h5py.check_string_dtype(file[field.name].dtype):
+            elif field.name in file and h5py.check_string_dtype(file[field.name].dtype):
                 values[field.name] = [text.decode() for text in file[field.name][()]]
-            else:
+            elif field.name in file or field.default is MISSING:
                 values[field.name] = file[field.name][()]
         values["preprocess"] = json.loads(values["preprocess"])
     return Frames(**values)

@@ -176,6 +176,16 @@ class Recordings:
         part.live = self.live & np.logical_or.reduce(list(varying)) if live is None else live
         return part
 
+    def in_units(self, channels: np.ndarray | None) -> "Recordings":
+        """The table with readings in units, see `in_units`."""
+        if channels is None:
+            return self
+        part, dtype = copy(self), np.result_type(self.dtype, np.float32)
+        part._pressure = Gathered(
+            lambda index: in_units(self.frames(index), channels).astype(dtype), np.arange(len(self)), self.shape, dtype
+        )
+        return part
+
     def frames(self, index: np.ndarray) -> np.ndarray:
         """Counts (n, H, W) of the frames in `index` (n,)."""
         return self._pressure[index]
@@ -197,6 +207,11 @@ class Recordings:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""
         for start in range(0, len(self), BLOCK_FRAMES):
             yield start, self._pressure[start : start + BLOCK_FRAMES]
+
+
+def in_units(readings: np.ndarray, channels: np.ndarray | None) -> np.ndarray:
+    """(r - zero) * gain of readings r (..., H, W), by the zeros and gains in `channels` (2, H, W); r for None."""
+    return readings if channels is None else np.subtract(readings, channels[0], dtype=np.float64) * channels[1]
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:

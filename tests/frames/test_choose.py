@@ -80,12 +80,12 @@ def test_without_a_measurement_the_baseline_is_of_what_was_recorded(tmp_path, em
 
 
 def test_what_is_set_is_kept_and_what_is_not_needed_is_not_computed(glove):
-    fixed = ("preprocess.baseline=grasp", "preprocess.filter=contact", "preprocess.scale=100", *BY_RECORDING)
-    choice = chosen(glove, *fixed)
+    fixed = ("preprocess.unit=one", "preprocess.scale=100", *BY_RECORDING)
+    choice = chosen(glove, "preprocess.baseline=grasp", "preprocess.filter=contact", *fixed)
     assert choice.notes == [] and choice.errors == {} and choice.hand is not None
     assert (choice.params.baseline, choice.params.filter, choice.params.scale) == ("grasp", "contact", 100.0)
     assert choice.params.contact_sensors == 5 and len(choice.baseline.names) > 1
-    nothing = chosen(glove, "preprocess.baseline=none", "preprocess.filter=none", "preprocess.scale=100", *BY_RECORDING)
+    nothing = chosen(glove, "preprocess.baseline=none", "preprocess.filter=none", *fixed)
     assert nothing.hand is None and nothing.baseline.mean.tolist() == [[[500.0] * 8] * 5]
 
 

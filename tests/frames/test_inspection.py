@@ -100,7 +100,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
     made = preprocessed(page.recordings, *changes)
     assert warnings_of(made.notes) == [] and made.choice.params == page.choice.params
     chosen = {note.key.removeprefix("preprocess.") for note in made.notes if note.level == "choice"}
-    assert chosen == {"baseline", "filter", "contact_sensors", "scale"} | ({"zero"} & settings.keys())
+    assert chosen == {"unit", "baseline", "filter", "contact_sensors", "scale"} | ({"zero"} & settings.keys())
     if name == "all contact":  # every frame is kept as it is
         assert len(made.frames) == 10 * FOREIGN_OBJECTS * FOREIGN_RECORDINGS
         np.testing.assert_array_equal(made.frames.inputs(np.arange(160), "counts"), made.frames.counts)

@@ -44,7 +44,7 @@ def test_without_a_baseline_a_constant_is_subtracted(tmp_path):
 
 
 def test_recordings_like_stags_are_preprocessed_as_in_the_paper_and_nothing_is_measured(tmp_path):
-    paper = ("preprocess.baseline=empty_hand", "preprocess.filter=flags", "preprocess.scale=150")
+    paper = [f"preprocess.{value}" for value in ("unit=one", "baseline=empty_hand", "filter=flags", "scale=150")]
     asked = [load(FILE, ("preprocess.contact_sensors=4", *changes)) for changes in ((), paper)]
     recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
     made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
