@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _SET_DATA = click.option(
     "--set", "changes", multiple=True, metavar="data.KEY=VALUE", help="How to read SOURCE, as data in params.yaml."
 )
-SIDE = click.IntRange(1, 64)  # rows or columns of a frame, the range that readers check
+SIDE = click.IntRange(1, 256)  # rows or columns of a frame, the range that readers check
 
 
 @click.group()

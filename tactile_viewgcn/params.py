@@ -57,7 +57,7 @@ Member = Literal[  # of sensors; one may be alone
     "statistics_svm",
 ]
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
-Side = Annotated[StrictInt, Interval(ge=1, le=64)]  # rows or columns of a frame
+Side = Annotated[StrictInt, Interval(ge=1, le=256)]  # rows or columns of a frame
 Natural = Annotated[StrictInt, Interval(ge=0, le=MOST)]
 Positive = Annotated[StrictFloat, Interval(ge=1e-30, le=MAX_NUMBER)]
 NotNegative = Annotated[StrictFloat, Interval(ge=0, le=MAX_NUMBER)]

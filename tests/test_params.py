@@ -95,7 +95,7 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("launcher='python -m '", "launcher: |(got 'python -m ')"),
         ("launcher=torchrun --nproc-per-node $(id) -m", "launcher: |$(id)"),
         ("cluster.scop=recording", "unknown key cluster.scop|cluster.scope?"),
-        ("data.shape=[4,65]", "data.shape: |(got [4, 65])"),
+        ("data.shape=[4,257]", "data.shape: |(got [4, 257])"),
         ("data.shape=[4,4.0]", "data.shape: |(got [4, 4.0])"),
         ("data.shape=[4]", "data.shape: |(got [4])"),
         ("views.count=3", "--set views.count: "),

@@ -1,6 +1,6 @@
 """Reading recordings in HDF5, the project's own form for gloves other than STAG: one file a recording.
 
-/pressure     (T, H, W)  integer counts or real numbers, up to 64 x 64
+/pressure     (T, H, W)  integer counts or real numbers, up to 256 x 256
 /time         (T,)       seconds, optional
 /valid        (T,)       whether the object is held, optional
 /grasp        (T,)       number of the grasp, optional

@@ -90,7 +90,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         if form == ROWS:
             X, y = validate_data(self, X, y, dtype=(np.float64, np.float32))
             if X.shape[1] > MAX_SIDE**2:
-                raise UserError(f"X has rows of {X.shape[1]} sensors; expected up to {MAX_SIDE**2}")
+                raise UserError(f"X has {X.shape[1]:,} columns; expected at most {MAX_SIDE**2:,} sensors")
             arrays, row = list(X[:, None, None]), np.arange(len(X))
         else:
             arrays, row = checked_arrays(recordings_by_row(X))

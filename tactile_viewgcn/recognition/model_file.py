@@ -21,6 +21,7 @@ from torch import Tensor
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import MAX_NUMBER, Model, PreprocessSection
+from tactile_viewgcn.readers.source import MAX_SIDE
 from tactile_viewgcn.recognition.novelty import Array, Novelty, Unit, fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.schema import Unique
@@ -30,7 +31,7 @@ from tactile_viewgcn.tables.frames import TRAIN, Frames
 REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
-MOST_VIEWS, MOST_SIDE = 1000, 64  # as params.yaml allows
+MOST_VIEWS = 1000  # as params.yaml allows
 DIGEST = hashlib.sha256().digest_size
 CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
@@ -109,7 +110,7 @@ class Content(BaseModel):
         rules = {
             "params": "auto" not in vars(fitted.params).values(),
             "viewpoints": 1 <= views <= MOST_VIEWS and self.viewpoints.shape == (views, 3),
-            "live": len(shape) == 2 and live.size <= MOST_SIDE**2 and live.dtype == bool and live.any(),
+            "live": len(shape) == 2 and live.size <= MAX_SIDE**2 and live.dtype == bool and live.any(),
             "noise": _real(fitted.noise, shape) and (fitted.noise >= 0).all(),
             "baselines": all(_real(each, shape) and np.abs(each).max() <= most for each in fitted.baselines.values()),
             "channels": channels is None or (_real(channels, (2, *shape)) and (channels[1] != 0).all()),

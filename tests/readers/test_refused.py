@@ -32,7 +32,7 @@ MISTAKES = {  # the content of a recording in HDF5, and words of the line
     "no object": ({"attributes": {"object": None}}, "object"),
     "rank 1": ({"pressure": COUNTS[0, 0]}, "(7,)"),
     "no sensors": ({"pressure": np.zeros((4, 0, 3))}, "0 x 3"),
-    "too large": ({"pressure": np.zeros((4, 5, 65))}, "5 x 65"),
+    "too large": ({"pressure": np.zeros((4, 5, 257))}, "5 x 257"),
     "a text as pressure": ({"pressure": np.full((4, 5, 7), b"a")}, "/pressure"),
     "flags as pressure": ({"pressure": COUNTS > 9}, "bool"),
     "counts too large": ({"pressure": COUNTS + np.int64(2**40)}, "pressure of frame 0|to 2147483647"),
@@ -178,7 +178,7 @@ def test_the_mistakes_of_all_arrays_are_listed_at_once(tmp_path):
     bad = {
         "cut.npy": whole[:-4], "two.npy": whole * 2, "huge.npy": declaring(tmp_path, (2**40, 64, 64)),
         "pickle.npy": pickled(tmp_path), "words.npy": np.full((4, 2, 3), "a"), "wide.npy": np.zeros((5, 384)),
-        "flat.npy": np.zeros(5), "high.npy": np.zeros((5, 65, 2)), "cut.npz": packed[:100],
+        "flat.npy": np.zeros(5), "high.npy": np.zeros((5, 257, 2)), "cut.npz": packed[:100],
         "names.npz": {"a": COUNTS, "b": COUNTS}, "ragged.csv": "1,2\n3\n", "gap.csv": "1,,3\n",
         "nul.csv": "\x001,2\n3,4\n", "minus.csv": "\u22121,2\n3,4\n", "quote.csv": '1,"2\n3,4\n',
         "header.csv": "a,b\n", "empty.csv": "\n",
