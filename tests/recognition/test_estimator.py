@@ -144,6 +144,12 @@ def test_its_answers_are_those_of_the_stages(system):
     assert (first == second).all()
 
 
+def test_rows_may_have_more_sensors_than_a_frame_has_columns():
+    X, y = np.random.default_rng(0).normal(0, 1, (12, 1400)), np.repeat([0, 1, 2], 4)
+    X[np.arange(12), 300 * y] += 200
+    assert (TactileClassifier(system="kernel").fit(X, y).predict(X) == y).all()
+
+
 def test_a_classifier_that_is_pickled_or_saved_answers_alike(tmp_path):
     X, _ = grasps(2, seed=1)
     expected = fitted().predict_proba(X)
