@@ -77,7 +77,10 @@ def _opened(
             values["pressure"] = framed(values["pressure"][()], form, str(path))
         texts = {name: _attribute(file, in_file[name]) for name in ATTRIBUTES if in_file[name] in file.attrs}
         if labelled and not texts.get("object"):
-            texts = layout().names(path, labelled=True) | texts
+            try:
+                texts = layout().names(path, labelled=True) | texts
+            except UserError as error:
+                raise UserError(f"{error}; or an attribute `object` in the file") from None
         if "split" in texts:
             if texts["split"] not in SPLITS:
                 raise UserError(f"{path}: attribute split is {texts['split']!r}; expected train or test")

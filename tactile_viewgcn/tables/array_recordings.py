@@ -39,5 +39,6 @@ class ArrayRecordings(Recordings):
         for start in range(0, len(row), BLOCK_FRAMES):
             block = slice(start, start + BLOCK_FRAMES)
             sensors.add(pressure[block], row[block])
-        pressure[:, sensors.clocks] = 0
-        self.live, self.notes = sensors.live, clock_notes(sensor_names(sensors.clocks))
+        self.live, clocks = sensors.live(lambda row, column: pressure[:, row, column], self.columns["recording"])
+        pressure[:, clocks] = 0
+        self.notes = clock_notes(sensor_names(clocks))

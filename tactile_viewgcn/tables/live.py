@@ -1,6 +1,6 @@
 """Which sensors vary, and which of these are clocks: by a clock alone recordings can be told from earlier ones."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -36,17 +36,28 @@ class LiveSensors:
         """Largest range of a sensor."""
         return float((self._high - self._low).max())
 
-    @property
-    def clocks(self) -> np.ndarray:
-        """Bool (H, W): the clocks."""
-        clocks = self._rising & (self._even > EVEN * self._steps)
-        are_clocks = self._steps >= FEWEST and clocks.sum() < min(MOST, (self._low < self._high).sum())
-        return clocks & are_clocks
+    def live(self, readings: Callable[[int, int], np.ndarray], recording: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bool (H, W): the sensors that vary, without clocks; and the clocks, which only several recordings show.
 
-    @property
-    def live(self) -> np.ndarray:
-        """Bool (H, W): the sensors that vary, without clocks."""
-        return (self._low < self._high) & ~self.clocks
+        A clock rises evenly, and in all recordings it begins alike, or each one reads later times than those before.
+
+        Args:
+            readings: function from row and column of a sensor to its readings (T,) in all frames.
+            recording: (T,) number of each frame's recording.
+        """
+        varying, clocks = self._low < self._high, self._rising & (self._even > EVEN * self._steps)
+        recorded = np.unique(recording)
+        if self._steps < FEWEST or clocks.sum() >= min(MOST, varying.sum()) or len(recorded) < 2:
+            clocks[:] = False
+        for row, column in np.argwhere(clocks).tolist():
+            times = readings(row, column).astype(np.float64)
+            first, last = np.full(recording.max() + 1, np.inf), np.full(recording.max() + 1, -np.inf)
+            np.minimum.at(first, recording, times)
+            np.maximum.at(last, recording, times)
+            order = np.argsort(first)[: len(recorded)]
+            begin_alike = np.ptp(first[order]) <= np.median(np.diff(times))
+            clocks[row, column] = begin_alike or (first[order][1:] > last[order][:-1]).all()
+        return varying & ~clocks, clocks
 
 
 def sensor_names(sensors: np.ndarray, channel_names: Sequence[str] = ()) -> list[str]:

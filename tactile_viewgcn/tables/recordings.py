@@ -92,9 +92,10 @@ def _write(path: Path, source: Source, md5: str) -> None:
     check_size(size, source.path)
     with hdf5_file(path, room=size) as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
-        file["live"] = sensors.live
-        for row, column in np.argwhere(sensors.clocks):
-            file["pressure"][:, row, column] = 0
+        pressure, recording = file["pressure"], np.concatenate(columns["recording"])
+        file["live"], clocks = sensors.live(lambda row, column: pressure[:, row, column], recording)
+        for row, column in np.argwhere(clocks):
+            pressure[:, row, column] = 0
         if 0 < (spread := sensors.spread) < MIN_SPREAD:
             raise UserError(
                 f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
@@ -104,11 +105,9 @@ def _write(path: Path, source: Source, md5: str) -> None:
             file[name] = np.concatenate(blocks)
         for name in ("objects", "recordings", "sessions"):
             file[name] = np.array(getattr(source, name), dtype=h5py.string_dtype())
-        notes = source.notes + clock_notes(sensor_names(sensors.clocks, source.channel_names))
-        for name, parts in {
-            "notes": [json.dumps(asdict(note)) for note in notes],
-            "channel_names": source.channel_names,
-        }.items():
+        notes = source.notes + clock_notes(sensor_names(clocks, source.channel_names))
+        texts = {"notes": [json.dumps(asdict(note)) for note in notes], "channel_names": source.channel_names}
+        for name, parts in texts.items():
             if parts:
                 file[name] = np.array(parts, dtype=h5py.string_dtype())
         file.attrs[SOURCE_MD5] = md5

@@ -150,6 +150,14 @@ def test_what_rises_unlike_a_clock_is_a_sensor(tmp_path, line):
     assert ingested(tables_of(tmp_path / "short", "", lambda t, *r: [*r, 33 * t], 5))[1].live.all()
 
 
+@pytest.mark.parametrize(("begins", "is_clock"), [([0, 0, 0], True), ([0, 100, 50], True), ([5, 8, 6], False)])
+def test_a_finger_that_closes_evenly_is_no_clock(tmp_path, begins, is_clock):
+    for number, begin in enumerate(begins):
+        noise = np.random.default_rng(number).normal(0, 1, (40, 3))
+        save(tmp_path / "lab" / "mug" / f"{number}.npy", np.column_stack([begin + np.arange(40), noise]))
+    assert ingested(tmp_path / "lab")[1].live.tolist() == [[not is_clock, True, True, True]]
+
+
 def saved_as(form, place, counts):
     """A recording (T, 7) in a file of one of the forms in which programs write it."""
     names = ",".join(f"s{column}" for column in range(7))

@@ -108,8 +108,8 @@ def test_whole_counts_of_any_type_have_the_same_answer(tmp_path):
     ("name", "change", "message"),
     [
         ("fractions", lambda counts: counts + 0.25, r"fractions.h5 holds \d+.25"),
-        ("strong", lambda counts: 500 + (counts - 500) * 12, r"strong.h5: .*above \d+ counts"),
-        ("weak", lambda counts: 500 + (counts - 500) // 6, r"weak.h5: .*above \d"),
+        ("strong", lambda counts: 500 + (counts - 500) * 12, r"strong.h5: .* \d+ or more"),
+        ("weak", lambda counts: 500 + (counts - 500) // 6, r"weak.h5: .*above"),
     ],
 )
 def test_a_file_of_fractions_or_of_a_different_scale_is_refused(tmp_path, name, change, message):
@@ -135,7 +135,7 @@ def test_recordings_without_object_and_session_are_read_where_labels_are_not_nee
     rows, notes = answered(recogniser(), tmp_path)
     expected = [("a", "pen", "pen", 60), ("b/1", "", "cup", 60)]
     assert [(name, row.object, best(row), row.frames) for name, row in rows.items()] == expected and notes == []
-    with pytest.raises(UserError, match="no attribute 'object'"):
+    with pytest.raises(UserError, match=r"1.h5.*object"):
         open_source(tmp_path)
 
 
