@@ -62,8 +62,8 @@ class Table:
 
         cells = self.cells[list(columns)].copy()
         for column in cells.select_dtypes(exclude="number"):
-            texts = cells[column].astype(str).str.replace(self.decimal, ".")
-            cells[column] = to_numeric(texts, errors="coerce")
+            texts = [str(cell).replace(self.decimal, ".") for cell in cells[column]]  # Arrow's need too much memory
+            cells[column] = to_numeric(np.array(texts, dtype=object), errors="coerce")
         return cells.to_numpy(None if {kind.kind for kind in cells.dtypes} == {"i"} else np.float64)
 
     def numbers(self, columns: Sequence[int]) -> np.ndarray:
@@ -99,7 +99,7 @@ def read_table(file: Path) -> Table:
     width = 1 + max((at for at, cell in enumerate(example) if cell), default=-1)
     heading = list(takewhile(lambda line: _is_heading(line, separator, example[:width]), lines))
     body = [line for line in lines[len(heading) :] if not _is_comment(line)]
-    longest = max((len(line.split(separator)) for line in body), default=0)
+    longest = max(width, *(len(line.split(separator)) for line in body), 0)
     if not body or longest > MAX_COLUMNS:
         raise UserError(f"{file}: {longest:,} columns; expected a table of numbers, of up to {MAX_COLUMNS:,} columns")
     decimal = "," if separator != "," and any(re.search(r"\d,\d", line) for line in body) else "."

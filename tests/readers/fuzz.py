@@ -30,7 +30,8 @@ from tests.stag_files import metadata, save_matlab73
 MEMORY = 2**30  # most bytes for one input
 WORDS = [0, 1, 2, 8, 127, 2**15, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**40, 2**62, 2**64 - 1]  # wrong sizes
 TEXTS = [*b'-1 1e400 true null [ ] {} " NaN'.split(), b"9" * 400, b"&a *a", b"\x1b[2J", b"\xff", b"\n"]
-NAMES = {"matlab5": "metadata.mat", "matlab73": "metadata.mat", "npy": "1.npy", "npz": "1.npz", "csv": "1.csv"}
+NAMES = {"matlab5": "metadata.mat", "matlab73": "metadata.mat"}
+NAMES |= {kind: f"1.{kind}" for kind in ("npy", "npz", "csv", "mat")}
 MADE_OF_TEXT = ("csv", "params", "server")
 
 
@@ -50,6 +51,10 @@ def good_bytes(kind: str, folder: Path) -> list[bytes]:
         for packed in (False, True):
             io.savemat(folder / f"{packed}.mat", tree, do_compression=packed)
         return [(folder / "False.mat").read_bytes(), (folder / "True.mat").read_bytes()]
+    if kind == "mat":
+        io.savemat(folder / "1.mat", {"emg": COUNTS, "unit": "mV"}, do_compression=True)
+        later = record(folder / "later.mat", pressure=None, emg=COUNTS, rate=7.35)
+        return [(folder / "1.mat").read_bytes(), later.read_bytes()]
     if kind == "matlab73":
         return [save_matlab73(folder / "good.mat", tree).read_bytes()]
     if kind == "npy":
@@ -110,7 +115,7 @@ def reader(kind: str, folder: Path) -> Callable[[bytes], None]:
         if kind == "params":
             load(path)
         else:
-            read_source(path, folder / "out" / "table", labelled=kind not in ("npy", "npz", "csv"))
+            read_source(path, folder / "out" / "table", labelled=kind not in ("npy", "npz", "csv", "mat"))
 
     return read
 

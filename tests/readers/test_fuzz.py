@@ -9,9 +9,9 @@ import pytest
 from tests.imports import ROOT
 from tests.readers.fuzz import NAMES
 
-#: Inputs of each kind, 2,000 in all.
+#: Inputs of each kind
 INPUTS = {"hdf5": 500, "matlab5": 300, "matlab73": 400, "params": 200, "npy": 150, "npz": 150, "csv": 150}
-INPUTS["server"] = 150
+INPUTS |= {"server": 150, "mat": 150}
 
 
 @pytest.mark.slow
