@@ -131,6 +131,8 @@ def report(run: str, out: Path) -> None:
 def _form(changes: tuple[str, ...]) -> "Form":
     from tactile_viewgcn.readers.source import Form
 
+    if other := [change for change in changes if not change.startswith("data.")]:
+        raise UserError(f"--set {other[0]}: expected data.shape, data.layout or data.columns")
     data = load(DEFAULTS, changes, "--set").data
     return Form(data.shape, data.layout, data.columns)
 

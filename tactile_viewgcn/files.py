@@ -241,8 +241,9 @@ def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
 
 
 def arrays_below(path: Path) -> list[Path]:
-    """Arrays as `files_below` finds them; a .txt is one only where no other recordings are, which it may describe."""
-    return files_below(path, ARRAYS) or ([] if files_below(path, READ[:-1]) else files_below(path, READ[-1:]))
+    """Arrays as `files_below` finds them; .txt are some if they are more than other recordings, else descriptions."""
+    arrays, texts = files_below(path, ARRAYS), files_below(path, READ[-1:])
+    return sorted(arrays + texts) if len(texts) > len(files_below(path, READ[:-1])) else arrays
 
 
 def all_below(path: Path) -> list[Path]:

@@ -23,23 +23,8 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 #: Words in the names of columns. A name of a unit alone is that of a time, but for the short ones of a letter or two.
 TIMES = {"time", "timestamp", "systime", "stamp", "tstamp", "elapsed", "clock", "millis", "micros", "ms", "t"}
 ABOUT_TIMES = {"date", "sys", "system", "log", "unix", "epoch", "utc", "local", "since", "start"}
-COUNTS = {
-    "sample",
-    "frame",
-    "row",
-    "line",
-    "packet",
-    "index",
-    "idx",
-    "id",
-    "n",
-    "no",
-    "nr",
-    "number",
-    "count",
-    "counter",
-}
-COUNTS |= {"samples", "frames", "num", "seq", "sequence", "#"}
+LINE_NUMBERS = {"sample", "samples", "frame", "frames", "row", "line", "packet", "index", "idx", "id", "seq"}
+LINE_NUMBERS |= {"sequence", "n", "no", "nr", "num", "number", "count", "counter", "#"}
 INDEX = {"", "unnamed: 0"}  # the first column of pandas' and R's tables
 NAMES = {
     "object": {"object", "label", "class", "gesture", "target"},
@@ -47,6 +32,7 @@ NAMES = {
     "session": {"session", "subject"},
 }
 MOST_LETTERS = 40  # of a name
+MOSTLY = 0.9  # of the steps of a counter, which may have lost lines
 LONGEST = 0.5  # seconds between frames, where a unit is guessed
 
 
@@ -76,7 +62,7 @@ class Columns:
 
 def named(names: list[str], form: Form) -> dict[str, int]:
     """The first column that names objects, recordings or sessions, by what it names."""
-    words = {kind: {form.columns[kind].lower()} if kind in form.columns else set for kind, set in NAMES.items()}
+    words = {kind: {form.columns[kind].lower()} if kind in form.columns else known for kind, known in NAMES.items()}
     pairs = [(kind, at) for kind in words for at, name in enumerate(names) if name.lower() in words[kind]]
     return dict(reversed(pairs))
 
@@ -91,20 +77,16 @@ def starts(table: Table, form: Form) -> np.ndarray:
 
 
 def columns_of(table: Table, form: Form) -> Columns:
-    """What the columns of a table hold, and of all tables like it.
-
-    Raises:
-        UserError: it has no column of a name that the form gives.
-    """
-    if missing := [name for name in form.columns.values() if name not in table.names]:
-        raise UserError(f"{table.file}: no column {missing[0]!r}; found {listed(table.names)}")
+    """What the columns of a table hold, and of all tables like it."""
     values = table.values(range(len(table.names)))
     with np.errstate(invalid="ignore"):  # of infinite readings
         steps = np.diff(values, axis=0)[~starts(table, form)[1:]]
     labels, sensors, notes, time = named(table.names, form), [], [], None
     for at, name in enumerate(table.names):
         kind = next((f"the name of the {label}" for label, column in labels.items() if column == at), "")
-        kind = kind or ("time" if name == form.columns.get("time") else _kind(name, at, table.names, steps[:, at]))
+        kind = kind or (
+            "time" if name == form.columns.get("time") else _kind(name, at, table.names, values[:, at], steps[:, at])
+        )
         if kind == "time" and (unit := _unit(name, float(np.median(steps[:, at])) if len(steps) else 0.0)):
             time, kind = time or (at, SECONDS[unit]), f"time in {unit}"
         if kind == "time":
@@ -120,12 +102,14 @@ def sensors_and_time(table: Table, columns: Columns | None, form: Form) -> dict[
     """`pressure` (lines, sensors) and, where its unit is known, `time` (lines,) in seconds.
 
     Raises:
-        UserError: a cell holds no number, or the columns stand in a different order than in other tables.
+        UserError: a cell holds no number, or the columns have other names than those of other tables.
     """
-    if columns is None or len(columns.names) != len(table.names):  # a table of a different size is refused with reasons
+    columns = columns or columns_of(table, form)
+    if any(table.names) and table.names != columns.names:
+        found = f"columns {listed(table.names)}" if table.is_shown else "other columns"
+        raise UserError(f"{table.file}: {found}; expected those of most files: {listed(columns.names)}")
+    if len(columns.names) != len(table.names):  # refused with reasons later
         columns = columns_of(table, form)
-    if table.names != columns.names and sorted(table.names) == sorted(columns.names):
-        raise UserError(f"{table.file}: its columns stand in a different order than those of other files")
     values = {"pressure": table.numbers(columns.sensors)}
     if columns.time:
         at, seconds = columns.time
@@ -133,14 +117,16 @@ def sensors_and_time(table: Table, columns: Columns | None, form: Form) -> dict[
     return values
 
 
-def _kind(name: str, at: int, names: list[str], steps: np.ndarray) -> str:
-    """What a column holds by its name, and by its steps (n,) from line to line; "" for a sensor."""
+def _kind(name: str, at: int, names: list[str], values: np.ndarray, steps: np.ndarray) -> str:
+    """What a column holds by its name, its values and their steps (n,) from line to line; "" for a sensor."""
     words = _words(name)
-    is_counting = len(steps) > 1 and (steps == steps[0]).all() and steps[0] > 0
-    if (words and words <= COUNTS and is_counting) or (at == 0 and any(names) and name.lower() in INDEX):
+    is_counting = len(steps) > 1 and np.median(steps) > 0 and (steps == np.median(steps)).mean() > MOSTLY
+    is_counting &= at == 0 or values[0] in (0, 1)  # a finger is called `index` too
+    if (words and words <= LINE_NUMBERS and is_counting) or (at == 0 and any(names) and name.lower() in INDEX):
         return "the line's number"
     is_time = words & TIMES and words <= TIMES | ABOUT_TIMES | UNIT_OF.keys()
-    return "time" if is_time and (words != {"t"} or (steps >= 0).all()) else ""
+    is_sensor = words == {"t"} and not (name.strip().lower() == "t" and (steps > 0).all())  # of temperature, of a thumb
+    return "time" if is_time and not is_sensor else ""
 
 
 def _words(name: str) -> set[str]:

@@ -40,8 +40,8 @@ def open_source(path: str | Path, *, labelled: bool = True, form: Form = AUTO) -
         return read_folder(path)
     if path.is_file() and path.suffix.lower() == ".mat":
         with reading(path):
-            is_stag = labelled or matlab_fields(path, ("objectId",))
-        return read_metadata(path) if is_stag else read_arrays(path, form, labelled=False)
+            is_stag = path.name == "metadata.mat" or matlab_fields(path, ("objectId",))
+        return read_metadata(path) if is_stag else read_arrays(path, form, labelled=labelled)
     arrays, recordings = arrays_below(path), files_below(path, HDF5)
     few, many = sorted((arrays, recordings), key=len)
     if few and len(few) * MANY > len(many):

@@ -11,7 +11,7 @@ A file may come from anybody: nothing in it leads to a different file.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from tactile_viewgcn.readers.source import (
     Source,
     Values,
     framed,
+    listed,
     no_array,
 )
 
@@ -68,14 +69,17 @@ def _opened(
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
         in_file = {name: form.columns.get(name, name) for name in (*DATASETS, *ATTRIBUTES)}
-        if in_file["pressure"] not in file:
+        values: dict[str, Any] = {}
+        for name in DATASETS:
+            with suppress(KeyError):
+                values[name] = dataset(file, in_file[name], "numbers")
+        if "pressure" not in values:
             raise no_array(in_file["pressure"], list(file), str(path))
-        values: dict[str, Any] = {
-            name: dataset(file, in_file[name], "numbers") for name in DATASETS if in_file[name] in file
-        }
         if values["pressure"].ndim != 3 or form.shape == FRAMES_LAST:
             values["pressure"] = framed(values["pressure"][()], form, str(path))
         texts = {name: _attribute(file, in_file[name]) for name in ATTRIBUTES if in_file[name] in file.attrs}
+        if missing := form.columns.keys() - values.keys() - texts.keys():
+            raise UserError(f"{path}: no {form.columns[missing.pop()]}; found {listed([*file, *file.attrs])}")
         if labelled and not texts.get("object"):
             try:
                 texts = layout().names(path, labelled=True) | texts
@@ -110,10 +114,12 @@ def dataset(file: h5py.File, name: str, *kinds: str) -> h5py.Dataset:
         KeyError: there is none.
         UserError: the link leads out of the file or nowhere, or as `check_dataset`.
     """
-    if (link := file.get(name, getlink=True)) is None:
+    parts, place = list(filter(None, name.split("/"))), file
+    if parts and file.get(parts[0], getlink=True) is None:
         raise KeyError(f"no /{name}")
-    place = file
-    for part in filter(None, link.path.split("/") if isinstance(link, h5py.SoftLink) else [name]):
+    if len(parts) == 1 and isinstance(link := file.get(name, getlink=True), h5py.SoftLink):
+        parts = list(filter(None, link.path.split("/")))
+    for part in parts:
         if not isinstance(place, h5py.Group) or not isinstance(place.get(part, getlink=True), h5py.HardLink):
             raise UserError(f"{file.filename}: /{name} leads out of the file or nowhere; expected it in the file")
         place = place[part]

@@ -8,6 +8,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.columns import Columns, named, sensors_and_time, starts
 from tactile_viewgcn.readers.source import (
+    FRAMES_LAST,
     UNLABELLED,
     Form,
     Source,
@@ -29,7 +30,7 @@ def read_labelled(path: Path, columns: Columns, form: Form) -> Source:
         UserError: a cell holds no number or no name.
     """
     with reading(path):
-        table = read_table(path)
+        table = read_table(path, path)
         values, texts = sensors_and_time(table, columns, form), _texts(table, form)
     if "recording" not in texts:
         begins = starts(table, form)
@@ -50,7 +51,10 @@ def read_labelled(path: Path, columns: Columns, form: Form) -> Source:
     values["frame"] = np.arange(len(order)) - first
     if "time" in values:
         values["time"] = values["time"] - values["time"][first]
-    pressure = values["pressure"] = framed(values["pressure"], form, str(path))
+    pressure = framed(values["pressure"], form, str(path))
+    if form.shape == FRAMES_LAST or len(pressure) != len(order):
+        raise UserError(f"{path}: one table of all recordings has a frame in each line; expected data.shape of a frame")
+    values["pressure"] = pressure
     return Source(
         path,
         names["object"],

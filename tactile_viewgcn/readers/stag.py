@@ -147,14 +147,21 @@ def matlab_fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
 
 
 def matlab_names(path: Path) -> list[str]:
-    """Names of the variables of a MAT-file with more than one row and column, or that have three axes."""
+    """Names of the variables of numbers in a MAT-file with more than one row and column."""
     if h5py.is_hdf5(path):
         with open_hdf5(path) as file:
-            shapes = {name: getattr(file[name], "shape", None) or () for name in file}
+            hard = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+            found = {name: file[name] for name in hard if isinstance(file[name], h5py.Dataset)}
+            shapes = {
+                name: values.shape or ()
+                for name, values in found.items()
+                if kind_of(values.dtype) == "numbers" and values.attrs.get("MATLAB_class", b"") != b"char"
+            }
     else:
         from scipy import io
 
-        shapes = {name: shape for name, shape, _ in io.whosmat(path)}
+        kinds = ("int", "uint", "double", "single")
+        shapes = {name: shape for name, shape, kind in io.whosmat(path) if kind.startswith(kinds)}
     return [name for name, shape in shapes.items() if sum(size > 1 for size in shape) > 1]
 
 

@@ -1,7 +1,8 @@
 """Reading tables of numbers as programs write them: spreadsheets, pandas, R, MATLAB, LabVIEW, loggers.
 
 Cells are separated by commas, semicolons, tabs or blanks, with a decimal point or comma. Lines of words may stand above
-the numbers; the first of these with a cell for each column has the columns' names. Lines that begin with # or % hold no
+the numbers; the first of these with a cell for each column has the
+columns' names. Lines that begin with # or % hold no
 numbers, and a line may end with a separator.
 """
 
@@ -38,6 +39,8 @@ class Table:
         cells: (lines, columns) numbers, or texts in a column with any; NaN where empty.
         decimal: the decimal mark.
         heading: number of lines above the numbers that are not empty.
+        is_shown: whether messages may quote the file: not one outside the source, to which a link leads and which the
+            user may not mean to show.
     """
 
     file: Path
@@ -45,11 +48,7 @@ class Table:
     cells: "DataFrame"
     decimal: str
     heading: int
-
-    @property
-    def is_shown(self) -> bool:
-        """Whether messages may quote the file: not one to which a link leads, which the user may not mean to show."""
-        return self.file.absolute() == self.file.resolve()
+    is_shown: bool
 
     def line(self, row: int) -> int:
         """The number, as an editor counts, of a line of cells."""
@@ -83,8 +82,8 @@ class Table:
         return numbers
 
 
-def read_table(file: Path) -> Table:
-    """The table in a text file, or in one that gzip has packed.
+def read_table(file: Path, source: Path) -> Table:
+    """The table in a text file of a source, or in one that gzip has packed.
 
     Raises:
         UserError: there are no numbers, too many columns, or a line of more cells than others.
@@ -97,7 +96,8 @@ def read_table(file: Path) -> Table:
     separator = _separator(sample.strip())
     example = _cells(sample, separator)
     width = 1 + max((at for at, cell in enumerate(example) if cell), default=-1)
-    heading = list(takewhile(lambda line: _is_heading(line, separator, example[:width]), lines))
+    heading = lines[:1] if lines and _are_numbers_as_names(_cells(lines[0], separator)) else []
+    heading += takewhile(lambda line: _is_heading(line, separator, example[:width]), lines[len(heading) :])
     body = [line for line in lines[len(heading) :] if not _is_comment(line)]
     longest = max(width, *(len(line.split(separator)) for line in body), 0)
     if not body or longest > MAX_COLUMNS:
@@ -118,7 +118,8 @@ def read_table(file: Path) -> Table:
             float_precision="round_trip",
             low_memory=False,
         )
-    table = Table(file, _names(heading, separator, width), cells.iloc[:, :width], decimal, len(heading))
+    names, is_shown = _names(heading, separator, width), file.resolve().is_relative_to(source.resolve())
+    table = Table(file, names, cells.iloc[:, :width], decimal, len(heading), is_shown)
     for row in np.flatnonzero(cells.iloc[:, width:].notna().any(axis=1))[:1]:
         what = f"more than {width} cells, the number in other lines; correct it or delete the line"
         raise UserError(f"{file}: line {table.line(row)} has {what}")
@@ -174,28 +175,31 @@ def _is_number(cell: str) -> bool:
 def _is_heading(line: str, separator: str | None, example: list[str]) -> bool:
     """Whether a line belongs above the numbers, with the cells of a line of numbers for comparison.
 
-    It is a comment, or the names 0, 1, 2 that pandas gives columns, or begins with a word and has a word in place of a
-    number or a different length.
+    It is a comment, or begins with a word and has a word in place of a number or a different length.
     """
     cells = _cells(line, separator)
     filled = [cell for cell in cells if cell] or [""]
     is_unlike = len(cells) != len(example) or any(
         cell and not _is_number(cell) and _is_number(number) for cell, number in zip(cells, example, strict=True)
     )
-    counted = [str(number) for number in range(len(cells))]
-    is_counted = len(cells) > 2 and cells in (counted, ["", *counted[:-1]])
-    return _is_comment(line) or is_counted or (not _is_number(filled[0]) and is_unlike)
+    return _is_comment(line) or (not _is_number(filled[0]) and is_unlike)
+
+
+def _are_numbers_as_names(cells: list[str]) -> bool:
+    """Whether a first line is 0, 1, 2 or 1, 2, 3, as programs name columns, with or without an empty cell before."""
+    names = cells[not cells[0] :]
+    return len(cells) > 2 and any(names == [str(first + at) for at in range(len(names))] for first in (0, 1))
 
 
 def _names(heading: list[str], separator: str | None, width: int) -> list[str]:
-    """Names of the columns: the cells of the first line above the numbers that has one for each, or else the most."""
-    lines = []
-    for line in heading:
-        if not _is_comment(line):
-            cells = _cells(line, separator)
-            of_r = len(cells) + 1 == width > 2 and not any(_is_number(cell) for cell in cells)
-            lines.append(["", *cells] if of_r and line is heading[-1] else cells)  # R names no column of row names
-        elif len(cells := _cells(line.lstrip("".join(COMMENT) + " "), separator)) >= width:
-            lines.append(cells)
-    names = max((cells[:width] for cells in lines), key=len, default=[])
+    """Names of the columns: the cells of the first line above the numbers that has one for each.
+
+    Where none has, those of the first line that is no comment; of blanks that may be a sentence.
+    """
+    rows = [_cells(line.lstrip("".join(COMMENT) + " "), separator) for line in heading]
+    rows = [row[:-1] if len(row) > width and not row[-1] else row for row in rows]  # a separator at the end
+    if rows and len(rows[-1]) + 1 == width > 2 and not any(map(_is_number, rows[-1])):
+        rows[-1] = ["", *rows[-1]]  # R names no column of row names
+    shorter = [row for row, line in zip(rows, heading, strict=True) if separator and not _is_comment(line)]
+    names = next((row for row in rows if len(row) == width), [*shorter, []][0])[:width]
     return names + [""] * (width - len(names))

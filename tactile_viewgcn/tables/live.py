@@ -22,14 +22,15 @@ class LiveSensors:
         """Take a block of consecutive frames (n, H, W) into account, with the number (n,) of each one's recording."""
         np.minimum(self._low, pressure.min(axis=0), out=self._low)
         np.maximum(self._high, pressure.max(axis=0), out=self._high)
+        within = recording[1:] == recording[:-1]
+        self._rising &= (pressure[1:] > pressure[:-1])[within].all(axis=0)
         rising = np.flatnonzero(self._rising)
         readings = pressure.reshape(len(pressure), -1)[:, rising].astype(np.float64)
-        steps = np.diff(readings, axis=0)[recording[1:] == recording[:-1]]
+        steps = np.diff(readings, axis=0)[within]
+        self._steps += len(steps)
         if steps.size:
-            self._rising.flat[rising] = (steps > 0).all(axis=0)
             middle = np.median(steps, axis=0)
             self._even.flat[rising] += (np.abs(steps - middle) <= middle / 2).sum(axis=0)
-            self._steps += len(steps)
 
     @property
     def spread(self) -> float:
@@ -62,7 +63,7 @@ class LiveSensors:
 
 def sensor_names(sensors: np.ndarray, channel_names: Sequence[str] = ()) -> list[str]:
     """The channel's name, or row and column from 1, of each of some sensors, bool (H, W)."""
-    names = channel_names or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
+    names = list(channel_names) or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
     return [names[at] or f"column {at + 1}" for at in np.flatnonzero(sensors).tolist()]
 
 

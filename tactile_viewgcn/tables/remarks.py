@@ -6,14 +6,15 @@ import numpy as np
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several
 from tactile_viewgcn.readers.source import listed
-from tactile_viewgcn.tables.live import sensor_names
+from tactile_viewgcn.tables.live import FEWEST, sensor_names
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
+STRAIGHT = 0.999  # correlation with the frame's number
 SLOW = 1.0  # median seconds between frames; those of a clock in milliseconds are more
 
 
 def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
-    """The reader's notes, and warnings of recordings without frames, copies, labels, sessions and times.
+    """The reader's notes, and warnings of recordings without frames, copies, labels, ramps, sessions and times.
 
     Args:
         original: see `originals`.
@@ -23,6 +24,7 @@ def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
         *without_frames(recordings),
         *_copies(recordings, original),
         *_labels(recordings),
+        *_ramps(recordings),
         *_sessions(recordings),
         *_times(recordings),
     ]
@@ -73,6 +75,23 @@ def _labels(recordings: Recordings) -> list[Note]:
     names = listed(sensor_names(labels, recordings.channel_names), "; ")
     text = f"{several(int(labels.sum()), 'sensor')} with one reading for each object: {names}. Names of objects are no "
     return [Note(f"{text}readings: remove them, or call the column `object`.", "warning", "labels")]
+
+
+def _ramps(recordings: Recordings) -> list[Note]:
+    """A warning of sensors whose readings are a straight line over time in every recording, as those of a clock are."""
+    ramps, count = recordings.live.copy(), 0
+    for index in frames_by_recording(recordings):
+        place = np.arange(len(index)) - (len(index) - 1) / 2
+        counts = recordings.frames(index)[:, ramps].astype(np.float64)
+        counts -= counts.mean(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):  # of sensors that do not vary
+            straight = np.abs(place @ counts) / np.sqrt((place**2).sum() * (counts**2).sum(axis=0)) > STRAIGHT
+        ramps[ramps], count = straight, count + len(index) - 1
+    if not ramps.any() or count < FEWEST:
+        return []
+    names = listed(sensor_names(ramps, recordings.channel_names), "; ")
+    text = f"{several(int(ramps.sum()), 'sensor')} rising or falling evenly in every recording: {names}. Remove "
+    return [Note(f"{text}a clock: by it alone recordings can be told from earlier ones.", "warning", "ramps")]
 
 
 def _sessions(recordings: Recordings) -> list[Note]:

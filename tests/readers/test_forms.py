@@ -126,6 +126,8 @@ COLUMNS = {  # names, a line, seconds between frames, and the columns that notes
     "no unit": ("time,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('time')"]),
     "line numbers": ("Sample,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('Sample')"]),
     "names": ("a,b,c,label,Trial\n", lambda t, *r: [*r, "x", 7], None, ["column 4 ('label')", "column 5 ('Trial')"]),
+    "counter with a gap": ("id,a,b,c\n", lambda t, *r: [t + (t > 9), *r], None, ["column 1 ('id')"]),
+    "thumbs that rest": ("t1,t2,t3\n", lambda t, a, *r: [a, *r], None, []),
     "fingers": ("index,thumb,t\n", lambda t, *r: r, None, []),
 }
 
@@ -207,6 +209,47 @@ def test_recordings_of_other_programs_give_the_same_frames(tmp_path, form, chang
     np.testing.assert_allclose(table.columns["time"], np.tile(np.arange(20) / 4 if has_times else [np.nan] * 20, 4))
     if changes and "shape" not in changes:
         assert "data." in refusal(tmp_path / "lab", tmp_path)  # the line to type
+
+
+NAMED = {  # the text of a table, and the names of its columns of sensors
+    "a title": ("Tactile glove of the left hand\nthumb index middle\n1 2 3\n4 5 6\n", ["thumb", "index", "middle"]),
+    "a sentence": ("# time of the recording was 12:30\n1 2 3 4\n5 6 7 8\n", []),
+    "units": ("a,b,\nN,N,\n1,2,\n3,4,\n", ["a", "b"]),
+    "numbers": ("1,2,3\n500,510,520\n501,511,521\n", ["1", "2", "3"]),
+    "quoted": ('"a b",c\n1,2\n3,4\n', ["a b", "c"]),
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_names_of_columns_are_those_of_the_line_with_one_for_each(tmp_path, name):
+    text, names = NAMED[name]
+    save(tmp_path / "lab" / "mug" / "1.csv", text)
+    counts, table = ingested(tmp_path / "lab")
+    assert table.channel_names == names and len(counts) == 2
+    save(tmp_path / "elsewhere", text)
+    (tmp_path / "lab" / "mug" / "1.csv").unlink()
+    (tmp_path / "lab" / "mug" / "1.csv").symlink_to(tmp_path / "elsewhere")
+    assert ingested(tmp_path / "lab")[1].channel_names == []  # the user may not mean to show that file
+
+
+def test_a_stray_table_neither_names_nor_hides_the_others(tmp_path):
+    lines = "time_s a b\n" + "".join(f"{frame} {frame % 3} 5\n" for frame in range(9))
+    for number in range(24):
+        save(tmp_path / "lab" / "mug" / f"{number}.txt", lines)
+    save(tmp_path / "lab" / "aaa" / "notes.csv", "who,x,y\n1,2,3\n")
+    _, table = ingested(tmp_path / "lab")
+    assert table.objects == ["mug"] and table.channel_names == ["a", "b"] and table.columns["time"][1] == 1
+    assert "notes.csv" in warnings_of(table.notes)[0].text
+
+
+def test_matlab_s_times_are_read_and_its_texts_are_no_arrays(tmp_path):
+    fields = {"emg": COUNTS.T, "t": np.arange(4.0)[None] / 8, "names": COUNTS[0]}
+    record(tmp_path / "lab" / "mug" / "1.mat", pressure=None, **fields)
+    with h5py.File(tmp_path / "lab" / "mug" / "1.mat", "r+") as file:
+        file["names"].attrs["MATLAB_class"] = np.bytes_("char")
+    counts, table = ingested(tmp_path / "lab", form=Form(columns={"time": "t"}))
+    np.testing.assert_array_equal(counts, COUNTS)
+    np.testing.assert_array_equal(table.columns["time"], np.arange(4) / 8)
 
 
 ONE_TABLE = {  # names and columns of an object's part, and the names of recordings and sessions

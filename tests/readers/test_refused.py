@@ -222,10 +222,32 @@ def test_tables_of_other_columns_and_lines_without_a_name_are_refused(tmp_path):
     save(tmp_path / "lab" / "mug" / "2.csv", "a,b,time_s\n1,2,0\n3,4,1\n")
     assert "mug/2.csv: " in refusal(tmp_path / "lab", tmp_path)
     save(tmp_path / "lab" / "mug" / "2.csv", "time_s,a\n0,1\n1,3\n")
-    assert "mug/2.csv: shape (1, 1)" in refusal(tmp_path / "lab", tmp_path)
+    assert "mug/2.csv: columns time_s, a" in refusal(tmp_path / "lab", tmp_path)
     table = save(tmp_path / "all.csv", "label,a,b\nmug,1,2\n\n,3,4\nmug,5,6\n")
     assert "all.csv: line 4, column 1" in refusal(table, tmp_path)
     assert "`object`" in refusal(save(tmp_path / "all.csv", "a,b\n1,2\n"), tmp_path)
+    table = save(tmp_path / "all.csv", "label,a,b\nmug,1,2\npen,3,4\n")
+    assert "all.csv: one table" in refusal(table, tmp_path, form=Form(shape="frames_last"))
+    assert "no column 'nix'" in refusal(table, tmp_path, form=Form(columns={"object": "nix"}))
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "words"),
+    [
+        ("a.h5", {"time": "typo"}, "a.h5: no typo"),
+        ("a.h5", {"object": "nope"}, "a.h5: no nope"),
+        ("a.h5", {"pressure": "elsewhere/pressure"}, "leads out of the file"),
+        ("mug/a.npz", {"time": "typo"}, "a.npz: no array typo"),
+        ("mug/a.npy", {"object": "label"}, "a.npy: data.columns names object"),
+    ],
+)
+def test_names_in_files_that_are_not_there_are_refused(tmp_path, name, columns, words):
+    if name.endswith("h5"):
+        with h5py.File(record(tmp_path / "lab" / name), "r+") as file:
+            file["elsewhere"] = h5py.ExternalLink(str(record(tmp_path / "other.h5")), "/")
+    else:
+        save(tmp_path / "lab" / name, {"pressure": COUNTS} if name.endswith("npz") else COUNTS)
+    assert words in refusal(tmp_path / "lab", tmp_path, form=Form(columns=columns))
 
 
 def test_blank_lines_take_no_time(tmp_path):

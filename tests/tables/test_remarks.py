@@ -13,6 +13,8 @@ COPIED = COUNTS[np.r_[:30, 20:30, 20:30, 50:60]]  # recordings 3 and 4 are of th
 LABELLED, TICKING = COUNTS.copy(), COUNTS.copy()
 LABELLED[:, 3, 5] = 500 + NUMBER // 2
 TICKING[:, 0, 0] = 3 * np.arange(60)
+RAMPED = COUNTS.copy()
+RAMPED[:, 0, 0] = 10 * np.tile([0, 30, 59, 91, 119, 150, 180, 209, 241, 270], 6) + 400 * (NUMBER % 3)
 SECONDS = 0.1 * np.arange(60)
 
 
@@ -30,10 +32,11 @@ SECONDS = 0.1 * np.arange(60)
         (COUNTS, {"time": 1000 * SECONDS}, {"time": "100 s|1,000"}),
         (COUNTS, {"time": np.nan}, {}),
         (LABELLED, {}, {"labels": "1 sensor|row 4, column 6"}),
+        (RAMPED, {}, {"ramps": "1 sensor|row 1, column 1"}),
         (TICKING, {}, {"clock": "1 sensor|row 1, column 1"}),
     ],
     ids=["sound", "empty recording", "lost object", "copies", "an object a session", "two sessions", "times repeat",
-         "times fall", "milliseconds", "no times", "labels", "clock"],
+         "times fall", "milliseconds", "no times", "labels", "jittering clock", "clock"],
 )  # fmt: skip
 def test_what_spoils_a_result_is_said_of_the_table(tmp_path, counts, changes, warned):
     table = written(tmp_path / "t.h5", counts, **(SOUND | changes))
