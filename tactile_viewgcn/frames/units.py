@@ -8,12 +8,12 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 SAMPLE = 2000  # frames, or pairs of successive frames, that are compared
 ENDS = (0.1, 50, 99.9)  # percentiles of a channel's readings; its range is from the first to the last
-STEPS = (10, 50)  # percentiles of its changes from frame to frame, but for zeros: the finest ones, and its noise
+STEPS = (0, 1, 50)  # percentiles of its changes from frame to frame, but for zeros: smallest, finest hundredth, noise
 NOISY = 8.0  # times its noise; a channel of a smaller range shows nothing else
 LEAST = 20.0  # times its noise: the smallest range that counts as full scale, so that noise alone stays small
 ROUNDING = 1e-6  # of a channel's readings
-OUTLIERS = 0.01  # share of the channels at either end that may be faulty
-UNLIKE = 10.0  # ratio of ranges, and of finest changes, of unlike channels
+SOUND = (1, 99)  # percentiles of the channels; those beyond may be faulty
+UNLIKE = 10.0  # ratio of ranges, and of small changes, of unlike channels
 FAR, FALLS = 5.0, 0.8  # times the noise from a recording's first frames; share of such readings that lies below them
 FULL_SCALE = 100.0  # per cent
 
@@ -21,10 +21,10 @@ FULL_SCALE = 100.0  # per cent
 def measure_units(recordings: Recordings, asked: str) -> tuple[str, np.ndarray | None, str]:
     """The value of `preprocess.unit`, zero and gain of each channel, and the reason, measured on training recordings.
 
-    Channels of one kind have alike finest changes, which are those of noise or of counts, however far each is pressed.
-    Those of unlike kind differ tenfold in them and in their ranges, or are further apart than any range. With
-    `each` readings become per cent of the channel's range. With `one` they stay as they are, but are turned round where
-    they fall when a sensor is pressed. Frames that stand alone show no changes and count as of one kind.
+    With `each` readings become per cent of the channel's range. With `one` they stay as they are, but are turned round
+    where they fall when a sensor is pressed. `auto` is `each` where three things differ tenfold between channels: the
+    range, the smallest change between frames, which is 1 for counts of any gain, and the finest hundredth of the
+    changes, which noise makes alike where the smallest is chance. Frames that stand alone show no changes: `one`.
 
     Returns:
         `one` or `each`; (2, H, W), by which a reading r becomes (r - zero) * gain, or None: it stays r; a text.
@@ -32,16 +32,14 @@ def measure_units(recordings: Recordings, asked: str) -> tuple[str, np.ndarray |
     counts, recorded = recordings.live_counts(), frames_by_recording(recordings)
     sample = counts[evenly(np.arange(len(counts)), SAMPLE)]
     low, middle, high = np.percentile(sample, ENDS, axis=0, method="nearest").astype(np.float64)
-    span, (finest, noise) = high - low, _changes(counts, recorded)
+    span, (smallest, fine, noise) = high - low, _changes(counts, recorded)
     active = (span > NOISY * noise) & (span > ROUNDING * np.abs([low, high]).max(axis=0))
     falls, all_fall, unit, reason = *_falling(counts, recorded, noise, active), "one", "all sensors are of one kind"
     if active.any():
-        (least, most), (fine, coarse) = _ends(span[active]), _ends(finest[active])
-        bottom, top = _ends(high[active])[0], _ends(low[active])[1]  # of two channels that are apart
-        if most > UNLIKE * least and coarse > UNLIKE * fine:
-            unit, reason = "each", f"channels are of unlike kind: ranges from {least:.3g} to {most:.3g}"
-        elif top - bottom > most:
-            unit, reason = "each", f"channels are apart: one reads {bottom:.3g} at most, one {top:.3g} at least"
+        compared = np.stack([span, smallest, fine])[:, active]
+        least, most = np.percentile(compared, SOUND, axis=1, method="inverted_cdf")
+        if (most > UNLIKE * least).all():
+            unit, reason = "each", f"channels are of unlike kind: ranges from {least[0]:.3g} to {most[0]:.3g}"
     if asked != "auto":
         unit = asked
     zero, gain = np.zeros(recordings.shape), np.ones(recordings.shape)
@@ -58,9 +56,9 @@ def measure_units(recordings: Recordings, asked: str) -> tuple[str, np.ndarray |
 
 
 def _changes(counts: Counts, recorded: list[np.ndarray]) -> np.ndarray:
-    """The percentiles `STEPS` (2, S) of each channel's changes between successive frames, infinite without changes."""
+    """The percentiles `STEPS` (3, S) of each channel's changes between successive frames, infinite without changes."""
     before, after = (np.concatenate([index[part] for index in recorded]) for part in (slice(-1), slice(1, None)))
-    pairs, steps = evenly(np.arange(len(before)), SAMPLE), np.full((2, counts.shape[1]), np.inf)
+    pairs, steps = evenly(np.arange(len(before)), SAMPLE), np.full((len(STEPS), counts.shape[1]), np.inf)
     changes = np.abs(counts[after[pairs]].astype(np.float64) - counts[before[pairs]])
     for number, of_channel in enumerate(changes.T):
         if of_channel.any():
@@ -78,9 +76,3 @@ def _falling(
         below += (change < -FAR * noise).sum(axis=0)
         above += (change > FAR * noise).sum(axis=0)
     return below > FALLS * (below + above), bool(below[active].sum() > FALLS * (below + above)[active].sum())
-
-
-def _ends(values: np.ndarray) -> tuple[float, float]:
-    """The smallest and the largest value, of many without a hundredth at either end."""
-    ordered, outliers = np.sort(values), int(OUTLIERS * len(values))
-    return float(ordered[outliers]), float(ordered[-1 - outliers])

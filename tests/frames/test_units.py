@@ -35,11 +35,35 @@ def shear_and_position(label: int, seed: int) -> np.ndarray:
     return np.concatenate([shear, 5 + 45 * rise + rng.normal(0, 2, (1, 3))], axis=1)[:, None]
 
 
-def bend_apart(label: int, seed: int) -> np.ndarray:
-    """Five sensors in counts, from 300 to 800, that vary by 90."""
-    rng = np.random.default_rng([seed, label])
-    move = (30 + 60 * rng.random(5)) * np.sin(np.linspace(0, 3, 40))[:, None]
-    return (np.array([300, 400, 550, 700, 800]) + move + rng.normal(0, 1, (40, 5)))[:, None]
+def offsets(label: int, seed: int) -> np.ndarray:
+    """Five sensors from 4,700 to 5,600 counts, each with a range of 200."""
+    rng, zero = np.random.default_rng([seed, label]), np.array([5000, 5200, 4700, 5600, 5100])
+    force = np.clip(np.arange(40) / 10 - 1, 0, 1)[:, None] * rng.uniform(50, 200, 5)
+    return np.rint(zero + force + rng.normal(0, 1, (40, 5)))[:, None]
+
+
+def restless_counts(label: int, seed: int) -> np.ndarray:
+    """Whole counts of six gains that never stand still."""
+    force = np.abs(np.cumsum(np.random.default_rng([seed, label]).normal(0, 0.5, (40, 6)), axis=0))
+    return np.rint(force * [20, 40, 100, 300, 600, 800])[:, None]
+
+
+def force_and_angle(label: int, seed: int) -> np.ndarray:
+    """Three restless forces of up to 6 N, to 0.01 N, beside two slow angles of up to 90 degrees, to one."""
+    rng, frame = np.random.default_rng([seed, label]), np.arange(40)[:, None]
+    force, angle = 3 + 3 * np.sin(0.3 * frame + rng.uniform(0, 6, 3)), 90 * frame / 40 * rng.uniform(0, 1, 2)
+    return np.concatenate([np.round(force, 2), np.round(angle)], axis=1)[:, None]
+
+
+def newton(label: int, seed: int) -> np.ndarray:
+    """Four forces of equal noise, of 1 to 50 N."""
+    noise = np.random.default_rng([seed, label]).normal(0, 0.02, (40, 4))
+    return (np.clip(np.arange(40) / 8 - 1, 0, 1)[:, None] * [1, 4, 15, 50] + noise)[:, None]
+
+
+def counts_and_quaternion(label: int, seed: int) -> np.ndarray:
+    turned = np.cumsum(np.random.default_rng([seed, label]).normal(0, 0.02, (40, 4)), axis=0)
+    return np.concatenate([offsets(label, seed), turned[:, None]], axis=2)
 
 
 def table(make, seeds=RECORDINGS) -> ArrayRecordings:
@@ -59,18 +83,23 @@ def falling(label: int, seed: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("make", "unit", "signs"),
     [
-        (alike, "one", None), (falling, "one", {-1}), (bend_and_motion, "each", {1}), (bend_apart, "each", {1}),
-        (shear_and_position, "each", {-1, 1}), (lambda *of: alike(*of)[:1], "one", None),
+        (alike, "one", None), (falling, "one", {-1}), (lambda *of: alike(*of)[:1], "one", None),
+        (offsets, "one", None), (restless_counts, "one", None), (newton, "one", None),
+        (bend_and_motion, "each", {1}), (force_and_angle, "each", {1}), (counts_and_quaternion, "each", {1}),
+        (shear_and_position, "each", {-1, 1}),
     ],
-    ids=["alike", "falling", "counts and g", "apart", "negative shear", "frames alone"],
+    ids=[
+        "alike", "falling", "frames alone", "offsets", "gains", "newton",
+        "counts and g", "newton and degrees", "counts and quaternion", "negative shear",
+    ],
 )  # fmt: skip
 def test_zero_sign_and_unit_are_those_of_the_channels(make, unit, signs):
     value, channels, text = measure_units(table(make), "auto")
     assert value == unit and text
     assert (channels is None) if signs is None else (set(np.sign(channels[1]).ravel()) == signs)
-    if unit == "each":  # every channel fills its range, and next to nothing lies below its zero
+    if unit == "each":  # every channel rises to 40 % or more, and next to nothing lies below its zero
         readings = table(make).in_units(channels).frames(np.arange(4 * RECORDINGS * 40))
-        assert np.percentile(readings, 99, axis=0).min() > 50 and (readings < 0).mean() < 0.01
+        assert np.percentile(readings, 99, axis=0).min() > 40 and (readings < 0).mean() < 0.01
         assert measure_units(table(make), "each")[1].tolist() == channels.tolist()
         assert measure_units(table(make), "one")[1] is None
     elif signs:
