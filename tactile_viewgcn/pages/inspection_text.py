@@ -14,7 +14,7 @@ from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
-from tactile_viewgcn.params import everywhere
+from tactile_viewgcn.params import DEFAULTS, everywhere, load
 from tactile_viewgcn.readers.source import FRAMES_LAST, MAX_SIDE, listed
 from tactile_viewgcn.schema import as_change
 
@@ -81,7 +81,9 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         if note.level == "info":
             figure, _, text = note.text.partition(" ")
             rows.append((figure, text))
-    if low == high and arrays_below(table.path):  # the axes of an array may mean something else
+    if (
+        low == high and not table.channel_names and arrays_below(table.path)
+    ):  # the axes of an array may mean something else
         if height == 1 and 1 < high <= MAX_SIDE:
             text = f"cells in each file: if that is one frame, --shape {high:g} {width}"
             rows.append((f"{high:g} x {width}", text))
@@ -234,11 +236,15 @@ def command_lines(overview: Overview) -> list[str]:
     source = everywhere(path)
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
     values: dict[str, Any] = {"data.source": str(source)}
-    form = overview.form
+    form, before = overview.form, load(DEFAULTS).data
     if form.shape == FRAMES_LAST or arrays_below(path):
         values["data.shape"] = FRAMES_LAST if form.shape == FRAMES_LAST else list(overview.recordings.shape)
-    values |= {"data.layout": form.layout} if form.layout != "auto" else {}
-    values |= {"data.columns": dict(form.columns)} if form.columns else {}
+    elif before.shape != "auto":
+        values["data.shape"] = "auto"
+    if {form.layout, before.layout} != {"auto"}:
+        values["data.layout"] = form.layout
+    if form.columns or before.columns:
+        values["data.columns"] = dict(form.columns)
     values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
     options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]
     return " \\\n".join([" ".join(["dvc exp run", *presets]), *options]).split("\n")

@@ -43,7 +43,8 @@ def read_arrays(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Sour
         found = listed(columns.names) if columns.is_shown else "others"
         raise UserError(f"{path}: no column {missing[0]!r}; found {found}")
     is_alone = columns and files[0].parent == (path if path.is_dir() else path.parent) and len(files) == 1
-    if columns and is_alone and {"object", *["recording"] * (not labelled)} & named(columns.names, form).keys():
+    names = named(columns.names, form).keys() if columns else set()
+    if columns and is_alone and ("object" in names or (not labelled and ("recording" in names or columns.restarts))):
         return read_labelled(files[0], columns, form)
     layout = layout_of(path, files, form.layout, labelled=labelled)
     source = joined(

@@ -45,6 +45,7 @@ class Columns:
         sensors: the columns of sensors.
         time: the column of times and its unit in seconds, if there is one with a known unit.
         notes: what the columns hold that are no sensors.
+        restarts: whether the time falls from a line to the next, as where another recording begins.
     """
 
     names: list[str]
@@ -52,6 +53,7 @@ class Columns:
     time: tuple[int, float] | None
     notes: list[Note]
     is_shown: bool
+    restarts: bool
 
     @property
     def channel_names(self) -> list[str]:
@@ -95,7 +97,8 @@ def columns_of(table: Table, form: Form) -> Columns:
             notes.append(Note(f"column {at + 1}{f' ({name!r})' if name else ''} is {kind}", topic="columns"))
         else:
             sensors.append(at)
-    return Columns(table.names, sensors, time, notes, table.is_shown)
+    restarts = time is not None and bool((np.diff(values[:, time[0]]) < 0).any())
+    return Columns(table.names, sensors, time, notes, table.is_shown, restarts)
 
 
 def sensors_and_time(table: Table, columns: Columns | None, form: Form) -> dict[str, np.ndarray]:

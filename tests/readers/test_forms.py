@@ -279,6 +279,12 @@ def test_one_table_holds_all_recordings(tmp_path, name):
     np.testing.assert_allclose(table.columns["time"], frames / 10, atol=1e-9)
 
 
+def test_one_table_of_unlabelled_recordings_is_split_where_the_time_falls(tmp_path):
+    lines = "".join(f"{frame},{frame % 2},5\n" for _ in range(3) for frame in range(4))
+    source = open_source(save(tmp_path / "new.csv", f"time_s,a,b\n{lines}"), labelled=False)
+    assert source.recordings == ["1", "2", "3"] and source.frames == 12
+
+
 def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
     numbers = np.random.default_rng(0).random((200, 20)) ** 9
     save(tmp_path / "lab" / "mug" / "1.csv", "\n".join(",".join(map(repr, line.tolist())) for line in numbers))
