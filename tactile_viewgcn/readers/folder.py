@@ -68,7 +68,7 @@ def joined(
     strays |= _unlike(headers)
     if are_few := len(strays) * MANY <= len(headers):
         headers = [header for header in headers if header.file not in strays]
-    raise_mistakes([*strays.values()] * (not are_few) + _of_one_name(headers))
+    raise_mistakes([*dict.fromkeys(strays.values())] * (not are_few) + _of_one_name(headers))
     if strays:
         text = f"{several(len(strays), 'file')} left out beside {len(headers):,}: "
         notes.append(Note(text + listed(list(strays.values()), "; "), "warning", "files"))

@@ -59,14 +59,15 @@ def layout_of(path: Path, files: Sequence[Path], layout: str, *, labelled: bool)
     Folders that only sessions are named as hold objects, unless recordings need not be `labelled`.
 
     Raises:
-        UserError: most files lie deeper than two folders and that of the published split.
+        UserError: most files lie deeper than two folders and that of the published split, or either of two folders may
+            name the objects.
     """
     root = path if path.is_dir() else path.parent
     if layout != "auto":
         return Layout(root, layout)
     places = [file.relative_to(root).parts[:-1] for file in files]
     depth = Counter(map(len, places)).most_common(1)[0][0]
-    roles = _roles([place for place in places if len(place) == depth])
+    roles = _roles([place for place in places if len(place) == depth], root)
     if not labelled and roles == ["OBJECT"] and all(SESSION.fullmatch(place[0]) for place in places if place):
         roles = ["SESSION"]
     if len(roles) < depth:
@@ -74,24 +75,36 @@ def layout_of(path: Path, files: Sequence[Path], layout: str, *, labelled: bool)
     return Layout(root, "/".join([*roles, "FILE"]))
 
 
-def _roles(places: list[tuple[str, ...]]) -> list[str]:
+def _roles(places: list[tuple[str, ...]], root: Path) -> list[str]:
     """What the folders above each file name, from the outermost: OBJECT, SESSION or SPLIT; none of too many.
 
     Folders that are all named as a side are the split. Of two others the inner ones are the objects, unless the outer
-    ones are more likely to be: there is a folder of the empty hand, their names are not those of sessions, or only they
-    have several names.
+    ones are more likely to be: there is a folder of the empty hand, their names are not those of sessions, only they
+    have several names, or no inner name is in two of them.
 
     Args:
         places: names of the folders above each file, equally many.
+
+    Raises:
+        UserError: neither of two folders is more likely.
     """
-    levels = [set(level) for level in zip(*places, strict=True)]
+    levels = list(zip(*places, strict=True))
     sides = [{name.lower() for name in level} <= SIDES.keys() for level in levels]
-    likely = [
-        (EMPTY_HAND in level, not all(map(SESSION.fullmatch, level)), len(level) > 1)
-        for level, is_side in zip(levels, sides, strict=True)
-        if not is_side
-    ]
-    if len(likely) > 2:
+    others = [level for level, is_side in zip(levels, sides, strict=True) if not is_side]
+    if len(others) > 2:
         return []
-    others = iter(["OBJECT", "SESSION"] if len(likely) == 1 or likely[:1] > likely[1:] else ["SESSION", "OBJECT"])
-    return ["SPLIT" if is_side else next(others) for is_side in sides]
+    outer, inner = (
+        ["SPLIT" if is_side else next(names) for is_side in sides]
+        for names in (iter(["OBJECT", "SESSION"]), iter(["SESSION", "OBJECT"]))
+    )
+    likely = [(EMPTY_HAND in level, not all(map(SESSION.fullmatch, level)), len(set(level)) > 1) for level in others]
+    if len(likely) < 2 or likely[0] > likely[1]:
+        return outer
+    if likely[0] < likely[1] or not all(likely[0][1:]):
+        return inner
+    if len(set(zip(*others, strict=True))) == len(set(others[1])):
+        return outer
+    first, second = (f"data.layout={'/'.join(order)}/FILE" for order in (outer, inner))
+    raise UserError(
+        f"{root}: either folder of {'/'.join(places[0])!r} may name the object; {setting(first)} or {second!r}"
+    )

@@ -358,6 +358,8 @@ def test_folders_name_sessions_and_objects_and_the_empty_hand_is_the_first_objec
         ("ball/raw mug/raw", "OBJECT/SESSION", {"ball", "mug"}),
         ("empty_hand/left mug/left mug/right", "OBJECT/SESSION", {"empty_hand", "mug"}),
         ("session_A/1 session_B/2", "SESSION/OBJECT", {"1", "2"}),
+        ("mug/anna mug/ben cup/carl cup/dora", "OBJECT/SESSION", {"mug", "cup"}),
+        ("anna/empty_hand ben/mug", "SESSION/OBJECT", {"empty_hand", "mug"}),
         ("train/ball test/ball", "SPLIT/OBJECT", {"ball"}),
         ("ball/Training ball/testing mug/testing", "OBJECT/SPLIT", {"ball", "mug"}),
         ("test/ball/s1 train/ball/s1 train/mug/s2", "SPLIT/OBJECT/SESSION", {"ball", "mug"}),

@@ -299,6 +299,19 @@ def test_arrays_that_do_not_match_each_other_are_refused(tmp_path):
     assert "mon/b/1.npy" in refusal(tmp_path / "lab", tmp_path)
 
 
+@pytest.mark.parametrize("side", ["", "train/"])
+@pytest.mark.parametrize("ending", ["npy", "h5"])
+@pytest.mark.parametrize("places", ["mug/left mug/right cup/left cup/right", "mug/left mug/right cup/left"])
+def test_folders_of_which_either_may_name_the_object_are_refused_with_both_settings(tmp_path, places, ending, side):
+    for place in places.split():
+        file = tmp_path / "lab" / side / place / f"1.{ending}"
+        save(file) if ending == "npy" else record(file, attributes={"object": None})
+    line, split = refusal(tmp_path / "lab", tmp_path), "SPLIT/" if side else ""
+    for layout in (f"{split}OBJECT/SESSION/FILE", f"{split}SESSION/OBJECT/FILE"):
+        assert line.count(f"data.layout={layout}") == 1
+        assert not refusal(tmp_path / "lab", tmp_path, form=Form(layout=layout))
+
+
 def linked(folder, name="pressure", target="/pressure"):
     """A recording with an external link in it, and one at which that leads."""
     other, path = record(folder.parent / "other.h5"), record(folder / "bad.h5")
