@@ -36,8 +36,9 @@ class Layout:
         """
         place = file.relative_to(self.root).as_posix()
         recording = re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
-        pattern = re.sub("OBJECT|SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+)", re.escape(self.text))
-        if not (match := re.fullmatch(pattern.replace("FILE", "[^/]+"), recording)):
+        pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(self.text))
+        pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
+        if not (match := re.fullmatch(pattern, recording)):
             raise UserError(f"{file}: expected {self.text} as for most files; in all, {PLACES}")
         if labelled and "object" not in match.groupdict():
             raise UserError(

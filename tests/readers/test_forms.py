@@ -376,6 +376,21 @@ def test_the_order_of_folders_is_read_from_their_names(tmp_path, places, order, 
         assert set(sides.values()) == {TRAIN, TEST}
 
 
+@pytest.mark.parametrize(
+    ("layout", "name"),
+    [
+        ("SESSION_OBJECT_FILE", "mon_tea_box_1"),
+        ("OBJECT_SESSION_FILE", "tea_box_mon_1"),
+        ("SPLIT-SESSION/OBJECT_FILE", "test-mon/tea_box_1"),
+        ("SPLIT_SESSION_OBJECT", "Test_mon_tea_box"),
+    ],
+)
+def test_an_object_s_name_may_have_the_mark_that_stands_between_names(tmp_path, layout, name):
+    save(tmp_path / "lab" / f"{name}.npy")
+    _, table = ingested(tmp_path / "lab", form=Form(layout=layout))
+    assert (table.objects, table.sessions) == (["tea_box"], ["mon"])
+
+
 @pytest.mark.parametrize("stray", ["labels.npy", "mug/far/1.npy", "mug/cut.npy", "mug/wide.npy", "log.h5"])
 @pytest.mark.parametrize("good", [12, 5])
 def test_a_stray_file_beside_many_good_ones_is_left_out_and_named(tmp_path, stray, good):
