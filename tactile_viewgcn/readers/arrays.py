@@ -19,8 +19,18 @@ from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.columns import Columns, columns_of, named, sensors_and_time
 from tactile_viewgcn.readers.folder import Names, joined
 from tactile_viewgcn.readers.labelled_table import read_labelled
-from tactile_viewgcn.readers.places import SIDES, Layout, layout_of
-from tactile_viewgcn.readers.source import AUTO, UNLABELLED, Form, Source, Values, framed, listed, pressure_name
+from tactile_viewgcn.readers.places import Layout, layout_of
+from tactile_viewgcn.readers.source import (
+    AUTO,
+    UNLABELLED,
+    Form,
+    Source,
+    Values,
+    framed,
+    listed,
+    pressure_name,
+    side_of,
+)
 from tactile_viewgcn.readers.stag import matlab_fields, matlab_names
 from tactile_viewgcn.readers.text import Table, read_table
 
@@ -77,7 +87,7 @@ def _opened(
     values = sensors_and_time(read_table(file, path), columns, form) if _is_table(file) else _read(file, form)
     values["pressure"] = framed(values["pressure"], form, str(file))
     if side := names.pop("split", ""):
-        values["split"] = np.full(len(values["pressure"]), SIDES[side.lower()])
+        values["split"] = np.full(len(values["pressure"]), side_of(side, str(file)))
     yield {"object": UNLABELLED, "session": "session"} | names, values
 
 

@@ -28,7 +28,6 @@ from tactile_viewgcn.readers.source import (
     FRAMES_LAST,
     NUMBERS,
     SOURCE_MD5,
-    SPLITS,
     UNLABELLED,
     Form,
     Source,
@@ -36,6 +35,7 @@ from tactile_viewgcn.readers.source import (
     framed,
     listed,
     no_array,
+    side_of,
 )
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
@@ -86,9 +86,7 @@ def _opened(
             except UserError as error:
                 raise UserError(f"{error}; or an attribute `object` in the file") from None
         if "split" in texts:
-            if texts["split"] not in SPLITS:
-                raise UserError(f"{path}: attribute split is {texts['split']!r}; expected train or test")
-            values["split"] = np.full(len(values["pressure"]), SPLITS[texts["split"]])
+            values["split"] = np.full(len(values["pressure"]), side_of(texts["split"], str(path)))
         place = path.relative_to(root).with_suffix("").as_posix()
         yield {"object": UNLABELLED, "session": "session", "recording": place} | texts, values
 

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
-from tactile_viewgcn.readers.source import TEST, TRAIN, setting
+from tactile_viewgcn.readers.source import SPLITS, setting
 
 PLACES = "OBJECT/FILE, SESSION/OBJECT/FILE or OBJECT/SESSION/FILE"
-#: Sides of the published split by the names of their folders; `preprocess` draws its own validation side.
-SIDES = {"train": TRAIN, "training": TRAIN, "val": TRAIN, "validation": TRAIN, "test": TEST, "testing": TEST}
 #: A folder of a session is named by a number, a day, or one of these words with or without a number.
 SESSION = re.compile(
     r"[\W\d_]+(t[\W\d_]+z?)?|(mon|tues?|wed(nes)?|thu(rs)?|fri|sat(ur)?|sun)(day)?|[spdrt][\W_]*\d+"
@@ -90,7 +88,7 @@ def _roles(places: list[tuple[str, ...]], root: Path) -> list[str]:
         UserError: neither of two folders is more likely.
     """
     levels = list(zip(*places, strict=True))
-    sides = [{name.lower() for name in level} <= SIDES.keys() for level in levels]
+    sides = [{name.lower() for name in level} <= SPLITS.keys() for level in levels]
     others = [level for level, is_side in zip(levels, sides, strict=True) if not is_side]
     if len(others) > 2:
         return []

@@ -11,7 +11,8 @@ from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
 TRAIN, TEST = 0, 1  # codes of the published split
-SPLITS = {"train": TRAIN, "test": TEST}
+#: Sides of the published split by their names in small letters; `preprocess` draws its own validation side.
+SPLITS = {"train": TRAIN, "training": TRAIN, "val": TRAIN, "validation": TRAIN, "test": TEST, "testing": TEST}
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 BLOCK_FRAMES = 4096  # frames that are read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
@@ -156,6 +157,13 @@ def framed(array: np.ndarray, form: Form, where: str) -> np.ndarray:
             f"{setting('data.shape=[ROWS,COLUMNS]')} of a frame; or, for (cells, frames), data.shape={FRAMES_LAST}"
         )
     return array[:, None] if array.ndim == 2 else array
+
+
+def side_of(name: str, where: str) -> int:
+    """Code of the side of the published split that a name stands for; a UserError that begins with `where` for none."""
+    if name.lower() not in SPLITS:
+        raise UserError(f"{where}: split is {name!r}; expected one of {', '.join(SPLITS)}")
+    return SPLITS[name.lower()]
 
 
 def pressure_name(names: list[str], form: Form, where: str) -> str:

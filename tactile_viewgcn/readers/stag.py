@@ -81,7 +81,7 @@ def read_metadata(path: Path) -> Source:
         values = _values(fields, COLUMN_OF_FIELD, REQUIRED, path)
         if "split" in values:
             names = fields.get("splits", ["train", "test"])
-            sides = np.array([SPLITS.get(name, -1) for name in names])
+            sides = np.array([SPLITS.get(name.lower(), -1) for name in names])
             if not np.isin(values["split"], np.flatnonzero(sides >= 0)).all():
                 raise UserError(f"{path}: splitId and splits {listed(names)}; expected numbers of train and test in it")
             values["split"] = sides[values["split"].astype(np.int64)]

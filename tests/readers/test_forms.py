@@ -361,18 +361,21 @@ def test_folders_name_sessions_and_objects_and_the_empty_hand_is_the_first_objec
         ("mug/anna mug/ben cup/carl cup/dora", "OBJECT/SESSION", {"mug", "cup"}),
         ("anna/empty_hand ben/mug", "SESSION/OBJECT", {"empty_hand", "mug"}),
         ("train/ball test/ball", "SPLIT/OBJECT", {"ball"}),
+        ("val/ball Test/mug", "SPLIT/OBJECT", {"ball", "mug"}),
         ("ball/Training ball/testing mug/testing", "OBJECT/SPLIT", {"ball", "mug"}),
         ("test/ball/s1 train/ball/s1 train/mug/s2", "SPLIT/OBJECT/SESSION", {"ball", "mug"}),
     ],
 )
-def test_the_order_of_folders_is_read_from_their_names(tmp_path, places, order, names):
+@pytest.mark.parametrize("ending", ["npy", "h5"])
+def test_the_order_of_folders_is_read_from_their_names(tmp_path, places, order, names, ending):
     for place in places.split():
-        save(tmp_path / "lab" / place / "x.npy")
+        file = tmp_path / "lab" / place / f"x.{ending}"
+        save(file) if ending == "npy" else record(file, attributes={"object": None, "session": None})
     source = open_source(tmp_path / "lab")
     assert set(source.objects) == names and any(order in note.text for note in source.notes)
     if "SPLIT" in order:
         sides = {source.recordings[block["recording"][0]]: block["split"][0] for block in source.blocks}
-        assert all(side == (TEST if "test" in name else TRAIN) for name, side in sides.items())
+        assert all(side == (TEST if "test" in name.lower() else TRAIN) for name, side in sides.items())
         assert set(sides.values()) == {TRAIN, TEST}
 
 
@@ -438,7 +441,7 @@ def test_a_single_file_is_a_recording_and_needs_no_object_where_none_is_asked_fo
 def test_attributes_name_a_recording_in_hdf5_and_its_side(tmp_path):
     attributes = {"recording": "first", "split": np.bytes_("train")}  # a text of fixed length
     record(tmp_path / "lab" / "a.h5", attributes=attributes)
-    record(tmp_path / "lab" / "b.h5", attributes={"object": "pen", "session": 2, "split": "test"})
+    record(tmp_path / "lab" / "b.h5", attributes={"object": "pen", "session": 2, "split": "Test"})
     _, table = ingested(tmp_path / "lab")
     assert (table.recordings, table.sessions) == (["first", "b"], ["2", "s1"])
     assert table.columns["split"].tolist() == [TRAIN] * 4 + [TEST] * 4
@@ -467,7 +470,7 @@ def test_a_weights_file_has_grasps_and_no_split(tmp_path, save_as):
 
 @MATLAB
 def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save_as):
-    turned = TREE | {"splitId": 1 - TREE["splitId"], "splits": TREE["splits"][:, ::-1]}
+    turned = TREE | {"splitId": 1 - TREE["splitId"], "splits": np.array([["Test", "Train"]], dtype=object)}
     split = ingested(save_as(tmp_path / "metadata.mat", turned))[1].columns["split"]
     np.testing.assert_array_equal(split, np.where(TREE["splitId"].ravel() == 1, TEST, TRAIN))
 

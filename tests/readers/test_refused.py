@@ -125,6 +125,13 @@ def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tm
     assert str(tmp_path / "in") in line and [word for word in words.split("|") if word not in line] == []
 
 
+def test_folders_that_are_no_sides_of_the_split_are_named_with_those_that_are(tmp_path):
+    for side in ("a", "b"):
+        save(tmp_path / "lab" / side / "mug" / "1.npy")
+    line = refusal(tmp_path / "lab", tmp_path, form=Form(layout="SPLIT/OBJECT/FILE"))
+    assert [word for word in ("a/mug/1.npy", "split is 'a'", "train", "test") if word not in line] == []
+
+
 def test_a_path_that_is_not_there_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.mat: "):
         refusal(tmp_path / "nowhere.mat", tmp_path)
