@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from annotated_types import Interval, MaxLen, MinLen
-from pydantic import Strict, StrictBool, StrictFloat, StrictInt, StrictStr, StringConstraints, model_validator
+from pydantic import Strict, StrictBool, StrictFloat, StrictInt, StrictStr, StringConstraints
 from pydantic.dataclasses import dataclass
+from pydantic.functional_validators import AfterValidator, model_validator
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.schema import SECTION, Unique, as_change, build, read_yaml
@@ -76,6 +77,12 @@ def everywhere(path: Path) -> Path:
     return path if tracked else path.absolute()
 
 
+def _each_once(layout: str) -> str:
+    if twice := [name for name in ("SESSION", "SPLIT") if layout.count(name) > 1]:
+        raise ValueError(f"{twice[0]} stands twice")
+    return layout
+
+
 def on_sensors(name: str) -> bool:
     """Whether the system reads the sensors, so that no backbone is pretrained for it."""
     return name == "sensors"
@@ -85,7 +92,7 @@ def on_sensors(name: str) -> bool:
 class Data:
     source: Annotated[StrictStr, MinLen(1)]
     shape: Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)]
-    layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT)]
+    layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)]
     columns: dict[Literal["pressure", "time", "object", "recording", "session"], StrictStr]
 
 

@@ -97,6 +97,7 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("cluster.scop=recording", "unknown key cluster.scop|cluster.scope?"),
         ("data.shape=[4,257]", "data.shape: |(got [4, 257])"),
         ("data.shape=[4,4.0]", "data.shape: |(got [4, 4.0])"),
+        ("data.layout=SESSION/SESSION/OBJECT", "data.layout: |SESSION |(got 'SESSION/SESSION/OBJECT')"),
         ("data.shape=[4]", "data.shape: |(got [4])"),
         ("views.count=3", "--set views.count: "),
         ("views", "'views'"),
