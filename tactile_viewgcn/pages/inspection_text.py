@@ -81,11 +81,12 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         if note.level == "info":
             figure, _, text = note.text.partition(" ")
             rows.append((figure, text))
-    if (
-        low == high and not table.channel_names and arrays_below(table.path)
-    ):  # the axes of an array may mean something else
+    is_table = table.channel_names or not arrays_below(table.path)
+    if low == high and overview.form.shape == "auto" and not is_table:  # the axes may mean something else
         if height == 1 and 1 < high <= MAX_SIDE:
             text = f"cells in each file: if that is one frame, --shape {high:g} {width}"
+            if width > high:
+                text += f"; if it is {high:g} cells in {width} frames, --set data.shape={FRAMES_LAST}"
             rows.append((f"{high:g} x {width}", text))
         if high == height != width and height > 1:
             text = "in each file, taken as frames, rows, columns; where frames come last: np.moveaxis(array, -1, 0)"

@@ -12,6 +12,7 @@ from tactile_viewgcn.pages.inspection_page import inspection_page
 from tactile_viewgcn.pages.inspection_text import command_lines, facts, tables, verdict, warnings
 from tactile_viewgcn.pages.settings import split_settings
 from tactile_viewgcn.pages.source_inspection import inspect_source
+from tactile_viewgcn.readers.source import Form
 from tests.pages.test_html import parsed, text_of
 
 NAMES = ["Öl & <b>", "mug", "$x$"]
@@ -69,6 +70,7 @@ def test_only_measured_baselines_have_a_table_and_only_flags_of_the_source_a_col
     ("shapes", "hint"),
     [
         ([(16, 24), (16, 24)], "--shape 16 24"),  # a file may be one frame
+        ([(16, 24), (16, 24)], "--set data.shape=frames_last"),  # or have its cells first
         ([(16, 24), (17, 24)], ""),
         ([(16, 16, 60), (16, 16, 60)], "np.moveaxis(array, -1, 0)"),  # frames may come last
         ([(60, 16, 16), (60, 16, 16)], ""),
@@ -83,6 +85,9 @@ def test_arrays_whose_axes_may_have_another_meaning_get_a_hint(tmp_path, shapes,
             np.save(tmp_path / name / f"{number}.npy", rng.normal(size=shape))
     hints = [text for _, text in facts(inspect_source(tmp_path)) if "in each file" in text]
     assert len(hints) == bool(hint) and all(hint in text for text in hints)
+    if "--" in hint:
+        named = inspect_source(tmp_path, Form(shape="frames_last"))
+        assert not [text for _, text in facts(named) if "in each file" in text]
 
 
 def changed(overview, **facts):
