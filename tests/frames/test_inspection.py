@@ -15,6 +15,7 @@ from tactile_viewgcn.pages.inspection_text import WIDTH, facts, inspection_lines
 from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.glove_data import (
     FILE,
@@ -227,7 +228,7 @@ def test_copies_of_a_recording_test_nothing(tmp_path):
 def test_objects_that_lie_where_sessions_are_expected_are_noticed(tmp_path, inner):
     for number, (name, session, repeat) in enumerate(product(OBJECTS, (1, 2), range(3))):
         save(tmp_path / name / f"{inner}{session}" / f"{repeat}.npy", recording(name, number))
-    page = inspect_source(tmp_path)
+    page = inspect_source(tmp_path, Form(layout="SESSION/OBJECT/FILE" if inner == "hand" else "auto"))
     assert sorted(page.recordings.objects) == sorted(OBJECTS) or inner == "hand"
     assert [note.topic for note in warnings(page)] == ["error"] * (inner == "hand")
     assert bool(page.session_error and page.session_error.beats_chance) == (inner == "hand")
