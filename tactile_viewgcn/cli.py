@@ -11,7 +11,7 @@ import click
 
 from tactile_viewgcn.files import check_outputs, readable
 from tactile_viewgcn.messages import UserError, shown, user_message
-from tactile_viewgcn.params import DEFAULTS, load, preset_changes, presets
+from tactile_viewgcn.params import DEFAULTS, MAX_SIDE, load, preset_changes, presets
 
 if TYPE_CHECKING:
     from tactile_viewgcn.readers.source import Form
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _SET_DATA = click.option(
     "--set", "changes", multiple=True, metavar="data.KEY=VALUE", help="How to read SOURCE, as data in params.yaml."
 )
-SIDE = click.IntRange(1, 256)  # rows or columns of a frame, the range that readers check
+SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 
 
 @click.group()

@@ -21,6 +21,7 @@ PRESETS = DEFAULTS.parent / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove writes
 CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviations above its baseline
 MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single precision, in which trainings compute
+MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
 LAUNCHER = "^(python|torchrun (--standalone )?--nproc-per-node [1-9][0-9]{0,2}) -m$"
 LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT)[^A-Z]+){0,2}OBJECT([^A-Z]+(SESSION|SPLIT)){0,2}([^A-Z]+FILE)?)$"
@@ -58,7 +59,7 @@ Member = Literal[  # of sensors; one may be alone
     "statistics_svm",
 ]
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
-Side = Annotated[StrictInt, Interval(ge=1, le=256)]  # rows or columns of a frame
+Side = Annotated[StrictInt, Interval(ge=1, le=MAX_SIDE)]  # rows or columns of a frame
 Natural = Annotated[StrictInt, Interval(ge=0, le=MOST)]
 Positive = Annotated[StrictFloat, Interval(ge=1e-30, le=MAX_NUMBER)]
 NotNegative = Annotated[StrictFloat, Interval(ge=0, le=MAX_NUMBER)]

@@ -14,8 +14,8 @@ from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
-from tactile_viewgcn.params import DEFAULTS, everywhere, load
-from tactile_viewgcn.readers.source import FRAMES_LAST, MAX_SIDE, listed
+from tactile_viewgcn.params import DEFAULTS, MAX_SIDE, everywhere, load
+from tactile_viewgcn.readers.source import FRAMES_LAST, listed
 from tactile_viewgcn.schema import as_change
 
 WIDTH = 80

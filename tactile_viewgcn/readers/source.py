@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.params import MAX_SIDE
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
 TRAIN, TEST = 0, 1  # codes of the published split
 #: Sides of the published split by their names in small letters; `preprocess` draws its own validation side.
 SPLITS = {"train": TRAIN, "training": TRAIN, "val": TRAIN, "validation": TRAIN, "test": TEST, "testing": TEST}
-MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 BLOCK_FRAMES = 4096  # frames that are read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
 MOST_SECONDS = 1e9  # absolute value of a time, thirty years

@@ -16,8 +16,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
-from tactile_viewgcn.params import DEFAULTS, Member, Params, load, preset_changes
-from tactile_viewgcn.readers.source import MAX_SIDE
+from tactile_viewgcn.params import DEFAULTS, MAX_SIDE, Member, Params, load, preset_changes
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_by_row
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings

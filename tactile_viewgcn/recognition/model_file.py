@@ -20,8 +20,7 @@ from torch import Tensor
 
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
-from tactile_viewgcn.params import MAX_NUMBER, Model, PreprocessSection
-from tactile_viewgcn.readers.source import MAX_SIDE
+from tactile_viewgcn.params import MAX_NUMBER, MAX_SIDE, Model, PreprocessSection
 from tactile_viewgcn.recognition.novelty import Array, Novelty, Unit, fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.schema import Unique
