@@ -133,9 +133,9 @@ def _form(changes: tuple[str, ...]) -> "Form":
 
     if other := [change for change in changes if not change.startswith("data.")]:
         raise UserError(f"--set {other[0]}: expected data.shape, data.layout or data.columns")
-    as_it_is = "data.shape=auto", "data.layout=auto", "data.columns={}"  # params.yaml may be set for other recordings
+    as_it_is = "data.shape=auto", "data.layout=auto", "data.columns=[]"  # params.yaml may be set for other recordings
     data = load(DEFAULTS, (*as_it_is, *changes), "--set").data
-    return Form(data.shape, data.layout, data.columns)
+    return Form(data.shape, data.layout, data.names)
 
 
 def _say(*lines: str) -> None:

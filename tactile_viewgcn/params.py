@@ -24,6 +24,7 @@ MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single preci
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
 LAUNCHER = "^(python|torchrun (--standalone )?--nproc-per-node [1-9][0-9]{0,2}) -m$"
+COLUMN = "^(pressure|time|object|recording|session):.+$"
 LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT)[^A-Z]+){0,2}OBJECT([^A-Z]+(SESSION|SPLIT)){0,2}([^A-Z]+FILE)?)$"
 PLACES = {"cube": 8, "dodecahedron": 20}  # number of viewpoints of the configurations in which it is fixed
 
@@ -94,7 +95,12 @@ class Data:
     source: Annotated[StrictStr, MinLen(1)]
     shape: Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)]
     layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)]
-    columns: dict[Literal["pressure", "time", "object", "recording", "session"], StrictStr]
+    columns: Annotated[list[Annotated[StrictStr, StringConstraints(pattern=COLUMN)]], Strict(), Unique]
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Names in the files by what they hold, of `columns`."""
+        return {kind: name for kind, _, name in (text.partition(":") for text in self.columns)}
 
 
 @dataclass(frozen=True, config=SECTION)

@@ -99,6 +99,7 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("data.shape=[4,4.0]", "data.shape: |(got [4, 4.0])"),
         ("data.layout=SESSION/SESSION/OBJECT", "data.layout: |SESSION |(got 'SESSION/SESSION/OBJECT')"),
         ("data.shape=[4]", "data.shape: |(got [4])"),
+        ("data.columns=[force:emg]", "data.columns: |force:emg"),
         ("views.count=3", "--set views.count: "),
         ("views", "'views'"),
         ("views=[1", "--set views: |'[1'"),
@@ -227,6 +228,7 @@ def test_batches_of_one_from_which_batch_normalisation_learns_nothing_are_refuse
         (None, "null"),
         (150.0, "150"),
         (["ball", "a b", 3], '[ball,"a b",3]'),
+        (["pressure:emg", "time:t [s]"], '["pressure:emg","time:t [s]"]'),
         ([{"name": "pin", "weight": 2.5}], "[{name: pin, weight: 2.5}]"),
     ],
 )

@@ -245,7 +245,7 @@ def command_lines(overview: Overview) -> list[str]:
     if {form.layout, before.layout} != {"auto"}:
         values["data.layout"] = form.layout
     if form.columns or before.columns:
-        values["data.columns"] = dict(form.columns)
+        values["data.columns"] = [f"{kind}:{name}" for kind, name in form.columns.items()]
     values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
     options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]
     return " \\\n".join([" ".join(["dvc exp run", *presets]), *options]).split("\n")

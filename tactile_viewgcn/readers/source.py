@@ -180,7 +180,7 @@ def pressure_name(names: list[str], form: Form, where: str) -> str:
 
 def no_array(name: str, names: list[str], where: str) -> UserError:
     """The error of a file with arrays or datasets of other names than the expected one."""
-    remedy = setting("data.columns={pressure: NAME}")
+    remedy = setting("data.columns=[pressure:NAME]")
     return UserError(f"{where}: no array {name}; found {listed(names) or 'none'}; if one has the readings, {remedy}")
 
 

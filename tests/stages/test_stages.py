@@ -120,7 +120,7 @@ def test_a_run_leaves_its_record(place):
     assert (record.stage, record.counts["frames"]) == ("ingest", 90) and record.seconds > 0 and record.peak_mb > 10
     assert record.inputs == {"source": {"path": "metadata.mat", "md5": md5(place / "metadata.mat")}}
     assert record.tags["md5.source"] == md5(place / "metadata.mat")
-    values = {"data.source": "metadata.mat", "data.shape": "auto", "data.layout": "auto"}
+    values = {"data.source": "metadata.mat", "data.shape": "auto", "data.layout": "auto", "data.columns": []}
     assert record.params["values"] == values
     assert record.origin["python"].startswith("3.") and int(record.origin["cores"]) >= 1
 
