@@ -50,8 +50,8 @@ def read_arrays(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Sour
     some = [columns_of(table, form) for table in islice(_tables(files, path), SOME)]
     columns = max(some, key=lambda columns: [each.names for each in some].count(columns.names), default=None)
     if columns and (missing := [name for name in form.columns.values() if name not in columns.names]):
-        found = listed(columns.names) if columns.is_shown else "others"
-        raise UserError(f"{path}: no column {missing[0]!r}; found {found}")
+        texts = listed(columns.names) if columns.is_shown else "others"
+        raise UserError(f"{path}: no column {missing[0]!r}; found {texts}")
     is_alone = columns and files[0].parent == (path if path.is_dir() else path.parent) and len(files) == 1
     names = named(columns.names, form).keys() if columns else set()
     if columns and is_alone and ("object" in names or (not labelled and ("recording" in names or columns.restarts))):

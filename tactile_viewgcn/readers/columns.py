@@ -1,6 +1,6 @@
 """Telling the sensors in tables from times, line numbers, and names of objects, recordings and sessions.
 
-A clock under any other name is left out of every form of recordings, see `tables.clock`.
+A clock under any other name is left out of every form of recordings, see `tables.live`.
 """
 
 import re
@@ -45,6 +45,7 @@ class Columns:
         sensors: the columns of sensors.
         time: the column of times and its unit in seconds, if there is one with a known unit.
         notes: what the columns hold that are no sensors.
+        is_shown: see `Table`.
         restarts: whether the time falls from a line to the next, as where another recording begins.
     """
 
@@ -109,8 +110,8 @@ def sensors_and_time(table: Table, columns: Columns | None, form: Form) -> dict[
     """
     columns = columns or columns_of(table, form)
     if any(table.names) and table.names != columns.names:
-        found = f"columns {listed(table.names)}" if table.is_shown else "other columns"
-        raise UserError(f"{table.file}: {found}; expected those of most files: {listed(columns.names)}")
+        names = f"columns {listed(table.names)}" if table.is_shown else "other columns"
+        raise UserError(f"{table.file}: {names}; expected those of most files: {listed(columns.names)}")
     if len(columns.names) != len(table.names):  # refused with reasons later
         columns = columns_of(table, form)
     values = {"pressure": table.numbers(columns.sensors)}

@@ -151,10 +151,10 @@ def matlab_names(path: Path) -> list[str]:
     if h5py.is_hdf5(path):
         with open_hdf5(path) as file:
             hard = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
-            found = {name: file[name] for name in hard if isinstance(file[name], h5py.Dataset)}
+            datasets = {name: file[name] for name in hard if isinstance(file[name], h5py.Dataset)}
             shapes = {
                 name: values.shape or ()
-                for name, values in found.items()
+                for name, values in datasets.items()
                 if kind_of(values.dtype) == "numbers" and values.attrs.get("MATLAB_class", b"") != b"char"
             }
     else:

@@ -101,8 +101,8 @@ def read_table(file: Path, source: Path) -> Table:
     body = [line for line in lines[len(heading) :] if not _is_comment(line)]
     longest = max(width, *(len(line.split(separator)) for line in body), 0)
     if not body or longest > MAX_COLUMNS:
-        found = f"{longest:,} columns" if body else "no line of numbers" if lines else "empty"
-        raise UserError(f"{file}: {found}; expected a table of numbers, of up to {MAX_COLUMNS:,} columns")
+        problem = f"{longest:,} columns" if body else "no line of numbers" if lines else "empty"
+        raise UserError(f"{file}: {problem}; expected a table of numbers, of up to {MAX_COLUMNS:,} columns")
     decimal = "," if separator != "," and any(re.search(r"\d,\d", line) for line in body) else "."
     # texts of pandas, since those of Arrow need more memory than the child process may take
     with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"):
