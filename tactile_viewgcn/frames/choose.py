@@ -24,6 +24,7 @@ from tactile_viewgcn.frames.units import measure_units
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
+from tactile_viewgcn.tables.clocks import clock_notes, find_clocks
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 BASELINES = ("empty_hand", "grasp", "none")  # an earlier one is taken unless a later one errs clearly less
@@ -42,6 +43,7 @@ class Choice:
         recordings: the training side's frames and its sessions' empty hand, in units; nothing else was looked at.
         group: (T,) split group of these frames.
         baseline: of these frames, the one that `params` names.
+        clocks: bool (H, W), see `find_clocks`.
         notes: of level `choice`, one for each value that was `auto`.
         hand: where the hand is open, and where it is in contact; None where nothing needed it.
         errors: by baseline, of a quick classifier on contact, on held-out groups of the training side.
@@ -53,6 +55,7 @@ class Choice:
     recordings: Recordings
     group: np.ndarray
     baseline: Baseline
+    clocks: np.ndarray
     notes: list[Note] = field(default_factory=list)
     hand: OpenHand | None = None
     errors: dict[str, QuickError] = field(default_factory=dict)
@@ -73,8 +76,9 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
     """
     paper, kinds = follows_paper(recordings), BASELINES if has_empty_hand(recordings) else BASELINES[1:]
     rows, trained = with_empty_hand(recordings, sides.training), recordings.part(np.flatnonzero(sides.training))
-    recordings, group = recordings.part(rows, trained.live), sides.group[rows]  # from here on there is no other side
-    live, params, notes = int(recordings.live.sum()), asked, list[Note]()
+    trained = trained.without(clocks := find_clocks(trained))
+    recordings = recordings.part(rows, trained.live).without(clocks)  # from here on there is no other side
+    live, params, notes, group = int(recordings.live.sum()), asked, clock_notes(recordings, clocks), sides.group[rows]
     if not live:
         raise UserError(
             f"{recordings.path}: no sensor varies over {several(len(recordings), 'frame')}; expected some that do: "
@@ -95,7 +99,8 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
     if params.baseline == "none" and channels is not None:
         take("zero", 0.0, "the channels' own zeros", "baseline")
     if params.baseline == "none" and "auto" not in vars(params).values():
-        return Choice(params, recordings, group, constant_baseline(recordings, params.zero), notes, channels=channels)
+        baseline = constant_baseline(recordings, params.zero)
+        return Choice(params, recordings, group, baseline, clocks, notes, channels=channels)
     if asked.contact_sensors == "auto":
         reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
         take("contact_sensors", sensors_in_contact(live), reason, "contact")
@@ -132,7 +137,7 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         take("filter", *_filter(recordings, hand, params.baseline), "filter")
     if asked.scale == "auto":
         take("scale", *_scale(contact_readings(recordings, hand, baseline)), "scale")
-    return Choice(params, recordings, group, baseline, notes, hand, errors, leaks, channels)
+    return Choice(params, recordings, group, baseline, clocks, notes, hand, errors, leaks, channels)
 
 
 def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline) -> np.ndarray:

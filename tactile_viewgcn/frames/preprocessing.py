@@ -57,7 +57,8 @@ def preprocess_recordings(
     if not sides.training.any():
         keep_testable(recordings, sides, np.ones(len(recordings), dtype=bool), split)  # raises
     choice = choose(recordings, asked, sides)
-    recordings = recordings.part(np.arange(len(recordings)), choice.recordings.live).in_units(choice.channels)
+    recordings = recordings.part(np.arange(len(recordings)), choice.recordings.live)
+    recordings = recordings.without(choice.clocks).in_units(choice.channels)
     baseline = _of_all_sides(recordings, choice, sides)
     passed, notes = passing(recordings, baseline, choice.params)
     keep = passed & (asked.empty_hand_class | ~empty)

@@ -18,6 +18,7 @@ from tactile_viewgcn.pages.settings import preprocess_settings, split_settings
 from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import AUTO, Form
+from tactile_viewgcn.tables.clocks import clock_notes
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
@@ -81,15 +82,17 @@ class Overview:
         columns, empty, recorded = recordings.columns, of_empty_hand(recordings), frames_by_recording(recordings)
         first, everything = np.array([index[0] for index in recorded]), np.ones(len(recordings), dtype=bool)
         self.form = form
-        self.recordings, self.label, self.session = recordings, columns["object"][first], columns["session"][first]
+        self.label, self.session = columns["object"][first], columns["session"][first]
         original = originals(recordings)
-        self.remarks, self.groups = remarks(recordings, original), _groups(recordings, original, empty)
+        self.groups = _groups(recordings, original, empty)
         settings = split_settings(self.groups)
         split = replace(load(DEFAULTS).split, **{note.key.removeprefix("split."): note.value for note in settings})
         rng = stream(SPLIT_SEED, "preprocess")
         sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
         choice = choose(recordings, asked, sides)
         assert choice.hand  # all is `auto`
+        self.recordings = recordings = recordings.without(choice.clocks)
+        self.remarks = [*remarks(recordings, original), *clock_notes(recordings, choice.clocks)]
         recordings = recordings.in_units(choice.channels)
         hand = find_open_hand(recordings, choice.hand.sensors, all_contact=choice.hand.all_contact)
         kind = choice.params.baseline

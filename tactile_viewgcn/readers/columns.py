@@ -1,6 +1,6 @@
 """Telling the sensors in tables from times, line numbers, and names of objects, recordings and sessions.
 
-A clock under any other name is left out of every form of recordings, see `tables.live`.
+A clock under any other name is left out of every form of recordings, see `tables.clocks`.
 """
 
 import re

@@ -14,6 +14,7 @@ from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
+from tactile_viewgcn.tables.clocks import find_clocks
 from tactile_viewgcn.tables.recordings import Recordings
 
 LEAST_WINDOW = 1e-3  # seconds; shorter ones hold a frame each
@@ -101,8 +102,8 @@ def answer_table(
     fitted, columns = recogniser.preprocessing, recordings.columns
     for _, counts in recordings.blocks():
         check_counts(fitted, counts, str(recordings.path))
-    recordings = recordings.in_units(fitted.channels)
-    recordings.live = fitted.live
+    recordings = recordings.without(find_clocks(recordings) & ~fitted.live).in_units(fitted.channels)
+    recordings = recordings.part(np.arange(len(recordings)), fitted.live)
     answers, classified = [], []
     baseline, contact = find_contact(fitted, recordings)
     for index in _parts(recordings, window):

@@ -34,7 +34,6 @@ from tactile_viewgcn.readers.source import (
     checked_blocks,
 )
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
-from tactile_viewgcn.tables.live import LiveSensors, clock_notes, sensor_names
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
 COLUMN_BYTES = 32  # of all columns, for each frame
@@ -74,13 +73,14 @@ def write_recordings(path: str | Path, source: Source, md5: str) -> None:
 
 
 def _write(path: Path, source: Source, md5: str) -> None:
-    sensors = LiveSensors(source.shape)
+    low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
     columns: dict[str, list[np.ndarray]] = {}
 
     def counts() -> Iterator[np.ndarray]:
         for block in checked_blocks(source):
             pressure = block["pressure"]
-            sensors.add(pressure, block["recording"])
+            np.minimum(low, pressure.min(axis=0), out=low)
+            np.maximum(high, pressure.max(axis=0), out=high)
             for name, dtype in COLUMNS.items():
                 if name in block:
                     columns.setdefault(name, []).append(block[name].astype(dtype))
@@ -92,11 +92,8 @@ def _write(path: Path, source: Source, md5: str) -> None:
     check_size(size, source.path)
     with hdf5_file(path, room=size) as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
-        pressure, recording = file["pressure"], np.concatenate(columns["recording"])
-        file["live"], clocks = sensors.live(lambda row, column: pressure[:, row, column], recording)
-        for row, column in np.argwhere(clocks):
-            pressure[:, row, column] = 0
-        if 0 < (spread := sensors.spread) < MIN_SPREAD:
+        file["live"] = low < high
+        if 0 < (spread := float((high - low).max())) < MIN_SPREAD:
             raise UserError(
                 f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
                 "rescale the readings"
@@ -105,8 +102,7 @@ def _write(path: Path, source: Source, md5: str) -> None:
             file[name] = np.concatenate(blocks)
         for name in ("objects", "recordings", "sessions"):
             file[name] = np.array(getattr(source, name), dtype=h5py.string_dtype())
-        notes = source.notes + clock_notes(sensor_names(clocks, source.channel_names))
-        texts = {"notes": [json.dumps(asdict(note)) for note in notes], "channel_names": source.channel_names}
+        texts = {"notes": [json.dumps(asdict(note)) for note in source.notes], "channel_names": source.channel_names}
         for name, parts in texts.items():
             if parts:
                 file[name] = np.array(parts, dtype=h5py.string_dtype())
@@ -131,7 +127,7 @@ class Recordings:
         path: of the file, or of its source; errors name it.
         objects, recordings, sessions: names, by index.
         columns: one array (T,) for each column of the source, see `COLUMNS`.
-        live: bool (H, W), the sensors whose counts vary, without clocks, whose counts are 0.
+        live: bool (H, W), the sensors whose counts vary.
         channel_names: names of all sensors, row after row, or none.
         notes: of the reader, see `Source`.
     """
@@ -173,6 +169,15 @@ class Recordings:
         first = part.frames(np.zeros(1, dtype=int))
         varying = ((counts != first).any(axis=0) for _, counts in part.blocks())
         part.live = self.live & np.logical_or.reduce(list(varying)) if live is None else live
+        return part
+
+    def without(self, sensors: np.ndarray) -> "Recordings":
+        """The table in which some sensors, bool (H, W), read 0 and are not live."""
+        if not sensors.any():
+            return self
+        part = copy(self)
+        part.live, every = self.live & ~sensors, np.arange(len(self))
+        part._pressure = Gathered(lambda index: np.where(sensors, 0, self.frames(index)), every, self.shape, self.dtype)
         return part
 
     def in_units(self, channels: np.ndarray | None) -> "Recordings":

@@ -84,6 +84,22 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
         np.testing.assert_array_equal(actual[name], value, err_msg=name)
 
 
+def test_no_reading_of_the_other_sides_says_that_a_sensor_is_a_clock_or_none(tmp_path, glove):
+    """One sensor rises evenly on the training side alone, another one everywhere but there."""
+    columns = glove.columns | {"session": glove.columns["recording"] % 2}
+    params = recipe("split.by=recording", "split.folds=4", "preprocess.baseline=auto", "preprocess.filter=auto")
+    rows = np.arange(len(glove.counts))
+    made = preprocess_recordings(written(tmp_path / "a", glove.counts, **columns), params.preprocess, params.split)
+    counts, train = glove.counts.copy(), made.sides.training | (columns["object"] == 0)
+    counts[train, 1, 1] = rows[train]
+    counts[~train, 2, 2] = rows[~train]
+    before, _ = training_side(written(tmp_path / "b", np.where(train[:, None, None], counts, 0), **columns), params)
+    after, other = training_side(written(tmp_path / "c", counts, **columns), params)
+    assert other.any() and not after["live"][1, 1] and after["live"][2, 2]
+    for name, value in before.items():
+        np.testing.assert_array_equal(after[name], value, err_msg=name)
+
+
 def test_the_empty_hand_of_another_side_gives_baseline_and_noise_alone(tmp_path, glove):
     """It is the only one in which the dead sensor varies, and the only one that reads 0."""
     columns = glove.columns | {"session": glove.columns["recording"] % 2}

@@ -13,6 +13,7 @@ from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN, Form
+from tactile_viewgcn.tables.clocks import clock_notes, find_clocks
 from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
 from tests.stag_files import SENSORS, as_weights, metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
 
@@ -135,11 +136,14 @@ COLUMNS = {  # names, a line, seconds between frames, and the columns that notes
 @pytest.mark.parametrize("name", COLUMNS)
 def test_columns_that_are_no_sensors_are_left_out_and_named(tmp_path, name):
     header, line, interval, noted = COLUMNS[name]
-    counts, table = ingested(tables_of(tmp_path / "lab", header, line))
-    assert table.live.sum() == 3 and counts[:, table.live].min() >= 500 and not counts[:, ~table.live].any()
+    _, table = ingested(tables_of(tmp_path / "lab", header, line))
+    clocks = find_clocks(table)
+    sensors = table.without(clocks)
+    counts = sensors.frames(np.arange(60))
+    assert sensors.live.sum() == 3 and counts[:, sensors.live].min() >= 500 and not counts[:, ~sensors.live].any()
     expected = np.tile(np.arange(15) * (interval or np.nan), 4)
     np.testing.assert_allclose(table.columns["time"], expected, atol=1e-6)
-    texts = [note.text for note in table.notes if note.topic in ("columns", "clock")]
+    texts = [note.text for note in [*table.notes, *clock_notes(table, clocks)] if note.topic in ("columns", "clock")]
     assert [words in text for words, text in zip(noted, texts, strict=True)] == [True] * len(noted)
 
 
@@ -148,8 +152,8 @@ def test_columns_that_are_no_sensors_are_left_out_and_named(tmp_path, name):
 )
 def test_what_rises_unlike_a_clock_is_a_sensor(tmp_path, line):
     counts, table = ingested(tables_of(tmp_path / "lab", "", line))
-    assert counts.shape == (60, 1, 4) and table.live.all()
-    assert ingested(tables_of(tmp_path / "short", "", lambda t, *r: [*r, 33 * t], 5))[1].live.all()
+    assert counts.shape == (60, 1, 4) and table.live.all() and not find_clocks(table).any()
+    assert not find_clocks(ingested(tables_of(tmp_path / "short", "", lambda t, *r: [*r, 33 * t], 5))[1]).any()
 
 
 @pytest.mark.parametrize(("begins", "is_clock"), [([0, 0, 0], True), ([0, 100, 50], True), ([5, 8, 6], False)])
@@ -157,7 +161,7 @@ def test_a_finger_that_closes_evenly_is_no_clock(tmp_path, begins, is_clock):
     for number, begin in enumerate(begins):
         noise = np.random.default_rng(number).normal(0, 1, (40, 3))
         save(tmp_path / "lab" / "mug" / f"{number}.npy", np.column_stack([begin + np.arange(40), noise]))
-    assert ingested(tmp_path / "lab")[1].live.tolist() == [[not is_clock, True, True, True]]
+    assert find_clocks(ingested(tmp_path / "lab")[1]).tolist() == [[is_clock, False, False, False]]
 
 
 def saved_as(form, place, counts):

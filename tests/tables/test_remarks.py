@@ -33,7 +33,7 @@ SECONDS = 0.1 * np.arange(60)
         (COUNTS, {"time": np.nan}, {}),
         (LABELLED, {}, {"labels": "1 sensor|row 4, column 6"}),
         (RAMPED, {}, {"ramps": "1 sensor|row 1, column 1"}),
-        (TICKING, {}, {"clock": "1 sensor|row 1, column 1"}),
+        (TICKING, {}, {"ramps": "1 sensor|row 1, column 1"}),
     ],
     ids=["sound", "empty recording", "lost object", "copies", "an object a session", "two sessions", "times repeat",
          "times fall", "milliseconds", "no times", "labels", "jittering clock", "clock"],

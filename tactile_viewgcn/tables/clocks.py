@@ -1,0 +1,52 @@
+"""Which sensors are clocks: by one alone recordings can be told from earlier ones."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactile_viewgcn.messages import Note, several
+from tactile_viewgcn.readers.source import BLOCK_FRAMES, listed
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
+
+FEWEST, EVEN = 20, 0.9  # steps that show a clock; share of them within half the median
+MOST = 4  # with as many sensors that rise they are pressed ever harder
+
+
+def find_clocks(recordings: Recordings) -> np.ndarray:
+    """Bool (H, W): the sensors that rise like a clock, which only several recordings show.
+
+    In every recording a clock rises evenly; and in all it begins alike, or each reads later times than those before.
+    """
+    clocks, none, recorded = recordings.live.copy(), np.zeros_like(recordings.live), frames_by_recording(recordings)
+    for index in recorded:
+        for start in range(0, len(index), BLOCK_FRAMES):
+            counts = recordings.frames(index[start : start + BLOCK_FRAMES + 1])[:, clocks]
+            clocks[clocks] = (counts[1:] > counts[:-1]).all(axis=0)
+        if not clocks.any():
+            return none
+    times = [recordings.frames(index)[:, clocks].astype(np.float64) for index in recorded]
+    first, last = (np.stack([time[end] for time in times]) for end in (0, -1))
+    step = np.concatenate([np.diff(time, axis=0) for time in times])
+    if len(step) < FEWEST or len(recorded) < 2:
+        return none
+    middle = np.median(step, axis=0)
+    even = (np.abs(step - middle) <= middle / 2).mean(axis=0) > EVEN
+    if even.sum() >= min(MOST, recordings.live.sum()):
+        return none
+    order = np.argsort(first, axis=0)
+    first, last = (np.take_along_axis(end, order, axis=0) for end in (first, last))
+    clocks[clocks] = even & ((first[-1] - first[0] <= middle) | (first[1:] > last[:-1]).all(axis=0))
+    return clocks
+
+
+def sensor_names(sensors: np.ndarray, channel_names: Sequence[str] = ()) -> list[str]:
+    """The channel's name, or row and column from 1, of each of some sensors, bool (H, W)."""
+    names = list(channel_names) or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
+    return [names[at] or f"column {at + 1}" for at in np.flatnonzero(sensors).tolist()]
+
+
+def clock_notes(recordings: Recordings, clocks: np.ndarray) -> list[Note]:
+    """A warning that names the clocks, bool (H, W), if there are any."""
+    names = listed(sensor_names(clocks, recordings.channel_names), "; ")
+    what = f"{several(int(clocks.sum()), 'sensor')} left out: rising like a clock in every recording: {names}"
+    return [Note(what, "warning", "clock")] if clocks.any() else []
