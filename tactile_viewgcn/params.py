@@ -44,20 +44,10 @@ System = Literal[
 ]
 Member = Literal[  # of sensors; one may be alone
     "trees",
-    "logistic",
-    "kernel",
-    "kernel_log",
     "svm",
-    "svm_log",
-    "max_logistic",
-    "max_kernel",
-    "max_kernel_log",
-    "max_kernel_cosine",
-    "max_svm",
-    "max_svm_log",
-    "max_network",
-    "statistics_trees",
-    "statistics_svm",
+    "convolutions",
+    "kernel",
+    "pooled_kernel",
 ]
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
 Side = Annotated[StrictInt, Interval(ge=1, le=MAX_SIDE)]  # rows or columns of a frame
@@ -167,7 +157,6 @@ class Model:
     view_loss: Literal["sum", "mean"]
     start: Literal["random", "max"]
     members: Literal["auto"] | Members
-    candidates: Annotated[list[Members], Strict(), MinLen(1), Unique]
 
 
 @dataclass(frozen=True, config=SECTION)

@@ -98,7 +98,7 @@ def evaluate_table(
     }
     for protocol, trials in protocols.items():
         rng = stream(seed, "interval", PROTOCOLS.index(protocol))
-        metrics[protocol] = scores_of(trials, groups, rng, classifier.views, len(table.classes))
+        metrics[protocol] = scores_of(trials, groups, rng, len(table.classes))
     if evaluate.grasps != "all" and "recording" in protocols:
         metrics["recording"]["joined"] = {unit_of_grasps(table): evaluate.grasps}
     if evaluate.confidence_threshold and temperatures:
@@ -123,11 +123,11 @@ def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) 
     return {"mean": float(1 - correct.mean(axis=1).mean()), "low": low, "high": high}
 
 
-def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, views: int, classes: int) -> dict[str, Any]:
+def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, classes: int) -> dict[str, Any]:
     """Error, see `error_of`, and top-3 error of four classes or more, as fractions; `empty_clusters` over all trials.
 
     `std` is the standard deviation of the error over trials, which differ in their clustering alone. `by_views` has the
-    error by the number of views up to V, where the classifier takes fewer.
+    error by the number of views up to V, or up to whole recordings, where the classifier takes fewer.
     """
     std = trials.correct.mean(axis=1).std(ddof=1) if len(trials.correct) > 1 else 0.0
     error = error_of(trials.correct, groups, rng)
@@ -136,7 +136,7 @@ def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, view
         "error": error | {"std": float(std)},
         **({"top3_error": float(1 - trials.in_top3.mean())} if classes > TOP else {}),
         "empty_clusters": trials.empty,
-        **({"by_views": by_views | {str(views): error}} if by_views else {}),
+        **({"by_views": by_views | {str(trials.frames): error}} if by_views else {}),
     }
 
 

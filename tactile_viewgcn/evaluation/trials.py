@@ -11,9 +11,11 @@ from tqdm import tqdm
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import SIDES, Frames
+from tactile_viewgcn.training.sensor_fitting import every_few
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets, anchor_first, joined_pools, powers_of_two
 
@@ -31,6 +33,7 @@ class Trials:
         in_top3: bool (T, A) whether the true class is among the three most probable.
         fewer: `correct` by number of views, 1, 2, 4 and so on below V: the anchor and other views of its set at random,
             each time those before and more. Empty where the classifier takes V alone.
+        frames: number of frames of an answer: V, or the median of the recordings that are answered whole.
         empty: clusters without frames, whose views repeat other frames, summed over the trials.
     """
 
@@ -39,6 +42,7 @@ class Trials:
     in_top3: np.ndarray
     empty: int
     fewer: dict[int, np.ndarray] = field(default_factory=dict)
+    frames: int = 1
 
 
 def all_trials(
@@ -52,7 +56,8 @@ def all_trials(
 ) -> dict[str, Trials]:
     """The trials of each protocol in `evaluate.protocols`; the view sets are the same for all classifiers of V views.
 
-    Under `recording` a view set is of one recording and split group, or joins `evaluate.grasps` grasps of one object.
+    Under `recording` a view set is of one recording and split group, or joins `evaluate.grasps` grasps of one object. A
+    system on the sensors answers each recording, or grasp, once by all its frames; every anchor has its answer.
 
     Args:
         classifier: its `logits`, `views` and `takes_fewer` are used.
@@ -67,6 +72,10 @@ def all_trials(
             continue
         joined = evaluate.grasps if protocol == "recording" and evaluate.grasps != "all" else 0
         pool = pool_ids(table, index, "grasp" if joined else protocol)
+        whole = None
+        if protocol == "recording" and isinstance(classifier, SensorClassifier):
+            of_pool = (np.flatnonzero(pool == number) for number in range(pool.max() + 1))
+            whole = torch.cat([classifier.recording_logits(features[every_few(each)]) for each in of_pool])
         bar = tqdm(range(evaluate.trials), desc=f"evaluate by {protocol}", unit="trial", disable=None)
         protocols[protocol] = run_trials(
             classifier,
@@ -79,6 +88,7 @@ def all_trials(
             (stream(seed, "trial", number, trial) for trial in bar),
             joined=joined or 1,
             temperatures=temperatures,
+            whole=whole,
         )
     return protocols
 
@@ -117,6 +127,7 @@ def run_trials(
     *,
     joined: int = 1,
     temperatures: list[float] | None = None,
+    whole: Tensor | None = None,
 ) -> Trials:
     """Classify one view set per anchor in each trial, each with its own generator and clustering.
 
@@ -130,18 +141,22 @@ def run_trials(
         rngs: a generator for each trial.
         joined: number of pools of one class that a view set joins; each has that many times fewer clusters.
         temperatures: of a calibrated classifier, for 1 to V frames.
+        whole: (P, classes) logits of each pool by all its frames; in their place view sets are for fewer frames alone.
     """
-    views, empty = classifier.views, 0
+    views, empty, length = classifier.views, 0, int(np.median(np.bincount(pool)))
+    frames = views if whole is None else length
     clusters = -(-views // joined)
     scores = pool_scores(points, pool) if cluster.method == "kmeans" and clusters > 1 else None
     top, truth = [], torch.from_numpy(labels[anchors].astype(np.int64))
     fewer: dict[int, list[Tensor]] = {}
-    sizes = powers_of_two(views)[:-1] if classifier.takes_fewer and joined == 1 else ()
+    sizes = [size for size in powers_of_two(views) if size < frames] if classifier.takes_fewer and joined == 1 else []
     for rng in rngs:
         sets = ViewSets(cluster_pools(points, pool, clusters, cluster, rng, scores), pool, clusters)
         pools = joined_pools(pool, labels, anchors, joined, rng)
         drawn = sets.draw(anchors, rng, cluster.assignment, pools, views)
-        if joined > 1 and temperatures is not None:
+        if whole is not None:
+            logits = whole[torch.from_numpy(pools)].log_softmax(dim=-1).sum(dim=1)
+        elif joined > 1 and temperatures is not None:
             logits = _joined_logits(classifier, features, drawn, pool, pools, temperatures)
         else:
             logits = classifier.logits(features, torch.from_numpy(drawn).to(features.device))
@@ -155,7 +170,7 @@ def run_trials(
     best = torch.stack(top)  # (T, A, 3)
     in_top3 = (best == truth[:, None]).any(dim=-1)
     correct = {size: torch.stack(trials).numpy() for size, trials in fewer.items()}
-    return Trials(best[..., 0].numpy(), (best[..., 0] == truth).numpy(), in_top3.numpy(), empty, correct)
+    return Trials(best[..., 0].numpy(), (best[..., 0] == truth).numpy(), in_top3.numpy(), empty, correct, frames)
 
 
 def _joined_logits(

@@ -24,6 +24,7 @@ from tactile_viewgcn.frames.units import measure_units
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
+from tactile_viewgcn.sensors.features import is_array
 from tactile_viewgcn.tables.clocks import clock_notes, find_clocks
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
@@ -105,7 +106,8 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
         take("contact_sensors", sensors_in_contact(live), reason, "contact")
     hand = find_open_hand(recordings, int(params.contact_sensors))
-    if (unit == "each" and asked.baseline == "auto") or quietest_are_contact(recordings, hand):
+    as_they_are = unit == "each" or (not is_array(recordings.live) and kinds != BASELINES)
+    if (as_they_are and asked.baseline == "auto") or quietest_are_contact(recordings, hand):
         hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
     baselines, errors, leaks = dict[str, Baseline](), dict[str, QuickError](), dict[str, QuickError]()
     if asked.baseline == "auto":
@@ -114,6 +116,8 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
             best = "none", "channels of unlike kind have no open hand in common: recordings are taken as they are"
         elif paper:
             best = "empty_hand", "recorded in every session, and the split is published"
+        elif as_they_are:
+            best = "none", "few sensors, which may read anything without contact: recordings are taken as they are"
         elif hand.all_contact:
             best = "none", "even the quietest frames are contact: recordings are taken as they are"
         else:

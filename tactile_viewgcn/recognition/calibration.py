@@ -4,23 +4,21 @@ Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599). There
 frames, and for each number of recordings of one object that are answered together.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.cross_validation import LeftOut
-from tactile_viewgcn.recognition.sequential import MOST_RECORDINGS, Calibration, logits_by_count
-from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.recognition.novelty import spread_sets
+from tactile_viewgcn.recognition.sequential import MOST_RECORDINGS, Calibration, logits_by_count, sequences
+from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.training.inputs import FrameInputs
 
-DRAWS = 10  # sets of recordings that are answered together, for each recording
+DRAWS = 10  # sets of recordings that are answered together, for each recording; view sets around each anchor, at most
+MOST_SETS = 1000  # view sets that are answered
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 
 
@@ -45,51 +43,36 @@ def fit_temperature(logits: Tensor, labels: Tensor, recordings: int) -> float:
     return float(np.exp(minimize_scalar(negative_log_likelihood, bounds=bounds, method="bounded").x))
 
 
-def calibrate(fits: Iterable[tuple[Classifier, Frames]], compute: Compute, seed: int) -> Calibration | None:
-    """The calibration of a classifier by its answers to groups that it was not fitted to.
+def calibrate(network: ViewNetwork, table: Frames, compute: Compute, seed: int) -> Calibration:
+    """The calibration of a network by its answers to the table's validation side.
 
-    Args:
-        fits: pairs of a classifier and a table whose validation side it was not fitted to. A network has one pair; a
-            system on the sensors, which is fitted in seconds, has one for each of `left_out_parts`.
-
-    Returns:
-        None without pairs.
+    It answers random frames of a recording, and V frames that are evenly spread over each.
     """
-    parts, most_frames, views = [], 0, 0
-    for classifier, table in fits:
-        left = LeftOut(table, classifier.views, stream(seed, "touches.calibrate"))
-        classifier.prepare(compute)
-        with compute.autocast(), torch.inference_mode():
-            values = classifier.frame_values(FrameInputs(table, left.index, compute, classifier.transform))
-        whole = left.whole if isinstance(classifier, SensorClassifier) else left.few
-        with torch.inference_mode():
-            few, most = (
-                classifier.logits(values, torch.from_numpy(sets).to(values.device)).cpu() for sets in (left.few, whole)
-            )
-            drawn = logits_by_count(classifier, values, left.drawn).swapaxes(0, 1).cpu()
-        label = torch.from_numpy(left.label)
-        parts.append((drawn, label[left.drawn[:, 0]], few, most, label[left.few[:, 0]]))
-        most_frames, views = max(most_frames, whole.shape[1]), classifier.views
-    if not parts:
-        return None
-    drawn, labels, few, most, classes = (torch.cat(column) for column in zip(*parts, strict=True))
-    by_frames = [fit_temperature(logits, labels, len(classes)) for logits in drawn.unbind(1)]
-    wrong_few, wrong_most = ((logits.argmax(dim=1) != classes).sum() for logits in (few, most))
-    if wrong_most < wrong_few:
-        return Calibration(by_frames, together_temperatures(most, classes), most_frames)
-    return Calibration(by_frames, together_temperatures(few, classes), views)
+    index, views = table.on(VALIDATION), network.views
+    columns = np.stack([table.label[index], table.recording[index], table.group[index]])
+    pool = np.unique(columns, axis=1, return_inverse=True)[1].ravel()
+    members = [np.flatnonzero(pool == number) for number in range(pool.max() + 1)]
+    spread = np.stack([frames[spread_sets(len(frames), views)[0]] for frames in members])
+    anchors = np.repeat(np.flatnonzero(table.anchor[index]), DRAWS)
+    anchors = anchors[:: -(-len(anchors) // MOST_SETS)]
+    drawn = sequences(anchors, pool, views, stream(seed, "touches.calibrate"))
+    network.prepare(compute)
+    with compute.autocast(), torch.inference_mode():
+        values = network.frame_values(FrameInputs(table, index, compute, network.transform))
+    with torch.inference_mode():
+        whole = network.logits(values, torch.from_numpy(spread).to(values.device)).cpu()
+        by_count = logits_by_count(network, values, drawn).cpu()
+    label = torch.from_numpy(table.label[index].astype(np.int64))
+    by_frames = [fit_temperature(logits, label[anchors], len(members)) for logits in by_count]
+    return Calibration(by_frames, together_temperatures(whole, label[spread[:, 0]]))
 
 
-def calibration_warning(classifier: Classifier, calibration: Calibration | None) -> list[Note]:
+def calibration_warning(calibration: Calibration | None, remedy: str = "record each object more often") -> list[Note]:
     """A warning where a temperature is near the largest one, which makes all classes about equally probable."""
     if not calibration or max(calibration.by_frames) <= 0.9 * MAX_TEMPERATURE:
         return []
-    remedy = "" if isinstance(classifier, SensorClassifier) else ", or raise finetune.epochs"
-    text = (
-        "answers on validation groups are no better than chance, so that no confidence threshold is ever reached; "
-        f"record each object more often{remedy}"
-    )
-    return [Note(text, level="warning", topic="calibration")]
+    text = "answers on validation groups are no better than chance, so that no confidence threshold is ever reached; "
+    return [Note(text + remedy, level="warning", topic="calibration")]
 
 
 def together_temperatures(logits: Tensor, classes: Tensor) -> list[float]:

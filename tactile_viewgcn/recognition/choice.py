@@ -1,27 +1,33 @@
-"""The choice of a recogniser: candidates are compared by cross-validation on the user's recordings for training.
+"""The choice of a recogniser on the sensors, and its calibration, by cross-validation on the training recordings.
 
-A candidate is one system on the sensors or several. Nothing is pretrained for them, so that a group can be left out of
-everything that they learn from.
+A candidate is one member of `sensors` or several. Nothing is pretrained for them, so that a group can be left out of
+all that is fitted to labels.
 """
 
 import time
-import timeit
 from typing import NamedTuple
 
 import numpy as np
+import torch
 
-from tactile_viewgcn.messages import Note, several
-from tactile_viewgcn.params import Member
-from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.cross_validation import LeftOut, left_out_parts
-from tactile_viewgcn.sensors.pipelines import MEMBERS
-from tactile_viewgcn.sensors.systems import SensorSystem, added
-from tactile_viewgcn.tables.frames import TRAIN, Frames
-from tactile_viewgcn.training.sensor_fitting import training_frames
+from tactile_viewgcn.frames.split import fold_sides, spans_classes
+from tactile_viewgcn.messages import Note
+from tactile_viewgcn.recognition.calibration import fit_temperature, together_temperatures
+from tactile_viewgcn.recognition.sequential import Calibration
+from tactile_viewgcn.sensors.examples import FRAME, WHOLE, Examples, added, for_sets
+from tactile_viewgcn.sensors.representation import OF_FRAMES
+from tactile_viewgcn.tables.frames import TEST
 
-FALLBACK: list[Member] = ["trees", "max_kernel"]  # where nothing can be compared
-ANSWERED_AT_ONCE = 200  # view sets
-REPEATS = 3  # of an answer whose time is measured
+#: a later candidate is taken only if all earlier ones err more by more than a standard error
+ARRAY: list[list[str]] = [["kernel", "pooled_kernel"], ["svm"], ["convolutions"]]
+CHANNELS: list[list[str]] = [
+    ["trees", "svm", "convolutions"],
+    ["trees", "svm"],
+    ["trees"],
+    ["svm"],
+    ["convolutions"],
+]
+FOLDS = 5
 
 
 class Candidate(NamedTuple):
@@ -29,54 +35,90 @@ class Candidate(NamedTuple):
 
     Attributes:
         members: a value of `model.members`.
-        error: for view sets of V frames; whole_error: for whole recordings.
-        wrong: (G,) share of wrong answers in each group, the mean over view sets and whole recordings.
-        seconds: of all its fits; milliseconds: of one answer from V frames.
+        wrong: (G,) share of wrong answers to the recordings of each group.
+        seconds: of all its fits; milliseconds: of one answer to a recording.
     """
 
-    members: list[Member]
-    error: float
-    whole_error: float
+    members: list[str]
     wrong: np.ndarray
     seconds: float
     milliseconds: float
 
 
-def compare(table: Frames, views: int, candidates: list[list[Member]], seed: int) -> list[Candidate]:
-    """The candidates' results, each training group answered by fits to others; empty where none can be left out."""
-    import sklearn.ensemble  # here, so that the seconds of a fit include no import
-    import sklearn.linear_model
-    import sklearn.svm  # noqa: F401
+class LeftOut:
+    """Answers to training recordings by estimators that were fitted to other groups, a fifth left out at a time.
 
-    names = list(dict.fromkeys(name for members in candidates for name in members))
-    seconds, milliseconds = dict.fromkeys(names, 0.0), dict.fromkeys(names, np.inf)
-    wrong: list[list[np.ndarray]] = [[] for _ in candidates]  # (2, groups of a part): view sets, whole recordings
-    for number, part in enumerate(left_out_parts(table)):
-        left = LeftOut(part, views, stream(seed, "choice", number))
-        sets = [left.drawn, left.whole]
-        sizes = tuple(dict.fromkeys(of_kind.shape[1] for of_kind in sets))  # one where no recording has more than V
-        data, unit = training_frames(part, views, sizes, seed, quick=True)
-        readings = part.inputs(left.index, "counts")[:, part.live] / np.float32(unit)
-        answers = {}
-        for name in names:
-            begin = time.perf_counter()
-            system = MEMBERS[name]().fit(data)
-            seconds[name] += time.perf_counter() - begin
-            values = system.frame_values(readings)
-            answers[name] = [set_logits(system, values, of_kind) for of_kind in sets]
-            milliseconds[name] = min(milliseconds[name], _milliseconds(system, readings[sets[0][0]]))
-        for members, parts in zip(candidates, wrong, strict=True):
-            logits = [added([answers[name][kind] for name in members]) for kind in range(len(sets))]
-            parts.append(np.stack([left.wrong(*pair) for pair in zip(sets, logits, strict=True)]))
-    if not wrong[0]:
-        return []
-    rows = []
-    for members, parts in zip(candidates, wrong, strict=True):
-        of_group = np.concatenate(parts, axis=1)
-        error, whole_error = np.nanmean(of_group, axis=1)
-        cost = (sum(of[name] for name in members) for of in (seconds, milliseconds))
-        rows.append(Candidate(members, float(error), float(whole_error), np.nanmean(of_group, axis=0), *cost))
-    return rows
+    A class stays where all its groups would be left out.
+
+    Args:
+        groups: (R,) split group of each of the examples' recordings.
+
+    Attributes:
+        answered: bool (R,).
+        seconds, milliseconds: of a member's fits to whole recordings, and of one answer.
+    """
+
+    def __init__(self, examples: Examples, groups: np.ndarray, seed: int):
+        import sklearn.ensemble  # here, so that the seconds of a fit include no import
+        import sklearn.linear_model
+        import sklearn.svm  # noqa: F401
+
+        self.examples, self.groups, self._seed = examples, groups, seed
+        self._folds, label, across = list[np.ndarray](), examples.labels, spans_classes(groups, examples.labels)
+        for fold in range(FOLDS):
+            left = fold_sides(groups, label, folds=FOLDS, fold=fold, across=across) == TEST
+            left &= np.isin(label, label[~left])
+            if left.any():
+                self._folds.append(left)
+        self.answered = np.any(self._folds, axis=0) if self._folds else np.zeros(len(groups), dtype=bool)
+        self._shares: dict[tuple[str, int], np.ndarray] = {}
+        self.seconds, self.milliseconds = dict.fromkeys(examples.members, 0.0), dict.fromkeys(examples.members, 0.0)
+
+    def _answers(self, member: str, size: int) -> np.ndarray:
+        """Probabilities (n, classes) of the view sets of a size, or of the recordings."""
+        if member == OF_FRAMES and size != FRAME:
+            return self.examples.averaged(self._answers(member, FRAME), size)
+        if (member, size) not in self._shares:
+            for left in self._folds:
+                begin = time.perf_counter()
+                estimator = self.examples.fit(member, size, self._seed, ~left)
+                if size == (FRAME if member == OF_FRAMES else WHOLE):
+                    self.seconds[member] += time.perf_counter() - begin
+                    self.milliseconds[member] = self.examples.milliseconds(member, estimator)
+                shares = self.examples.answers(member, size, estimator, left)
+                kept = self._shares.setdefault((member, size), shares)
+                kept[...] = np.where(np.isfinite(shares), shares, kept)
+        return self._shares[member, size]
+
+    def logits(self, members: list[str], size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Logits (n, classes) of recordings or view sets that were left out, and the recording (n,) of each."""
+        of = self.examples.recording_of(size)
+        rows = self.answered[of]
+        return added([self._answers(name, size)[rows] for name in members]), of[rows]
+
+    def wrong(self, members: list[str]) -> np.ndarray:
+        """Share of wrong answers (G,) to the recordings of each group that was left out."""
+        logits, of = self.logits(members, WHOLE)
+        place = np.unique(self.groups[of], return_inverse=True)[1]
+        return np.bincount(place, logits.argmax(axis=1) != self.examples.labels[of]) / np.bincount(place)
+
+    def calibration(self, members: list[str], views: int) -> Calibration | None:
+        """Temperatures of a candidate; None where nothing was left out."""
+        if not self.answered.any():
+            return None
+        labels, count, temperature, by_frames = (
+            torch.from_numpy(self.examples.labels),
+            int(self.answered.sum()),
+            1.0,
+            [],
+        )
+        for size in range(1, views + 1):
+            if size in self.examples.sets:
+                logits, of = self.logits(for_sets(members), size)
+                temperature = fit_temperature(torch.from_numpy(logits), labels[of], count)
+            by_frames.append(temperature)
+        logits, of = self.logits(members, WHOLE)
+        return Calibration(by_frames, together_temperatures(torch.from_numpy(logits), labels[of]))
 
 
 def choose(rows: list[Candidate]) -> Candidate:
@@ -92,52 +134,42 @@ def standard_error(row: Candidate, best: Candidate) -> float:
     return float(more.std(ddof=1) / len(more) ** 0.5) if len(more) > 1 else 0.0
 
 
-def choose_members(
-    table: Frames, views: int, candidates: list[list[Member]], seed: int
-) -> tuple[list[Member], list[Note]]:
-    """The members for the table's training side, and notes: the choice, and a table of the candidates.
+def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> tuple[list[str], list[Note]]:
+    """The members, and notes: the choice, and a table of the candidates.
 
-    The table begins with the chosen one; the others follow by the mean of both errors, which decides. A note of the
-    table is a line that fits a terminal of 80 columns: that mean, the standard error of its difference from the lowest,
-    and the costs. Its value has the same facts for programs, and both errors.
+    The table begins with the chosen one; the others follow by their errors. A note of the table is a line that fits a
+    terminal of 80 columns: the error, the standard error of its difference from the lowest, and the costs. Its value
+    has the same facts for programs.
+
+    Args:
+        groups: number of all training groups.
     """
-    rows = compare(table, views, candidates, seed)
-    if not rows:
+    if not left.answered.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
-        return FALLBACK, [_choice(FALLBACK, text)]
+        return candidates[0], [_choice(candidates[0], text)]
+    rows = []
+    for members in candidates:
+        wrong, costs = left.wrong(members), (left.seconds, left.milliseconds)
+        rows.append(Candidate(members, wrong, *(sum(of[name] for name in members) for of in costs)))
     best = choose(rows)
-    groups, of = len(best.wrong), len(np.unique(table.group[table.on(TRAIN)]))
-    compared = f"{groups:,} of {of:,}" if groups < of else f"{groups:,}"
+    count = len(best.wrong)
+    compared = f"{count:,} of {groups:,}" if count < groups else f"{count:,}"
     text = (
         f"the first of {len(rows)} candidates whose error is within a standard error of the lowest; compared on "
         f"{compared} training groups, each left out of the fits that answer it"
     )
     columns = f"{'err %':>5} {'±':>5} {'fit s':>6} {'ms':>5}"
-    head = f"{columns}   of {several(views, 'frame')} and recordings; * taken"
-    notes = [_choice(best.members, text), Note(head, topic="candidates")]
+    notes = [_choice(best.members, text), Note(f"{columns}   of whole recordings; * taken", topic="candidates")]
     lowest = min(rows, key=lambda row: row.wrong.mean())
     for row in sorted(rows, key=lambda row: (row is not best, row.wrong.mean())):
-        above = standard_error(row, lowest)
-        errors = f"{100 * row.wrong.mean():5.1f} {100 * above:5.1f}"
-        costs = f"{row.seconds:6.1f} {row.milliseconds:5.1f}"
-        text = f"{errors} {costs} {'*' if row is best else ' '} {'+'.join(row.members)}"
-        value = {name: value for name, value in row._asdict().items() if name != "wrong"}
-        value |= {"mean": float(row.wrong.mean()), "standard_error": above, "taken": row is best}
+        error, above = float(row.wrong.mean()), standard_error(row, lowest)
+        text = f"{100 * error:5.1f} {100 * above:5.1f} {row.seconds:6.1f} {row.milliseconds:5.1f}"
+        text += f" {'*' if row is best else ' '} {'+'.join(row.members)}"
+        value = {"members": row.members, "error": error, "standard_error": above, "taken": row is best}
+        value |= {"seconds": row.seconds, "milliseconds": row.milliseconds}
         notes.append(Note(text, topic="candidates", key="model.members", value=value))
     return best.members, notes
 
 
-def _choice(members: list[Member], reason: str) -> Note:
+def _choice(members: list[str], reason: str) -> Note:
     return Note(reason, "choice", "recogniser", "model.members", members)
-
-
-def set_logits(system: SensorSystem, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
-    """Logits (A, classes) of view sets (A, k) of indices into values (n, F), in parts that fit memory."""
-    parts = np.array_split(sets, -(-len(sets) // ANSWERED_AT_ONCE))
-    return np.concatenate([system.logits(values[part]) for part in parts])
-
-
-def _milliseconds(system: SensorSystem, readings: np.ndarray) -> float:
-    """Median time from the readings (k, S) of one view set to its answer."""
-    taken = timeit.repeat(lambda: system.logits(system.frame_values(readings)[None]), number=1, repeat=REPEATS)
-    return 1e3 * float(np.median(taken))

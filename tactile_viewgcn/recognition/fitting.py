@@ -1,25 +1,31 @@
 """One fit, from the table of frames to a calibrated classifier: choice of members, training, calibration."""
 
+import time
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
+import numpy as np
+import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.params import Model, Params, on_sensors
+from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.recognition.calibration import calibrate, calibration_warning
-from tactile_viewgcn.recognition.choice import choose_members
-from tactile_viewgcn.recognition.cross_validation import WHOLE, left_out_parts
+from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
 from tactile_viewgcn.recognition.sequential import Calibration
+from tactile_viewgcn.sensors.examples import for_sets
+from tactile_viewgcn.sensors.features import is_array
+from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
+from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch
-from tactile_viewgcn.training.sensor_fitting import QUICK_FRAMES, fit_sensors, fitted_index
+from tactile_viewgcn.training.sensor_fitting import QUICK_RECORDINGS, sensor_examples, training_recordings
 
 
 class Fitted(NamedTuple):
@@ -46,26 +52,36 @@ def fit_classifier(
     A network is calibrated on the validation side, a system on the sensors by cross-validation on the training side.
     For the arguments see `finetune_classifier`.
     """
-    model, places, seed, calibration = params.model, views.viewpoints, params.seed, None
-    num_views, notes = params.finetune.num_views, []
-    if not on_sensors(model.system):
-        network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
-        if num_views == "random" and (table.anchor & (table.side == VALIDATION)).any():
-            calibration = calibrate([(network, table)], compute, seed)
-        notes += calibration_warning(network, calibration)
-        return Fitted(network, model, calibration, progress, notes)
-    if model.members == "auto":
-        members, notes = choose_members(table, len(places), model.candidates, seed)
-        model = replace(model, members=members)
-    anchors, used = (table.anchor & (table.side == TRAIN)).sum(), len(fitted_index(table, len(places)))
-    if num_views == "random":
-        quick, most = bool(anchors > QUICK_FRAMES), max(len(places), WHOLE)
-        parts = left_out_parts(table)
-        fits = ((fit_sensors(part, places, model, num_views, seed, most, quick=quick)[0], part) for part in parts)
-        calibration = calibrate(fits, compute, seed)
-    if used < anchors:
-        text = f"{used:,} of {anchors:,} training frames, evenly taken; comparison and calibration have fewer"
-        notes.append(Note(text, topic="fit"))
-    most_frames = calibration.most_frames if calibration else None
-    classifier, progress = fit_sensors(table, places, model, num_views, seed, most_frames)
-    return Fitted(classifier, model, calibration, progress, notes + calibration_warning(classifier, calibration))
+    model, places, seed, num_views = params.model, views.viewpoints, params.seed, params.finetune.num_views
+    if on_sensors(model.system):
+        return _fit_sensors(table, places, model, num_views, seed)
+    network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
+    calibration = None
+    if num_views == "random" and (table.anchor & (table.side == VALIDATION)).any():
+        calibration = calibrate(network, table, compute, seed)
+    notes = calibration_warning(calibration, "record each object more often, or raise finetune.epochs")
+    return Fitted(network, model, calibration, progress, notes)
+
+
+def _fit_sensors(table: Frames, places: np.ndarray, model: Model, num_views: str, seed: int) -> Fitted:
+    """Choose the members where they are `auto`, fit them to the training recordings, and calibrate them."""
+    begin, asked = time.perf_counter(), model.members
+    auto = ARRAY if is_array(table.live) else CHANNELS
+    candidates: list[list[str]] = auto if asked == "auto" else [[*asked]]
+    recordings, notes, calibration = training_recordings(table), list[Note](), None
+    members, compared, names = candidates[0], recordings.part(QUICK_RECORDINGS), dict.fromkeys(chain(*candidates))
+    names |= dict.fromkeys(chain(*(for_sets(members) for members in candidates)))
+    examples = sensor_examples(table, compared, names, len(places), num_views, seed)
+    if asked == "auto" or num_views == "random":
+        left = LeftOut(examples, compared.groups, seed)
+        if asked == "auto":
+            members, notes = choose_members(left, candidates, len(np.unique(recordings.groups)))
+        if num_views == "random":
+            calibration = left.calibration(members, len(places))
+    model = replace(model, members=cast(list[Member], members))
+    if len(compared.frames) < len(recordings.frames):
+        examples = sensor_examples(table, recordings, members, len(places), num_views, seed)
+    classifier = load_system(model.system).build(torch.from_numpy(places), len(table.classes), members)
+    classifier.fit(examples, seed)
+    notes += calibration_warning(calibration)
+    return Fitted(classifier, model, calibration, Progress(seconds=time.perf_counter() - begin), notes)

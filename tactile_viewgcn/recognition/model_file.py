@@ -89,7 +89,7 @@ class Content(BaseModel):
     """What a file holds, each value in its range; see `save_classifier`."""
 
     model_config = CHECKED
-    format: Literal[10] = 10  # add 1 when the content of a file changes
+    format: Literal[11] = 11  # add 1 when the content of a file changes
     learnt: dict[str, Any]
     viewpoints: Tensor
     model: Model

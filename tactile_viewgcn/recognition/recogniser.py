@@ -15,7 +15,9 @@ from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_counts
+from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.tables.transform import network_input
+from tactile_viewgcn.training.sensor_fitting import every_few
 
 MOST_FRAMES = 1024  # frames that are classified at once; a request may hold any number
 Baseline = np.ndarray | Literal["subtracted"] | None
@@ -97,13 +99,17 @@ class Recogniser:
             counts: (n, H, W) of its frames in contact, in the order of time.
         """
         views, calibration, temperature = self.classifier.views, self.calibration, None
-        (index,) = spread_sets(len(counts), calibration.most_frames if calibration else views)
-        used = np.unique(index)
-        if calibration:
-            index = used  # it takes fewer frames too, so that none is repeated
-            if len(used) >= views and calibration.by_recordings:
-                temperature = calibration.by_recordings[0]
-        return self._of_sets(self._values(counts[index], baseline), len(index), temperature)[0], len(used)
+        if isinstance(self.classifier, SensorClassifier):
+            index = used = every_few(np.arange(len(counts)))
+            logits = self.classifier.recording_logits(self._values(counts[index], baseline))
+        else:
+            (index,) = spread_sets(len(counts), views)
+            used = np.unique(index)
+            index = used if calibration else index  # it takes fewer frames too, so that none is repeated
+            logits = self.classifier.logits(self._values(counts[index], baseline), torch.arange(len(index))[None])
+        if calibration and calibration.by_recordings and len(used) >= views:
+            temperature = calibration.by_recordings[0]
+        return self._calibrated(logits, len(index), temperature)[0], len(used)
 
     def check_sequential(self, confidence_threshold: float) -> None:
         """Raise a UserError for a classifier that takes V views alone, or a threshold that is no probability."""
@@ -162,9 +168,12 @@ class Recogniser:
         with self._compute.autocast():
             return self.classifier.frame_values(self._compute.frames(torch.from_numpy(inputs)))
 
-    def _of_sets(self, values: Tensor, views: int, temperature: float | None = None) -> np.ndarray:
+    def _of_sets(self, values: Tensor, views: int) -> np.ndarray:
         """Class probabilities (B, classes) of view sets, from the values (B `views`, ...) of their frames in order."""
-        logits = self.classifier.logits(values, torch.arange(len(values)).view(-1, views))
+        return self._calibrated(self.classifier.logits(values, torch.arange(len(values)).view(-1, views)), views)
+
+    def _calibrated(self, logits: Tensor, views: int, temperature: float | None = None) -> np.ndarray:
+        """Class probabilities (B, classes), by the temperature of a number of views if none is given."""
         if temperature is None:
             by_frames = self.calibration.by_frames if self.calibration else [1.0]
             temperature = by_frames[min(views, len(by_frames)) - 1]

@@ -22,17 +22,15 @@ Temperature = Annotated[float, Interval(ge=1e-6, le=1e6)]
 
 @dataclass(frozen=True)
 class Calibration:
-    """Temperatures of logits, and how many frames of a recording are used.
+    """Temperatures of logits.
 
     Attributes:
         by_frames: of 1 to V frames.
         by_recordings: of one, two and three whole recordings together; empty where they were not fitted.
-        most_frames: used of a whole recording, evenly spaced: V, or more where that errs less.
     """
 
     by_frames: list[Temperature]
     by_recordings: Annotated[list[Temperature], MaxLen(MOST_RECORDINGS)]
-    most_frames: Annotated[int, Interval(ge=1, le=1000)]
 
 
 @dataclass(frozen=True)

@@ -1,80 +1,19 @@
 """Estimators whose fitted state is plain arrays: scikit-learn may fit them; they answer, and load, without it."""
 
-import warnings
-from dataclasses import dataclass
 from typing import Annotated, Any, Self, get_type_hints
 
 import numpy as np
 import torch
-from scipy.special import softmax
 from torch import Tensor
 
-MOST_SETS = 4000  # view sets of one size: a kernel matrix has their square
-ITERATIONS, QUICK_ITERATIONS = 500, 50  # of L-BFGS
+MOST_POINTS = 4000  # that a kernel or a ridge is fitted to: its matrix has their square
 
 
-@dataclass(frozen=True)
-class TrainingFrames:
-    """The frames that a system is fitted to.
-
-    Attributes:
-        frames: float32 (n, S) readings of the live sensors, in units.
-        labels: int64 (n,) class of each frame.
-        classes: number of classes, those without frames included.
-        pools: (n,) pool of each frame: a view set is drawn from one pool, which has the frames of one object, in one
-            recording and one split group.
-        views: V.
-        sizes: numbers of frames in the view sets that the system will answer, rising.
-        live: bool (H, W), S of them True.
-        seed: of every random choice.
-        quick: fit with fewer view sets, trees and iterations, for a comparison or a calibration.
-    """
-
-    frames: np.ndarray
-    labels: np.ndarray
-    classes: int
-    pools: np.ndarray
-    views: int
-    sizes: tuple[int, ...]
-    live: np.ndarray
-    seed: int
-    quick: bool = False
-
-    def view_sets(self, count: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Random view sets, each from one pool: an array (M, k) of frame indices for each size k; and labels (M,).
-
-        Args:
-            count: number of view sets of each pool and size; more where a pool has more than `count` times V frames.
-        """
-        rng = np.random.default_rng(self.seed)
-        members = [np.flatnonzero(self.pools == pool) for pool in np.unique(self.pools)]
-        most = max(1, MOST_SETS // len(members))
-        counts = [min(most, max(count, len(frames) // self.views)) for frames in members]
-        pools = [frames for frames, of_pool in zip(members, counts, strict=True) for _ in range(of_pool)]
-        sets = [
-            np.stack([rng.choice(frames, size, replace=len(frames) < size) for frames in pools]) for size in self.sizes
-        ]
-        return sets, np.array([self.labels[frames[0]] for frames in pools])
-
-
-class Estimator:
-    """Base of the estimators: all that is fitted are arrays, annotated with type, axes, and the axis that they index.
+class Arrays:
+    """Base of what is fitted and kept as arrays, annotated with type, axes, and the axis that they index.
 
     Axes with the same letter are equally long. F is the length of a point, C the number of the classifier's classes.
-
-    Attributes:
-        classes: (K,) the distinct labels that it was fitted to, rising.
     """
-
-    classes: Annotated[np.ndarray, np.int64, "K", "C"]
-
-    def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
-        """Fit to points (n, F) and labels (n,), made from the training frames `data`."""
-        raise NotImplementedError
-
-    def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        """Probabilities (n, K)."""
-        raise NotImplementedError
 
     @classmethod
     def form(cls) -> dict[str, tuple]:
@@ -117,31 +56,28 @@ class Estimator:
         """Raise a ValueError where the arrays do not fit each other, or points (n, `features`)."""
 
 
-class Logistic(Estimator):
-    """Multinomial logistic regression with scikit-learn's penalty, by at most 500 iterations of L-BFGS.
+class Estimator(Arrays):
+    """Base of the estimators.
 
-    Args:
-        C: inverse strength of the penalty.
+    Attributes:
+        classes: (K,) the distinct labels that it was fitted to, rising.
     """
 
-    weights: Annotated[np.ndarray, np.float64, "FK"]
-    offsets: Annotated[np.ndarray, np.float64, "K"]
+    classes: Annotated[np.ndarray, np.int64, "K", "C"]
 
-    def __init__(self, C: float = 1.0):
-        self.C = C
-
-    def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
-        from sklearn.exceptions import ConvergenceWarning
-        from sklearn.linear_model import LogisticRegression
-
-        iterations = QUICK_ITERATIONS if data.quick else ITERATIONS
-        with warnings.catch_warnings():  # to stop at the limit of iterations is no fault
-            warnings.simplefilter("ignore", ConvergenceWarning)
-            fitted = LogisticRegression(C=self.C, max_iter=iterations).fit(points, labels)
-        weights, offsets = fitted.coef_.T.astype(np.float64), fitted.intercept_.astype(np.float64)
-        if len(fitted.classes_) == 2:  # scikit-learn keeps the weights of the second class alone
-            weights, offsets = np.concatenate([0 * weights, weights], axis=1), np.append(0.0, offsets)
-        return self.take(classes=fitted.classes_, weights=weights, offsets=offsets)
+    def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
+        """Fit to points (n, F) and labels (n,)."""
+        raise NotImplementedError
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        return softmax(points @ self.weights + self.offsets, axis=1)
+        """Probabilities (n, K)."""
+        raise NotImplementedError
+
+
+def sampled(points: np.ndarray, labels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """The points (n, F) and labels (n,); of more than 4,000 a random 4,000 of them, and the first of each class."""
+    if len(points) <= MOST_POINTS:
+        return points, labels
+    index = np.random.default_rng(seed).permutation(len(points))[:MOST_POINTS]
+    index = np.union1d(index, np.unique(labels, return_index=True)[1])
+    return points[index], labels[index]

@@ -1,7 +1,7 @@
 """Extremely randomised trees (Geurts et al. 2006), grown by scikit-learn and evaluated in plain arrays.
 
 scikit-learn's own trees, read from an altered file, may walk for ever or read memory outside their arrays. For a few
-points they are also slow, because 500 trees are called one by one.
+points they are also slow, because 300 trees are called one by one.
 """
 
 import warnings
@@ -9,15 +9,15 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
-from tactile_viewgcn.sensors.estimators import Estimator, TrainingFrames
+from tactile_viewgcn.sensors.estimators import Estimator
 
-TREES, FEWEST_TREES = 500, 100
+TREES, FEWEST_TREES = 300, 100
 MOST_LEAF_VALUES = 60_000_000  # class probabilities in the leaves: 0.25 GB
 MOST_PATHS = 1 << 16  # points times trees that are evaluated at once
 
 
 class Forest(Estimator):
-    """Fully grown trees: 500, or as few as 100 where the leaves of 500 would hold more than 60 million numbers.
+    """Fully grown trees: as few as 100 where the leaves of more would hold more than 60 million numbers.
 
     The nodes of all trees are numbered in one sequence, a parent before its children. A leaf is its own child.
 
@@ -35,13 +35,16 @@ class Forest(Estimator):
     threshold: Annotated[np.ndarray, np.float64, "N"]
     shares: Annotated[np.ndarray, np.float32, "LK"]
 
-    def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
+    def __init__(self, trees: int = TREES):
+        self._trees = trees
+
+    def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         from sklearn.ensemble import ExtraTreesClassifier
 
-        fitting = MOST_LEAF_VALUES // (len(data.frames) * data.classes)
-        count = FEWEST_TREES if data.quick else int(np.clip(fitting, FEWEST_TREES, TREES))
+        fitting = MOST_LEAF_VALUES // (len(points) * len(np.unique(labels)))
+        count = int(np.clip(fitting, FEWEST_TREES, self._trees))
         with warnings.catch_warnings(record=True):  # its threads warn of each other's change to the list of filters
-            grown = ExtraTreesClassifier(count, random_state=data.seed, n_jobs=-1).fit(points, labels)
+            grown = ExtraTreesClassifier(count, random_state=seed, n_jobs=-1).fit(points, labels)
         trees = [each.tree_ for each in grown.estimators_]
         left, right, feature, threshold, shares = (
             np.concatenate([getattr(tree, name) for tree in trees])

@@ -6,13 +6,11 @@ import numpy as np
 from scipy.linalg import solve
 from scipy.special import softmax
 
-from tactile_viewgcn.sensors.estimators import Estimator, TrainingFrames
+from tactile_viewgcn.sensors.estimators import Estimator, sampled
 
-MOST_POINTS = 4000  # that an estimator is fitted to: a kernel matrix has their square
-BLOCKS = (2, 4, 8)  # rows and columns of a block
-LIVE_SHARE = 0.5  # of a block's cells that are live, at least
 WIDTH, RIDGE, SHARPNESS = 2.0, 0.3, 8.0  # of kernel ridge regression
 C = 10.0  # of the support vector machines
+LEAST_WITHIN, ROUNDING = 0.05, 1e-9  # of a standardised feature's spread within classes; of a feature's size
 MOST_VALUES = 1 << 24  # margins between two classes that are computed at once
 
 
@@ -20,19 +18,19 @@ class Kernel(Estimator):
     """The Gaussian kernel exp(-gamma d^2) between points and the points that it was fitted to, in single precision.
 
     Attributes:
-        centre: (P,) mean of the fitted points.
+        centre: (F,) mean of the fitted points.
         scale: factor that turns gamma into a half.
-        points: (M, P) fitted points, less `centre`, times `scale`.
+        points: (M, F) fitted points, less `centre`, times `scale`.
         half_squares: (M,) half of their squared lengths.
     """
 
     scale: Annotated[np.ndarray, np.float32, ""]
-    centre: Annotated[np.ndarray, np.float32, "P"]
-    points: Annotated[np.ndarray, np.float32, "MP"]
+    centre: Annotated[np.ndarray, np.float32, "F"]
+    points: Annotated[np.ndarray, np.float32, "MF"]
     half_squares: Annotated[np.ndarray, np.float32, "M"]
 
     def centred(self, points: np.ndarray, gamma: float) -> Self:
-        """Set the points (M, P) that others are compared with."""
+        """Set the points (M, F) that others are compared with."""
         self.scale = np.array((2 * gamma) ** 0.5, dtype=np.float32)
         self.centre = points.mean(axis=0, dtype=np.float64).astype(np.float32)
         self.points = self._scaled(points)
@@ -40,7 +38,7 @@ class Kernel(Estimator):
         return self
 
     def kernel(self, points: np.ndarray) -> np.ndarray:
-        """Kernel float32 (n, M) of points (n, P)."""
+        """Kernel float32 (n, M) of points (n, F)."""
         points = self._scaled(points)
         exponent = points @ self.points.T
         exponent -= (points**2).sum(axis=1)[:, None] / 2
@@ -54,33 +52,25 @@ class Kernel(Estimator):
 class KernelRidge(Kernel):
     """Ridge regression of the classes' indicators with the kernel exp(-2 d^2 / m), m the mean squared distance.
 
-    Means over square blocks of sensors are added to the readings (n, F) of the live sensors, so that neighbouring
-    sensors count as more alike than distant ones. Probabilities are the softmax of eight times the regression's values.
+    Probabilities are the softmax of eight times the regression's values.
 
     Attributes:
-        blocks: (F, B), see `block_weights`; weights: (M, K) of the kernel's values.
+        weights: (M, K) of the kernel's values.
     """
 
-    blocks: Annotated[np.ndarray, np.float32, "FB"]
     weights: Annotated[np.ndarray, np.float32, "MK"]
 
-    def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
-        blocks = block_weights(data.live)
-        points, labels = sampled(np.concatenate([points, points @ blocks], axis=1), labels, data.seed)
+    def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
+        points, labels = sampled(points, labels, seed)
         spread = float(points.var(axis=0).sum())  # half of the mean squared distance
         kernel = self.centred(points, WIDTH / (2 * spread) if spread else 1.0).kernel(points)
         kernel[np.diag_indices(len(points))] += RIDGE
         classes = np.unique(labels)
         indicators = (labels[:, None] == classes).astype(np.float32)
         weights = solve(kernel, indicators, assume_a="pos", overwrite_a=True, check_finite=False)
-        return self.take(**vars(self), classes=classes, blocks=blocks, weights=weights)
-
-    def check(self, features: int) -> None:
-        if len(self.centre) != features + self.blocks.shape[1]:
-            raise ValueError("a kernel has points and blocks of different sensors")
+        return self.take(**vars(self), classes=classes, weights=weights)
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        points = np.concatenate([points, points @ self.blocks], axis=1)
         return softmax(SHARPNESS * (self.kernel(points) @ self.weights), axis=1)
 
 
@@ -99,29 +89,27 @@ class SupportVectors(Kernel):
     weights: Annotated[np.ndarray, np.float32, "MO"]
     offsets: Annotated[np.ndarray, np.float32, "Q"]
 
-    def fit(self, points: np.ndarray, labels: np.ndarray, data: TrainingFrames) -> Self:
+    def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         from sklearn.svm import SVC
 
-        points, labels = sampled(points, labels, data.seed)
+        points, labels = sampled(points, labels, seed)
         spread = float(points.var()) * points.shape[1]
         kernel = self.centred(points, 1 / spread if spread else 1.0).kernel(points)
         machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
-        return self.take(
-            classes=machines.classes_,
-            scale=self.scale,
-            centre=self.centre,
-            points=self.points[machines.support_],
-            half_squares=self.half_squares[machines.support_],
-            class_of=np.repeat(np.arange(len(machines.classes_)), machines.n_support_),
-            weights=machines.dual_coef_.T,
-            offsets=machines.intercept_,
-        )
+        fitted = vars(self) | {
+            "classes": machines.classes_,
+            "points": self.points[machines.support_],
+            "half_squares": self.half_squares[machines.support_],
+            "class_of": np.repeat(np.arange(len(machines.classes_)), machines.n_support_),
+            "weights": machines.dual_coef_.T,
+            "offsets": machines.intercept_,
+        }
+        return self.take(**fitted)
 
     def check(self, features: int) -> None:
         others = len(self.classes) - 1
-        sizes = len(self.centre), self.weights.shape[1], len(self.offsets)
-        if sizes != (features, others, (others + 1) * others // 2):
-            raise ValueError("support vectors are of different sensors or classes")
+        if (self.weights.shape[1], len(self.offsets)) != (others, (others + 1) * others // 2):
+            raise ValueError("support vectors are of different classes")
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         count = max(1, -(-len(points) * len(self.classes) ** 2 // MOST_VALUES))  # parts that fit memory
@@ -146,21 +134,34 @@ class SupportVectors(Kernel):
         return softmax(votes.T, axis=1)
 
 
-def block_weights(live: np.ndarray) -> np.ndarray:
-    """float32 (S, B): a column has equal weights, of sum 1, on the live sensors, bool (H, W), of one block."""
-    rows, columns = np.nonzero(live)
-    weights = []
-    for size in BLOCKS:
-        number = rows // size * live.shape[1] + columns // size
-        members = number[:, None] == np.unique(number)
-        weights.append((members / members.sum(axis=0))[:, members.sum(axis=0) >= LIVE_SHARE * size**2])
-    return np.concatenate(weights, axis=1).astype(np.float32)
+class NormalisedVectors(SupportVectors):
+    """Support vector machines on points whose features are of unlike kind.
 
+    Each feature is standardised, squashed by sign(z) log(1 + |z|), and divided by its spread within classes, so that
+    those weigh most that repeat in recordings of one object.
 
-def sampled(points: np.ndarray, labels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """The points (n, F) and labels (n,); of more than 4,000 a random 4,000 of them, and the first of each class."""
-    if len(points) <= MOST_POINTS:
-        return points, labels
-    index = np.random.default_rng(seed).permutation(len(points))[:MOST_POINTS]
-    index = np.union1d(index, np.unique(labels, return_index=True)[1])
-    return points[index], labels[index]
+    Attributes:
+        mean, spread: (F,) over all points; within: (F,) spread within classes, after squashing.
+    """
+
+    mean: Annotated[np.ndarray, np.float64, "F"]
+    spread: Annotated[np.ndarray, np.float64, "F"]
+    within: Annotated[np.ndarray, np.float64, "F"]
+
+    def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
+        points, labels = sampled(points, labels, seed)
+        self.mean, self.spread, self.within = points.mean(axis=0), points.std(axis=0), np.ones(points.shape[1])
+        self.spread[~(self.spread > ROUNDING * np.abs(points).max(axis=0))] = 1
+        squashed, squares = self._normalised(points), 0.0
+        classes, place = np.unique(labels, return_inverse=True)
+        for number in range(len(classes)):
+            squares = squares + squashed[place == number].var(axis=0) * (place == number).sum()
+        self.within = np.maximum(np.sqrt(squares / max(len(points) - len(classes), 1)), LEAST_WITHIN)
+        return super().fit(self._normalised(points), labels, seed)
+
+    def predict_proba(self, points: np.ndarray) -> np.ndarray:
+        return super().predict_proba(self._normalised(points))
+
+    def _normalised(self, points: np.ndarray) -> np.ndarray:
+        standard = (points - self.mean) / self.spread
+        return np.copysign(np.log1p(np.abs(standard)), standard) / self.within

@@ -1,91 +1,84 @@
-"""Fitting of the systems on the sensors to the training anchors, or to an even sample of them."""
+"""The training recordings, as systems on the sensors are fitted to them."""
 
-import time
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
-import torch
 
-from tactile_viewgcn.params import Model
+from tactile_viewgcn.frames.baseline import evenly
 from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.sensors.estimators import TrainingFrames
+from tactile_viewgcn.sensors.examples import Examples
+from tactile_viewgcn.sensors.representation import Representation
 from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
-from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.frames import TRAIN, Frames
-from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.views.sampling import powers_of_two
 
-MOST_FRAMES, QUICK_FRAMES = 20_000, 2500  # of a fit
+MOST_RECORDINGS, QUICK_RECORDINGS = 20_000, 2500  # of a fit, and of a comparison
+MOST_FRAMES = 20_000  # of a recording; of a longer one every second, third or further one is taken
+SAMPLE = 20_000  # frames by which readings are scaled
 THINNING_SEED = 0  # so that the same recordings are taken for every value of `seed`
 
 
-def fit_sensors(
-    table: Frames,
-    viewpoints: np.ndarray,
-    model: Model,
-    num_views: str,
-    seed: int,
-    most_frames: int | None = None,
-    *,
-    quick: bool = False,
-) -> tuple[SensorClassifier, Progress]:
-    """A system on the sensors, fitted to the training anchors of the table.
+class TrainingRecordings(NamedTuple):
+    """The training recordings of a table; one of several objects or split groups is one of each.
+
+    Attributes:
+        frames: indices of those of each of R recordings.
+        labels, groups: (R,) class and split group of each.
+    """
+
+    frames: list[np.ndarray]
+    labels: np.ndarray
+    groups: np.ndarray
+
+    def part(self, most: int) -> "TrainingRecordings":
+        """At most that many of the recordings, drawn at random, in turn from every class."""
+        if len(self.frames) <= most:
+            return self
+        used = np.sort(by_turns(self.labels, stream(THINNING_SEED, "thinned"))[:most])
+        return TrainingRecordings([self.frames[number] for number in used], self.labels[used], self.groups[used])
+
+
+def training_recordings(table: Frames) -> TrainingRecordings:
+    """The recordings of the table's training side, 20,000 at most."""
+    train = table.on(TRAIN)
+    columns = np.stack([table.label[train], table.group[train], table.recording[train]])
+    (labels, groups, _), pool, sizes = np.unique(columns, axis=1, return_inverse=True, return_counts=True)
+    index = np.split(train[np.argsort(pool.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
+    return TrainingRecordings(index, labels.astype(np.int64), groups).part(MOST_RECORDINGS)
+
+
+def every_few(index: np.ndarray) -> np.ndarray:
+    """The indices (T,), of more than 20,000 every second, third or further one."""
+    return index[:: -(-len(index) // MOST_FRAMES)]
+
+
+class _Counts(Sequence[np.ndarray]):
+    """Counts (T, S) above baseline of each recording, read when they are indexed."""
+
+    def __init__(self, table: Frames, recordings: TrainingRecordings):
+        self._table, self._index = table, recordings.frames
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def __getitem__(self, number):  # type: ignore[no-untyped-def]
+        return self._table.inputs(every_few(self._index[number]), SensorClassifier.transform)[:, self._table.live]
+
+
+def sensor_examples(
+    table: Frames, recordings: TrainingRecordings, members: Iterable[str], views: int, num_views: str, seed: int
+) -> Examples:
+    """The examples of training recordings, for whole recordings and for view sets.
 
     Args:
-        viewpoints: (V, 3).
-        num_views: `finetune.num_views`: `full`, the system answers V frames; `random`, any number up to V.
-        most_frames: with `random`, the largest number of frames, where it is more than V.
-        quick: see `TrainingFrames`.
+        num_views: `finetune.num_views`: `full`, of V frames; `random`, also of 1, 2, 4 and so on below V.
     """
-    begin, views = time.perf_counter(), len(viewpoints)
+    train = evenly(table.on(TRAIN), SAMPLE)
+    sample = table.inputs(train, SensorClassifier.transform)[:, table.live]
+    noise = successive_noise(table.counts, table.recording, table.on(TRAIN), table.live)
+    representation = Representation(table.live).fit(sample, contact_unit(sample, noise))
     sizes = (views,) if num_views == "full" else powers_of_two(views)
-    while sizes[-1] < (most_frames or views):
-        sizes += (min(2 * sizes[-1], most_frames or views),)
-    build = load_system(model.system).build
-    classifier = build(torch.from_numpy(viewpoints), len(table.classes), model.members)
-    classifier.fit(*training_frames(table, views, sizes, seed, quick=quick))
-    return classifier, Progress(seconds=time.perf_counter() - begin)
-
-
-def fitted_index(table: Frames, views: int, *, quick: bool = False) -> np.ndarray:
-    """Indices of the training anchors for a fit: 20,000 at most, or 2,500 for a quick one."""
-    index = np.flatnonzero(table.anchor & (table.side == TRAIN))
-    return thinned(table, index, most=QUICK_FRAMES if quick else MOST_FRAMES, each=views)
-
-
-def training_frames(
-    table: Frames, views: int, sizes: tuple[int, ...], seed: int, *, quick: bool = False
-) -> tuple[TrainingFrames, float]:
-    """The frames of `fitted_index` in the form that systems are fitted to, and their unit in counts."""
-    index = fitted_index(table, views, quick=quick)
-    label = table.label[index].astype(np.int64)
-    places = np.stack([table.group[index], table.recording[index], label])
-    pools = np.unique(places, axis=1, return_inverse=True)[1].ravel()
-    counts = table.inputs(index, SensorClassifier.transform)[:, table.live]
-    unit = contact_unit(counts, successive_noise(table.counts, table.recording, table.on(TRAIN), table.live))
-    frames = counts / np.float32(unit)
-    if len(np.unique(pools)) == len(pools):
-        sizes = (1,)  # frames that stand alone: more of one pool are the same frame again
-    return TrainingFrames(frames, label, len(table.classes), pools, views, sizes, table.live, seed, quick), unit
-
-
-def thinned(table: Frames, index: np.ndarray, *, most: int, each: int) -> np.ndarray:
-    """At most `most` of the frames in `index` (n,), rising: an equal number of every recording, evenly taken.
-
-    A recording counts once for each class and split group. Where that leaves fewer than `each` frames of a recording,
-    `each` are taken of fewer recordings, drawn at random, in turn from every class.
-    """
-    if len(index) <= most:
-        return index
-    places = np.stack([table.label[index], table.recording[index], table.group[index]])
-    cells, recording, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)
-    recording = recording.ravel()
-    share = max(each, most // len(sizes))
-    order = by_turns(cells[0], stream(THINNING_SEED, "thinned"))
-    taken = np.zeros(len(sizes), dtype=bool)
-    taken[order] = np.minimum(sizes, share)[order].cumsum() <= most
-    rank, by_recording = np.empty(len(index), dtype=np.int64), np.argsort(recording, kind="stable")
-    rank[by_recording] = np.arange(len(index)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    size = sizes[recording]
-    even = rank * share // size > (rank - 1) * share // size
-    return index[even & taken[recording]]
+    counts = _Counts(table, recordings)
+    return Examples(counts, recordings.labels, representation, members, sizes, len(table.classes), seed)

@@ -1,0 +1,100 @@
+"""Random convolutions over time, and a ridge classifier on them: MiniRocket (Dempster et al., arXiv 2012.08791).
+
+The 84 kernels have nine weights, three of them 2 and the others -1. Each is dilated and reads the sum of up to nine
+channels at random; its features are the shares of the recording in which it exceeds each of its biases.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Annotated, Self
+
+import numpy as np
+from scipy.special import softmax
+
+from tactile_viewgcn.sensors.estimators import Arrays, Estimator, sampled
+
+LENGTH = 9
+PLACES = np.array(list(combinations(range(LENGTH), 3)))  # of the weights 2 in each kernel
+FEATURES, MOST_DILATIONS, MOST_CHANNELS = 10_000, 8, 9
+SAMPLE = 20  # recordings whose quantiles are the biases
+GOLDEN = (5**0.5 + 1) / 2  # its multiples, less their whole parts, cover 0 to 1 evenly
+PENALTIES = np.logspace(-3, 3, 10)  # of ridge regression, chosen by leaving one recording out
+SHARPNESS = 4.0  # of the softmax of its values, which are -1 for a wrong class and 1 for the right one
+
+
+class Convolutions(Arrays):
+    """The features of recordings, fitted without labels.
+
+    Attributes:
+        dilations: (D,) frames between a kernel's weights.
+        channels: bool (D, N, F) channels that each kernel adds.
+        biases: (D, N, B).
+    """
+
+    dilations: Annotated[np.ndarray, np.int64, "D"]
+    channels: Annotated[np.ndarray, np.bool_, "DNF"]
+    biases: Annotated[np.ndarray, np.float32, "DNB"]
+
+    def fit(self, recordings: Sequence[np.ndarray], seed: int) -> Self:
+        """Draw dilations and channels for recordings of readings (T, F), and measure the biases on some of them."""
+        rng = np.random.default_rng(seed)
+        drawn = rng.permutation(len(recordings))[:SAMPLE]
+        sample = [recordings[number] for number in drawn.tolist()]
+        longest, sensors = int(np.median([len(each) for each in sample])), sample[0].shape[1]
+        dilations = np.unique(np.geomspace(1, max(1, (longest - 1) // (LENGTH - 1)), MOST_DILATIONS).astype(int))
+        most = min(sensors, MOST_CHANNELS)
+        sizes = (2 ** rng.uniform(0, np.log2(most + 1), (len(dilations), len(PLACES), 1))).astype(int)
+        channels = rng.random((len(dilations), len(PLACES), sensors)).argsort(axis=2).argsort(axis=2) < sizes
+        quantiles = np.arange(1, 1 + max(1, FEATURES // (len(PLACES) * len(dilations)))) * GOLDEN % 1
+        biases = [
+            np.quantile(np.concatenate([_convolved(each, *pair) for each in sample], axis=1), quantiles, axis=1).T
+            for pair in zip(dilations, channels, strict=True)
+        ]
+        return self.take(dilations=dilations, channels=channels, biases=np.stack(biases))
+
+    def check(self, features: int) -> None:
+        if self.channels.shape[1] != len(PLACES) or (self.dilations < 1).any() or (self.dilations > 1 << 16).any():
+            raise ValueError("convolutions have another number of kernels, or dilations out of range")
+
+    def features(self, readings: np.ndarray) -> np.ndarray:
+        """Shares float32 (D N B,) of the frames of a recording of readings (T, F)."""
+        shares = []
+        for dilation, channels, biases in zip(self.dilations, self.channels, self.biases, strict=True):
+            values = np.sort(_convolved(readings, dilation, channels), axis=1)
+            below = [np.searchsorted(*pair, side="right") for pair in zip(values, biases, strict=True)]
+            shares.append(1 - np.concatenate(below) / values.shape[1])
+        return np.concatenate(shares).astype(np.float32)
+
+
+def _convolved(readings: np.ndarray, dilation: int, channels: np.ndarray) -> np.ndarray:
+    """Values float32 (84, T) of all kernels with one dilation; at its ends the recording is continued by its ends."""
+    summed, reach = channels.astype(np.float32) @ readings.T.astype(np.float32), LENGTH // 2 * int(dilation)
+    padded, length = np.pad(summed, ((0, 0), (reach, reach)), mode="edge"), summed.shape[1]
+    moved = np.stack([padded[:, place * dilation :][:, :length] for place in range(LENGTH)])
+    return 3 * moved[PLACES.T, np.arange(len(PLACES))].sum(axis=0) - moved.sum(axis=0)
+
+
+class Ridge(Estimator):
+    """Ridge regression of the classes' indicators on standardised points; probabilities by softmax.
+
+    Attributes:
+        weights: (F, K), offsets: (K,) of points as they are.
+    """
+
+    weights: Annotated[np.ndarray, np.float32, "FK"]
+    offsets: Annotated[np.ndarray, np.float32, "K"]
+
+    def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
+        from sklearn.linear_model import RidgeClassifierCV
+
+        points, labels = sampled(points, labels, seed)
+        mean, spread = points.mean(axis=0, dtype=np.float64), points.std(axis=0, dtype=np.float64)
+        spread = np.where(spread > 0, spread, 1)
+        fitted = RidgeClassifierCV(PENALTIES).fit((points - mean) / spread, labels)
+        weights, offsets = np.atleast_2d(fitted.coef_).T / spread[:, None], np.atleast_1d(fitted.intercept_)
+        if len(fitted.classes_) == 2:  # scikit-learn keeps the second class alone
+            weights, offsets = np.concatenate([-weights, weights], axis=1), np.append(-offsets, offsets)
+        return self.take(classes=fitted.classes_, weights=weights, offsets=offsets - mean @ weights)
+
+    def predict_proba(self, points: np.ndarray) -> np.ndarray:
+        return softmax(SHARPNESS * (points @ self.weights + self.offsets), axis=1)
