@@ -1,0 +1,72 @@
+"""The benchmark of recordings, on two tiny sets, with a stand-in for the slow classifier."""
+
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.recordings import __main__ as recordings
+from benchmarks.recordings.__main__ import COLUMNS, SIMPLE, main, resampled, statistics
+
+
+def write_set(folder, shape, level, sessions):
+    """Two objects of 8 recordings whose readings differ by `level`, in that many sessions, or none."""
+    rng, groups = np.random.default_rng(0), {}
+    for number in range(16):
+        file = folder / "ab"[number % 2] / f"{number}.npy"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.save(file, rng.normal(level * (number % 2), 1, (4 + number % 3, *shape)).astype(np.float32))
+        groups[f"{'ab'[number % 2]}/{number}.npy"] = number // 2 % max(sessions, 1)
+    if sessions:
+        pd.Series(groups, name="group").to_csv(folder / "groups.csv", index_label="file")
+    return str(folder)
+
+
+class OnlyA:
+    """Answers "a", and takes three axes alone; `seen` has the groups and shape of each fold."""
+
+    seen: ClassVar[list] = []
+
+    def fit(self, learnt, labels, groups):
+        self.seen.append((len(set(groups)), learnt[0].shape[1:]))
+        return self
+
+    def predict(self, asked):
+        return np.array(["a"] * len(asked))
+
+
+def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earlier_one_measured(tmp_path, monkeypatch):
+    monkeypatch.setattr(recordings, "TactileClassifier", OnlyA)
+    monkeypatch.setitem(SIMPLE, "trees", lambda: recordings.ExtraTreesClassifier(10, random_state=0))
+    sets = [write_set(tmp_path / "apart", (3,), 9.0, sessions=2), write_set(tmp_path / "far", (2, 2), 99.0, sessions=0)]
+    out, run = tmp_path / "results.csv", CliRunner()
+    first = run.invoke(main, [*sets, "--out", str(out), "--only", "trees,svc,logistic,frames"])
+    assert first.exit_code == 0 and "Regret" not in first.output
+    second = run.invoke(main, [*sets[::-1], "--out", str(out), "--only", "ours"])
+    assert second.output.endswith("\nRegret: 50.0 points in the mean, 50.0 at most, on far.\n")
+    assert OnlyA.seen == [(12, (2, 2))] * 4 + [(1, (1, 3))] * 2  # folds: four, or as many as there are groups
+    table = pd.read_csv(out, index_col="set")
+    assert ["set", *table] == COLUMNS and table["channels"].to_dict() == {"apart": 3, "far": 4}
+    assert table["ours, error, %"].tolist() == [50, 50] and table["svc, error, %"].tolist() == [0, 0]
+    assert table["frames, error, %"].tolist() == [0, 0] and (table["trees, s"] > 0).all()
+    assert table["minirocket, s"].isna().all()
+    unknown = run.invoke(main, [*sets, "--only", "our"])
+    assert unknown.exit_code == 1 and unknown.output.startswith("Error: --only has our; expected some of ours, trees")
+
+
+def test_a_method_that_fails_has_a_dash_and_says_why(tmp_path, monkeypatch):
+    monkeypatch.setattr(OnlyA, "predict", lambda self, asked: 1 / 0)
+    monkeypatch.setattr(recordings, "TactileClassifier", OnlyA)
+    result = CliRunner().invoke(main, [write_set(tmp_path / "set", (3,), 9.0, 0), "--only", "ours,svc"])
+    assert result.exit_code == 0 and "set, ours: ZeroDivisionError: division by zero" in result.stderr
+    assert result.stdout.splitlines()[2].replace(" ", "").startswith("|set|3|16|2|-|-|-|-|0|")
+
+
+def test_statistics_and_resampled_channels_counted_by_hand():
+    recording = np.array([[[0.0, 8.0]], [[2.0, 8.0]], [[10.0, 8.0]]])
+    expected = [4, 8, np.std([0, 2, 10]), 0, 0, 8, 10, 8, 2, 8]  # mean, deviation, minimum, maximum, median
+    np.testing.assert_allclose(statistics([recording]), [expected])
+    np.testing.assert_allclose(resampled([recording], 5), [[[0, 1, 2, 6, 10], [8] * 5]])
+    assert resampled([recording[:1]], 2) == pytest.approx(np.array([[[0, 0], [8, 8]]]))
