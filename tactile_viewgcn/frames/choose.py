@@ -31,6 +31,7 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 BASELINES = ("empty_hand", "grasp", "none")  # an earlier one is taken unless a later one errs clearly less
 CLEARLY = 2.0  # standard errors; of three baselines that err alike one is lower by 1 in 40 % of the cases, by 2 in 7 %
 SAMPLE = 2000  # frames whose readings are compared
+MOST_LOST = 0.05  # share of recordings without a frame in contact, above which contact is no filter
 RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
 HEADROOM = 10.0  # times the strongest hundredth of the readings: the released scale is kept up to there
 
@@ -224,13 +225,17 @@ def _first_of_lowest(errors: dict[str, QuickError]) -> str:
 
 
 def _filter(recordings: Recordings, hand: OpenHand, baseline: str) -> tuple[str, str]:
-    """Value and reason: flags if every object has some, else contact above a baseline."""
+    """Value and reason: flags if every object has some, else contact above a baseline, if that loses no recordings."""
     objects, of_object = recordings.columns["object"], ~of_empty_hand(recordings)
     with suppress(UserError):
         if not len(np.setdiff1d(objects[of_object], objects[flagged(recordings)])):
             return "flags", "the source says in which frames the object is held"
     if baseline == "none":
         return "none", "contact cannot be detected without a baseline: every frame is kept"
+    recorded = [index for index in frames_by_recording(recordings) if of_object[index[0]]]
+    lost = sum(not hand.contact[index].any() for index in recorded)
+    if lost > MOST_LOST * len(recorded):
+        return "none", f"{lost} of {several(len(recorded), 'recording')} have no frame in contact: every frame is kept"
     return "contact", f"{100 * hand.contact.mean():.0f} % of the frames are in contact"
 
 

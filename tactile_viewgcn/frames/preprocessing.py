@@ -144,6 +144,7 @@ def _table(
         preprocess=asdict(choice.params),
         kept_share=share,
         channels=choice.channels,
+        channel_names=recordings.channel_names or None,
     )
 
 

@@ -52,7 +52,8 @@ def run_page(run: FinishedRun) -> str:
             if count > 1
         ],
         without_network=on_sensors(run.params["model.system"]),
-        remarks=[note for note in run.notes("info") if note.topic != "candidates"],
+        remarks=[note for note in run.notes("info") if note.topic not in ("candidates", "importance")],
+        importance=[plots.importance(**note.value) for note in run.notes("info") if note.topic == "importance"],
         choices=run.notes("choice"),
         again=again(run.changed),
         changed=list(starmap(as_change, run.changed.items())),

@@ -5,6 +5,7 @@ all that is fitted to labels.
 """
 
 import time
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from tactile_viewgcn.frames.split import fold_sides, spans_classes
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.recognition.calibration import fit_temperature, together_temperatures
 from tactile_viewgcn.recognition.sequential import Calibration
+from tactile_viewgcn.sensors.estimators import Estimator
 from tactile_viewgcn.sensors.examples import FRAME, WHOLE, Examples, added, for_sets
 from tactile_viewgcn.sensors.representation import OF_FRAMES
 from tactile_viewgcn.tables.frames import TEST
@@ -72,6 +74,7 @@ class LeftOut:
                 self._folds.append(left)
         self.answered = np.any(self._folds, axis=0) if self._folds else np.zeros(len(groups), dtype=bool)
         self._shares: dict[tuple[str, int], np.ndarray] = {}
+        self._estimators: dict[tuple[str, int], list[Estimator]] = {}
         self.seconds, self.milliseconds = dict.fromkeys(examples.members, 0.0), dict.fromkeys(examples.members, 0.0)
 
     def _answers(self, member: str, size: int) -> np.ndarray:
@@ -85,10 +88,16 @@ class LeftOut:
                 if size == (FRAME if member == OF_FRAMES else WHOLE):
                     self.seconds[member] += time.perf_counter() - begin
                     self.milliseconds[member] = self.examples.milliseconds(member, estimator)
+                self._estimators.setdefault((member, size), []).append(estimator)
                 shares = self.examples.answers(member, size, estimator, left)
                 kept = self._shares.setdefault((member, size), shares)
                 kept[...] = np.where(np.isfinite(shares), shares, kept)
         return self._shares[member, size]
+
+    def estimators(self, member: str) -> Iterator[tuple[np.ndarray, Estimator]]:
+        """Pairs of the recordings that were left out, bool (R,), and the member's estimator for whole recordings."""
+        self._answers(member, WHOLE)
+        return zip(self._folds, self._estimators[member, WHOLE], strict=True)
 
     def logits(self, members: list[str], size: int) -> tuple[np.ndarray, np.ndarray]:
         """Logits (n, classes) of recordings or view sets that were left out, and the recording (n,) of each."""

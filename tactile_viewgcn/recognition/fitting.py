@@ -15,6 +15,7 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.recognition.calibration import calibrate, calibration_warning
 from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
+from tactile_viewgcn.recognition.importance import importance_note
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.sensors.examples import for_sets
 from tactile_viewgcn.sensors.features import is_array
@@ -76,6 +77,7 @@ def _fit_sensors(table: Frames, places: np.ndarray, model: Model, num_views: str
         left = LeftOut(examples, compared.groups, seed)
         if asked == "auto":
             members, notes = choose_members(left, candidates, len(np.unique(recordings.groups)))
+            notes += importance_note(left, table.channel_names or [])
         if num_views == "random":
             calibration = left.calibration(members, len(places))
     model = replace(model, members=cast(list[Member], members))

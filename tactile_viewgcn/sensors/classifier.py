@@ -51,7 +51,7 @@ class SensorClassifier:
     @property
     def takes_fewer(self) -> bool:
         """Whether it also takes fewer views than V."""
-        return all(1 in self.fitted[member] for member in for_sets(self.members))
+        return all(self.fitted[name].keys() & {1, FRAME} for name in for_sets(self.members))
 
     def fit(self, examples: Examples, seed: int) -> None:
         """Fit every member to the examples of each size."""

@@ -1,11 +1,10 @@
 """Which sensors are clocks: by one alone recordings can be told from earlier ones."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.source import BLOCK_FRAMES, listed
+from tactile_viewgcn.tables.frames import sensor_names
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 FEWEST, EVEN = 20, 0.9  # steps that show a clock; share of them within half the median
@@ -37,12 +36,6 @@ def find_clocks(recordings: Recordings) -> np.ndarray:
     first, last = (np.take_along_axis(end, order, axis=0) for end in (first, last))
     clocks[clocks] = even & ((first[-1] - first[0] <= middle) | (first[1:] > last[:-1]).all(axis=0))
     return clocks
-
-
-def sensor_names(sensors: np.ndarray, channel_names: Sequence[str] = ()) -> list[str]:
-    """The channel's name, or row and column from 1, of each of some sensors, bool (H, W)."""
-    names = list(channel_names) or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
-    return [names[at] or f"column {at + 1}" for at in np.flatnonzero(sensors).tolist()]
 
 
 def clock_notes(recordings: Recordings, clocks: np.ndarray) -> list[Note]:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -64,6 +65,7 @@ class Frames:
     preprocess: dict[str, Any]
     kept_share: float
     channels: np.ndarray | None = None
+    channel_names: list[str] | None = None
 
     def __len__(self) -> int:
         return len(self.label)
@@ -94,6 +96,12 @@ class Frames:
     def on(self, *sides: int) -> np.ndarray:
         """Rising indices of the frames on the given sides."""
         return np.flatnonzero(np.isin(self.side, sides))
+
+
+def sensor_names(sensors: np.ndarray, channel_names: Iterable[str] = ()) -> list[str]:
+    """The channel's name, or row and column from 1, of each of some sensors, bool (H, W)."""
+    names = list(channel_names) or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
+    return [names[at] or f"column {at + 1}" for at in np.flatnonzero(sensors).tolist()]
 
 
 def write_frames(path: str | Path, frames: Frames) -> None:

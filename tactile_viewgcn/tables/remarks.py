@@ -6,7 +6,8 @@ import numpy as np
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several
 from tactile_viewgcn.readers.source import listed
-from tactile_viewgcn.tables.clocks import FEWEST, sensor_names
+from tactile_viewgcn.tables.clocks import FEWEST
+from tactile_viewgcn.tables.frames import sensor_names
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 STRAIGHT = 0.999  # correlation with the frame's number
