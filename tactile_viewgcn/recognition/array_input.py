@@ -10,32 +10,47 @@ from tactile_viewgcn.readers.source import MAX_PRESSURE, check_shape, storage_ty
 
 RECORDINGS, VIEW_SETS, ROWS = "recordings", "view sets", "rows"
 FORMS = (
-    "a list of recordings [(frames, rows, columns), ...], view sets (n, views, rows, columns), or rows (n, sensors); "
-    "one recording is [recording], and frames that are classified alone are frames[:, None]"
+    "a list of recordings [(frames, rows, columns), ...] or [(frames, channels), ...], view sets (n, views, rows, "
+    "columns), or rows (n, sensors); one recording is [recording], and frames that are classified alone frames[:, None]"
 )
 
 
 def form_of(X: Any) -> str:
-    """The form of X: RECORDINGS for a list of them, VIEW_SETS for an array of four axes, else ROWS.
+    """The form of X: RECORDINGS for a list of them or an array of three axes, VIEW_SETS for one of four, else ROWS.
 
     Raises:
-        UserError: ragged, or neither of one, two or four axes.
+        UserError: ragged, or not of one to four axes.
     """
     is_list = isinstance(X, list | tuple) or (isinstance(X, np.ndarray) and X.dtype == object and X.ndim == 1)
-    if is_list and (not len(X) or any(_is_several(row) or _axes(row) == 3 for row in X)):
+    if is_list and (not len(X) or any(_is_several(row) or _axes(row) in (2, 3) for row in X)):
         return RECORDINGS
     axes = _axes(X)
+    if axes == 3 and isinstance(X, np.ndarray):
+        return RECORDINGS
     if axes not in (1, 2, 4):
         problem = "is ragged" if axes is None else f"is of type {type(X).__name__} with {axes} axes"
         raise UserError(f"X {problem}; expected {FORMS}")
     return VIEW_SETS if axes == 4 else ROWS
 
 
-def recordings_by_row(X: Sequence[Any]) -> list[Sequence[Any]]:
-    """The recordings in each row of X, which is one recording or a list of several; a UserError for no rows."""
+def recordings_by_row(X: Sequence[Any], *, frames_last: bool = False) -> list[Sequence[Any]]:
+    """The recordings in each row of X, which is one recording or a list of several; a UserError for no rows.
+
+    Channels (T, C) become frames of one row, (T, 1, C). With `frames_last` time is the last axis, not the first.
+    """
     if not len(X):
         raise UserError("X holds no recordings; expected one or more, each an array (frames, rows, columns)")
-    return [row if _is_several(row) else [row] for row in X]
+    rows = [row if _is_several(row) else [row] for row in X]
+    return [[_in_time(recording, frames_last) for recording in row] for row in rows]
+
+
+def _in_time(recording: Any, frames_last: bool) -> Any:
+    """A recording with its frames first; one of other than two or three axes, which is refused later, as it is."""
+    axes = _axes(recording)
+    if axes not in (2, 3):
+        return recording
+    array = np.moveaxis(np.asarray(recording), -1, 0) if frames_last else np.asarray(recording)
+    return array[:, None] if axes == 2 else array
 
 
 def _is_several(row: Any) -> bool:

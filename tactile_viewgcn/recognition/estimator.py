@@ -17,6 +17,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
 from tactile_viewgcn.params import DEFAULTS, MAX_SIDE, Member, Params, load, preset_changes
+from tactile_viewgcn.readers.source import FRAMES_LAST
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_by_row
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
@@ -39,6 +40,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     - a list of recordings, each raw counts (T_i, H, W): the baseline is subtracted and the frames in contact are found
       as in the pipeline; a row may be a list of several recordings of one object, which are answered together;
+    - a list of channels over time (T_i, C), or an array (n, T, C); with the parameter `data.shape` `frames_last` they
+      are (C, T_i) or (n, C, T), as aeon and sktime have them;
     - an array of view sets (n, V, H, W), counts above baseline of frames in contact;
     - an array (n, S), or anything that scikit-learn turns into one: each row is a frame of 1 x S sensors in contact,
       counts above baseline, up to 64 * 64 of them.
@@ -92,7 +95,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
                 raise UserError(f"X has {X.shape[1]:,} columns; expected at most {MAX_SIDE**2:,} sensors")
             arrays, row = list(X[:, None, None]), np.arange(len(X))
         else:
-            arrays, row = checked_arrays(recordings_by_row(X))
+            arrays, row = checked_arrays(recordings_by_row(X, frames_last=self._frames_last))
             y = column_or_1d(y, warn=True)
             check_consistent_length(X, y)
         classes, labels = _distinct(y)
@@ -161,6 +164,10 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
         self.recogniser_ = Recogniser(io.BytesIO(self._file))
 
+    @property
+    def _frames_last(self) -> bool:
+        return isinstance(self.params, Mapping) and self.params.get("data.shape") == FRAMES_LAST
+
     def _parameters(self, form: str, arrays: list[np.ndarray]) -> Params:
         """All parameters for rows of this form."""
         if not isinstance(self.params, Mapping | None):
@@ -198,7 +205,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
         recogniser, of_rows = self.recogniser_, []
         empty = np.array([float(name == EMPTY_HAND) for name in recogniser.classes])
-        for number, recordings in enumerate(recordings_by_row(X)):
+        for number, recordings in enumerate(recordings_by_row(X, frames_last=self._frames_last)):
             answers = [answer_recording(recogniser, counts, name=f"X[{number}]") for counts in recordings]
             answer = answer_together(recogniser, answers) if len(answers) > 1 else answers[0]
             if answer.status == NO_CONTACT and not empty.any():
