@@ -100,11 +100,11 @@ class Examples:
     def fit(self, member: str, size: int, seed: int, used: np.ndarray | None = None) -> Estimator:
         """The member's estimator of a size, fitted to all recordings; or quickly to those `used`, bool (R,)."""
         of, points = self._rows(member, size), self.points(member, size)
-        if used is None:
-            return self.representation.estimator(member).fit(points, self.labels[of], seed)
-        rows = np.flatnonzero(used[of])
-        rows = rows[:: -(-len(rows) // QUICK_FRAMES)] if member == OF_FRAMES else rows
-        return self.representation.estimator(member, quick=True).fit(points[rows], self.labels[of][rows], seed)
+        rows = np.arange(len(of)) if used is None else np.flatnonzero(used[of])
+        if used is not None and member == OF_FRAMES:
+            rows = rows[:: -(-len(rows) // QUICK_FRAMES)]
+        estimator = self.representation.estimator(member, quick=used is not None or size != WHOLE)
+        return estimator.fit(points[rows], self.labels[of][rows], seed)
 
     def answers(self, member: str, size: int, estimator: Estimator, asked: np.ndarray) -> np.ndarray:
         """Probabilities (n, classes) by the member's points of a size.
