@@ -130,8 +130,9 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
     scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
     for protocol, score in scores.items():
         top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if "top3_error" in score else ""
+        whole = ", whole recordings" if "frames" in score else ""
         lines.append(
-            f"  {protocol} protocol{joined_text(score)}{', whole recordings' * ('frames' in score)}: error {error_text(score['error'])} %, std over trials "
+            f"  {protocol} protocol{joined_text(score)}{whole}: error {error_text(score['error'])} %, std over trials "
             f"{100 * score['error']['std']:.1f}{top3}"
         )
     if "by_views" in score:  # of the last protocol, which is the user's
