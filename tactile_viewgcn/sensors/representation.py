@@ -23,6 +23,7 @@ from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, Supp
 
 #: members that answer single frames, whose probabilities are averaged; and those that take whole recordings alone
 OF_FRAMES, OF_RECORDINGS = "kernel", "convolutions"
+FARTHEST = 1e15  # scaled reading: its square is in the range of single precision
 
 
 class Representation(Arrays):
@@ -61,7 +62,8 @@ class Representation(Arrays):
 
     def scaled(self, counts: np.ndarray) -> np.ndarray:
         """Readings float32 (n, S) of frames, from counts (n, S) above baseline."""
-        return ((counts - self.centre) / self.spread).astype(np.float32)
+        readings = np.divide(counts - self.centre, self.spread, dtype=np.float64)
+        return np.clip(readings, -FARTHEST, FARTHEST).astype(np.float32)
 
     def points(self, member: str, readings: np.ndarray, *, whole: bool) -> np.ndarray:
         """The member's points (B, F) of scaled readings (B, T, S): whole recordings in time order, or view sets."""

@@ -8,7 +8,6 @@ PRESSED_SHARE = 0.1  # of the readings in contact are above PRESSED_UNITS; with 
 PRESSED_UNITS = 4.0
 NOISE_UNITS = 1.5  # standard deviations of noise that a unit has at most, so that the dead zone has up to three
 LEAST = 0.1  # of the unit by the readings, below which the noise does not lower it
-DEAD_ZONE = 2.0  # units; a weaker reading counts as noise
 MOST_PAIRS = 1000  # pairs of successive frames that are compared
 MEDIAN_SD = 0.6745  # median distance from the mean of a normal distribution, in standard deviations
 
@@ -55,13 +54,3 @@ def successive_noise(counts: Rows, recording: np.ndarray, index: np.ndarray, liv
     pairs = pairs[np.unique(np.linspace(0, len(pairs) - 1, MOST_PAIRS).astype(int))]
     change = counts[pairs + 1].astype(np.float64) - counts[pairs]
     return float(np.median(np.abs(change[:, live]))) / (MEDIAN_SD * 2**0.5) or np.inf
-
-
-def logarithm(sensors: np.ndarray) -> np.ndarray:
-    """log(1 + max(x, 0)) of readings x in units."""
-    return np.log1p(np.maximum(sensors, 0))
-
-
-def above_dead_zone(sensors: np.ndarray) -> np.ndarray:
-    """log(1 + max(x - 2, 0)) of readings x in units."""
-    return np.log1p(np.maximum(sensors - DEAD_ZONE, 0))

@@ -1,44 +1,41 @@
-"""Thinned frames: an equal number of each recording, or of fewer recordings where there are too many."""
+"""The training recordings that systems on the sensors are fitted to: one of each object, and fewer of very many."""
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from tactile_viewgcn.training.sensor_fitting import thinned
+from tactile_viewgcn.sensors.examples import WHOLE
+from tactile_viewgcn.tables.frames import TRAIN
+from tactile_viewgcn.training import sensor_fitting
+from tactile_viewgcn.training.sensor_fitting import every_few, sensor_examples, training_recordings
 from tests.glove_data import table
 
 
-def recordings(*sizes):
-    """A table of recordings of these numbers of frames, of two classes in turn, and its indices."""
-    recording = np.repeat(np.arange(len(sizes)), sizes)
-    return replace(table(), label=recording % 2, recording=recording, group=recording), np.arange(len(recording))
+def test_a_recording_has_its_frames_in_order_and_one_object_and_split_group():
+    frames = table()
+    split = replace(frames, group=2 * frames.group + (np.arange(len(frames)) % 12 >= 6))  # two in each recording
+    recordings, train = training_recordings(split), split.on(TRAIN)
+    assert np.array_equal(np.sort(np.concatenate(recordings.frames)), train)
+    for index, label, group in zip(*recordings, strict=True):
+        assert (np.diff(index) == 1).all() and len(set(split.recording[index])) == 1 and len(index) == 6
+        assert set(split.label[index]) == {label} and set(split.group[index]) == {group}
 
 
-@pytest.mark.parametrize(
-    ("sizes", "most", "each", "expected"),
-    [
-        ((3, 4), 7, 1, [0, 1, 2, 3, 4, 5, 6]),
-        ((3, 6), 6, 1, [0, 1, 2, 3, 5, 7]),  # three of each: of six every second one
-        ((5, 5), 4, 1, [0, 3, 5, 8]),
-        ((1, 1, 8), 6, 1, [0, 1, 2, 6]),  # what short recordings leave is left
-    ],
-)
-def test_equally_many_of_each_recording_evenly_taken(sizes, most, each, expected):
-    assert thinned(*recordings(*sizes), most=most, each=each).tolist() == expected
+def test_of_too_many_recordings_some_of_every_class_are_taken():
+    labels = np.r_[np.zeros(90, int), np.ones(9, int), 2]
+    many = sensor_fitting.TrainingRecordings([np.array([each]) for each in range(100)], labels, np.arange(100) // 2)
+    few = many.part(12)
+    assert np.bincount(few.labels).tolist() == [6, 5, 1] and many.part(100) is many
+    assert [(labels[index[0]], index[0] // 2) for index in few.frames] == [*zip(few.labels, few.groups, strict=True)]
 
 
-def test_too_many_recordings_are_thinned_as_a_whole_and_all_classes_stay():
-    frames, index = recordings(*[6] * 400)
-    taken = thinned(frames, index, most=400, each=4)
-    counts = np.bincount(frames.recording[taken], minlength=400)
-    assert sorted(set(counts)) == [0, 4] and len(taken) == 400 and (np.diff(taken) > 0).all()
-    assert (counts[::2] > 0).sum() == 50  # of one class
-
-
-def test_a_class_of_one_recording_stays_and_the_others_take_turns():
-    frames, index = recordings(*[6] * 90)
-    label = np.repeat(np.arange(90), 6) // 30
-    label[-6:] = 3
-    taken = thinned(replace(frames, label=label), index, most=40, each=4)
-    assert np.bincount(label[taken]).tolist() == [12, 12, 12, 4]
+def test_of_a_long_recording_every_second_or_further_frame_is_taken(monkeypatch):
+    monkeypatch.setattr(sensor_fitting, "MOST_FRAMES", 5)
+    taken = [every_few(np.arange(frames)).tolist() for frames in (1, 5, 6, 11)]
+    assert taken == [[0], [*range(5)], [0, 2, 4], [0, 3, 6, 9]]
+    recordings = training_recordings(frames := table())  # of twelve frames: every third is read
+    examples = sensor_examples(frames, recordings, ["svm"], 4, "random", 0)
+    assert examples.shortest == 4 and set(examples.sets) == {1, 2, 4}
+    read, counts = examples.representation, frames.inputs(recordings.frames[3][::3], "counts")[:, frames.live]
+    expected = read.points("svm", read.scaled(counts)[None], whole=True)
+    np.testing.assert_allclose(examples.points("svm", WHOLE)[3:4], expected, atol=1e-6)

@@ -1,0 +1,92 @@
+"""Estimators answer as scikit-learn's on the same points."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+from scipy.special import softmax
+from sklearn import kernel_ridge
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.linear_model import RidgeClassifierCV
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVC
+
+from tactile_viewgcn.sensors import estimators, forest, kernels
+from tactile_viewgcn.sensors.convolutions import Ridge
+from tactile_viewgcn.sensors.examples import probabilities
+from tactile_viewgcn.sensors.forest import Forest
+from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
+
+ALL = [Ridge, NormalisedVectors, SupportVectors, KernelRidge, lambda: Forest(20)]
+
+
+def data(classes):
+    """150 points far from 0, their labels 0, 2, 4 and so on, and 50 points to ask; the last feature is constant."""
+    rng = np.random.default_rng(0)
+    labels = 2 * rng.permutation(np.arange(150) % classes)
+    points, asked = rng.normal(size=(150, 5)) + labels[:, None] * rng.normal(size=5), 3 * rng.normal(size=(50, 5))
+    points[:, -1] = asked[:, -1] = 0.1
+    return (points + 1000).astype(np.float32).astype(float), labels, (asked + 1000).astype(np.float32).astype(float)
+
+
+def ridge(points, labels, asked):
+    plain = make_pipeline(StandardScaler(), RidgeClassifierCV(np.logspace(-3, 3, 10)))
+    values = plain.fit(points, labels).decision_function(asked)
+    return softmax(4 * (values if values.ndim > 1 else np.stack([-values, values], axis=1)), axis=1)
+
+
+def regression(points, labels, asked):
+    width = 2 / cdist(points, points, "sqeuclidean").mean()
+    plain = kernel_ridge.KernelRidge(alpha=0.3, kernel="rbf", gamma=width)
+    return softmax(8 * plain.fit(points, labels[:, None] == np.unique(labels)).predict(asked), axis=1)
+
+
+def normalised(points, labels, asked):
+    """Standardised, squashed and divided by the spread within classes, by a loop over features."""
+    columns = []
+    for column, of_asked in zip(points.T, asked.T, strict=True):
+        mean, spread = column.mean(), column.std() if np.ptp(column) else 1.0
+        both = [np.sign(x - mean) * np.log(1 + abs(x - mean) / spread) for x in (column, of_asked)]
+        squares = sum(((of_class := both[0][labels == each]) - of_class.mean()) @ of_class for each in set(labels))
+        within = max((squares / (len(labels) - len(set(labels)))) ** 0.5, 0.05)
+        columns.append([each / within for each in both])
+    return (np.stack(each, axis=1) for each in zip(*columns, strict=True))
+
+
+@pytest.mark.parametrize("classes", [2, 3, 7])
+def test_answers_are_those_of_scikit_learn(classes):
+    points, labels, asked = data(classes)
+    expected = [ridge(points, labels, asked), regression(points, labels, asked)]
+    expected.append(ExtraTreesClassifier(20, random_state=0).fit(points, labels).predict_proba(asked))
+    for estimator, shares in zip((Ridge, KernelRidge, ALL[-1]), expected, strict=True):
+        np.testing.assert_allclose(estimator().fit(points, labels, 0).predict_proba(asked), shares, atol=5e-4)
+    for estimator, (read, new) in ((SupportVectors, (points, asked)), (NormalisedVectors, normalised(*data(classes)))):
+        machines, plain = estimator().fit(points, labels, 0), SVC(C=10).fit(read, labels)
+        logarithms, votes = np.log(machines.predict_proba(asked)), plain.decision_function(new)
+        if classes == 2:
+            assert (machines.classes[logarithms.argmax(axis=1)] == plain.predict(new)).all()
+        else:
+            np.testing.assert_allclose(logarithms - logarithms[:, :1], votes - votes[:, :1], atol=5e-3)
+
+
+@pytest.mark.parametrize("estimator", ALL)
+def test_kept_arrays_answer_equally_and_a_class_without_examples_has_probability_0(monkeypatch, estimator):
+    points, labels, asked = data(3)
+    fitted = estimator().fit(points, labels, 0)
+    answers = probabilities(estimator().load_state_dict(fitted.state_dict(), 5, 6), asked, 6)
+    assert (answers == probabilities(fitted, asked, 6)).all() and (answers[:, 1::2] == 0).all()
+    np.testing.assert_allclose(answers.sum(axis=1), 1, atol=1e-6)
+    monkeypatch.setattr(forest, "MOST_PATHS", 100)  # in parts that fit memory
+    monkeypatch.setattr(kernels, "MOST_VALUES", 100)
+    np.testing.assert_allclose(probabilities(fitted, asked, 6), answers, rtol=1e-5)
+
+
+def test_of_many_points_some_are_taken_and_of_every_class_one_and_trees_are_fewer_where_leaves_hold_much(monkeypatch):
+    monkeypatch.setattr(estimators, "MOST_POINTS", 30)
+    points, labels = np.arange(300.0)[:, None] * np.ones(5), np.r_[np.zeros(298, int), 1, 2]
+    for estimator in (KernelRidge, SupportVectors, NormalisedVectors, Ridge):
+        fitted = estimator().fit(points, labels, 0)
+        assert fitted.predict_proba(points).shape == (300, 3) and len(getattr(fitted, "points", [])) <= 33
+    for most, trees in ((150 * 3 * 130, 130), (150 * 3 * 50, 100), (10**9, 300)):
+        monkeypatch.setattr(forest, "MOST_LEAF_VALUES", most)
+        assert len(Forest().fit(*data(3)[:2], 0).roots) == trees
