@@ -15,7 +15,7 @@ ALLOWED = {
     "root": set(),
     "readers": set(),
     "tables": {"readers"},
-    "frames": {"readers", "tables"},
+    "frames": {"readers", "tables", "sensors"},
     "views": {"tables"},
     "nn": set(),
     "sensors": {"nn"},

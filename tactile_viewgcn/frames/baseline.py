@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings
 
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
@@ -54,11 +55,6 @@ def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, 
             break
         inside = tighter
     return (first + mean).astype(dtype), np.maximum(spread / left, rounding).astype(dtype)
-
-
-def evenly(index: np.ndarray, most: int) -> np.ndarray:
-    """At most `most` of the indices (n,), evenly spaced."""
-    return index[np.unique(np.linspace(0, len(index) - 1, most).astype(int))] if len(index) > most else index
 
 
 def noise_left(recordings: Recordings) -> float:

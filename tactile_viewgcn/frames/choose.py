@@ -10,7 +10,6 @@ from tactile_viewgcn.frames.baseline import (
     Baseline,
     constant_baseline,
     empty_hand_baseline,
-    evenly,
     has_empty_hand,
     of_empty_hand,
 )
@@ -26,6 +25,7 @@ from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.sensors.features import is_array
 from tactile_viewgcn.tables.clocks import clock_notes, find_clocks
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 BASELINES = ("empty_hand", "grasp", "none")  # an earlier one is taken unless a later one errs clearly less

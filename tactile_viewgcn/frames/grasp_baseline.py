@@ -6,7 +6,6 @@ from tactile_viewgcn.frames.baseline import (
     MIN_FRAMES,
     MOST_FRAMES,
     Baseline,
-    evenly,
     exact_float,
     of_empty_hand,
     trimmed_moments,
@@ -14,6 +13,7 @@ from tactile_viewgcn.frames.baseline import (
 from tactile_viewgcn.frames.open_hand import OpenHand
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.source import listed
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 EMPTY, OPEN, TRAINED = "their session's empty hand", "their session's open hand", "the training's baseline"

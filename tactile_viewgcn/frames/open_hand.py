@@ -13,13 +13,12 @@ from scipy.ndimage import minimum_filter1d
 from tactile_viewgcn.frames.baseline import (
     MIN_FRAMES,
     MOST_FRAMES,
-    evenly,
     noise_left,
     of_empty_hand,
     trimmed_moments,
 )
 from tactile_viewgcn.params import CONTACT_SIGMAS
-from tactile_viewgcn.tables.counts import Counts
+from tactile_viewgcn.tables.counts import Counts, evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly
-from tactile_viewgcn.tables.counts import Counts
+from tactile_viewgcn.frames.baseline import MIN_FRAMES
+from tactile_viewgcn.tables.counts import Counts, evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 SAMPLE = 2000  # frames, or pairs of successive frames, that are compared

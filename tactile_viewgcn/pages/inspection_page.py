@@ -4,10 +4,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.frames.baseline import evenly, of_empty_hand
+from tactile_viewgcn.frames.baseline import of_empty_hand
 from tactile_viewgcn.pages import html, inspection_text
 from tactile_viewgcn.pages.source_inspection import Overview
 from tactile_viewgcn.params import VIRTUAL
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import frames_by_recording
 
 MOST_LINES = 12  # recordings whose time lines are drawn

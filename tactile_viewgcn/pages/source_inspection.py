@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, evenly, of_empty_hand
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, of_empty_hand
 from tactile_viewgcn.frames.choose import choose, contact_readings, measure, measure_baseline
 from tactile_viewgcn.frames.contact import session_medians
 from tactile_viewgcn.frames.leak import check_first_frames
@@ -19,6 +19,7 @@ from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import AUTO, Form
 from tactile_viewgcn.tables.clocks import clock_notes
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 

@@ -19,6 +19,11 @@ def write_blocks(dataset: h5py.Dataset, blocks: Iterable[np.ndarray]) -> None:
         start += len(block)
 
 
+def evenly(index: np.ndarray, most: int) -> np.ndarray:
+    """At most `most` of the indices (n,), evenly spaced."""
+    return index[np.unique(np.linspace(0, len(index) - 1, most).astype(int))] if len(index) > most else index
+
+
 class Gathered:
     """An array (n, ...) whose rows are computed when they are indexed: by a slice, by indices or by a mask.
 

@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import evenly
 from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.representation import Representation
 from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.views.sampling import powers_of_two
 
