@@ -99,7 +99,9 @@ class Drifting:
         return written(path, self.counts[kept], **columns | parts)
 
 
-def drifting(*, objects=4, recordings=1, grasps=6, between=0.0, within=0.0, common=0.0, same=False) -> Drifting:
+def drifting(
+    *, objects=4, recordings=1, grasps=6, between=0.0, within=0.0, common=0.0, same=False, shape=DRIFTING_SHAPE
+) -> Drifting:
     """One session: `recordings` of each object, the empty hand first, of `grasps` each, all of which press alike.
 
     Args:
@@ -109,20 +111,20 @@ def drifting(*, objects=4, recordings=1, grasps=6, between=0.0, within=0.0, comm
         same: each object presses the same sensors, instead of its own.
     """
     rng, each = np.random.default_rng(0), grasps * (OPEN + CLOSED)
-    size = ((objects + 1) * recordings, each, *DRIFTING_SHAPE)
+    size = ((objects + 1) * recordings, each, *shape)
     number, frame = np.indices(size[:2])
     label = number // recordings
-    offset = rng.normal(0, between, (size[0], 1, *DRIFTING_SHAPE)) + rng.normal(0, common, (size[0], 1, 1, 1))
+    offset = rng.normal(0, between, (size[0], 1, *shape)) + rng.normal(0, common, (size[0], 1, 1, 1))
     offset[0] = 0  # the empty hand's, from which the others drift
-    direction = rng.choice([-1.0, 1.0], (size[0], 1, *DRIFTING_SHAPE))
+    direction = rng.choice([-1.0, 1.0], (size[0], 1, *shape))
     baseline = 514.3 + offset + within * direction * (frame / each)[..., None, None]
     in_contact = (frame % (OPEN + CLOSED) >= OPEN) & (label > 0)
-    sensors = np.array([rng.permutation(DRIFTING_SHAPE[0] * DRIFTING_SHAPE[1]) < PRESSED for _ in range(objects + 1)])
+    sensors = np.array([rng.permutation(shape[0] * shape[1]) < PRESSED for _ in range(objects + 1)])
     pressed = sensors[np.ones_like(label) if same else label].reshape(size)
     counts = np.rint(baseline + SIGNAL * (in_contact[..., None, None] & pressed) + rng.normal(0, NOISE, size))
     columns = {"object": label, "recording": number, "grasp": frame // (OPEN + CLOSED)}
     flat = {name: values.ravel() for name, values in columns.items()}
-    frames, open_hand = counts.reshape(-1, *DRIFTING_SHAPE), ~in_contact.ravel() | (flat["object"] == 0)
+    frames, open_hand = counts.reshape(-1, *shape), ~in_contact.ravel() | (flat["object"] == 0)
     return Drifting(frames.astype(np.int16), flat, baseline.reshape(frames.shape), open_hand)
 
 
@@ -278,30 +280,30 @@ def floats(folder: Path, *, open_hand: float = 0.05) -> Path:
 
 
 def drifting_array(folder: Path) -> Path:
-    """4 x 4 sensors at 200 Hz whose baselines differ by twice the signal between recordings, and drift in them."""
+    """8 x 8 sensors at 200 Hz whose baselines differ by twice the signal between recordings, and drift in them."""
     rng, time = np.random.default_rng(0), np.arange(800) / 200
-    patterns, force = _patterns(rng, (4, 4), 0.5), PRESSURE * ((time >= 1) & (time < 3))
+    patterns, force = _patterns(rng, (8, 8), 0.5), PRESSURE * ((time >= 1) & (time < 3))
 
     def counts(label: int) -> np.ndarray:
-        slope = rng.choice([-1, 1], (4, 4)) * 2.0
-        baseline = 800 + rng.normal(0, 2 * PRESSURE, (4, 4)) + slope * time[:, None, None]
-        values = baseline + force[:, None, None] * patterns[label] + rng.normal(0, 2, (len(time), 4, 4))
+        slope = rng.choice([-1.0, 1.0], (8, 8))
+        baseline = 800 + rng.normal(0, 2 * PRESSURE, (8, 8)) + slope * time[:, None, None]
+        values = baseline + force[:, None, None] * patterns[label] + rng.normal(0, 2, (len(time), 8, 8))
         return np.rint(values).astype(np.int16)
 
     return _saved(folder, counts, rate=200)
 
 
-def dense(folder: Path) -> Path:
-    """4 x 4 sensors, of which 10 to 14 are pressed in a grasp of 40 frames, after 40 frames of the open hand."""
-    rng = np.random.default_rng(0)
-    offset, in_hand = rng.normal(500, 10, 16), np.repeat([0.0, 1.0], 40)
-    pressed_of = [rng.permutation(16) < count for count in (10, 12, 13, 14)]
-    patterns = np.stack([share * rng.uniform(0.5, 1, 16) for share in pressed_of])
+def dense(folder: Path, *, side: int = 8) -> Path:
+    """Sensors, of which 10 to 14 in 16 are pressed in a grasp of 40 frames, after 40 frames of the open hand."""
+    rng, sensors = np.random.default_rng(0), side**2
+    offset, in_hand = rng.normal(500, 10, sensors), np.repeat([0.0, 1.0], 40)
+    pressed_of = [rng.permutation(sensors) < sensors * count // 16 for count in (10, 12, 13, 14)]
+    patterns = np.stack([share * rng.uniform(0.5, 1, sensors) for share in pressed_of])
 
     def counts(label: int) -> np.ndarray:
         force = PRESSURE * rng.uniform(0.8, 1.2) * in_hand
-        values = offset + force[:, None] * patterns[label] + rng.normal(0, 2, (80, 16))
-        return np.rint(values).astype(np.int16).reshape(-1, 4, 4)
+        values = offset + force[:, None] * patterns[label] + rng.normal(0, 2, (80, sensors))
+        return np.rint(values).astype(np.int16).reshape(-1, side, side)
 
     return _saved(folder, counts, rate=10)
 

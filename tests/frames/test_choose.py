@@ -71,12 +71,21 @@ def test_an_earlier_baseline_is_taken_unless_it_leaks_or_is_clearly_beaten(
     assert ("zero" in values(choice)) == (expected == "none")
 
 
-@pytest.mark.parametrize(("empty", "baseline"), [(MIN_FRAMES, "empty_hand"), (MIN_FRAMES - 1, "grasp")])
-def test_without_a_measurement_the_baseline_is_of_what_was_recorded(tmp_path, empty, baseline):
-    made = drifting(recordings=2, grasps=2)
+@pytest.mark.parametrize(
+    ("empty", "shape", "baseline"),
+    [
+        (MIN_FRAMES, (7, 9), "empty_hand"), (MIN_FRAMES - 1, (8, 8), "grasp"),
+        (MIN_FRAMES - 1, (7, 9), "none"), (MIN_FRAMES - 1, (3, 30), "none"),
+    ],
+)  # fmt: skip
+def test_without_a_measurement_the_baseline_is_of_what_was_recorded_and_few_sensors_have_none(
+    tmp_path, empty, shape, baseline
+):
+    made = drifting(recordings=2, grasps=2, shape=shape)
     kept = (made.columns["object"] > 0) | (np.cumsum(made.columns["object"] == 0) <= empty)
     choice = chosen(made.table(tmp_path / "t", kept), "split.by=frame")
     assert choice.errors == choice.leaks == {} and choice.params.baseline == baseline
+    assert choice.params.filter == ("none" if baseline == "none" else "contact")
 
 
 def test_what_is_set_is_kept_and_what_is_not_needed_is_not_computed(glove):
@@ -93,10 +102,10 @@ def test_what_is_set_is_kept_and_what_is_not_needed_is_not_computed(glove):
 def test_recordings_are_all_contact_if_their_quietest_frames_predict_the_objects(tmp_path, of_object):
     """A firm grasp, then a light, quietest one: of the object, or of the recording."""
     rng, label, light = np.random.default_rng(0), np.repeat(np.arange(4), 6), np.arange(80) >= 40
-    firm = (rng.random((4, 6, 8)) < 0.4)[label]
-    gentle = firm if of_object else rng.random((24, 6, 8)) < 0.4
+    firm = (rng.random((4, 8, 8)) < 0.4)[label]
+    gentle = firm if of_object else rng.random((24, 8, 8)) < 0.4
     force = np.where(light[:, None, None], 60.0 * gentle[:, None], 160.0 * firm[:, None])
-    counts = np.rint(100 + force + rng.normal(0, 2, (24, 80, 6, 8))).astype(np.int16).reshape(-1, 6, 8)
+    counts = np.rint(100 + force + rng.normal(0, 2, (24, 80, 8, 8))).astype(np.int16).reshape(-1, 8, 8)
     columns = {"object": np.repeat(label, 80), "recording": np.repeat(np.arange(24), 80), "grasp": np.tile(light, 24)}
     recordings = written(tmp_path / "t", counts, **columns, objects=["mug", "pen", "ball", "coin"])
     assert chosen(recordings, "split.by=recording").hand.all_contact == of_object

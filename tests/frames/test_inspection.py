@@ -2,6 +2,7 @@
 
 import shlex
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -59,6 +60,7 @@ GLOVES = {
     "noise cut off at 0": (lambda path: floats(path, open_hand=0.0), GRASP, 40, 17),
     "a drifting array": (drifting_array, GRASP, 400, 392),
     "a dense array": (dense, GRASP, 40, 38),
+    "few sensors": (partial(dense, side=7), {"baseline": "none", "filter": "none", "zero": 474}, 80, 0),
 }
 
 

@@ -25,8 +25,8 @@ CASES = [
 
 @pytest.fixture(scope="module")
 def glove():
-    """The empty hand and two objects, four recordings of two grasps each; one sensor is dead."""
-    made = drifting(objects=2, recordings=4, grasps=2, between=1.0)
+    """An array, the empty hand and two objects, four recordings of two grasps each; one sensor is dead."""
+    made = drifting(objects=2, recordings=4, grasps=2, between=1.0, shape=(8, 9))
     made.counts[:, 0, 0] = 500
     return made
 
@@ -55,7 +55,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     tmp_path, glove, monkeypatch, by, baseline, filtered, empty
 ):
     """In test and validation frames each object presses other sensors, by far more, and the rest read 0."""
-    monkeypatch.setattr(contact, "CONTACT_SHARE", 0.0765)  # 3 of 39 sensors, 4 of 40
+    monkeypatch.setattr(contact, "CONTACT_SHARE", 0.042)  # 3 of 71 sensors, 4 of 72
     monkeypatch.setattr(preprocessing, "balanced_anchors", partial(balanced_anchors, minimum=4))
     label, number, grasp = (glove.columns[name] for name in ("object", "recording", "grasp"))
     number = number % 4
@@ -73,7 +73,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     changed = np.zeros(len(part), dtype=bool)
     changed[np.flatnonzero(part)[other]] = True
     changed &= (label > 0) | (by == "session")  # a session's empty hand gives its baseline on whichever side it is
-    counts, sensors = glove.counts.copy().reshape(len(part), -1), np.arange(40) // 13 == label[changed, None]
+    counts, sensors = glove.counts.copy().reshape(len(part), -1), np.arange(72) // 24 == label[changed, None]
     alternating = np.arange(changed.sum())[:, None] % 2
     counts[changed] = np.where(sensors, 900 + 300 * alternating, 0)
     columns["valid"] = np.where(changed, label == 2, columns["valid"])  # where it was the only object without flags

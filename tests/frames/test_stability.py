@@ -159,11 +159,11 @@ def test_clusters_of_one_live_sensor_are_stretches_of_its_reading(row, tmp_path)
 
 
 def two_grasped_objects():
-    """Readings (R, T, 6, 6) around 0 of six recordings, each a grasp of one of two objects with an open hand around."""
+    """Readings (R, T, 8, 8) around 0 of six recordings, each a grasp of one of two objects with an open hand around."""
     rng = np.random.default_rng(0)
-    readings = rng.normal(0, 1, (6, 24, 6, 6)) - 40
+    readings = rng.normal(0, 1, (6, 24, 8, 8)) - 40
     for number, grasp in enumerate(readings):
-        grasp[7:18, 3 * (number % 2) : 3 * (number % 2) + 3] += rng.uniform(40, 80, (11, 3, 6))
+        grasp[7:18, 4 * (number % 2) : 4 * (number % 2) + 4] += rng.uniform(40, 80, (11, 4, 8))
     return readings
 
 
@@ -171,7 +171,7 @@ def automatic(path, readings):
     """What `auto` becomes, and the network input with it."""
     label, recording = np.arange(6) % 2, np.arange(6)
     columns = {"object": np.repeat(label, 24), "recording": np.repeat(recording, 24), "objects": ["mug", "ball"]}
-    recordings = written(path, readings.reshape(-1, 6, 6), **columns)
+    recordings = written(path, readings.reshape(-1, 8, 8), **columns)
     params = recipe("split.by=recording", "split.folds=3")
     made = preprocess_recordings(recordings, params.preprocess, params.split)
     chosen = {note.key: note.value for note in made.choice.notes}
@@ -209,10 +209,10 @@ def test_readings_for_which_params_has_no_scale_are_refused(row, tmp_path, facto
 @pytest.mark.stability("the ends of 16 bits")
 def test_the_least_and_the_most_that_16_bits_hold_are_65_535_apart(row, tmp_path):
     lowest, highest = np.iinfo(np.int16).min, np.iinfo(np.int16).max
-    counts = np.full((6, 24, 6, 6), lowest)
+    counts = np.full((6, 24, 8, 8), lowest)
     counts += np.random.default_rng(0).integers(0, 3, counts.shape)
     for number, grasp in enumerate(counts):
-        grasp[7:18, 3 * (number % 2) : 3 * (number % 2) + 3] = highest - number
+        grasp[7:18, 4 * (number % 2) : 4 * (number % 2) + 4] = highest - number
     chosen, inputs = automatic(tmp_path / "t", counts.astype(np.int16))
     row("scale", abs(chosen["preprocess.scale"] / (highest - lowest) - 1), 0.02, f"{chosen['preprocess.scale']:g}")
     row("network input out of [0, 1]", float(((inputs < 0) | (inputs > 1)).sum()))
