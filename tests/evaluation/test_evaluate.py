@@ -9,11 +9,16 @@ import pytest
 import torch
 
 from tactile_viewgcn.evaluation import evaluate as module
+from tactile_viewgcn.evaluation import trials
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_of
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import ViewNetwork
+from tactile_viewgcn.recognition.fitting import fit_classifier
+from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tactile_viewgcn.views.clustering import pool_ids
 from tests.glove_data import CPU, fewer_anchors, recipe, table, trained, views_of
 
 
@@ -151,25 +156,50 @@ def test_the_metrics_are_of_the_side_that_is_evaluated_and_a_calibrated_classifi
         evaluated("evaluate.confidence_threshold=0.5", *CALIBRATED)
 
 
+def test_a_system_on_the_sensors_answers_recordings_as_its_recogniser_does(tmp_path, monkeypatch):
+    """Its convolutions read a recording in the order of time; view sets have the estimator of one frame, 2 and 4."""
+    frames, sensors = table(), ("model.system=sensors", "model.members=[convolutions, trees]", *CALIBRATED[:1])
+    fitted = fit_classifier(frames, views_of(frames, recipe()), {}, recipe(*sensors), CPU)
+    save_classifier(tmp_path / "model.pt", fitted.classifier, fitted.model, frames, calibration=fitted.calibration)
+    recogniser, index, logarithms = Recogniser(tmp_path / "model.pt"), frames.on(TEST), []
+    for number in (recording := frames.recording[index]):
+        rows = index[recording == number]
+        (baseline,) = np.unique(frames.baseline[rows])
+        logarithms.append(np.log(recogniser.of_recording(frames.counts[rows], frames.baseline_mean[baseline])[0]))
+    seen, run_trials = [], trials.run_trials
+    monkeypatch.setattr(trials, "run_trials", lambda *all, **by: seen.append(by["whole"]) or run_trials(*all, **by))
+    result = evaluated("evaluate.trials=2", classifier=fitted.classifier)
+    whole = (seen[1] / fitted.calibration.by_recordings[0]).log_softmax(dim=1)[pool_ids(frames, index, "recording")]
+    np.testing.assert_allclose(whole, logarithms, atol=1e-4)
+    assert seen[0] is None and (result.protocols["recording"].predicted == np.argmax(logarithms, axis=1)).all()
+    assert {name: list(result.metrics[name]["by_views"]) for name in ("object", "recording")} == {
+        "object": ["1", "2", "4"], "recording": ["1", "2", "4", "12"]
+    }  # fmt: skip
+    pairs = evaluated("evaluate.grasps=2", "evaluate.protocols=[recording]", classifier=fitted.classifier)
+    label = frames.label[index]
+    added = np.stack([np.sum([logarithms[at] for at in np.flatnonzero(label == one)], axis=0) for one in label])
+    assert (pairs.protocols["recording"].predicted == added.argmax(axis=1)).all()
+
+
 def test_scores_by_hand():
     correct = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 1, 1, 0]], dtype=bool)
     in_top3 = np.array([[1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 0, 0], [1, 1, 1, 1]], dtype=bool)
-    trials = Trials(correct * 1, correct, in_top3, 0, {1: correct & in_top3[::-1], 2: in_top3})
-    score = scores_of(trials, np.array([0, 0, 1, 1]), np.random.default_rng(0), 4, 4)
+    answers = Trials(correct * 1, correct, in_top3, 0, {1: correct & in_top3[::-1], 2: in_top3}, 22)
+    score = scores_of(answers, np.array([0, 0, 1, 1]), np.random.default_rng(0), 4)
     assert score["error"]["mean"] == pytest.approx(1 - 9 / 16)
     assert score["error"]["std"] == pytest.approx(np.sqrt((0.0625**2 + 2 * 0.1875**2 + 0.3125**2) / 3))
     assert score["top3_error"] == pytest.approx(3 / 16)
     # the groups err in 1/8 and 3/4, and either is drawn twice in a quarter of the resamples; two right say no more
     assert (score["error"]["low"], score["error"]["high"]) == pytest.approx((1 / 8, 1 - 0.025**0.5))
     by_views = score["by_views"]
-    assert [(count, one["mean"]) for count, one in by_views.items()] == [("1", 8 / 16), ("2", 3 / 16), ("4", 7 / 16)]
-    assert by_views["4"] | {"std": score["error"]["std"]} == score["error"]
+    assert [(count, one["mean"]) for count, one in by_views.items()] == [("1", 8 / 16), ("2", 3 / 16), ("22", 7 / 16)]
+    assert by_views["22"] | {"std": score["error"]["std"]} == score["error"]
 
 
 @pytest.mark.stability("one trial")
 def test_one_trial_has_no_spread_and_one_group_no_interval(row):
     correct = np.array([[True, False, True, True]])
-    score = scores_of(Trials(correct * 1, correct, correct, 0), np.zeros(4), np.random.default_rng(0), 4, 4)
+    score = scores_of(Trials(correct * 1, correct, correct, 0), np.zeros(4), np.random.default_rng(0), 4)
     row("error", abs(score["error"]["mean"] - 0.25))
     row("spread over trials", score["error"]["std"])
     row("intervals given", float(score["error"]["low"] is not None or score["error"]["high"] is not None))

@@ -35,7 +35,7 @@ RECORDS = {
 
 def trials(predicted, in_top3, fewer=None):
     predicted = np.array(predicted)
-    return Trials(predicted, predicted == LABELS, np.array(in_top3, dtype=bool), 0, fewer or {})
+    return Trials(predicted, predicted == LABELS, np.array(in_top3, dtype=bool), 0, fewer or {}, 4)
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def evaluation():
     layout = np.zeros((3, 1, 1)), np.ones((1, 1))
     predictions = Predictions(predicted, LABELS, groups, groups, np.array(CLASSES), *layout)
     metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}, "groups": {"test": 2}}
-    metrics |= {protocol: scores_of(one, groups, np.random.default_rng(0), 4, 4) for protocol, one in protocols.items()}
+    metrics |= {protocol: scores_of(one, groups, np.random.default_rng(0), 4) for protocol, one in protocols.items()}
     return Evaluation(protocols, predictions, metrics, 7.65432, LATENCY)
 
 
@@ -148,7 +148,7 @@ def test_the_row_has_errors_and_costs_as_metrics(evaluation, timing):
 
 def test_three_classes_have_no_error_of_the_first_three(evaluation, timing):
     scores = {
-        name: scores_of(one, np.arange(4), np.random.default_rng(0), 4, 3) for name, one in evaluation.protocols.items()
+        name: scores_of(one, np.arange(4), np.random.default_rng(0), 3) for name, one in evaluation.protocols.items()
     }
     metrics = evaluation.metrics | {"classes": 3} | scores
     assert not [name for name in row_metrics(metrics, timing) if "top3" in name]

@@ -86,6 +86,19 @@ def test_a_calibrated_classifier_answers_each_grasp_alone(assignment, views, tem
     assert result.predicted.tolist() == [[0, 0, 2, 2] if answer is None else [answer] * 4]
 
 
+@pytest.mark.parametrize(("joined", "answers", "fewer"), [(1, [0, 2], [1, 2, 4]), (2, [1, 1], [])])
+def test_whole_recordings_are_answered_once_joined_ones_added_and_fewer_views_end_below_their_median(
+    joined, answers, fewer
+):
+    recording, whole = np.repeat([0, 1], [3, 7]), torch.tensor([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0]])
+    sets = SimpleNamespace(views=16, takes_fewer=True, logits=lambda values, sets: torch.zeros(len(sets), 3))
+    points, labels, anchors = np.random.default_rng(0).random((10, 5)), np.zeros(10, int), np.arange(10)
+    asked = points, labels, recording, anchors, recipe().cluster, [np.random.default_rng(0)]
+    result = run_trials(sets, torch.zeros(10, 3), *asked, joined=joined, temperatures=[1.0] * 16, whole=whole)
+    assert result.predicted.tolist() == [np.array(answers)[recording].tolist()]
+    assert (result.frames, list(result.fewer)) == (5, fewer)
+
+
 @pytest.mark.parametrize("assignment", ["index", "anchor", "random"])
 def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_other_draw(assignment):
     labels, sets = np.repeat([0, 1], 12), {False: [], True: []}
