@@ -19,7 +19,7 @@ from tests.glove_data import OBJECTS, SHAPE, model_file, recording, write
 
 RAN = "the code in the file has run"
 ABSENT = object()
-ESTIMATOR = "learnt/members/0/1"  # of the first member, on single frames
+ESTIMATOR = "learnt/fitted/trees/0"  # of whole recordings
 
 
 class Code:
@@ -40,7 +40,7 @@ def leaves_have_children(right):
 
 
 def calibration(**changes):
-    return {"by_frames": [1.0] * 8, "by_recordings": [], "most_frames": 8} | changes
+    return {"by_frames": [1.0] * 8, "by_recordings": []} | changes
 
 
 def nested(depth: int) -> list:
@@ -60,7 +60,7 @@ ALTERED = {
     "a leaf with a child": (f"{ESTIMATOR}/right", leaves_have_children, "child"),
     "a child outside": (f"{ESTIMATOR}/right", first(10**9), "right"),
     "a child below 0": (f"{ESTIMATOR}/left", first(-1), "left"),
-    "a feature outside": (f"{ESTIMATOR}/feature", first(80), "0 to 79"),
+    "a feature outside": (f"{ESTIMATOR}/feature", first(240), "0 to 239"),
     "a feature below 0": (f"{ESTIMATOR}/feature", first(-2), "feature"),
     "a root outside": (f"{ESTIMATOR}/roots", first(10**9), "roots"),
     "no root": (f"{ESTIMATOR}/roots", lambda roots: roots[:0], "no trees"),
@@ -72,9 +72,10 @@ ALTERED = {
     "a leaf that is no number": (f"{ESTIMATOR}/shares", lambda shares: shares * np.nan, "finite"),
     "an array missing": (f"{ESTIMATOR}/roots", ABSENT, "roots"),
     "a text as an array": (f"{ESTIMATOR}/roots", "0", "AttributeError"),
-    "no estimator": ("learnt/members", [{}], "no estimator"),
-    "no member": ("learnt/members", [], "zip"),
-    "a unit of 0": ("learnt/unit", 0.0, "unit"),
+    "no estimator": ("learnt/fitted/trees", {}, "no estimator"),
+    "no member": ("learnt/fitted", {}, "trees"),
+    "a unit of 0": ("learnt/representation/spread", first(0.0), "spread"),
+    "a sensor less": ("learnt/representation/centre", lambda centre: centre[1:], "centre"),
     "other sensors": ("preprocessing/live", torch.eye(*SHAPE, dtype=torch.bool), "novelty"),
     "an earlier version": ("format", 7, "format"),
     "a key missing": ("scale", ABSENT, "scale"),
@@ -101,18 +102,17 @@ ALTERED = {
     "a scale of 0": ("scale", 0.0, "scale"),
     "a temperature below 0": ("calibration", calibration(by_frames=[-1.0] * 8), "by_frames"),
     "too few temperatures": ("calibration", calibration(by_frames=[1.0] * 7), "calibration"),
-    "endless frames": ("calibration", calibration(most_frames=10**8), "most_frames"),
     "an unknown member": ("model/members", ["os.system"], "members"),
     "lists without end": ("learnt", nested(40), "several places"),
     "lists within lists": ("learnt", [[[]]], "learnt"),
 }
 #: the same in files of other systems
 OF_SYSTEMS = {
-    "a vector of a different size": ("svm", f"{ESTIMATOR}/centre", lambda centre: centre[1:], "points"),
-    "a vector of no class": ("svm", f"{ESTIMATOR}/class_of", first(3), "class_of"),
-    "fewer weights of a vector": ("svm", f"{ESTIMATOR}/weights", lambda weights: weights[:, 1:], "vectors"),
-    "other blocks": ("kernel", f"{ESTIMATOR}/blocks", lambda blocks: blocks[:, 1:], "blocks"),
-    "a different estimator": ("kernel", "model/members", ["trees"], "half_squares"),
+    "a vector of a different size": ("svm", "learnt/fitted/svm/0/centre", lambda centre: centre[1:], "centre"),
+    "a vector of no class": ("svm", "learnt/fitted/svm/0/class_of", first(3), "class_of"),
+    "fewer weights of a vector": ("svm", "learnt/fitted/svm/0/weights", lambda weights: weights[:, 1:], "vectors"),
+    "a different member": ("kernel", "model/members", ["trees"], "trees"),
+    "frames 0 apart": ("convolutions", "learnt/convolutions/dilations", first(0), "dilations"),
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "weights"),
     "weights of a different type": ("mvcnn", "learnt/head.classifier.3.bias", torch.Tensor.double, "weights"),
     "a weight that is no number": ("mvcnn", "learnt/head.classifier.3.bias", lambda bias: bias * np.nan, "finite"),

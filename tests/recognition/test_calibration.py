@@ -15,12 +15,12 @@ from tactile_viewgcn.recognition.calibration import (
     fit_temperature,
     together_temperatures,
 )
-from tactile_viewgcn.recognition.cross_validation import left_out_parts
+from tactile_viewgcn.recognition.choice import LeftOut
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.sequential import Calibration, sequential_trials
-from tactile_viewgcn.training.sensor_fitting import fit_sensors
-from tactile_viewgcn.views.viewpoints import viewpoints
+from tactile_viewgcn.training.sensor_fitting import sensor_examples, training_recordings
 from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
+from tests.recognition.answers import Answers
 
 
 @pytest.mark.parametrize("true", [0.3, 1.0, 4.0])
@@ -51,16 +51,15 @@ def test_labels_at_random_get_a_high_temperature_and_a_warning_with_a_remedy():
     logits, labels = 10 * torch.randn(4000, 4, generator=generator), torch.randint(4, (4000,), generator=generator)
     temperature = fit_temperature(logits, labels, 4000)
     assert temperature > 0.9 * MAX_TEMPERATURE
-    unsure, sure = (Calibration([1.0, last], [], 8) for last in (temperature, 0.8 * MAX_TEMPERATURE))
-    (network,), sensors = calibration_warning(trained(), unsure), fit(table())
-    assert network.level == "warning" and "finetune.epochs" in network.text
-    assert "finetune.epochs" not in calibration_warning(sensors, unsure)[0].text  # these have none
-    assert calibration_warning(trained(), sure) == calibration_warning(sensors, None) == []
+    unsure, sure = (Calibration([1.0, last], []) for last in (temperature, 0.8 * MAX_TEMPERATURE))
+    (warning,) = calibration_warning(unsure)
+    assert warning.level == "warning" and "record each object more often" in warning.text
+    assert calibration_warning(sure) == calibration_warning(None) == []
 
 
 def test_a_network_s_probabilities_are_as_often_right_as_they_say():
     frames = table("split.validation=0.25")
-    temperatures = calibrate([(trained(), frames)], CPU, 0).by_frames
+    temperatures = calibrate(trained(), frames, CPU, 0).by_frames
     index = frames.on(VALIDATION)
     with torch.inference_mode():
         values = trained().frame_values(CPU.frames(torch.from_numpy(frames.inputs(index))))
@@ -79,23 +78,34 @@ def test_a_network_is_not_calibrated_without_a_validation_side_or_where_it_takes
     assert fit_classifier(frames, views_of(frames, params), pretrained(), params, CPU).calibration is None
 
 
-def fit(part, system: str = "logistic"):
-    params = recipe("model.system=sensors", f"model.members=[{system}]")
-    return fit_sensors(part, viewpoints(4), params.model, "random", params.seed)[0]
-
-
-def cross_calibrate(frames, system: str = "logistic"):
-    return calibrate(((fit(part, system), part) for part in left_out_parts(frames)), CPU, 0)
-
-
 def test_answers_that_are_random_are_made_unsure():
     """Labels dealt at random to the recordings: answers to left-out groups are at chance, and so is confidence."""
     frames = table("split.folds=6")
     dealt = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
     shuffled = replace(frames, label=dealt[frames.recording].astype(frames.label.dtype))
-    random, true = (cross_calibrate(one, "kernel").by_frames for one in (shuffled, frames))
+    random, true = (cross_calibrate(one).by_frames for one in (shuffled, frames))
     assert min(random) > 2 * max(true) and np.isfinite(random).all()
     assert cross_calibrate(replace(frames, group=frames.label.astype(np.int64))) is None  # one group a class
+
+
+def cross_calibrate(frames):
+    recordings = training_recordings(frames)
+    examples = sensor_examples(frames, recordings, ["kernel"], 4, "random", 0)
+    return LeftOut(examples, recordings.groups, 0).calibration(["kernel"], 4)
+
+
+def test_temperatures_are_those_of_the_members_that_answer_view_sets_and_recordings():
+    """All of 12 answers are right, so that by Laplace's rule 13 in 14 should be, each twice as often as both others."""
+    share = {("svm", 1): 0.5, ("svm", 4): 0.7, ("svm", 0): 0.8, ("trees", 0): 0.9}
+    left = LeftOut(Answers(np.arange(12) // 4, np.arange(12), knows=False, share=share), np.arange(12), 0)
+
+    def temperature(*shares, floor=0.01, count=1):
+        return count * sum(np.log((one + floor) / ((1 - one) / 2 + floor)) for one in shares) / np.log(2 * 13)
+
+    for members, of_whole in ((["trees", "svm"], temperature(0.8, 0.9)), (["svm"], temperature(0.8, floor=0))):
+        calibration, few, all_four = left.calibration(members, 4), temperature(0.5, floor=0), temperature(0.7, floor=0)
+        assert calibration.by_frames == pytest.approx([few, few, few, all_four], rel=1e-3)
+        assert calibration.by_recordings == pytest.approx([of_whole, 2 * of_whole, 3 * of_whole], rel=1e-3)
 
 
 def test_recordings_of_one_object_are_calibrated_together():
@@ -106,19 +116,3 @@ def test_recordings_of_one_object_are_calibrated_together():
     assert together_temperatures(logits, classes) == pytest.approx([1, 1, 1], abs=0.15)
     alone = together_temperatures(logits[:3], classes[:3])  # one recording of each object
     assert len(alone) == 1 and together_temperatures(2 * logits, classes)[0] == pytest.approx(2, abs=0.3)
-
-
-@pytest.mark.parametrize(("of_few", "of_whole", "most"), [(0, 1, 32), (1, 1, 4), (1, 0, 4)])
-def test_all_frames_of_a_recording_are_taken_only_where_they_err_less(of_few, of_whole, most):
-    """Answers of four frames, and of all of them, that are always right or always wrong."""
-    part = next(left_out_parts(table("split.folds=6")))
-    classifier, labels = fit(part), torch.from_numpy(part.label[part.on(VALIDATION)].astype(np.int64))
-
-    def logits(_, sets):
-        right = of_whole if sets.shape[1] > 4 else of_few
-        return torch.nn.functional.one_hot((labels[sets[:, 0]] + 1 - right) % 4, 4).float()
-
-    classifier.logits = logits
-    calibration = calibrate([(classifier, part)], CPU, 0)
-    assert calibration.most_frames == most and len(calibration.by_frames) == 4
-    assert (calibration.by_frames[0] < MAX_TEMPERATURE / 2) == of_few

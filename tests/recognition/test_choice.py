@@ -1,21 +1,20 @@
 """The choice: by groups that were left out, never by the test side; later candidates only where they are better."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition import choice
-from tactile_viewgcn.recognition.choice import FALLBACK, Candidate, choose, choose_members, compare
-from tactile_viewgcn.recognition.cross_validation import WHOLE
+from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, Candidate, LeftOut, choose, choose_members
+from tactile_viewgcn.recognition.fitting import fit_classifier
+from tactile_viewgcn.sensors.examples import WHOLE
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tests.glove_data import table
+from tactile_viewgcn.training.sensor_fitting import sensor_examples, training_recordings
+from tests.glove_data import CPU, recipe, table, views_of
+from tests.recognition.answers import Answers
 
-CANDIDATES = [["logistic"], ["max_kernel"], ["trees", "kernel"]]
-
-
-def candidate(members, wrong, error=0.5):
-    return Candidate(members, error, error, np.asarray(wrong, dtype=float), 1.0, 1.0)
+CANDIDATES = [["kernel"], ["svm"], ["trees", "svm"]]
 
 
 @pytest.mark.parametrize(
@@ -30,77 +29,96 @@ def candidate(members, wrong, error=0.5):
     ],
 )
 def test_a_later_candidate_is_taken_where_the_first_errs_by_more_than_a_standard_error_more(first, second, taken):
-    rows = [candidate(["logistic"], first), candidate(["trees"], second), candidate(["kernel"], np.add(first, 1))]
+    rows = [Candidate([], np.asarray(wrong, dtype=float), 1, 1) for wrong in (first, second, np.add(first, 1))]
     assert choose(rows) is rows[taken]
 
 
-def test_a_good_candidate_is_chosen_and_the_test_side_changes_nothing():
-    frames = table("split.folds=6")
-    members, notes = choose_members(frames, 4, CANDIDATES, 0)
-    assert (notes[0].level, notes[0].key, notes[0].value) == ("choice", "model.members", members)
-    assert [note.topic for note in notes] == ["recogniser", *["candidates"] * 4]
-    assert all(len(str(note)) <= 78 for note in notes[1:])
-    assert [note.key for note in notes[1:]] == ["", *["model.members"] * 3]
-    rows = [note.value for note in notes[2:]]
-    for note, row in zip(notes[2:], rows, strict=True):
-        numbers = [100 * row["mean"], 100 * row["standard_error"], row["seconds"], row["milliseconds"]]
-        assert str(note).split()[1:5] == [f"{number:.1f}" for number in numbers]
-    assert [row["members"] for row in rows if row["taken"]] == [members]
-    assert all(0 <= row["error"] < 0.75 and row["milliseconds"] > 0 for row in rows)  # better than chance
-    other = replace(frames, label=np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype))
-    again = choose_members(other, 4, CANDIDATES, 0)
-    assert [note.value["error"] for note in again[1][2:]] == [row["error"] for row in rows]
+def compared(*wrong, answered=True):
+    """What `choose_members` says of candidates with these shares of wrong answers to the groups."""
+    of = dict(zip(map(tuple, CANDIDATES), map(np.asarray, wrong), strict=False))
+    costs = dict(zip(("kernel", "trees", "svm"), (1.0, 20.0, 4.0), strict=True))
+    left = SimpleNamespace(answered=np.array([answered]), wrong=lambda members: of[tuple(members)])
+    left.seconds = left.milliseconds = costs
+    return choose_members(left, CANDIDATES, 5)
 
 
-def test_the_chosen_candidate_stands_first_and_the_others_by_what_decides(monkeypatch):
-    wrong = [1, 1, 1, 1], [1, 0, 1, 0], [0, 0, 1, 0]  # the second is the first within a standard error of a quarter
-    rows = [candidate(members, each) for members, each in zip(CANDIDATES, wrong, strict=True)]
-    monkeypatch.setattr(choice, "compare", lambda *_: rows)
-    shown = [note.value for note in choose_members(table(), 4, CANDIDATES, 0)[1][2:]]
-    assert [row["members"] for row in shown] == [CANDIDATES[1], CANDIDATES[2], CANDIDATES[0]]
-    assert [(row["taken"], row["mean"], row["standard_error"]) for row in shown] == [
-        (True, 0.5, 0.25), (False, 0.25, 0.0), (False, 1.0, 0.25)
+def test_the_chosen_candidate_stands_first_and_the_others_by_what_decides():
+    """The second is the first within a standard error of a quarter; members together cost what each of them costs."""
+    members, (choice, head, *notes) = compared([1, 1, 1, 1], [1, 0, 1, 0], [0, 0, 1, 0])
+    assert (choice.level, choice.key, choice.value) == ("choice", "model.members", members)
+    assert "4 of 5 training groups" in choice.text and (head.topic, head.value) == ("candidates", None)
+    assert all(note.key == "model.members" and len(str(note)) <= 78 for note in notes)
+    keys = "members", "taken", "error", "standard_error", "seconds", "milliseconds"
+    assert [tuple(note.value[key] for key in keys) for note in notes] == [
+        (CANDIDATES[1], True, 0.5, 0.25, 4, 4), (CANDIDATES[2], False, 0.25, 0, 24, 24),
+        (CANDIDATES[0], False, 1, 0.25, 1, 1),
     ]  # fmt: skip
-
-
-def test_candidates_that_err_alike_stand_in_their_order(monkeypatch):
-    rows = [candidate(members, [0.5, 0.5]) for members in CANDIDATES]
-    monkeypatch.setattr(choice, "compare", lambda *_: rows)
-    members, notes = choose_members(table(), 4, CANDIDATES, 0)
+    assert str(notes[0]).split()[1:] == ["50.0", "25.0", "4.0", "4.0", "*", "svm"]
+    members, notes = compared(*[[0.5, 0.5]] * 3)  # that err alike stand in their order
     assert members == CANDIDATES[0] and [note.value["members"] for note in notes[2:]] == CANDIDATES
 
 
-def test_a_candidate_s_errors_are_those_of_fits_to_other_groups():
+def test_where_nothing_can_be_left_out_the_first_is_taken_and_a_note_says_so():
+    members, (note,) = compared(answered=False)
+    assert members == CANDIDATES[0] == note.value and "without a comparison" in note.text
+
+
+def left_out(labels, groups, **options):
+    return LeftOut(Answers(np.asarray(labels), np.asarray(groups), **options), np.asarray(groups), 0)
+
+
+@pytest.mark.parametrize("groups", [np.arange(24) // 2, np.arange(24) % 6], ids=["of a class", "of several"])
+def test_each_group_is_answered_once_by_fits_without_any_of_it(groups):
+    """Estimators that know the groups that they were fitted to, and are wrong about all others."""
+    left = left_out(np.arange(24) // 8, groups, knows=True)
+    assert left.answered.all() and (left.wrong(["svm"]) == 1).all() and len(left.wrong(["svm"])) == len(set(groups))
+    assert (left_out(np.arange(24) // 8, groups, knows=False).wrong(["trees", "svm"]) == 0).all()
+
+
+def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
+    """One of one group, or of a group that spans classes; a wrong answer in two is half a wrong group."""
+    left = left_out([0, 0, 0, 1, 1], [0, 1, 2, 3, 3], knows=False)
+    assert left.answered.tolist() == [True] * 3 + [False] * 2
+    spanning = left_out([0, 1, 0, 1, 2], [0, 0, 1, 1, 1], knows=False)
+    assert spanning.answered.tolist() == [True] * 4 + [False]
+    assert not left_out([0, 1], [0, 1], knows=False).answered.any()
+    left = left_out([0, 0, 0, 1, 1, 1], [0, 0, 1, 2, 3, 3], knows=True)
+    left._shares["svm", WHOLE] = np.eye(3)[[1, 0, 0, 0, 1, 1]]
+    assert left.wrong(["svm"]).tolist() == [0.5, 0, 1, 0]
+
+
+def examples_of(frames, members, views=4):
+    recordings = training_recordings(frames)
+    return sensor_examples(frames, recordings, members, views, "random", 0), recordings
+
+
+def test_errors_are_those_of_fits_to_other_recordings():
     """Labels dealt at random to the recordings: every fit is wrong about the groups that were left out."""
     frames = table("split.folds=6")
     dealt = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
     shuffled = replace(frames, label=dealt[frames.recording].astype(frames.label.dtype))
-    candidates = [["kernel", "logistic"], ["kernel"]]
-    (random, alone), (true, _) = (compare(each, 4, candidates, 0) for each in (shuffled, frames))
-    assert random.error > 0.5 > true.error and len(true.wrong) == len(np.unique(frames.group[frames.side == TRAIN]))
-    assert random.seconds > alone.seconds and random.milliseconds > alone.milliseconds
+    members = ["kernel", "pooled_kernel", "svm", "trees", "convolutions"]
+    for one, least, most in ((shuffled, 0.5, 1), (frames, 0, 0.4)):
+        examples, recordings = examples_of(one, members)
+        left = LeftOut(examples, recordings.groups, 0)
+        assert len(left.wrong(members)) == len(np.unique(frames.group[frames.side == TRAIN]))
+        assert all(least <= left.wrong([name]).mean() <= most for name in members)
+        assert all(left.seconds[name] > 0 < left.milliseconds[name] for name in members)
 
 
-@pytest.mark.parametrize(("views", "expected"), [(4, (4, WHOLE)), (12, (12,))])
-def test_view_sets_of_all_frames_of_short_recordings_are_fitted_once(monkeypatch, views, expected):
-    """Where no recording has more than V frames, its V frames are the whole. The time of an answer is from V frames."""
-    sizes, timed, training_frames = [], [], choice.training_frames
+def test_the_candidates_are_those_of_an_array_or_of_channels_and_the_test_side_changes_nothing(monkeypatch):
+    seen = []
 
-    def recorded(part, views, of_part, *rest, **options):
-        sizes.append(of_part)
-        return training_frames(part, views, of_part, *rest, **options)
+    def choose_spy(left, candidates, groups):
+        seen.append((candidates, [left.wrong(members).tolist() for members in candidates[1:2]], groups))
+        return candidates[1], []
 
-    monkeypatch.setattr(choice, "training_frames", recorded)
-    monkeypatch.setattr(choice, "_milliseconds", lambda _, readings: timed.append(len(readings)) or 1.0)
-    assert compare(table("split.folds=6"), views, [["max_kernel"]], 0)
-    assert set(sizes) == {expected} and set(timed) == {views}
-
-
-def test_the_time_of_an_answer_is_the_median_in_milliseconds(monkeypatch):
-    monkeypatch.setattr(choice.timeit, "repeat", lambda *_, **__: [0.25, 1.0, 0.5])
-    assert choice._milliseconds(None, None) == 500.0
-
-
-def test_with_one_group_an_object_nothing_is_compared_and_a_note_says_so():
-    members, (note,) = choose_members(replace(table(), group=table().label.astype(np.int64)), 4, CANDIDATES, 0)
-    assert members == FALLBACK == note.value
+    monkeypatch.setattr("tactile_viewgcn.recognition.fitting.choose_members", choose_spy)
+    frames, few = table("split.folds=6"), np.zeros((12, 12), dtype=bool)
+    few[:3] = table().live[:3]
+    changed = np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype)
+    params = recipe("model.system=sensors", "model.members=auto", "finetune.num_views=random")
+    for one in (frames, replace(frames, label=changed), replace(frames, live=few)):
+        members = fit_classifier(one, views_of(one, params), {}, params, CPU).model.members
+        assert members == seen[-1][0][1]
+    assert seen[0] == seen[1] and seen[0][0] == ARRAY and seen[2][0] == CHANNELS and seen[0][2] == 20

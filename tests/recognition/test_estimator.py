@@ -23,7 +23,7 @@ from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import CPU, OBJECTS, ROOT, SMALL, recipe, recording, table
 
-CENTRED = "its data are centred on 0, and a reading below the baseline is no contact; passes with preprocess.zero -3"
+ROUNDED = "in single precision the last digit may depend on a row's place in a product of matrices"
 RAW = {
     "preprocess.baseline": "grasp",
     "preprocess.filter": "contact",
@@ -44,13 +44,10 @@ OPEN = 8  # frames of the open hand at the beginning of a recording
 
 @pytest.mark.filterwarnings("ignore:answers on validation groups")  # some checks have labels at random
 @parametrize_with_checks(
-    [TactileClassifier("kernels"), TactileClassifier(system="logistic", params={"preprocess.zero": -3})],
-    expected_failed_checks=lambda estimator: {} if estimator.params else {"check_classifiers_train": CENTRED},
-    xfail_strict=True,
+    [TactileClassifier("kernels"), TactileClassifier(system="svm")],
+    expected_failed_checks=lambda _: {"check_methods_sample_order_invariance": ROUNDED},
 )
 def test_scikit_learn_s_own_checks(estimator, check):
-    if not estimator.params and check.keywords.get("readonly_memmap"):
-        pytest.skip("dear, and expected to fail as on arrays that can be written")
     check(estimator)
 
 
@@ -174,7 +171,7 @@ def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_pa
 @pytest.mark.parametrize(("reading", "scale"), [(20, 20), (-20, 1)])
 def test_the_scale_of_rows_is_of_positive_readings_and_a_random_state_gives_any_seed(reading, scale):
     X, states = reading * np.eye(4, 548), [np.random.RandomState(number) for number in range(2)]  # as many as STAG's
-    fits = [TactileClassifier(system="logistic", random_state=state).fit(X, [0, 0, 1, 1]).params_ for state in states]
+    fits = [TactileClassifier(system="svm", random_state=state).fit(X, [0, 0, 1, 1]).params_ for state in states]
     assert [params.preprocess.scale for params in fits] == [scale] * 2
     assert len({params.seed // 2**16 for params in fits}) == 2
 

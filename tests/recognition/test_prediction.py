@@ -44,8 +44,8 @@ def answers_in(path):
 
 def test_unlabelled_recordings_have_a_line_each(place):
     head, columns, *lines, last, errs = call(place / "classifier.pt", place / "new")
-    assert head == "model: kernel + max_kernel, 3 classes, up to 8 frames; probabilities are calibrated"
-    assert [line.split()[:3] for line in lines] == [[str(i), "8/20", name] for i, name in enumerate(OBJECTS)]
+    assert head == "model: kernel + pooled_kernel, 3 classes, up to 8 frames; probabilities are calibrated"
+    assert [line.split()[:3] for line in lines] == [[str(i), "20/20", name] for i, name in enumerate(OBJECTS)]
     assert columns.split() == ["recording", "used/contact", "answer"]
     assert last == "answers: 3 with an object" and errs.startswith("how often it errs: ")
 
@@ -53,9 +53,9 @@ def test_unlabelled_recordings_have_a_line_each(place):
 @pytest.mark.parametrize(
     ("names", "expected"),
     [
-        (["1.h5", "2.h5"], ["together 16/40 pen"]),
-        (["cup/1.h5", "pen/2.h5", "pen/3.h5"], ["cup 8/20 cup", "pen 16/40 pen"]),
-        (["1/labelled_1.h5", "1/labelled_2.h5", "1/labelled_cup.h5"], ["1/cup 8/20 cup", "1/pen 16/40 pen"]),
+        (["1.h5", "2.h5"], ["together 40/40 pen"]),
+        (["cup/1.h5", "pen/2.h5", "pen/3.h5"], ["cup 20/20 cup", "pen 40/40 pen"]),
+        (["1/labelled_1.h5", "1/labelled_2.h5", "1/labelled_cup.h5"], ["1/cup 20/20 cup", "1/pen 40/40 pen"]),
     ],
     ids=["one folder", "a folder for each object", "labels in one folder"],
 )
@@ -112,7 +112,7 @@ def test_labelled_recordings_are_counted_and_the_files_hold_what_is_printed(plac
     assert [rows[name]["answer"] for name in OBJECTS] == list(OBJECTS)
     assert rows["empty"]["answer"] == "no contact" and rows["empty"]["class_1"] == ""
     assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]  # as many as printed
-    assert (rows["cup"]["frames_used"], rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("8", "20", "60")
+    assert (rows["cup"]["frames_used"], rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("20", "20", "60")
     answers = {answer["recording"]: answer for answer in answers_in(place / "a.json")}
     assert sum(answers["cup"]["probabilities"].values()) == pytest.approx(1, abs=1e-5)
     assert answers["empty"]["probabilities"] == {} and answers["empty"]["novelty"] is None

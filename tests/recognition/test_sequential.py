@@ -88,7 +88,7 @@ def test_each_number_of_frames_has_its_own_temperature_in_trials():
 def recogniser(tmp_path_factory) -> Recogniser:
     """A recogniser that takes any number of frames, with a temperature for each."""
     path = tmp_path_factory.mktemp("model") / "classifier.pt"
-    save_classifier(path, trained(), recipe().model, table(), calibration=Calibration(TEMPERATURES, [], 4))
+    save_classifier(path, trained(), recipe().model, table(), calibration=Calibration(TEMPERATURES, []))
     return Recogniser(path)
 
 
