@@ -127,7 +127,7 @@ def place(tmp_path_factory) -> Path:
         trained(),
         recipe().model,
         table(),
-        calibration=Calibration([1.0] * 4, [], 4),
+        calibration=Calibration([1.0] * 4, []),
     )
     rng = np.random.default_rng(0)
     np.save(folder / "counts.npy", (514 + rng.poisson(3, (2, 4, 12, 12))).astype(np.int16))

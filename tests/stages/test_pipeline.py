@@ -193,7 +193,7 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     assert set(links) == {"stage.ingest", "stage.preprocess", "stage.finetune"}
     assert {name: value for name, value in row.data.tags.items() if name.startswith("stage.")} == links
     assert row.data.metrics["seconds.pretrain"] > 0
-    output = switch_to("sensors", "[logistic]")
+    output = switch_to("sensors", "[svm]")
     assert stages_of(output) == again[1:] and "Stage 'pretrain' didn't change" in output
     output = switch_to("mvcnn")
     assert stages_of(output) == again and restored in output

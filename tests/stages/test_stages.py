@@ -225,9 +225,9 @@ def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_an
     if not fitted:
         assert "backbone.pt: damaged" in refused(result)
         return
-    assert "finetune: kernel + max_kernel fitted in " in result.stdout
+    assert "finetune: kernel + pooled_kernel fitted in " in result.stdout
     counts = Record.read((place / "finetune.json").read_text()).counts
-    assert (counts["weights.head"], counts["resolved.model.members"]) == (0, "kernel + max_kernel")
+    assert (counts["weights.head"], counts["resolved.model.members"]) == (0, "kernel + pooled_kernel")
     assert counts["threads.most"] >= counts["threads.fewest"] >= 1
 
 
