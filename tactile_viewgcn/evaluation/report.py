@@ -89,9 +89,9 @@ def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) 
 
 
 def errors_by_views(metrics: dict[str, Any], protocol: str) -> dict[str, dict[str, Any]]:
-    """Errors by the number of views: of V alone, where the classifier was asked for no fewer."""
+    """Errors by the number of views: of V or whole recordings alone, where the classifier was asked for no fewer."""
     score = metrics[protocol]
-    return score.get("by_views", {str(metrics["views"]): score["error"]})
+    return score.get("by_views", {str(score.get("frames", metrics["views"])): score["error"]})
 
 
 def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:

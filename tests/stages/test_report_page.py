@@ -82,7 +82,7 @@ def test_the_page_says_what_the_frames_of_an_answer_are_of(workspace, undrawn):
     assert "first three" in text
     run.metrics["classes"] = 3
     text = text_of(run_page(run))
-    assert "pressure frames of 2 grasps of the test side" in text and "are of 2 grasps of one object" in text
+    assert "From all frames of 2 grasps of the test side" in text and "are of 2 grasps of one object" in text
     assert "first three" not in text
 
 
