@@ -15,17 +15,19 @@ FORMS = (
 )
 
 
-def form_of(X: Any) -> str:
-    """The form of X: RECORDINGS for a list of them or an array of three axes, VIEW_SETS for one of four, else ROWS.
+def form_of(X: Any, *, frames_last: bool = False) -> str:
+    """The form of X: RECORDINGS for a list of them, VIEW_SETS for an array of four axes, else ROWS.
+
+    An array of three axes is RECORDINGS with `frames_last`; else it may be a single recording, and is refused.
 
     Raises:
-        UserError: ragged, or not of one to four axes.
+        UserError: ragged, or neither of one, two or four axes.
     """
     is_list = isinstance(X, list | tuple) or (isinstance(X, np.ndarray) and X.dtype == object and X.ndim == 1)
     if is_list and (not len(X) or any(_is_several(row) or _axes(row) in (2, 3) for row in X)):
         return RECORDINGS
     axes = _axes(X)
-    if axes == 3 and isinstance(X, np.ndarray):
+    if axes == 3 and frames_last:
         return RECORDINGS
     if axes not in (1, 2, 4):
         problem = "is ragged" if axes is None else f"is of type {type(X).__name__} with {axes} axes"

@@ -40,8 +40,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     - a list of recordings, each raw counts (T_i, H, W): the baseline is subtracted and the frames in contact are found
       as in the pipeline; a row may be a list of several recordings of one object, which are answered together;
-    - a list of channels over time (T_i, C), or an array (n, T, C); with the parameter `data.shape` `frames_last` they
-      are (C, T_i) or (n, C, T), as aeon and sktime have them;
+    - a list of channels over time (T_i, C); with the parameter `data.shape` `frames_last` (C, T_i), or an array
+      (n, C, T), as aeon and sktime have them;
     - an array of view sets (n, V, H, W), counts above baseline of frames in contact;
     - an array (n, S), or anything that scikit-learn turns into one: each row is a frame of 1 x S sensors in contact,
       counts above baseline, up to 64 * 64 of them.
@@ -88,7 +88,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """
         from tactile_viewgcn.recognition.training import train
 
-        form = form_of(X)
+        form = form_of(X, frames_last=self._frames_last)
         if form == ROWS:
             X, y = validate_data(self, X, y, dtype=(np.float64, np.float32))
             if X.shape[1] > MAX_SIDE**2:
@@ -123,7 +123,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             UserError, ValueError: X of a different form or layout than in training.
         """
         check_is_fitted(self, "recogniser_")
-        if (form := form_of(X)) != self._form:
+        if (form := form_of(X, frames_last=self._frames_last)) != self._form:
             raise UserError(f"X holds {form}; expected {self._form}, as in training")
         if form == ROWS:
             X = validate_data(self, X, reset=False, dtype=(np.float64, np.float32))[:, None, None]

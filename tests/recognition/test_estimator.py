@@ -51,6 +51,16 @@ def test_scikit_learn_s_own_checks(estimator, check):
     check(estimator)
 
 
+def test_channels_are_taken_with_their_frames_first_or_last():
+    """As aeon and sktime give them, an array (n, C, T); as a list of (T, C) the answers are the same."""
+    label = np.repeat(["a", "b"], 8)
+    X = np.random.default_rng(0).normal(0, 1, (16, 4, 30)) + (label == "b")[:, None, None] * np.linspace(-2, 2, 30)
+    last = TactileClassifier(system="svm", params={"data.shape": "frames_last"}).fit(X, label)
+    first = TactileClassifier(system="svm").fit(list(X.swapaxes(1, 2)), label)
+    assert last.recogniser_.shape == (1, 4) and last.score(X, label) == 1
+    np.testing.assert_array_equal(last.predict_proba(list(X)), first.predict_proba(list(X.swapaxes(1, 2))))
+
+
 def grasps(per_object: int = 5, *, seed: int = 0):
     """Recordings of raw counts, each of an object longer than the one before, and their objects."""
     numbers = range(per_object)

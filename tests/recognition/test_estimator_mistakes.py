@@ -36,7 +36,7 @@ IN_FIT = {
     "one recording, not in a list": ("X", recordings()[0], "with 3 axes.*is \\[recording\\]"),
     "ragged rows": ("X", [[1, 2], [3]], "X is ragged"),
     "a ragged frame": ("X", with_third([[[1, 2], [3]]]), r"X\[2\] is ragged"),
-    "an axis too few": ("X", with_third(np.ones((4, 4))), r"X\[2\].*\(4, 4\)"),
+    "an axis too few": ("X", with_third(np.ones((4, 4))), r"X\[2\] has frames of 1 x 4; expected 4 x 4"),
     "a different layout": ("X", [*recordings(1), *[np.ones((5, 4, 3))] * 3], r"X\[1\].*4 x 3.*4 x 4"),
     "an empty list of several": ("X", with_third([]), r"X\[2\].*\(0,\)"),
     "no frames": ("X", with_third(np.ones((0, 4, 4))), r"X\[2\] has no frames"),
