@@ -37,7 +37,7 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> "Overview":
         UserError: lists the mistakes of the source.
         FileNotFoundError: nothing at that path.
     """
-    with recordings_of(path, form=form) as recordings:
+    with recordings_of(path, form) as recordings:
         asked = replace(load(DEFAULTS).preprocess, baseline="auto", filter="auto", contact_sensors="auto")
         return Overview(recordings, replace(asked, unit="auto", scale="auto"), form)
 

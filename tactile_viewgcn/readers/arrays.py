@@ -10,26 +10,30 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tactile_viewgcn.files import TEXTS, arrays_below
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.readers.child import reading
-from tactile_viewgcn.readers.columns import Columns, columns_of, named, sensors_and_time
-from tactile_viewgcn.readers.folder import Names, joined
-from tactile_viewgcn.readers.labelled_table import read_labelled
+from tactile_viewgcn.readers.columns import Columns, columns_of, named, sensors_and_time, starts
+from tactile_viewgcn.readers.folder import UNNAMED, Names, joined
 from tactile_viewgcn.readers.places import Layout, layout_of
 from tactile_viewgcn.readers.source import (
     AUTO,
-    UNLABELLED,
+    FRAMES_LAST,
     Form,
     Source,
     Values,
+    check_shape,
     framed,
     listed,
+    numbered,
     pressure_name,
     side_of,
+    sliced,
+    storage_type,
 )
 from tactile_viewgcn.readers.stag import matlab_fields, matlab_names
 from tactile_viewgcn.readers.text import Table, read_table
@@ -37,11 +41,8 @@ from tactile_viewgcn.readers.text import Table, read_table
 SOME = 5  # tables whose names are compared
 
 
-def read_arrays(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Source:
-    """All files of arrays below a folder, see `layout_of`; without sessions there is one.
-
-    Args:
-        labelled: False: files may lie in no object's folder, or be one file; their object is `UNLABELLED`.
+def read_arrays(path: Path, form: Form = AUTO) -> Source:
+    """All files of arrays below a folder, see `layout_of`, or one file; without sessions there is one.
 
     Raises:
         UserError: lists the mistakes of all files, and where they differ in shape or depth, or share a name.
@@ -52,19 +53,20 @@ def read_arrays(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Sour
     if columns and (missing := [name for name in form.columns.values() if name not in columns.names]):
         texts = listed(columns.names) if columns.is_shown else "others"
         raise UserError(f"{path}: no column {missing[0]!r}; found {texts}")
-    is_alone = columns and files[0].parent == (path if path.is_dir() else path.parent) and len(files) == 1
-    names = named(columns.names, form).keys() if columns else set()
-    if columns and is_alone and ("object" in names or (not labelled and ("recording" in names or columns.restarts))):
-        return read_labelled(files[0], columns, form)
-    layout = layout_of(path, files, form.layout, labelled=labelled)
-    source = joined(
-        path, files, partial(_opened, path=path, layout=layout, form=form, labelled=labelled, columns=columns)
-    )
+    is_alone = len(files) == 1 and files[0].parent == (path if path.is_dir() else path.parent)
+    names, notes = named(columns.names, form) if columns else {}, list[Note]()
+    has_parts = columns and ("recording" in names or columns.restarts)
+    if columns and is_alone and ("object" in names or (has_parts and not form.labelled)):
+        source = _labelled(files[0], columns, form)
+    else:
+        layout = layout_of(path, files, form)
+        source = joined(path, files, partial(_opened, path=path, layout=layout, form=form, columns=columns))
+        with suppress(UserError):  # the file that is shown may be a stray one
+            notes = layout.note(files[0])
     if columns and len(columns.sensors) == math.prod(source.shape):
         source.notes.extend(columns.notes)
         source.channel_names.extend(columns.channel_names)
-    with suppress(UserError):  # the file that is shown may be a stray one
-        source.notes.extend(layout.note(files[0]))
+    source.notes.extend(notes)
     return source
 
 
@@ -79,16 +81,56 @@ def _tables(files: Sequence[Path], path: Path) -> Iterator[Table]:
             yield read_table(file, path)
 
 
+def _labelled(file: Path, columns: Columns, form: Form) -> Source:
+    """The recordings in a table whose columns name them: the lines of one object, session and recording.
+
+    Where no column names recordings, one begins where the object or the session changes, and where the time falls.
+
+    Raises:
+        UserError: a cell holds no number or no name.
+    """
+    with reading(file):
+        table = read_table(file, file)
+        values, texts = sensors_and_time(table, columns, form), dict[str, list[Any]]()
+        for kind, at in named(table.names, form).items():
+            for row in np.flatnonzero(table.cells[at].isna())[:1]:
+                where = f"line {table.line(row)}, column {at + 1}"
+                raise UserError(f"{file}: {where} is empty; expected the name of the {kind} in each line")
+            texts[kind] = [str(cell).strip() for cell in table.cells[at]]
+    if "recording" not in texts:
+        begins = starts(table, form)
+        begins[1:] |= np.diff(values.get("time", np.zeros(len(begins)))) < 0
+        texts["recording"] = [str(number) for number in np.cumsum(begins)]
+    keys = list(zip(*(texts[kind] for kind in ("session", "object", "recording") if kind in texts), strict=True))
+    texts = {kind: [name] * len(keys) for kind, name in UNNAMED.items()} | texts | {"recording": keys}
+    names = {kind: numbered(texts[kind]) for kind in UNNAMED} | {"recording": list(dict.fromkeys(keys))}
+    for kind, distinct in names.items():
+        number = {name: at for at, name in enumerate(distinct)}
+        values[kind] = np.array([number[text] for text in texts[kind]])
+    order = np.argsort(values["recording"], kind="stable")
+    values = {name: column[order] for name, column in values.items()}
+    first = np.searchsorted(values["recording"], values["recording"])  # of each line the first one of its recording
+    values["frame"] = np.arange(len(order)) - first
+    if "time" in values:
+        values["time"] = values["time"] - values["time"][first]
+    pressure = values["pressure"] = framed(values["pressure"], form, str(file))
+    if form.shape == FRAMES_LAST or len(pressure) != len(order):
+        raise UserError(f"{file}: one table of all recordings has a frame in each line; expected data.shape of a frame")
+    shape, dtype = check_shape(pressure.shape, str(file)), storage_type(pressure.dtype, str(file))
+    recordings, blocks = ["/".join(key) for key in names["recording"]], sliced(values, len(order))
+    return Source(file, names["object"], recordings, names["session"], shape, dtype, len(order), blocks)
+
+
 @contextmanager
 def _opened(
-    file: Path, path: Path, layout: Layout, form: Form, labelled: bool, columns: Columns | None
+    file: Path, path: Path, layout: Layout, form: Form, columns: Columns | None
 ) -> Iterator[tuple[Names, Values]]:
-    names = layout.names(file, labelled=labelled)
+    names = layout.names(file, labelled=form.labelled)
     values = sensors_and_time(read_table(file, path), columns, form) if _is_table(file) else _read(file, form)
     values["pressure"] = framed(values["pressure"], form, str(file))
     if side := names.pop("split", ""):
         values["split"] = np.full(len(values["pressure"]), side_of(side, str(file)))
-    yield {"object": UNLABELLED, "session": "session"} | names, values
+    yield names, values
 
 
 def _read(file: Path, form: Form) -> dict[str, np.ndarray]:
@@ -101,15 +143,13 @@ def _read(file: Path, form: Form) -> dict[str, np.ndarray]:
             raise ValueError("there are more bytes after the array")
         return {"pressure": array}
     if file.suffix.lower() == ".mat":
-        names, times = matlab_names(file), form.columns.get("time", "")
-        in_file = {"pressure": pressure_name(names, form, str(file))} | ({"time": times} if times else {})
-        fields = matlab_fields(file, tuple(in_file.values()))
-        arrays = {name: np.asarray(fields[in_file[name]][:]) for name in in_file if in_file[name] in fields}
+        in_file = dict(form.columns) | {"pressure": pressure_name(matlab_names(file), form, str(file))}
+        arrays = {name: field[:] for name, field in matlab_fields(file, tuple(in_file.values())).items()}
     else:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            in_file = {"pressure": pressure_name(list(stored), form, str(file))}
-            in_file |= {"time": form.columns["time"]} if "time" in form.columns else {}
-            arrays = {name: stored[in_file[name]] for name in in_file if in_file[name] in stored}
-    if missing := in_file.keys() - arrays.keys():
-        raise UserError(f"{file}: no array {in_file[missing.pop()]}")
-    return {name: array.ravel() if name == "time" else array for name, array in arrays.items()}
+        with np.load(file, allow_pickle=False) as stored:
+            in_file = dict(form.columns) | {"pressure": pressure_name(list(stored), form, str(file))}
+            arrays = {name: stored[name] for name in in_file.values() if name in stored}
+    if missing := [name for name in in_file.values() if name not in arrays]:
+        raise UserError(f"{file}: no array {missing[0]}")
+    values = {kind: np.asarray(arrays[name]) for kind, name in in_file.items()}
+    return {kind: array.ravel() if kind == "time" else array for kind, array in values.items()}

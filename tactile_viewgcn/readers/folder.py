@@ -11,6 +11,7 @@ import numpy as np
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.source import (
+    UNLABELLED,
     Block,
     Source,
     Values,
@@ -24,6 +25,7 @@ from tactile_viewgcn.readers.source import (
 
 MANY = 10  # good files beside which one of a different kind is left out
 Names = dict[str, str]  # the names of a recording, its object and its session, by column
+UNNAMED = {"object": UNLABELLED, "session": "session"}  # of a recording that names none
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ def joined(
 
     Args:
         path: the source's path, for its errors.
-        opened: opens a file, a context with its names, and its pressure and columns; times may begin at any value.
+        opened: opens a file, a context with its names, and its pressure and columns; times may begin at any value, and
+            names may lack those of object and session.
 
     Raises:
         UserError: lists the mistakes of all files, and where they differ in shape or columns, or share a name.
@@ -62,7 +65,7 @@ def joined(
     for file in files:
         try:
             with reading(file), opened(file) as (names, values):
-                headers.append(_header(file, names, values))
+                headers.append(_header(file, UNNAMED | names, values))
         except UserError as error:
             strays[file] = str(error)
     strays |= _unlike(headers)
@@ -83,10 +86,10 @@ def joined(
 
     def blocks() -> Iterator[Block]:
         for number, header in enumerate(headers):
-            with reading(header.file), opened(header.file) as (names, values):
+            with reading(header.file), opened(header.file) as (_, values):
                 if values["pressure"].shape[0] != header.frames:
                     raise UserError(f"{header.file}: it changed during reading; read it again when it is complete")
-                id_of = {name: ids[name].index(names[name]) for name in ("object", "session")} | {"recording": number}
+                id_of = {name: ids[name].index(header.names[name]) for name in UNNAMED} | {"recording": number}
                 columns = {name: np.full(header.frames, value) for name, value in id_of.items()}
                 if "time" in values and header.frames:
                     time = values["time"][:].astype(np.float64)

@@ -20,13 +20,12 @@ EXPECTED = (
 )
 
 
-def open_source(path: str | Path, *, labelled: bool = True, form: Form = AUTO) -> Source:
+def open_source(path: str | Path, form: Form = AUTO) -> Source:
     """The source at a path: STAG's metadata.mat or folder, HDF5 recordings, or arrays.
 
     A damaged file may crash this process; `read_source` uses a separate one.
 
     Args:
-        labelled: False: recordings may have no object, see `read_hdf5` and `read_arrays`.
         form: of arrays, tables and HDF5 recordings.
 
     Raises:
@@ -41,13 +40,13 @@ def open_source(path: str | Path, *, labelled: bool = True, form: Form = AUTO) -
     if path.is_file() and path.suffix.lower() == ".mat":
         with reading(path):
             is_stag = path.name == "metadata.mat" or matlab_fields(path, ("objectId",))
-        return read_metadata(path) if is_stag else read_arrays(path, form, labelled=labelled)
+        return read_metadata(path) if is_stag else read_arrays(path, form)
     arrays, recordings = arrays_below(path), files_below(path, HDF5)
     few, many = sorted((arrays, recordings), key=len)
     if few and len(few) * MANY > len(many):
         raise UserError(f"{path}: HDF5 recordings ({recordings[0]}) and arrays ({arrays[0]}); keep one form elsewhere")
     if many:
-        source = (read_arrays if many is arrays else read_hdf5)(path, form, labelled=labelled)
+        source = (read_arrays if many is arrays else read_hdf5)(path, form)
         if few:
             text = f"{several(len(few), 'file')} of a different form left out beside {len(many):,}: "
             source.notes.append(Note(text + listed(list(map(str, few))), "warning", "files"))
@@ -58,7 +57,7 @@ def open_source(path: str | Path, *, labelled: bool = True, form: Form = AUTO) -
             if is_hdf5 := h5py.is_hdf5(path):
                 attributes = set(open_hdf5(path).attrs)
     if {"object", SOURCE_MD5} & attributes:  # files of MATLAB 7.3 have neither
-        return read_hdf5(path, form, labelled=labelled)
+        return read_hdf5(path, form)
     if is_hdf5:
         return read_metadata(path)
     endings = sorted({file.suffix for file in (all_below(path) if path.is_dir() else [path])})

@@ -28,7 +28,6 @@ from tactile_viewgcn.readers.source import (
     FRAMES_LAST,
     NUMBERS,
     SOURCE_MD5,
-    UNLABELLED,
     Form,
     Source,
     Values,
@@ -43,28 +42,23 @@ ATTRIBUTES = ("object", "session", "recording", "split")
 CACHE = 64 * 2**20  # bytes of a chunk that is kept for the next block
 
 
-def read_hdf5(path: Path, form: Form = AUTO, *, labelled: bool = True) -> Source:
+def read_hdf5(path: Path, form: Form = AUTO) -> Source:
     """One recording, or all .h5 and .hdf5 files below a folder in the order of their paths.
 
     The folders of a file without an attribute `object` name object and session, see `layout_of`.
-
-    Args:
-        labelled: False: files may lack `object`, which is then `UNLABELLED`, and `session`, which is then the same.
 
     Raises:
         UserError: lists the mistakes of all files, and where they differ in shape or columns, or share a name.
     """
     files, root = ([path], path.parent) if path.is_file() else (files_below(path, HDF5), path)
-    layout = cache(partial(layout_of, path, files, form.layout, labelled=labelled))
-    source = joined(path, files, partial(_opened, root=root, layout=layout, form=form, labelled=labelled))
+    layout = cache(partial(layout_of, path, files, form))
+    source = joined(path, files, partial(_opened, root=root, layout=layout, form=form))
     source.notes.extend(layout().note(files[0]) if layout.cache_info().currsize else [])
     return source
 
 
 @contextmanager
-def _opened(
-    path: Path, root: Path, layout: Callable[[], Layout], form: Form, labelled: bool
-) -> Iterator[tuple[Names, Values]]:
+def _opened(path: Path, root: Path, layout: Callable[[], Layout], form: Form) -> Iterator[tuple[Names, Values]]:
     with open_hdf5(path) as file:
         if SOURCE_MD5 in file.attrs:
             raise UserError(f"{path}: the table that ingest writes, not a recording; keep it out of the source")
@@ -80,7 +74,7 @@ def _opened(
         texts = {name: _attribute(file, in_file[name]) for name in ATTRIBUTES if in_file[name] in file.attrs}
         if missing := form.columns.keys() - values.keys() - texts.keys():
             raise UserError(f"{path}: no {form.columns[missing.pop()]}; found {listed([*file, *file.attrs])}")
-        if labelled and not texts.get("object"):
+        if form.labelled and not texts.get("object"):
             try:
                 texts = layout().names(path, labelled=True) | texts
             except UserError as error:
@@ -88,7 +82,7 @@ def _opened(
         if "split" in texts:
             values["split"] = np.full(len(values["pressure"]), side_of(texts["split"], str(path)))
         place = path.relative_to(root).with_suffix("").as_posix()
-        yield {"object": UNLABELLED, "session": "session", "recording": place} | texts, values
+        yield {"recording": place} | texts, values
 
 
 def open_hdf5(path: Path) -> h5py.File:

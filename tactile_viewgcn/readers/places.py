@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
-from tactile_viewgcn.readers.source import SPLITS, setting
+from tactile_viewgcn.readers.source import SPLITS, Form, setting
 
 PLACES = "OBJECT/FILE, SESSION/OBJECT/FILE or OBJECT/SESSION/FILE"
 #: A folder of a session is named by a number, a day, or one of these words with or without a number.
@@ -52,22 +52,22 @@ class Layout:
         return [Note(f"folders are in the order {self.text}: {order}", topic="folders")] if names else []
 
 
-def layout_of(path: Path, files: Sequence[Path], layout: str, *, labelled: bool) -> Layout:
+def layout_of(path: Path, files: Sequence[Path], form: Form) -> Layout:
     """The layout of the files below a folder, or of one file: the given one, or by `auto` that of most files.
 
-    Folders that only sessions are named as hold objects, unless recordings need not be `labelled`.
+    Folders that only sessions are named as hold objects, unless recordings need not be labelled.
 
     Raises:
         UserError: most files lie deeper than two folders and that of the published split, or either of two folders may
             name the objects.
     """
     root = path if path.is_dir() else path.parent
-    if layout != "auto":
-        return Layout(root, layout)
+    if form.layout != "auto":
+        return Layout(root, form.layout)
     places = [file.relative_to(root).parts[:-1] for file in files]
     depth = Counter(map(len, places)).most_common(1)[0][0]
     roles = _roles([place for place in places if len(place) == depth], root)
-    if not labelled and roles == ["OBJECT"] and all(SESSION.fullmatch(place[0]) for place in places if place):
+    if not form.labelled and roles == ["OBJECT"] and all(SESSION.fullmatch(place[0]) for place in places if place):
         roles = ["SESSION"]
     if len(roles) < depth:
         raise UserError(f"{root}: {'/'.join(files[0].relative_to(root).parts)!r} names no object; expected {PLACES}")

@@ -50,11 +50,13 @@ class Form:
         shape: rows and columns of a frame, `FRAMES_LAST`, or `auto`: as arrays have them.
         layout: pattern of the files' paths, or `auto`, see `layout_of`.
         columns: the names of columns, arrays or datasets in the files, by what they hold.
+        labelled: False: files may name no object, and arrays may lie in no object's folder; theirs is `UNLABELLED`.
     """
 
     shape: str | Sequence[int] = "auto"
     layout: str = "auto"
     columns: Mapping[Any, str] = field(default_factory=dict)
+    labelled: bool = True
 
 
 AUTO = Form()

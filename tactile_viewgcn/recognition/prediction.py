@@ -58,8 +58,8 @@ def predict(
     )
     if not recogniser.novelty:
         echo("  it does not recognise what is unlike anything seen")
-    form = replace(form, shape=recogniser.shape if form.shape == "auto" else form.shape)
-    with recordings_of(source, labelled=False, form=form) as recordings:
+    form = replace(form, shape=recogniser.shape if form.shape == "auto" else form.shape, labelled=False)
+    with recordings_of(source, form) as recordings:
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
         answers, more = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
     records = [_record(answer, classes) for answer in answers]

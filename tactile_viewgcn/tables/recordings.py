@@ -49,7 +49,7 @@ def check_size(needed: int, path: Path) -> None:
         )
 
 
-def read_source(path: Path, out: Path, md5: str = "", *, labelled: bool = True, form: Form = AUTO) -> None:
+def read_source(path: Path, out: Path, md5: str = "", form: Form = AUTO) -> None:
     """Write the recordings at a path, see `open_source`, to a table, in a child process, see `run_apart`.
 
     Raises:
@@ -58,7 +58,7 @@ def read_source(path: Path, out: Path, md5: str = "", *, labelled: bool = True, 
     if any(file.name.lower().endswith(TEXTS) for file in arrays_below(path)):
         import_module("pandas")  # here and once, not in every child within its limits
     with atomic_write(out) as part:
-        run_apart(lambda: _write(part, open_source(path, labelled=labelled, form=form), md5), path)
+        run_apart(lambda: _write(part, open_source(path, form), md5), path)
 
 
 def write_recordings(path: str | Path, source: Source, md5: str) -> None:
@@ -110,11 +110,11 @@ def _write(path: Path, source: Source, md5: str) -> None:
 
 
 @contextmanager
-def recordings_of(path: str | Path, *, labelled: bool = True, form: Form = AUTO) -> Iterator["Recordings"]:
+def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]:
     """A temporary table of the recordings at a path, see `open_source`; its errors name that path."""
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings.h5"
-        read_source(Path(path), file, labelled=labelled, form=form)
+        read_source(Path(path), file, form=form)
         recordings = Recordings(file)
         recordings.path = Path(path)
         yield recordings

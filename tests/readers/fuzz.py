@@ -19,6 +19,7 @@ from scipy import io
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import DEFAULTS, load
+from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
@@ -115,7 +116,8 @@ def reader(kind: str, folder: Path) -> Callable[[bytes], None]:
         if kind == "params":
             load(path)
         else:
-            read_source(path, folder / "out" / "table", labelled=kind not in ("npy", "npz", "csv", "mat"))
+            form = Form(labelled=kind not in ("npy", "npz", "csv", "mat"))
+            read_source(path, folder / "out" / "table", form=form)
 
     return read
 

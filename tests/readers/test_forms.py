@@ -285,7 +285,7 @@ def test_one_table_holds_all_recordings(tmp_path, name):
 
 def test_one_table_of_unlabelled_recordings_is_split_where_the_time_falls(tmp_path):
     lines = "".join(f"{frame},{frame % 2},5\n" for _ in range(3) for frame in range(4))
-    source = open_source(save(tmp_path / "new.csv", f"time_s,a,b\n{lines}"), labelled=False)
+    source = open_source(save(tmp_path / "new.csv", f"time_s,a,b\n{lines}"), Form(labelled=False))
     assert source.recordings == ["1", "2", "3"] and source.frames == 12
 
 
@@ -427,7 +427,7 @@ def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counte
 def test_a_single_file_is_a_recording_and_needs_no_object_where_none_is_asked_for(tmp_path, name):
     path, is_array = tmp_path / "new" / name, name.endswith("npy")
     save(path) if is_array else record(path)
-    source = open_source(path, labelled=not is_array)
+    source = open_source(path, Form(labelled=not is_array))
     label = "" if is_array else "mug"
     session = "session" if is_array else "s1"
     assert (source.objects, source.recordings, source.sessions) == ([label], ["grip"], [session])
@@ -438,7 +438,7 @@ def test_a_single_file_is_a_recording_and_needs_no_object_where_none_is_asked_fo
     if not is_array:
         record(path, attributes={"object": None, "session": None})
     for place in (path, path.parent):
-        source = open_source(place, labelled=False)
+        source = open_source(place, Form(labelled=False))
         assert (source.objects, source.recordings, source.sessions) == ([""], ["grip"], ["session"])
 
 

@@ -17,6 +17,7 @@ from tactile_viewgcn.recognition.answer import (
     answer_together,
     bisecting,
 )
+from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_strength
 from tactile_viewgcn.tables.recordings import recordings_of
@@ -25,7 +26,7 @@ from tests.glove_data import HELD, OBJECTS, SHAPE, empty_hand, recogniser, recor
 
 def answered(model, path, **options):
     """Answers to the recordings at a path, by their names, and notes."""
-    with recordings_of(path, labelled=False) as recordings:
+    with recordings_of(path, Form(labelled=False)) as recordings:
         answers, notes = answer_table(model, recordings, **options)
     return {answer.recording: answer for answer in answers}, notes
 
@@ -141,7 +142,7 @@ def test_recordings_without_object_and_session_are_read_where_labels_are_not_nee
 
 def test_windows_of_seconds_are_answered_one_by_one(tmp_path):
     write(tmp_path / "1.h5", np.concatenate([recording("cup", 58), recording("pen", 59)]))
-    with recordings_of(tmp_path, labelled=False) as recordings:
+    with recordings_of(tmp_path, Form(labelled=False)) as recordings:
         rows, _ = answer_table(recogniser(), recordings, window=6.0)
     assert [(best(row), row.start, row.end) for row in rows] == [
         ("cup", 0, pytest.approx(5.9)),

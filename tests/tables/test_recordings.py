@@ -6,7 +6,7 @@ import pytest
 
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.readers.source import COLUMNS, storage_type
+from tactile_viewgcn.readers.source import COLUMNS, Form, storage_type
 from tactile_viewgcn.tables import recordings as module
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings
 from tests.glove_data import source, written
@@ -44,7 +44,7 @@ def test_recordings_in_blocks_are_written_in_equal_bytes_and_read_back_whole(tmp
 
 def test_errors_name_the_source_of_a_temporary_table(tmp_path):
     np.save(tmp_path / "a.npy", COUNTS)
-    with recordings_of(tmp_path / "a.npy", labelled=False) as table:
+    with recordings_of(tmp_path / "a.npy", Form(labelled=False)) as table:
         assert table.path == tmp_path / "a.npy"
         np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
 
