@@ -59,9 +59,11 @@ def source(
     parts = np.split(np.arange(frames), cuts)
     return Source(
         Path("glove"),
-        list(objects or names("object", EMPTY_HAND)),
-        list(recordings or names("recording", "recording0")),
-        list(sessions or names("session", "session0")),
+        {
+            "object": list(objects or names("object", EMPTY_HAND)),
+            "recording": list(recordings or names("recording", "recording0")),
+            "session": list(sessions or names("session", "session0")),
+        },
         counts.shape[1:],
         np.dtype(dtype or counts.dtype),
         frames,

@@ -120,10 +120,11 @@ def _table(
     """Table of the frames to `keep` (T,), with classes in the order of the recordings; `share` passed the filter."""
     index = np.flatnonzero(keep)
     used, number = np.unique(baseline.of_frame[index], return_inverse=True)
-    columns = {name: values[index] for name, values in recordings.columns.items()}
+    kept = recordings.part(index, recordings.live)
+    columns = kept.columns
     objects, label = np.unique(columns["object"], return_inverse=True)
     return Frames(
-        counts=recordings.kept_counts(index),
+        counts=kept.counts,
         label=label.astype(np.int16),
         recording=columns["recording"],
         session=columns["session"],

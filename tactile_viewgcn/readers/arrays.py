@@ -103,7 +103,8 @@ def _labelled(file: Path, columns: Columns, form: Form) -> Source:
         texts["recording"] = [str(number) for number in np.cumsum(begins)]
     keys = list(zip(*(texts[kind] for kind in ("session", "object", "recording") if kind in texts), strict=True))
     texts = {kind: [name] * len(keys) for kind, name in UNNAMED.items()} | texts | {"recording": keys}
-    names = {kind: numbered(texts[kind]) for kind in UNNAMED} | {"recording": list(dict.fromkeys(keys))}
+    names: dict[str, list[Any]] = {kind: numbered(texts[kind]) for kind in UNNAMED}
+    names["recording"] = list(dict.fromkeys(keys))
     for kind, distinct in names.items():
         number = {name: at for at, name in enumerate(distinct)}
         values[kind] = np.array([number[text] for text in texts[kind]])
@@ -117,8 +118,8 @@ def _labelled(file: Path, columns: Columns, form: Form) -> Source:
     if form.shape == FRAMES_LAST or len(pressure) != len(order):
         raise UserError(f"{file}: one table of all recordings has a frame in each line; expected data.shape of a frame")
     shape, dtype = check_shape(pressure.shape, str(file)), storage_type(pressure.dtype, str(file))
-    recordings, blocks = ["/".join(key) for key in names["recording"]], sliced(values, len(order))
-    return Source(file, names["object"], recordings, names["session"], shape, dtype, len(order), blocks)
+    names["recording"] = list(map("/".join, names["recording"]))
+    return Source(file, names, shape, dtype, len(order), sliced(values, len(order)))
 
 
 @contextmanager

@@ -98,7 +98,7 @@ def joined(
 
     dtype = np.result_type(*{header.dtype for header in headers})
     frames, shape = sum(header.kept for header in headers), headers[0].shape
-    return Source(path, ids["object"], ids["recording"], ids["session"], shape, dtype, frames, blocks(), notes)
+    return Source(path, ids, shape, dtype, frames, blocks(), notes)
 
 
 def _kept(values: Values, frames: int) -> Iterator[Block]:

@@ -67,7 +67,7 @@ class Source:
     """Recordings as a reader describes them, and their frames in blocks.
 
     Attributes:
-        objects, recordings, sessions: names, by index.
+        names: of objects, recordings and sessions, by the column that holds their indices.
         shape: (H, W) of a frame.
         dtype: type in which the table stores the pressure.
         frames: number of all frames.
@@ -80,9 +80,7 @@ class Source:
     """
 
     path: Path
-    objects: list[str]
-    recordings: list[str]
-    sessions: list[str]
+    names: dict[str, list[str]]
     shape: tuple[int, int]
     dtype: np.dtype
     frames: int
@@ -100,13 +98,8 @@ class Source:
                         f"{self.path}: the name of {kind} {name[:MOST_LETTERS]!r} is no text; expected UTF-8 without "
                         f"NUL, up to {MOST_LETTERS:,} letters"
                     )
-        if len(set(self.objects)) < len(self.objects):
-            raise UserError(f"{self.path}: two objects have one name; expected each once: {listed(self.objects)}")
-
-    @property
-    def names(self) -> dict[str, list[str]]:
-        """Names by the column that holds their indices."""
-        return {"object": self.objects, "recording": self.recordings, "session": self.sessions}
+        if len(set(objects := self.names["object"])) < len(objects):
+            raise UserError(f"{self.path}: two objects have one name; expected each once: {listed(objects)}")
 
 
 def numbered(names: list[str]) -> list[str]:
@@ -248,11 +241,11 @@ def _mistakes_of_block(block: Block, source: Source) -> list[str]:
         if not inside.all():
             at = int(inside.reshape(len(values), -1).all(axis=1).argmin())
             number, value = block["recording"][at], np.extract(~inside[at], values[at])[0]
-            named = 0 <= number < len(source.recordings)
+            named = 0 <= number < len(names := source.names["recording"])
             remedy = "; leave out frames without readings, or mark them in HDF5 as not held by `valid`"
             mistakes.append(
                 f"{source.path}: {column} of frame {block['frame'][at]}"
-                f"{f' of recording {source.recordings[int(number)]}' if named else ''} is {value:.10g}; "
+                f"{f' of recording {names[int(number)]}' if named else ''} is {value:.10g}; "
                 f"expected {'real' if kind.kind == 'f' else 'whole'} numbers from {low:.10g} to {high:.10g}"
                 f"{remedy if np.isnan(value) else ''}"
             )

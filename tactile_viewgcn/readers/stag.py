@@ -92,7 +92,8 @@ def read_metadata(path: Path) -> Source:
 
     shape, frames = check_shape(values["pressure"].shape, str(path)), len(values["object"])
     dtype = storage_type(values["pressure"].dtype, str(path))
-    return Source(path, fields["objects"], fields["recordings"], fields["batches"], shape, dtype, frames, blocks())
+    names = {"object": fields["objects"], "recording": fields["recordings"], "session": fields["batches"]}
+    return Source(path, names, shape, dtype, frames, blocks())
 
 
 def _values(

@@ -20,7 +20,7 @@ class ArrayRecordings(Recordings):
 
     def __init__(self, arrays: Sequence[np.ndarray], objects: list[str], labels: np.ndarray, sessions: np.ndarray):
         self.path = Path("X")
-        self._pressure = pressure = np.concatenate(arrays)
+        self.counts = pressure = np.concatenate(arrays)
         lengths = [len(array) for array in arrays]
         row = np.repeat(np.arange(len(arrays)), lengths)
         self.objects, self.channel_names = objects, []

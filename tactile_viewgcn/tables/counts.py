@@ -30,15 +30,12 @@ class Gathered:
     Args:
         rows_of: function from indices (k,) to rows (k, ...).
         index: (n,) indices of all rows.
-        shape: of a row.
-        dtype: of the rows.
     """
 
-    def __init__(
-        self, rows_of: Callable[[np.ndarray], np.ndarray], index: np.ndarray, shape: tuple[int, ...], dtype: np.dtype
-    ):
-        self._rows_of, self._index, self.dtype = rows_of, index, dtype
-        self.shape: tuple[Any, ...] = (len(index), *shape)
+    def __init__(self, rows_of: Callable[[np.ndarray], np.ndarray], index: np.ndarray):
+        none = rows_of(index[:0])
+        self._rows_of, self._index, self.dtype = rows_of, index, none.dtype
+        self.shape: tuple[Any, ...] = (len(index), *none.shape[1:])
 
     def __len__(self) -> int:
         return len(self._index)
@@ -73,4 +70,4 @@ def mapped(path: str | Path | BinaryIO, dataset: h5py.Dataset) -> Counts:
             raise UserError(f"{path}: has become shorter while it is read; run `dvc repro` again")
         return array[index]
 
-    return Gathered(rows_of, np.arange(len(array)), array.shape[1:], array.dtype)
+    return Gathered(rows_of, np.arange(len(array)))

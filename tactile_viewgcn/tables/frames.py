@@ -82,8 +82,7 @@ class Frames:
 
     def points(self, index: np.ndarray) -> Gathered:
         """Network input float32 (k, S) of the frames in `index` (k,) at the live sensors, computed when indexed."""
-        sensors = (int(self.live.sum()),)
-        return Gathered(lambda at: self.inputs(at)[:, self.live], index, sensors, np.dtype(np.float32))
+        return Gathered(lambda at: self.inputs(at)[:, self.live], index)
 
     def mean_input(self, index: np.ndarray) -> np.ndarray:
         """Mean network input float32 (H, W) of the frames in `index` (k,), one at least."""

@@ -40,39 +40,25 @@ COLUMN_BYTES = 32  # of all columns, for each frame
 DISK, DISK_TIMES = 2**30, 200  # largest table: bytes, plus this many times the bytes of its source
 
 
-def check_size(needed: int, path: Path) -> None:
-    """Raise a UserError if a table of `needed` bytes is too large for its source `path`."""
-    stored = stored_bytes(path)
-    if needed > DISK + DISK_TIMES * stored:
-        raise UserError(
-            f"{path}: declares {needed / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
-        )
-
-
 def read_source(path: Path, out: Path, md5: str = "", form: Form = AUTO) -> None:
     """Write the recordings at a path, see `open_source`, to a table, in a child process, see `run_apart`.
 
     Raises:
-        UserError: as `open_source` and `write_recordings`, or the child crashed.
+        UserError: as `open_source` and `write_recordings`, or the child crashed; no file is left behind.
     """
     if any(file.name.lower().endswith(TEXTS) for file in arrays_below(path)):
         import_module("pandas")  # here and once, not in every child within its limits
     with atomic_write(out) as part:
-        run_apart(lambda: _write(part, open_source(path, form), md5), path)
+        run_apart(lambda: write_recordings(part, open_source(path, form), md5), path)
 
 
-def write_recordings(path: str | Path, source: Source, md5: str) -> None:
+def write_recordings(path: Path, source: Source, md5: str) -> None:
     """Write the frames of a source with this md5 to one HDF5 table, block by block.
 
     Raises:
-        UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little; no
-            file is left behind.
+        UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little; the
+            table is too large for its source.
     """
-    with atomic_write(path) as part:
-        _write(part, source, md5)
-
-
-def _write(path: Path, source: Source, md5: str) -> None:
     low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
     columns: dict[str, list[np.ndarray]] = {}
 
@@ -89,7 +75,10 @@ def _write(path: Path, source: Source, md5: str) -> None:
 
     size = source.frames * (math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES)
     bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
-    check_size(size, source.path)
+    if size > DISK + DISK_TIMES * (stored := stored_bytes(source.path)):
+        raise UserError(
+            f"{source.path}: declares {size / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
+        )
     with hdf5_file(path, room=size) as file, bar:
         write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
         file["live"] = low < high
@@ -100,8 +89,8 @@ def _write(path: Path, source: Source, md5: str) -> None:
             )
         for name, blocks in columns.items():
             file[name] = np.concatenate(blocks)
-        for name in ("objects", "recordings", "sessions"):
-            file[name] = np.array(getattr(source, name), dtype=h5py.string_dtype())
+        for kind, names in source.names.items():
+            file[f"{kind}s"] = np.array(names, dtype=h5py.string_dtype())
         texts = {"notes": [json.dumps(asdict(note)) for note in source.notes], "channel_names": source.channel_names}
         for name, parts in texts.items():
             if parts:
@@ -126,6 +115,7 @@ class Recordings:
     Attributes:
         path: of the file, or of its source; errors name it.
         objects, recordings, sessions: names, by index.
+        counts: (T, H, W), of all frames.
         columns: one array (T,) for each column of the source, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary.
         channel_names: names of all sensors, row after row, or none.
@@ -144,15 +134,15 @@ class Recordings:
                 text.decode() for text in (file["channel_names"][()] if "channel_names" in file else ())
             ]
             self.notes = [Note(**json.loads(text)) for text in (file["notes"][()] if "notes" in file else ())]
-            self._pressure: Counts = mapped(path, file["pressure"])
+            self.counts: Counts = mapped(path, file["pressure"])
 
     def __len__(self) -> int:
-        return len(self._pressure)
+        return len(self.counts)
 
     @property
     def dtype(self) -> np.dtype:
         """Type of the counts."""
-        return self._pressure.dtype
+        return self.counts.dtype
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -165,7 +155,7 @@ class Recordings:
         part = copy(self)
         part.columns = {name: values[rows] for name, values in self.columns.items()}
         if len(rows) < len(self):
-            part._pressure = Gathered(self.frames, rows, self.shape, self.dtype)
+            part.counts = Gathered(self.frames, rows)
         first = part.frames(np.zeros(1, dtype=int))
         varying = ((counts != first).any(axis=0) for _, counts in part.blocks())
         part.live = self.live & np.logical_or.reduce(list(varying)) if live is None else live
@@ -176,8 +166,8 @@ class Recordings:
         if not sensors.any():
             return self
         part = copy(self)
-        part.live, every = self.live & ~sensors, np.arange(len(self))
-        part._pressure = Gathered(lambda index: np.where(sensors, 0, self.frames(index)), every, self.shape, self.dtype)
+        part.live = self.live & ~sensors
+        part.counts = Gathered(lambda index: np.where(sensors, 0, self.frames(index)), np.arange(len(self)))
         return part
 
     def in_units(self, channels: np.ndarray | None) -> "Recordings":
@@ -185,18 +175,12 @@ class Recordings:
         if channels is None:
             return self
         part, dtype = copy(self), np.result_type(self.dtype, np.float32)
-        part._pressure = Gathered(
-            lambda index: in_units(self.frames(index), channels).astype(dtype), np.arange(len(self)), self.shape, dtype
-        )
+        part.counts = Gathered(lambda index: in_units(self.frames(index), channels).astype(dtype), np.arange(len(self)))
         return part
 
     def frames(self, index: np.ndarray) -> np.ndarray:
         """Counts (n, H, W) of the frames in `index` (n,)."""
-        return self._pressure[index]
-
-    def kept_counts(self, index: np.ndarray) -> Counts:
-        """Counts (n, H, W) of the frames in `index` (n,), read when they are indexed."""
-        return Gathered(self.frames, index, self.shape, self.dtype)
+        return self.counts[index]
 
     def live_counts(self) -> Counts:
         """Counts (T, S) of the live sensors, read when they are indexed."""
@@ -205,12 +189,12 @@ class Recordings:
         def rows_of(index: np.ndarray) -> np.ndarray:
             return self.frames(index).reshape(len(index), self.live.size).take(sensors, axis=1)
 
-        return Gathered(rows_of, np.arange(len(self)), sensors.shape, self.dtype)
+        return Gathered(rows_of, np.arange(len(self)))
 
     def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""
         for start in range(0, len(self), BLOCK_FRAMES):
-            yield start, self._pressure[start : start + BLOCK_FRAMES]
+            yield start, self.counts[start : start + BLOCK_FRAMES]
 
 
 def in_units(readings: np.ndarray, channels: np.ndarray | None) -> np.ndarray:

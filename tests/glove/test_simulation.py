@@ -130,7 +130,7 @@ def test_the_files_hold_each_object_of_each_session_with_the_last_session_on_the
             np.testing.assert_array_equal(file["grasp"], grasp)
             np.testing.assert_array_equal(file["valid"], phase == HOLD)
     source = open_source(folder)
-    assert source.objects == ["empty_hand", "ball", "coin"] and source.sessions == ["000", "001"]
+    assert source.names["object"] == ["empty_hand", "ball", "coin"] and source.names["session"] == ["000", "001"]
 
 
 def test_one_seed_gives_the_same_files_whatever_the_number_of_processes_and_another_others(tmp_path, monkeypatch):

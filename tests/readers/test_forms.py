@@ -286,7 +286,7 @@ def test_one_table_holds_all_recordings(tmp_path, name):
 def test_one_table_of_unlabelled_recordings_is_split_where_the_time_falls(tmp_path):
     lines = "".join(f"{frame},{frame % 2},5\n" for _ in range(3) for frame in range(4))
     source = open_source(save(tmp_path / "new.csv", f"time_s,a,b\n{lines}"), Form(labelled=False))
-    assert source.recordings == ["1", "2", "3"] and source.frames == 12
+    assert source.names["recording"] == ["1", "2", "3"] and source.frames == 12
 
 
 def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
@@ -376,9 +376,9 @@ def test_the_order_of_folders_is_read_from_their_names(tmp_path, places, order, 
         file = tmp_path / "lab" / place / f"x.{ending}"
         save(file) if ending == "npy" else record(file, attributes={"object": None, "session": None})
     source = open_source(tmp_path / "lab")
-    assert set(source.objects) == names and any(order in note.text for note in source.notes)
+    assert set(source.names["object"]) == names and any(order in note.text for note in source.notes)
     if "SPLIT" in order:
-        sides = {source.recordings[block["recording"][0]]: block["split"][0] for block in source.blocks}
+        sides = {source.names["recording"][block["recording"][0]]: block["split"][0] for block in source.blocks}
         assert all(side == (TEST if "test" in name.lower() else TRAIN) for name, side in sides.items())
         assert set(sides.values()) == {TRAIN, TEST}
 
@@ -430,7 +430,7 @@ def test_a_single_file_is_a_recording_and_needs_no_object_where_none_is_asked_fo
     source = open_source(path, Form(labelled=not is_array))
     label = "" if is_array else "mug"
     session = "session" if is_array else "s1"
-    assert (source.objects, source.recordings, source.sessions) == ([label], ["grip"], [session])
+    assert source.names == {"object": [label], "recording": ["grip"], "session": [session]}
     (block,) = source.blocks
     np.testing.assert_array_equal(block["pressure"], COUNTS)
     if name == "grip.dat":
@@ -439,7 +439,7 @@ def test_a_single_file_is_a_recording_and_needs_no_object_where_none_is_asked_fo
         record(path, attributes={"object": None, "session": None})
     for place in (path, path.parent):
         source = open_source(place, Form(labelled=False))
-        assert (source.objects, source.recordings, source.sessions) == ([""], ["grip"], ["session"])
+        assert source.names == {"object": [""], "recording": ["grip"], "session": ["session"]}
 
 
 def test_attributes_name_a_recording_in_hdf5_and_its_side(tmp_path):
@@ -508,7 +508,7 @@ def test_unusual_files_are_read_as_they_are(tmp_path):
     with h5py.File(path, "r+") as file:
         file["#refs#/sphere"] = np.array([[0xD83D], [0xDD2E]], np.uint16)  # two codes for one letter
         file["objects"][0, 0] = file["#refs#/sphere"].ref
-    assert open_source(path).objects[0] == "\U0001f52e"
+    assert open_source(path).names["object"][0] == "\U0001f52e"
 
 
 @pytest.mark.stag
@@ -521,7 +521,8 @@ def test_the_real_files_have_the_frames_that_their_authors_state(stag_data, name
     blocks = list(source.blocks)
     columns = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
     assert columns["pressure"].shape == (frames, 32, 32)
-    assert (len(source.recordings), len(source.objects), source.objects[0]) == (recordings, 27, "empty_hand")
+    assert (len(source.names["recording"]), len(source.names["object"])) == (recordings, 27)
+    assert source.names["object"][0] == "empty_hand"
     assert len(np.unique(columns["recording"])) == recordings and columns[flag].sum() == flagged
     live = columns["pressure"].min(axis=0) < columns["pressure"].max(axis=0)
     np.testing.assert_array_equal(live, SENSORS)

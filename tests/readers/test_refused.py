@@ -567,4 +567,5 @@ def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
 @pytest.mark.parametrize("objects", [["mug", "pen", "mug"], ["mug"] * 40_000, ["p\udcffn"]])
 def test_names_that_a_table_cannot_keep_are_refused(tmp_path, objects):
     with pytest.raises(UserError, match="glove: "):
-        Source(tmp_path / "glove", objects, ["1", "1"], ["monday"], (2, 2), np.dtype("int16"), 0, iter(()))
+        names = {"object": objects, "recording": ["1", "1"], "session": ["monday"]}
+        Source(tmp_path / "glove", names, (2, 2), np.dtype("int16"), 0, iter(()))

@@ -61,7 +61,7 @@ def test_the_glove_s_recordings_are_written_with_a_record(place):
     assert result.returncode == 0, result.stderr
     assert "100 simulated frames of 4 recordings, virtual glove version" in result.stdout
     source = open_source(place / "made")
-    assert source.objects == ["empty_hand", "ball"] and source.sessions == ["000", "001"]
+    assert source.names["object"] == ["empty_hand", "ball"] and source.names["session"] == ["000", "001"]
     record = Record.read((place / "simulate.json").read_text())
     assert (record.stage, record.counts["frames"]) == ("simulate", 100) and record.seconds > 0
 
@@ -86,7 +86,7 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     sh("git", "init", "-q", cwd=place)
     sh("dvc", "init", "-q", cwd=place)
     assert repro(place)[0] == ["simulate", "ingest"]
-    assert open_source(place / "data" / "virtual" / "recordings").objects == ["empty_hand", "ball"]
+    assert open_source(place / "data" / "virtual" / "recordings").names["object"] == ["empty_hand", "ball"]
     assert (place / "runs" / "simulate.json").is_file()
     assert repro(place)[0] == []
     status = sh("git", "status", "--porcelain", "-uall", cwd=place)

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.files import md5
+from tactile_viewgcn.files import atomic_write, md5
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import COLUMNS, Form, storage_type
 from tactile_viewgcn.tables import recordings as module
@@ -64,7 +64,7 @@ def test_frames_and_sensors_that_ever_vary_are_indexed_like_arrays(tmp_path):
     counts[13, 3, 4], counts[0, 3, 5] = 511, 509
     table = written(tmp_path / "t.h5", counts, cuts=(5, 10))
     assert np.argwhere(~table.live).tolist() == [[1, 2], [2, 2]]
-    frames, live = table.kept_counts(np.arange(0, 50, 3)), table.live_counts()
+    frames, live = table.part(np.arange(0, 50, 3)).counts, table.live_counts()
     for gathered, array in ((frames, counts[::3]), (live, np.ascontiguousarray(counts[:, table.live]))):
         assert (gathered.shape, gathered.dtype, len(gathered)) == (array.shape, array.dtype, len(array))
         for at in (slice(None), slice(3, 17, 4), np.array([9, 2, 9]), np.arange(len(array)) % 3 == 0, np.arange(0)):
@@ -92,7 +92,8 @@ def test_a_source_that_fails_halfway_leaves_the_old_table(tmp_path):
     write_recordings(path, source(COUNTS), "0" * 32)
     before = md5(path)
     recording[33] = -1
-    with pytest.raises(UserError, match=r"recording of frame 33 is -1; expected .* 0 to 0"):
-        write_recordings(path, source(COUNTS, cuts=(10, 30), recording=recording), "0" * 32)
+    line = r"recording of frame 33 is -1; expected .* 0 to 0"
+    with pytest.raises(UserError, match=line), atomic_write(path) as part:
+        write_recordings(part, source(COUNTS, cuts=(10, 30), recording=recording), "0" * 32)
     assert md5(path) == before
     assert list(tmp_path.iterdir()) == [path]
