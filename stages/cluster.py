@@ -8,8 +8,7 @@ import numpy as np
 from stages.command import Job, run
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, read_frames
-from tactile_viewgcn.tables.views import write_views
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, read_frames, save_table
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.sampling import sets_of
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -22,7 +21,7 @@ def cluster(job: Job, needs: Path, frames: Path, out: Path) -> str:
     views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), clustering, rng)
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
-    write_views(out, views)
+    save_table(out, views)
     job.counts = {"pools": pools, "empty_clusters": empty}
     if not job.needed:
         return "cluster: left out, model.system does not need it"

@@ -13,14 +13,14 @@ from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.tables.frames import read_frames
-from tactile_viewgcn.tables.views import read_views
+from tactile_viewgcn.tables.frames import load_table, read_frames
+from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
 from tactile_viewgcn.training.distributed import process_group
 
 
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> str:
-    params, table, clusters, compute = job.params, read_frames(frames), read_views(views), job.compute()
+    params, table, clusters, compute = job.params, read_frames(frames), load_table(views, Views), job.compute()
     alone, pretrained = on_sensors(params.model.system), {}  # then one process fits it
     if alone and rank():
         return ""
@@ -41,7 +41,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     for note in fitted.notes:
         job.note(note)
     classifier, progress = fitted.classifier, fitted.progress
-    job.counts = {"weights.head": 0} | progress.metrics
+    job.counts = {"weights.head": 0, "seconds_before_interruption": progress.resumed[1]}
     line = f"{params.model.system} is not fine-tuned"
     if alone:
         job.counts["resolved.model.members"] = " + ".join(fitted.model.members)

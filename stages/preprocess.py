@@ -9,7 +9,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.leak import check_leak, leak_counts, leak_notes
 from tactile_viewgcn.frames.preprocessing import frame_counts, kept_rows, preprocess_recordings
 from tactile_viewgcn.messages import several, write_csv
-from tactile_viewgcn.tables.frames import SIDES, write_frames
+from tactile_viewgcn.tables.frames import SIDES, save_table
 from tactile_viewgcn.tables.recordings import Recordings
 
 
@@ -21,7 +21,7 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> str:
         advised = choice.params.baseline != "grasp" and not choice.leaks  # else `auto` took the one that leaks least
         leak = check_leak(choice.recordings, choice.baseline, choice.hand, choice.group)
         notes = [*notes, *leak_notes(choice.recordings, choice.hand, leak, advised=advised)]
-    write_frames(out, frames)
+    save_table(out, frames)
     rows = kept_rows(table, made)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         write_csv(file, [rows[0], *(row.values() for row in rows)])

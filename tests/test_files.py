@@ -14,7 +14,8 @@ import torch
 
 from tactile_viewgcn.files import ARRAYS, atomic_write, check_outputs, files_below, hdf5_file, md5
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.tables.views import Views, write_views
+from tactile_viewgcn.tables.frames import save_table
+from tactile_viewgcn.tables.views import Views
 from tests.full_disk import room_for
 
 KINDS = pytest.mark.parametrize("write", [atomic_write, partial(atomic_write, folder=True)], ids=["file", "folder"])
@@ -89,7 +90,7 @@ def arrays(path):
 
 VALUES = np.random.default_rng(0).random((90, 100))
 WRITERS = {
-    "table": lambda path: write_views(path, Views(np.zeros(9000, np.int16), np.arange(9000), VALUES[:12, :3])),
+    "table": lambda path: save_table(path, Views(np.zeros(9000, np.int16), np.arange(9000), VALUES[:12, :3])),
     "folder": whole(recording, folder=True),
     "torch": whole(lambda path: torch.save({"weights": torch.from_numpy(VALUES)}, path)),
     "arrays": whole(arrays),

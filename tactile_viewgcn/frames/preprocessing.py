@@ -178,7 +178,8 @@ def frame_counts(frames: Frames) -> dict[str, int]:
 
 def kept_rows(recordings: Recordings, made: Preprocessed) -> list[dict[str, object]]:
     """Rows of a table, one per object and session: frames, how many were dropped and why, kept, and anchors."""
-    cell = recordings.columns["object"].astype(int) * len(recordings.sessions) + recordings.columns["session"]
+    pairs = np.stack([recordings.columns["object"], recordings.columns["session"]])
+    cells, cell = np.unique(pairs, axis=1, return_inverse=True)
     anchor = np.zeros(len(recordings), dtype=bool)
     anchor[made.keep] = made.frames.anchor
     masks = {
@@ -188,9 +189,6 @@ def kept_rows(recordings: Recordings, made: Preprocessed) -> list[dict[str, obje
         "kept": made.keep,
         **{f"anchors_{name}": anchor & (made.sides.side == code) for code, name in enumerate(SIDES)},
     }
-    rows = []
-    for number in np.unique(cell):
-        label, session = divmod(int(number), len(recordings.sessions))
-        counts = {name: int(mask[cell == number].sum()) for name, mask in masks.items()}
-        rows.append({"object": recordings.objects[label], "session": recordings.sessions[session], **counts})
-    return rows
+    names = [{"object": recordings.objects[one], "session": recordings.sessions[session]} for one, session in cells.T]
+    counts = {name: np.bincount(cell.ravel(), mask).astype(int).tolist() for name, mask in masks.items()}
+    return [row | {name: of_cell[at] for name, of_cell in counts.items()} for at, row in enumerate(names)]

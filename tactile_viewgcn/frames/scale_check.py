@@ -17,12 +17,10 @@ def clipping_warnings(frames: Frames, noise: np.ndarray) -> list[Note]:
     Args:
         noise: (sessions, S) standard deviation of the live sensors, in counts.
     """
-    if frames.transform != "clip":
-        return []
     index, excess = _sample(frames)
     above = excess[excess > CONTACT_SIGMAS * noise[frames.session[index]]]
     clipped = above > frames.scale
-    if not len(above) or clipped.mean() <= MOST_CLIPPED:
+    if frames.transform != "clip" or not len(above) or clipped.mean() <= MOST_CLIPPED:
         return []
     share = f"{100 * clipped.mean():.0f} %"
     return [_warning(f"{frames.scale:g} clips {share} of the readings of sensors in contact", above)]
@@ -34,13 +32,11 @@ def noise_warnings(frames: Frames, noise: float) -> list[Note]:
     Args:
         noise: its standard deviation, relative to the scale.
     """
-    if frames.transform != "clip":
-        return []
     excess, of_sensor = _sample(frames)[1], frames.noise[frames.live]
     strongest = float(np.percentile(excess, 99))
     weakest = np.where(np.isnan(of_sensor), OF_STRONGEST * strongest, CONTACT_SIGMAS * of_sensor)
     above = excess[excess > weakest]
-    if not len(above) or np.median(above) >= noise * frames.scale:
+    if frames.transform != "clip" or not len(above) or np.median(above) >= noise * frames.scale:
         return []
     text = (
         f"at {frames.scale:g} the median reading of a sensor in contact, {np.median(above):.3g}, is below the "

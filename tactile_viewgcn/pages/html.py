@@ -53,7 +53,7 @@ def environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_finalize,
+        finalize=lambda value: value if isinstance(value, Markup) else shown(value),
     )
     glossary = loader.get_source(templates, GLOSSARY)[0]
     templates.globals["begin"] = Markup(BEGIN)
@@ -61,11 +61,6 @@ def environment() -> Environment:
     templates.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent, "svg": svg}
     templates.filters |= {"duration": duration, "lines": _lines, "change": _change}
     return templates
-
-
-def _finalize(value: Any) -> Any:
-    """A value as text with its control characters shown; markup stays as it is."""
-    return value if isinstance(value, Markup) else shown(value)
 
 
 def write(path: Path, text: str) -> str:

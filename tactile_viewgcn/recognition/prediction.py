@@ -65,9 +65,9 @@ def predict(
     records = [_record(answer, classes) for answer in answers]
     joined = [_record(answer, classes, together=True) for answer in _joined(recogniser, answers) if together]
     echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
-    echo(*_lines(records, classes))
+    echo(*map(_line, records), *_summary(records, classes))
     if joined:
-        echo("the recordings of a folder together, as one object:", *_lines(joined, classes))
+        echo("the recordings of a folder together, as one object:", *map(_line, joined), *_summary(joined, classes))
     if not any(record["object"] in (*classes, EMPTY_HAND) for record in records):
         echo("how often it errs: `tactile-viewgcn report` says, where the pipeline trained it")
     records += joined
@@ -126,11 +126,6 @@ def _record(answer: Answer, classes: list[str], *, together: bool = False) -> di
     right = _place(values) == 1 if answer.object in {*classes, EMPTY_HAND} else None
     values |= {"right": right, "grasp_again": answer.grasp_again, "together": together, "probabilities": shares}
     return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()}
-
-
-def _lines(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
-    """A line for each answer, and their summary."""
-    return [*map(_line, records), *_summary(records, classes)]
 
 
 def _line(record: dict[str, Any]) -> str:

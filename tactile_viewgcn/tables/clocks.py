@@ -38,8 +38,13 @@ def find_clocks(recordings: Recordings) -> np.ndarray:
     return clocks
 
 
+def listed_sensors(recordings: Recordings, sensors: np.ndarray, what: str) -> str:
+    """`2 sensors WHAT: ...`, with the names of some sensors, bool (H, W)."""
+    names = sensor_names(sensors, recordings.channel_names)
+    return f"{several(len(names), 'sensor')} {what}: {listed(names, '; ')}"
+
+
 def clock_notes(recordings: Recordings, clocks: np.ndarray) -> list[Note]:
     """A warning that names the clocks, bool (H, W), if there are any."""
-    names = listed(sensor_names(clocks, recordings.channel_names), "; ")
-    what = f"{several(int(clocks.sum()), 'sensor')} left out: rising like a clock in every recording: {names}"
-    return [Note(what, "warning", "clock")] if clocks.any() else []
+    text = listed_sensors(recordings, clocks, "left out: rising like a clock in every recording")
+    return [Note(text, "warning", "clock")] if clocks.any() else []

@@ -2,10 +2,10 @@
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar, cast
 
 import h5py
 import numpy as np
@@ -18,6 +18,7 @@ TRAIN, VALIDATION, TEST = 0, 1, 2
 SIDES = ("train", "validation", "test")
 BLOCK_FRAMES = 4096  # read or written at once
 INPUT_BLOCK = 512  # frames whose network input is computed at once
+Table = TypeVar("Table")
 
 
 @dataclass(frozen=True)
@@ -103,12 +104,13 @@ def sensor_names(sensors: np.ndarray, channel_names: Iterable[str] = ()) -> list
     return [names[at] or f"column {at + 1}" for at in np.flatnonzero(sensors).tolist()]
 
 
-def write_frames(path: str | Path, frames: Frames) -> None:
-    """Write the table as HDF5: arrays and names as datasets, the transform as attributes."""
-    room = math.prod(frames.counts.shape) * frames.counts.dtype.itemsize
+def save_table(path: str | Path, table: Any) -> None:
+    """Write a table, an object of a dataclass, as HDF5: arrays and names as datasets, single values as attributes."""
+    counts = getattr(table, "counts", np.zeros(0))
+    room = math.prod(counts.shape) * counts.dtype.itemsize
     with atomic_write(path) as part, hdf5_file(part, room=room) as file:
-        for field in fields(frames):
-            value = getattr(frames, field.name)
+        for field in fields(table):
+            value = getattr(table, field.name)
             if field.name == "counts":
                 starts = range(0, len(value), BLOCK_FRAMES)
                 blocks = (value[start : start + BLOCK_FRAMES] for start in starts)
@@ -121,11 +123,11 @@ def write_frames(path: str | Path, frames: Frames) -> None:
                 file.attrs[field.name] = json.dumps(value) if isinstance(value, dict) else value
 
 
-def read_frames(path: str | Path | BinaryIO) -> Frames:
-    """Read a table of `write_frames`; its counts are read when they are indexed."""
+def load_table(path: str | Path | BinaryIO, kind: Callable[..., Table]) -> Table:
+    """Read a table of `save_table`; counts are read when they are indexed."""
     values: dict[str, Any] = {}
     with readable(path), h5py.File(path, "r") as file:
-        for field in fields(Frames):
+        for field in fields(cast(Any, kind)):
             if field.name == "counts":
                 values["counts"] = mapped(path, file["counts"])
             elif field.name in file.attrs:
@@ -135,5 +137,11 @@ def read_frames(path: str | Path | BinaryIO) -> Frames:
                 values[field.name] = [text.decode() for text in file[field.name][()]]
             elif field.name in file or field.default is MISSING:
                 values[field.name] = file[field.name][()]
-        values["preprocess"] = json.loads(values["preprocess"])
-    return Frames(**values)
+        if kind is Frames:
+            values["preprocess"] = json.loads(values["preprocess"])
+    return kind(**values)
+
+
+def read_frames(path: str | Path | BinaryIO) -> Frames:
+    """The table of kept frames, see `load_table`."""
+    return load_table(path, Frames)

@@ -6,8 +6,7 @@ import numpy as np
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several
 from tactile_viewgcn.readers.source import listed
-from tactile_viewgcn.tables.clocks import FEWEST
-from tactile_viewgcn.tables.frames import sensor_names
+from tactile_viewgcn.tables.clocks import FEWEST, listed_sensors
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 STRAIGHT = 0.999  # correlation with the frame's number
@@ -73,9 +72,9 @@ def _labels(recordings: Recordings) -> list[Note]:
         labels &= (counts == expected).all(axis=0)
     if not labels.any() or len(first) < 2:
         return []
-    names = listed(sensor_names(labels, recordings.channel_names), "; ")
-    text = f"{several(int(labels.sum()), 'sensor')} with one reading for each object: {names}. Names of objects are no "
-    return [Note(f"{text}readings: remove them, or call the column `object`.", "warning", "labels")]
+    text = listed_sensors(recordings, labels, "with one reading for each object")
+    remedy = "Names of objects are no readings: remove them, or call the column `object`."
+    return [Note(f"{text}. {remedy}", "warning", "labels")]
 
 
 def _ramps(recordings: Recordings) -> list[Note]:
@@ -90,9 +89,9 @@ def _ramps(recordings: Recordings) -> list[Note]:
         ramps[ramps], count = straight, count + len(index) - 1
     if not ramps.any() or count < FEWEST:
         return []
-    names = listed(sensor_names(ramps, recordings.channel_names), "; ")
-    text = f"{several(int(ramps.sum()), 'sensor')} rising or falling evenly in every recording: {names}. Remove "
-    return [Note(f"{text}a clock: by it alone recordings can be told from earlier ones.", "warning", "ramps")]
+    text = listed_sensors(recordings, ramps, "rising or falling evenly in every recording")
+    remedy = "Remove a clock: by it alone recordings can be told from earlier ones."
+    return [Note(f"{text}. {remedy}", "warning", "ramps")]
 
 
 def _sessions(recordings: Recordings) -> list[Note]:

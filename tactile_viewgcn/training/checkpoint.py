@@ -61,11 +61,6 @@ class Progress:
         last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
         return f"{several(self.epoch, 'epoch')}{before}" + (f", at the end {last}," if last else "")
 
-    @property
-    def metrics(self) -> dict[str, float]:
-        """Single values that a stage logs besides the curves."""
-        return {"seconds_before_interruption": self.resumed[1]}
-
 
 def save(path: Path | None, parts: dict[str, Any], progress: Progress) -> None:
     """Save everything that the rest of a training depends on; of several processes the first one writes the file.

@@ -14,7 +14,7 @@ from benchmarks.speed.sample import anchors_of
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.backbone import Backbone, extract_features
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.tables.frames import TEST, TRAIN, write_frames
+from tactile_viewgcn.tables.frames import TEST, TRAIN, save_table
 from tests.glove_data import recipe, table, trained
 
 
@@ -59,7 +59,7 @@ def test_in_a_quick_run_whose_variants_take_a_second_rates_are_units_of_work(tmp
 
     monkeypatch.setattr(measurements, "interleaved", called)
     monkeypatch.setattr("benchmarks.command.load", lambda path: recipe())
-    write_frames(tmp_path / "frames.h5", table())
+    save_table(tmp_path / "frames.h5", table())
     save_classifier(tmp_path / "classifier.pt", trained(), recipe().model, table())
     files = {"--frames": "frames.h5", "--classifier": "classifier.pt", "--out": "out"}
     words = [word for option, name in files.items() for word in (option, str(tmp_path / name))]

@@ -12,7 +12,7 @@ from benchmarks.stability import __main__ as command
 from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, max_rel_error, share_different, share_not_finite
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.tables.frames import write_frames
+from tactile_viewgcn.tables.frames import save_table
 from tests.glove_data import SMALL, recipe, table, trained
 from tests.stability import refusal
 
@@ -75,8 +75,8 @@ def test_a_test_that_fails_or_warns_has_a_wrong_row_and_one_that_cannot_be_run_i
 def test_the_command_checks_the_classifier_of_its_frames_and_refuses_any_other(tmp_path, monkeypatch, frames, code):
     """Of all files that the command gives to pytest, which must be there, only one check is collected."""
     monkeypatch.setenv("PYTEST_ADDOPTS", "-k batches --ignore-glob=*/tests/*/* --ignore-glob=*/test_[!i]*.py")
-    write_frames(tmp_path / "frames.h5", table())
-    write_frames(tmp_path / "others.h5", replace(table(), classes=["a", "b", "c", "d"]))
+    save_table(tmp_path / "frames.h5", table())
+    save_table(tmp_path / "others.h5", replace(table(), classes=["a", "b", "c", "d"]))
     save_classifier(tmp_path / "classifier.pt", trained(), recipe().model, table())
     changes = [word for change in (*SMALL, "precision=float32", "device=cpu") for word in ("--set", change)]
     files = ("--frames", tmp_path / frames, "--classifier", tmp_path / "classifier.pt", "--out", tmp_path / "out")

@@ -10,7 +10,7 @@ from tactile_viewgcn.pages.inspection_text import inspection_lines
 from tactile_viewgcn.pages.source_inspection import Overview
 from tactile_viewgcn.params import load
 from tactile_viewgcn.tables.array_recordings import ArrayRecordings
-from tactile_viewgcn.tables.frames import TEST, TRAIN, read_frames, write_frames
+from tactile_viewgcn.tables.frames import TEST, TRAIN, read_frames, save_table
 from tests.glove_data import FILE, OBJECTS, recording
 
 RECORDINGS = 8  # of each of four objects
@@ -110,7 +110,7 @@ def test_zero_sign_and_unit_are_those_of_the_channels(make, unit, signs):
 def test_unlike_channels_are_recognised_on_both_roads(make, tmp_path):
     asked = load(FILE, ("split.by=recording", "split.folds=4"))
     made = preprocess_recordings(table(make), asked.preprocess, asked.split).frames
-    write_frames(tmp_path / "frames.h5", made)
+    save_table(tmp_path / "frames.h5", made)
     frames = read_frames(tmp_path / "frames.h5")
     np.testing.assert_array_equal(frames.channels, made.channels)
     means = np.stack([frames.inputs(np.flatnonzero(frames.recording == n)).mean(axis=0).ravel() for n in range(32)])

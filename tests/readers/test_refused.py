@@ -18,7 +18,7 @@ import pytest
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers import child
 from tactile_viewgcn.readers.source import Form, Source
-from tactile_viewgcn.tables.frames import write_frames
+from tactile_viewgcn.tables.frames import save_table
 from tactile_viewgcn.tables.recordings import read_source
 from tests.glove_data import table
 from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
@@ -561,7 +561,7 @@ def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=100, total=1000))
     assert "TMPDIR" in refusal(record(tmp_path / "in" / "a.h5"), tmp_path)
     with pytest.raises(UserError, match=r"frames\.h5: "):
-        write_frames(tmp_path / "frames.h5", frames)
+        save_table(tmp_path / "frames.h5", frames)
 
 
 @pytest.mark.parametrize("objects", [["mug", "pen", "mug"], ["mug"] * 40_000, ["p\udcffn"]])

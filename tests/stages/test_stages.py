@@ -15,8 +15,8 @@ from tactile_viewgcn.params import System
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.tables.frames import write_frames
-from tactile_viewgcn.tables.views import read_views
+from tactile_viewgcn.tables.frames import load_table, save_table
+from tactile_viewgcn.tables.views import Views
 from tests.glove_data import ROOT, SMALL, fewer_anchors, recipe, table, trained
 from tests.readers.files import save
 from tests.stag_files import metadata, save_matlab5
@@ -198,7 +198,7 @@ def test_a_pretraining_that_is_left_out_loads_no_torch_and_makes_no_run_but_a_re
 @pytest.mark.slow
 @pytest.mark.stability("libraries")
 def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow(row, place):
-    write_frames(place / "frames.h5", table())
+    save_table(place / "frames.h5", table())
     save_classifier(place / "classifier.pt", trained(), recipe().model, table())
     words = {
         "needs": "--out needs.json",
@@ -212,13 +212,13 @@ def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow
 
 @pytest.mark.parametrize(("system", "fitted"), [("sensors", True), ("mean", False)])
 def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_and_no_other(place, system, fitted):
-    write_frames(place / "frames.h5", fewer_anchors(table(), 4))
+    save_table(place / "frames.h5", fewer_anchors(table(), 4))
     (place / "backbone.pt").write_text(LEFT_OUT)
     words = ("--frames", "frames.h5", *changed(*SMALL, "precision=float32", "device=cpu", f"model.system={system}"))
     needs_of(system, place)
     result = run_stage("cluster", "--needs", "needs.json", *words, "--out", "views.h5", cwd=place)
     assert ("cluster: left out" in result.stdout) == fitted, result.stderr
-    assert read_views(place / "views.h5").clustered != fitted
+    assert load_table(place / "views.h5", Views).clustered != fitted
     files = ("--views", "views.h5", "--backbone", "backbone.pt", "--out", "classifier.pt")
     result = run_stage("finetune", *words, *files, "--record", "finetune.json", cwd=place)
     assert (place / "classifier.pt").exists() == fitted

@@ -11,7 +11,7 @@ import pytest
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.tables.counts import Gathered
-from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, read_frames, write_frames
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, read_frames, save_table
 from tactile_viewgcn.tables.transform import full_scale, network_input
 
 
@@ -68,7 +68,7 @@ def test_inputs_are_counts_above_the_frames_baseline_transformed(transform):
 )
 def test_what_is_written_is_read_back_in_every_field_from_a_file_or_a_stream(tmp_path, dtype, frames):
     written, path = made(dtype=dtype, transform="log", scale=0.1, frames=frames), tmp_path / "frames.h5"
-    write_frames(path, written)
+    save_table(path, written)
     assert not frames or isinstance(read_frames(path).counts, Gathered)  # memory-mapped
     for read in (read_frames(path), read_frames(BytesIO(path.read_bytes()))):
         for field in fields(Frames):
@@ -84,7 +84,7 @@ def test_what_is_written_is_read_back_in_every_field_from_a_file_or_a_stream(tmp
 @pytest.mark.parametrize("damage", ["chunks", "cut short", "no counts"])
 def test_a_table_that_cannot_be_mapped_is_refused_in_one_line(tmp_path, damage):
     path = tmp_path / "frames.h5"
-    write_frames(path, made())
+    save_table(path, made())
     if damage == "cut short":
         os.truncate(path, path.stat().st_size - 100)
     else:
@@ -99,9 +99,9 @@ def test_a_table_that_cannot_be_mapped_is_refused_in_one_line(tmp_path, damage):
 
 def test_a_file_that_is_replaced_is_read_on_and_one_that_is_cut_short_ends_in_one_line(tmp_path):
     path, before = tmp_path / "frames.h5", made()
-    write_frames(path, before)
+    save_table(path, before)
     read = read_frames(path)
-    write_frames(path, made(seed=1))
+    save_table(path, made(seed=1))
     np.testing.assert_array_equal(read.counts[:], before.counts)
     read = read_frames(path)
     os.truncate(path, 100)
@@ -111,7 +111,7 @@ def test_a_file_that_is_replaced_is_read_on_and_one_that_is_cut_short_ends_in_on
 
 def test_two_writes_give_equal_bytes_and_other_frames_give_others(tmp_path):
     for name, seed in (("a.h5", 0), ("b.h5", 0), ("c.h5", 1)):
-        write_frames(tmp_path / name, made(seed=seed))
+        save_table(tmp_path / name, made(seed=seed))
     digests = [md5(tmp_path / name) for name in ("a.h5", "b.h5", "c.h5")]
     assert digests[0] == digests[1] != digests[2]
 

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as functional
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.tables.frames import TRAIN, read_frames, write_frames
+from tactile_viewgcn.tables.frames import TRAIN, read_frames, save_table
 from tactile_viewgcn.training.inputs import Augmentation, FrameInputs, random_shift
 from tests.glove_data import CPU, recipe, table
 
@@ -16,7 +16,7 @@ from tests.glove_data import CPU, recipe, table
 @pytest.fixture
 def both(tmp_path):
     """The table in memory, and the same as it is read."""
-    write_frames(tmp_path / "frames.h5", table())
+    save_table(tmp_path / "frames.h5", table())
     read = read_frames(tmp_path / "frames.h5")
     return replace(read, counts=read.counts[:]), read
 

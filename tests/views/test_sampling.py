@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.tables.views import NO_CLUSTER, Views, read_views, write_views
+from tactile_viewgcn.tables.frames import load_table, save_table
+from tactile_viewgcn.tables.views import NO_CLUSTER, Views
 from tactile_viewgcn.views.sampling import ViewSets, joined_pools, random_clusters, sets_of
 
 DRAWS = 6000
@@ -120,8 +121,8 @@ def test_without_clusters_view_sets_are_all_pairs_of_a_pool():
 def test_views_come_back_as_they_were_written(tmp_path, cluster):
     rng = np.random.default_rng(0)
     views = Views(np.array(cluster, np.int16), np.array([0, 4, 1]), rng.random((3, 3)))
-    write_views(tmp_path / "views.h5", views)
-    back = read_views(tmp_path / "views.h5")
+    save_table(tmp_path / "views.h5", views)
+    back = load_table(tmp_path / "views.h5", Views)
     for name in ("cluster", "pool", "viewpoints"):
         np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
         assert getattr(back, name).dtype == getattr(views, name).dtype
