@@ -75,15 +75,11 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
     if device == "cuda":
         torch.backends.cudnn.allow_tf32 = False  # convolutions in float32 then are exact, as matrix products are
     if precision == "auto":
-        precision = "bfloat16" if native_bfloat16(device) else "float32"
+        native = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
+        if device == "cuda":
+            native = torch.cuda.is_bf16_supported(including_emulation=False)
+        precision = "bfloat16" if native else "float32"
     return Compute(torch.device(device), precision)
-
-
-def native_bfloat16(device: str) -> bool:
-    """Whether the hardware has instructions for products in bfloat16, without emulation."""
-    if device == "cuda":
-        return torch.cuda.is_bf16_supported(including_emulation=False)
-    return torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
 
 
 def keep_freed_memory() -> None:

@@ -43,7 +43,7 @@ def trimmed_moments(counts: np.ndarray, left: float = 1.0) -> tuple[np.ndarray, 
     counts, and the signal's median is one count. The standard deviation is divided by `left`, see `noise_left`, and at
     least that of rounding, see `_step`. Differences from the first frame are summed, so that an offset costs no digits.
     """
-    dtype, first = exact_float(counts.dtype), counts[0].astype(np.float64)
+    dtype, first = np.result_type(counts.dtype, np.float32), counts[0].astype(np.float64)
     rounding = ROUNDING_SD * _step(counts)
     values = counts - first
     inside = np.ones(values.shape, dtype=bool)
@@ -62,7 +62,7 @@ def noise_left(recordings: Recordings) -> float:
 
     It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise is cut off there.
     """
-    counts = recordings.frames(evenly(np.arange(len(recordings)), SAMPLE))[:, recordings.live]
+    counts = recordings.counts[evenly(np.arange(len(recordings)), SAMPLE)][:, recordings.live]
     return HALF_SD if np.median((counts == counts.min()).mean(axis=0)) > CUT_OFF else 1.0
 
 
@@ -77,11 +77,6 @@ def _step(counts: np.ndarray) -> float:
     gaps = np.diff(np.unique(counts).astype(np.float64))
     gaps = gaps[gaps > 8 * last_digit]
     return float(gaps.min()) if len(gaps) else last_digit
-
-
-def exact_float(dtype: np.dtype) -> np.dtype:
-    """float32 if it holds counts of this type exactly, else float64."""
-    return np.result_type(dtype, np.float32)
 
 
 def of_empty_hand(recordings: Recordings) -> np.ndarray:
@@ -116,7 +111,7 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
                 f"session {name!r} has {several(len(index), 'frame')} of {EMPTY_HAND!r}; preprocess.baseline "
                 f"empty_hand needs {MIN_FRAMES} or more: record the empty hand, or set preprocess.baseline to auto"
             )
-        frames = recordings.frames(evenly(index, MOST_FRAMES))
+        frames = recordings.counts[evenly(index, MOST_FRAMES)]
         moments.append(trimmed_moments(frames, left) if len(index) else unused)
     mean, noise = map(np.stack, zip(*moments, strict=True))
     return Baseline(recordings.sessions, mean, noise, sessions)
@@ -124,5 +119,5 @@ def empty_hand_baseline(recordings: Recordings) -> Baseline:
 
 def constant_baseline(recordings: Recordings, zero: float) -> Baseline:
     """Baseline of `zero` counts for every sensor, as the released code subtracts it; its noise is unknown."""
-    mean = np.full((1, *recordings.shape), zero, dtype=exact_float(recordings.dtype))
+    mean = np.full((1, *recordings.shape), zero, dtype=np.result_type(recordings.dtype, np.float32))
     return Baseline(["zero"], mean, np.full_like(mean, np.nan), np.zeros(len(recordings), dtype=np.int16))

@@ -6,7 +6,6 @@ from tactile_viewgcn.frames.baseline import (
     MIN_FRAMES,
     MOST_FRAMES,
     Baseline,
-    exact_float,
     of_empty_hand,
     trimmed_moments,
 )
@@ -54,8 +53,8 @@ def grasp_baseline(
             use(index[source == one], f"{name}, grasp {one}", _mean(hand, index[hand.open[index] & (grasp == one)]))
         with_contact += len(np.unique(grasp[hand.contact[index]]))
         borrowed += len(np.unique(grasp[hand.contact[index] & (source != grasp)]))
-    mean = np.empty((len(rows), *recordings.shape), dtype=exact_float(recordings.dtype))
-    mean[:] = recordings.frames(np.zeros(1, dtype=int))  # cells without a sensor never change
+    mean = np.empty((len(rows), *recordings.shape), dtype=np.result_type(recordings.dtype, np.float32))
+    mean[:] = recordings.counts[np.zeros(1, dtype=int)]  # cells without a sensor never change
     noise = np.ones_like(mean)
     mean[:, recordings.live] = [row for row, _ in rows.values()]
     noise[:, recordings.live] = [hand.noise[number] for _, number in rows]

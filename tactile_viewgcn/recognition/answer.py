@@ -108,7 +108,7 @@ def answer_table(
     baseline, contact = find_contact(fitted, recordings)
     for index in _parts(recordings, window):
         pressed = index[contact[index]]
-        excess = recordings.frames(pressed) - baseline.mean[baseline.of_frame[pressed]]
+        excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
         classified.append(excess[spread_sets(len(pressed), recogniser.classifier.views)[0]] if len(pressed) else excess)
         answer = replace(
             answer_contact(recogniser, excess, stop_at=stop_at),

@@ -96,7 +96,7 @@ def _baseline(fitted: FittedPreprocessing, recordings: Recordings) -> Baseline:
     for number, name in enumerate(recordings.sessions):
         measured = [np.flatnonzero((session == number) & frames) for frames in (of_empty_hand(recordings), hand.open)]
         enough = [index for index in measured if len(index) >= MIN_FRAMES]
-        moments.append(trimmed_moments(recordings.frames(enough[0]), left) if enough else trained[number])
+        moments.append(trimmed_moments(recordings.counts[enough[0]], left) if enough else trained[number])
         if not enough:
             text = f"session {name!r} has fewer than {MIN_FRAMES} frames of the open hand: the training's is used"
             notes.append(Note(text, topic="baseline"))

@@ -19,11 +19,11 @@ def find_clocks(recordings: Recordings) -> np.ndarray:
     clocks, none, recorded = recordings.live.copy(), np.zeros_like(recordings.live), frames_by_recording(recordings)
     for index in recorded:
         for start in range(0, len(index), BLOCK_FRAMES):
-            counts = recordings.frames(index[start : start + BLOCK_FRAMES + 1])[:, clocks]
+            counts = recordings.counts[index[start : start + BLOCK_FRAMES + 1]][:, clocks]
             clocks[clocks] = (counts[1:] > counts[:-1]).all(axis=0)
         if not clocks.any():
             return none
-    times = [recordings.frames(index)[:, clocks].astype(np.float64) for index in recorded]
+    times = [recordings.counts[index][:, clocks].astype(np.float64) for index in recorded]
     first, last = (np.stack([time[end] for time in times]) for end in (0, -1))
     step = np.concatenate([np.diff(time, axis=0) for time in times])
     if len(step) < FEWEST or len(recorded) < 2:

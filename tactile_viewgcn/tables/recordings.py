@@ -110,7 +110,7 @@ def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]
 
 
 class Recordings:
-    """The table of raw counts, whose frames are read when they are indexed.
+    """The table of raw counts, which are read when they are indexed.
 
     Attributes:
         path: of the file, or of its source; errors name it.
@@ -155,8 +155,8 @@ class Recordings:
         part = copy(self)
         part.columns = {name: values[rows] for name, values in self.columns.items()}
         if len(rows) < len(self):
-            part.counts = Gathered(self.frames, rows)
-        first = part.frames(np.zeros(1, dtype=int))
+            part.counts = Gathered(self.counts.__getitem__, rows)
+        first = part.counts[np.zeros(1, dtype=int)]
         varying = ((counts != first).any(axis=0) for _, counts in part.blocks())
         part.live = self.live & np.logical_or.reduce(list(varying)) if live is None else live
         return part
@@ -167,7 +167,7 @@ class Recordings:
             return self
         part = copy(self)
         part.live = self.live & ~sensors
-        part.counts = Gathered(lambda index: np.where(sensors, 0, self.frames(index)), np.arange(len(self)))
+        part.counts = Gathered(lambda index: np.where(sensors, 0, self.counts[index]), np.arange(len(self)))
         return part
 
     def in_units(self, channels: np.ndarray | None) -> "Recordings":
@@ -175,19 +175,15 @@ class Recordings:
         if channels is None:
             return self
         part, dtype = copy(self), np.result_type(self.dtype, np.float32)
-        part.counts = Gathered(lambda index: in_units(self.frames(index), channels).astype(dtype), np.arange(len(self)))
+        part.counts = Gathered(lambda index: in_units(self.counts[index], channels).astype(dtype), np.arange(len(self)))
         return part
-
-    def frames(self, index: np.ndarray) -> np.ndarray:
-        """Counts (n, H, W) of the frames in `index` (n,)."""
-        return self.counts[index]
 
     def live_counts(self) -> Counts:
         """Counts (T, S) of the live sensors, read when they are indexed."""
         sensors = np.flatnonzero(self.live)
 
         def rows_of(index: np.ndarray) -> np.ndarray:
-            return self.frames(index).reshape(len(index), self.live.size).take(sensors, axis=1)
+            return self.counts[index].reshape(len(index), self.live.size).take(sensors, axis=1)
 
         return Gathered(rows_of, np.arange(len(self)))
 

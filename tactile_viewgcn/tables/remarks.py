@@ -48,7 +48,7 @@ def originals(recordings: Recordings) -> np.ndarray:
     """For each recording (R,) the number of the first one of the same counts, frame by frame: mostly its own."""
     original, first = np.arange(len(recordings.recordings)), dict[bytes, int]()
     for index in frames_by_recording(recordings):
-        number, counts = recordings.columns["recording"][index[0]], recordings.frames(index)
+        number, counts = recordings.columns["recording"][index[0]], recordings.counts[index]
         original[number] = first.setdefault(hashlib.sha256(counts.tobytes()).digest(), number)
     return original
 
@@ -67,7 +67,7 @@ def _labels(recordings: Recordings) -> list[Note]:
     """A warning of sensors that read one number for each object, and not the same for all."""
     first, labels = dict[int, np.ndarray](), recordings.live.copy()
     for index in frames_by_recording(recordings):
-        counts = recordings.frames(index)
+        counts = recordings.counts[index]
         expected = first.setdefault(int(recordings.columns["object"][index[0]]), counts[0])
         labels &= (counts == expected).all(axis=0)
     if not labels.any() or len(first) < 2:
@@ -82,7 +82,7 @@ def _ramps(recordings: Recordings) -> list[Note]:
     ramps, count = recordings.live.copy(), 0
     for index in frames_by_recording(recordings):
         place = np.arange(len(index)) - (len(index) - 1) / 2
-        counts = recordings.frames(index)[:, ramps].astype(np.float64)
+        counts = recordings.counts[index][:, ramps].astype(np.float64)
         counts -= counts.mean(axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):  # of sensors that do not vary
             straight = np.abs(place @ counts) / np.sqrt((place**2).sum() * (counts**2).sum(axis=0)) > STRAIGHT

@@ -98,12 +98,12 @@ def test_zero_sign_and_unit_are_those_of_the_channels(make, unit, signs):
     assert value == unit and text
     assert (channels is None) if signs is None else (set(np.sign(channels[1]).ravel()) == signs)
     if unit == "each":  # every channel rises to 40 % or more, and next to nothing lies below its zero
-        readings = table(make).in_units(channels).frames(np.arange(4 * RECORDINGS * 40))
+        readings = table(make).in_units(channels).counts[np.arange(4 * RECORDINGS * 40)]
         assert np.percentile(readings, 99, axis=0).min() > 40 and (readings < 0).mean() < 0.01
         assert measure_units(table(make), "each")[1].tolist() == channels.tolist()
         assert measure_units(table(make), "one")[1] is None
     elif signs:
-        np.testing.assert_array_equal(table(make).in_units(channels).frames(np.arange(9)) % 1, 0)
+        np.testing.assert_array_equal(table(make).in_units(channels).counts[np.arange(9)] % 1, 0)
 
 
 @pytest.mark.parametrize("make", [bend_and_motion, shear_and_position])

@@ -52,7 +52,7 @@ def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:
     out = path.parent / f"{path.name}.table"
     write_recordings(out, open_source(path, **options), "0" * 32)
     table = Recordings(out)
-    return table.frames(np.arange(len(table))), table
+    return table.counts[np.arange(len(table))], table
 
 
 def refusal(path: Path, place: Path, **options) -> str:

@@ -30,7 +30,7 @@ def test_recordings_in_blocks_are_written_in_equal_bytes_and_read_back_whole(tmp
     assert md5(tmp_path / "t.h5") == md5(tmp_path / "again.h5")
     monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
     table = Recordings(tmp_path / "t.h5")
-    np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
+    np.testing.assert_array_equal(table.counts[np.arange(50)], COUNTS)
     assert table.columns.keys() == columns.keys()
     assert all(values.dtype == COLUMNS[name] for name, values in table.columns.items())
     assert (table.shape, table.dtype) == ((4, 6), np.int16)
@@ -46,7 +46,7 @@ def test_errors_name_the_source_of_a_temporary_table(tmp_path):
     np.save(tmp_path / "a.npy", COUNTS)
     with recordings_of(tmp_path / "a.npy", Form(labelled=False)) as table:
         assert table.path == tmp_path / "a.npy"
-        np.testing.assert_array_equal(table.frames(np.arange(50)), COUNTS)
+        np.testing.assert_array_equal(table.counts[np.arange(50)], COUNTS)
 
 
 @pytest.mark.parametrize("name", ["objects", "live", "session"])
