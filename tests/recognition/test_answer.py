@@ -7,6 +7,7 @@ import pytest
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.answer import (
     NO_CONTACT,
     OBJECT,
@@ -17,7 +18,6 @@ from tactile_viewgcn.recognition.answer import (
     answer_together,
     bisecting,
 )
-from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_strength
 from tactile_viewgcn.tables.recordings import recordings_of
