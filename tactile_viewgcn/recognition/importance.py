@@ -9,7 +9,7 @@ import numpy as np
 
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.recognition.choice import LeftOut
-from tactile_viewgcn.sensors.examples import WHOLE
+from tactile_viewgcn.sensors.examples import TINY, WHOLE
 from tactile_viewgcn.sensors.features import OF_WINDOW, WINDOWS, with_blocks
 from tactile_viewgcn.sensors.representation import Representation
 from tactile_viewgcn.tables.frames import sensor_names
@@ -29,11 +29,11 @@ def importance(left: LeftOut) -> np.ndarray:
         if len(asked) < 2:
             continue
         truth = np.searchsorted(estimator.classes, labels[asked])
-        right = np.log(estimator.predict_proba(points[asked])[np.arange(len(asked)), truth]).mean()
+        right = _log(estimator.predict_proba(points[asked])[np.arange(len(asked)), truth]).mean()
         for number, sensors in enumerate(groups):
             parts = [_exchanged(points[asked], read, sensors, moment) for moment in range(moments)]
             shares = estimator.predict_proba(np.concatenate(parts)).reshape(moments, len(asked), -1)
-            loss[number] += (right - np.log(shares[:, np.arange(len(asked)), truth]).mean(axis=1)) * len(asked)
+            loss[number] += (right - _log(shares[:, np.arange(len(asked)), truth]).mean(axis=1)) * len(asked)
     of_sensor = np.argmax(groups, axis=0)
     return loss[of_sensor] / max(int(left.answered.sum()), 1)
 
@@ -47,6 +47,10 @@ def importance_note(left: LeftOut, channel_names: list[str]) -> list[Note]:
     most = "; ".join(f"{names[at]} ({values[at, 0]:.2g})" for at in order[:NAMED].tolist())
     text = f"decided most, by what is lost of the log-probability without it: {most}"
     return [Note(text, topic="importance", value={"sensors": names, "importance": values.tolist()})]
+
+
+def _log(shares: np.ndarray) -> np.ndarray:
+    return np.log(np.maximum(shares, TINY))
 
 
 def _sensor_groups(read: Representation) -> np.ndarray:
