@@ -40,9 +40,9 @@ class Evaluation:
         protocols: trials by protocol.
         predictions: their answers.
         metrics: sizes and scores, equal on every run with one seed; errors are fractions. For each protocol see
-            `scores_of`; `recording` also has the number of grasps `joined`, if not all, and the
-            median number of `frames` of recordings that are answered whole. For `sequential` prediction,
-            if asked for, see `sequential_scores`.
+            `scores_of`; `recording` also has the number of grasps `joined`, if not all, and the median number of
+            `frames` of recordings that are answered whole. For `sequential` prediction, if asked for, see
+            `sequential_scores`.
         seconds: of all trials, including features and clustering.
         latency_ms: see `latency`; empty if it was not measured.
     """
@@ -100,7 +100,7 @@ def evaluate_table(
     for protocol, trials in protocols.items():
         rng = stream(seed, "interval", PROTOCOLS.index(protocol))
         metrics[protocol] = scores_of(trials, groups, rng, len(table.classes))
-        if trials.frames != classifier.views:
+        if trials.whole:
             metrics[protocol]["frames"] = trials.frames
     if evaluate.grasps != "all" and "recording" in protocols:
         metrics["recording"]["joined"] = {unit_of_grasps(table): evaluate.grasps}

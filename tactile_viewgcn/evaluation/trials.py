@@ -33,7 +33,7 @@ class Trials:
         in_top3: bool (T, A) whether the true class is among the three most probable.
         fewer: `correct` by number of views, 1, 2, 4 and so on below V: the anchor and other views of its set at random,
             each time those before and more. Empty where the classifier takes V alone.
-        frames: number of frames of an answer: V, or the median of the recordings that are answered whole.
+        frames: number of frames of an answer: V, or the median of the recordings that are answered `whole`.
         empty: clusters without frames, whose views repeat other frames, summed over the trials.
     """
 
@@ -43,6 +43,7 @@ class Trials:
     empty: int
     fewer: dict[int, np.ndarray] = field(default_factory=dict)
     frames: int = 1
+    whole: bool = False
 
 
 def all_trials(
@@ -170,7 +171,15 @@ def run_trials(
     best = torch.stack(top)  # (T, A, 3)
     in_top3 = (best == truth[:, None]).any(dim=-1)
     correct = {size: torch.stack(trials).numpy() for size, trials in fewer.items()}
-    return Trials(best[..., 0].numpy(), (best[..., 0] == truth).numpy(), in_top3.numpy(), empty, correct, frames)
+    return Trials(
+        best[..., 0].numpy(),
+        (best[..., 0] == truth).numpy(),
+        in_top3.numpy(),
+        empty,
+        correct,
+        frames,
+        whole is not None,
+    )
 
 
 def _joined_logits(

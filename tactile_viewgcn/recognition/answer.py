@@ -143,7 +143,7 @@ def _common(objects: Iterable[str]) -> str:
 
 
 def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float | None = None) -> Answer:
-    """The answer to a recording by its n frames in contact, of which some are classified, evenly spaced.
+    """The answer to a recording by its n frames in contact: all, or for a network some, evenly spaced.
 
     Args:
         excess: (n, H, W) counts above baseline, or readings in the model's units, in the order of time.

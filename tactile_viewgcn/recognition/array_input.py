@@ -11,7 +11,8 @@ from tactile_viewgcn.readers.source import MAX_PRESSURE, check_shape, storage_ty
 RECORDINGS, VIEW_SETS, ROWS = "recordings", "view sets", "rows"
 FORMS = (
     "a list of recordings [(frames, rows, columns), ...] or [(frames, channels), ...], view sets (n, views, rows, "
-    "columns), or rows (n, sensors); one recording is [recording], and frames that are classified alone frames[:, None]"
+    "columns), or rows (n, sensors); one recording is [recording], frames that are classified alone are "
+    "frames[:, None], and an array (n, channels, frames) needs params={'data.shape': 'frames_last'}"
 )
 
 

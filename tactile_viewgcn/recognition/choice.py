@@ -50,7 +50,7 @@ class Candidate(NamedTuple):
 class LeftOut:
     """Answers to training recordings by estimators that were fitted to other groups, a fifth left out at a time.
 
-    A class stays where all its groups would be left out.
+    A class whose groups would all be left out stays in the training.
 
     Args:
         groups: (R,) split group of each of the examples' recordings.
@@ -74,7 +74,7 @@ class LeftOut:
                 self._folds.append(left)
         self.answered = np.any(self._folds, axis=0) if self._folds else np.zeros(len(groups), dtype=bool)
         self._shares: dict[tuple[str, int], np.ndarray] = {}
-        self._estimators: dict[tuple[str, int], list[Estimator]] = {}
+        self._estimators: dict[str, list[Estimator]] = {}
         self.seconds, self.milliseconds = dict.fromkeys(examples.members, 0.0), dict.fromkeys(examples.members, 0.0)
 
     def _answers(self, member: str, size: int) -> np.ndarray:
@@ -88,7 +88,8 @@ class LeftOut:
                 if size == (FRAME if member == OF_FRAMES else WHOLE):
                     self.seconds[member] += time.perf_counter() - begin
                     self.milliseconds[member] = self.examples.milliseconds(member, estimator)
-                self._estimators.setdefault((member, size), []).append(estimator)
+                if size == WHOLE:
+                    self._estimators.setdefault(member, []).append(estimator)
                 shares = self.examples.answers(member, size, estimator, left)
                 kept = self._shares.setdefault((member, size), shares)
                 kept[...] = np.where(np.isfinite(shares), shares, kept)
@@ -97,7 +98,7 @@ class LeftOut:
     def estimators(self, member: str) -> Iterator[tuple[np.ndarray, Estimator]]:
         """Pairs of the recordings that were left out, bool (R,), and the member's estimator for whole recordings."""
         self._answers(member, WHOLE)
-        return zip(self._folds, self._estimators[member, WHOLE], strict=True)
+        return zip(self._folds, self._estimators[member], strict=True)
 
     def logits(self, members: list[str], size: int) -> tuple[np.ndarray, np.ndarray]:
         """Logits (n, classes) of recordings or view sets that were left out, and the recording (n,) of each."""

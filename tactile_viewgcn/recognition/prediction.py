@@ -15,6 +15,7 @@ from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.tables.remarks import without_frames
 
@@ -51,9 +52,11 @@ def predict(
     check_outputs([(path, begin) for path, begin in files if path is not None], [Path(model), Path(source)])
     recogniser = load_model(model)
     classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.calibration is not None
+    frames = f"{'up to ' * (calibrated and views > 1)}{several(views, 'frame')}"
+    if isinstance(recogniser.classifier, SensorClassifier):
+        frames = "whole recordings"
     echo(
-        f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}, "
-        f"{'up to ' * (calibrated and views > 1)}{several(views, 'frame')}; "
+        f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}, {frames}; "
         f"probabilities are {'' if calibrated else 'not '}calibrated"
     )
     if not recogniser.novelty:

@@ -27,10 +27,9 @@ class Recogniser:
     """A trained classifier for raw counts.
 
     Methods take raw counts and a baseline: (H, W) counts of the empty hand in the same session; None for the mean of
-    the training's sessions; or "subtracted" where they are above their baseline, and in
-    the model's units, already. They raise a UserError
-    for counts or a baseline of a different shape, for values that are not finite or too large, and for raw counts
-    that the training's integer type cannot hold.
+    the training's sessions; or "subtracted" where they are above their baseline, and in the model's units, already.
+    They raise a UserError for counts or a baseline of a different shape, for values that are not finite or too large,
+    and for raw counts that the training's integer type cannot hold.
 
     Args:
         path: a file that `save_classifier` wrote, or that file open for reading.
@@ -101,13 +100,15 @@ class Recogniser:
         views, calibration, temperature = self.classifier.views, self.calibration, None
         if isinstance(self.classifier, SensorClassifier):
             index = used = every_few(np.arange(len(counts)))
+            whole = self.classifier.is_whole(len(used))
             logits = self.classifier.recording_logits(self._values(counts[index], baseline))
         else:
             (index,) = spread_sets(len(counts), views)
             used = np.unique(index)
             index = used if calibration else index  # it takes fewer frames too, so that none is repeated
             logits = self.classifier.logits(self._values(counts[index], baseline), torch.arange(len(index))[None])
-        if calibration and calibration.by_recordings and len(used) >= views:
+            whole = len(used) >= views
+        if calibration and calibration.by_recordings and whole:
             temperature = calibration.by_recordings[0]
         return self._calibrated(logits, len(index), temperature)[0], len(used)
 

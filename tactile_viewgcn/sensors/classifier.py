@@ -22,7 +22,7 @@ class SensorClassifier:
     """Members as one classifier, with the methods of `ViewNetwork`, and one for whole recordings.
 
     A whole recording is read in the order of time. View sets of up to V frames have estimators of their own, in which
-    no order counts, and a set of a size in between has those of the next smaller size.
+    no order counts; a set of k frames uses the estimator of the largest fitted size up to k.
 
     Args:
         members: names, whose log-probabilities are added.
@@ -90,15 +90,15 @@ class SensorClassifier:
             parts.append(self._answer(values[part].numpy(), for_sets(self.members), sets.shape[1]))
         return torch.from_numpy(np.concatenate(parts))
 
-    def recording_logits(self, values: Tensor) -> Tensor:
-        """Logits (1, classes) of a whole recording from the values (T, ...) of its frames in the order of time.
+    def is_whole(self, count: int) -> bool:
+        """Whether that many frames are a whole recording: half of the training's shortest, or more; else a view set."""
+        return 2 * count >= self.shortest
 
-        A recording shorter than all of the training, and than V, is a view set.
-        """
-        size = WHOLE if len(values) >= min(self.views, self.shortest) else len(values)
-        return torch.from_numpy(
-            self._answer(values[None].numpy(), self.members if size == WHOLE else for_sets(self.members), size)
-        )
+    def recording_logits(self, values: Tensor) -> Tensor:
+        """Logits (1, classes) of a recording from the values (T, ...) of its frames in the order of time."""
+        whole = self.is_whole(len(values))
+        members, size = (self.members, WHOLE) if whole else (for_sets(self.members), len(values))
+        return torch.from_numpy(self._answer(values[None].numpy(), members, size))
 
     def _answer(self, values: np.ndarray, members: Sequence[str], size: int) -> np.ndarray:
         """Logits (B, classes) from the values (B, T, ...) of sets or recordings."""
@@ -146,6 +146,7 @@ class SensorClassifier:
                 points = read.points(name, np.zeros((1, 1, sensors), dtype=np.float32), whole=int(size) == WHOLE)
                 estimator = read.estimator(name).load_state_dict(each, points.shape[1], self.classes)
                 self.fitted[name][int(size)] = estimator
-            needed = FRAME if name == OF_FRAMES else WHOLE if name in self.members else self.views
-            if needed not in self.fitted[name]:
-                raise ValueError(f"{name} has no estimator of the size {needed}")
+            needed = {WHOLE for member in self.members if member == name}
+            needed |= {self.views for member in for_sets(self.members) if member == name}
+            if missing := ({FRAME} if name == OF_FRAMES else needed) - self.fitted[name].keys():
+                raise ValueError(f"{name} has no estimator of the size {missing.pop()}")

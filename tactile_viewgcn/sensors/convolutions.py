@@ -16,6 +16,7 @@ from tactile_viewgcn.sensors.estimators import Arrays, Estimator, sampled
 LENGTH = 9
 PLACES = np.array(list(combinations(range(LENGTH), 3)))  # of the weights 2 in each kernel
 FEATURES, MOST_DILATIONS, MOST_CHANNELS = 10_000, 8, 9
+MOST_DILATION = 2500  # of recordings of 20,000 frames, the longest that are read
 SAMPLE = 20  # recordings whose quantiles are the biases
 GOLDEN = (5**0.5 + 1) / 2  # its multiples, less their whole parts, cover 0 to 1 evenly
 PENALTIES = np.logspace(-3, 3, 10)  # of ridge regression, chosen by leaving one recording out
@@ -53,7 +54,8 @@ class Convolutions(Arrays):
         return self.take(dilations=dilations, channels=channels, biases=np.stack(biases))
 
     def check(self, features: int) -> None:
-        if self.channels.shape[1] != len(PLACES) or (self.dilations < 1).any() or (self.dilations > 1 << 16).any():
+        out_of_range = (self.dilations < 1) | (self.dilations > MOST_DILATION)
+        if self.channels.shape[1] != len(PLACES) or len(self.dilations) > MOST_DILATIONS or out_of_range.any():
             raise ValueError("convolutions have another number of kernels, or dilations out of range")
 
     def features(self, readings: np.ndarray) -> np.ndarray:

@@ -48,6 +48,8 @@ class Arrays:
         for name, (_, _, *target) in form.items():
             if target and not ((arrays[name] >= 0) & (arrays[name] < sizes[target[0]])).all():
                 raise ValueError(f"array {name} holds an index outside 0 to {sizes[target[0]] - 1}")
+        if "classes" in arrays and not (len(arrays["classes"]) and (np.diff(arrays["classes"]) > 0).all()):
+            raise ValueError("there are no classes, or they do not rise")
         self.take(**arrays)
         self.check(features)
         return self
@@ -74,10 +76,13 @@ class Estimator(Arrays):
         raise NotImplementedError
 
 
-def sampled(points: np.ndarray, labels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """The points (n, F) and labels (n,); of more than 4,000 a random 4,000 of them, and the first of each class."""
-    if len(points) <= MOST_POINTS:
+def sampled(
+    points: np.ndarray, labels: np.ndarray, seed: int, most: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The points (n, F) and labels (n,); of more than `most` (4,000) as many at random, and the first of each class."""
+    most = most or MOST_POINTS
+    if len(points) <= most:
         return points, labels
-    index = np.random.default_rng(seed).permutation(len(points))[:MOST_POINTS]
+    index = np.random.default_rng(seed).permutation(len(points))[:most]
     index = np.union1d(index, np.unique(labels, return_index=True)[1])
     return points[index], labels[index]

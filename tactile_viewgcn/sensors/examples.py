@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from tactile_viewgcn.sensors.convolutions import SAMPLE
-from tactile_viewgcn.sensors.estimators import Estimator
+from tactile_viewgcn.sensors.estimators import Estimator, sampled
 from tactile_viewgcn.sensors.representation import OF_FRAMES, OF_RECORDINGS, Representation
 
 WHOLE, FRAME = 0, -1  # in the place of a size: a whole recording, and a single frame
@@ -51,7 +51,7 @@ class Examples:
         if OF_RECORDINGS in self.members:
             some = [representation.scaled(recordings[number]) for number in rng.permutation(count)[:SAMPLE].tolist()]
             representation.fit_convolutions(some, seed)
-        most = max(LEAST_FRAMES, MOST_FRAMES // count)
+        most = max(SETS * max(sizes), LEAST_FRAMES, MOST_FRAMES // count)
         of_whole = [name for name in self.members if name != OF_FRAMES]
         sample, lengths, whole = list[np.ndarray](), list[int](), {name: list[np.ndarray]() for name in of_whole}
         for block in stacked(recordings):
@@ -76,10 +76,6 @@ class Examples:
         }
         self._frames = frames
 
-    def sizes_of(self, member: str) -> list[int]:
-        """The sizes that the member has an estimator for."""
-        return [size for name, size in self._points if name == member]
-
     def points(self, member: str, size: int) -> np.ndarray:
         """The member's points (n, F) of a size, computed when they are first asked for."""
         if (member, size) not in self._points:
@@ -101,10 +97,11 @@ class Examples:
         """The member's estimator of a size, fitted to all recordings; or quickly to those `used`, bool (R,)."""
         of, points = self._rows(member, size), self.points(member, size)
         rows = np.arange(len(of)) if used is None else np.flatnonzero(used[of])
+        points, labels = points[rows], self.labels[of][rows]
         if used is not None and member == OF_FRAMES:
-            rows = rows[:: -(-len(rows) // QUICK_FRAMES)]
+            points, labels = sampled(points, labels, seed, QUICK_FRAMES)
         estimator = self.representation.estimator(member, quick=used is not None or size != WHOLE)
-        return estimator.fit(points[rows], self.labels[of][rows], seed)
+        return estimator.fit(points, labels, seed)
 
     def answers(self, member: str, size: int, estimator: Estimator, asked: np.ndarray) -> np.ndarray:
         """Probabilities (n, classes) by the member's points of a size.

@@ -148,6 +148,11 @@ class NormalisedVectors(SupportVectors):
     spread: Annotated[np.ndarray, np.float64, "F"]
     within: Annotated[np.ndarray, np.float64, "F"]
 
+    def check(self, features: int) -> None:
+        super().check(features)
+        if not ((self.spread > 0) & (self.within > 0)).all():
+            raise ValueError("a feature's spread is not above 0")
+
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         points, labels = sampled(points, labels, seed)
         self.mean, self.spread, self.within = points.mean(axis=0), points.std(axis=0), np.ones(points.shape[1])

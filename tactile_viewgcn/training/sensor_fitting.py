@@ -14,7 +14,7 @@ from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.views.sampling import powers_of_two
 
-MOST_RECORDINGS, QUICK_RECORDINGS = 20_000, 2500  # of a fit, and of a comparison
+MOST_RECORDINGS, QUICK_RECORDINGS = 4000, 2500  # of a fit, and of a comparison
 MOST_FRAMES = 20_000  # of a recording; of a longer one every second, third or further one is taken
 SAMPLE = 20_000  # frames by which readings are scaled
 THINNING_SEED = 0  # so that the same recordings are taken for every value of `seed`
@@ -41,7 +41,7 @@ class TrainingRecordings(NamedTuple):
 
 
 def training_recordings(table: Frames) -> TrainingRecordings:
-    """The recordings of the table's training side, 20,000 at most."""
+    """The recordings of the table's training side, 4,000 at most."""
     train = table.on(TRAIN)
     columns = np.stack([table.label[train], table.group[train], table.recording[train]])
     (labels, groups, _), pool, sizes = np.unique(columns, axis=1, return_inverse=True, return_counts=True)

@@ -44,7 +44,7 @@ def answers_in(path):
 
 def test_unlabelled_recordings_have_a_line_each(place):
     head, columns, *lines, last, errs = call(place / "classifier.pt", place / "new")
-    assert head == "model: kernel + pooled_kernel, 3 classes, up to 8 frames; probabilities are calibrated"
+    assert head == "model: kernel + pooled_kernel, 3 classes, whole recordings; probabilities are calibrated"
     assert [line.split()[:3] for line in lines] == [[str(i), "20/20", name] for i, name in enumerate(OBJECTS)]
     assert columns.split() == ["recording", "used/contact", "answer"]
     assert last == "answers: 3 with an object" and errs.startswith("how often it errs: ")
@@ -147,7 +147,7 @@ def test_a_file_that_cannot_be_written_leaves_none(place, monkeypatch):
 
 def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated(place):
     path = model_file(place / "full.pt", "finetune.num_views=full")
-    assert "8 frames; probabilities are not calibrated" in call(path, place / "new")[0]
+    assert "whole recordings; probabilities are not calibrated" in call(path, place / "new")[0]
     with pytest.raises(UserError, match="takes 8 views"):
         call(path, place / "new", "--stop-at", 0.9)
 

@@ -65,7 +65,9 @@ def test_fewer_frames_have_the_estimator_of_the_next_smaller_size_and_a_short_re
         points = classifier.representation.points("svm", read[None, :frames].numpy(), whole=False)
         logits = classifier.logits(read, torch.arange(frames)[None])
         np.testing.assert_allclose(logits, np.log(classifier.fitted["svm"][size].predict_proba(points)), rtol=1e-5)
-        assert torch.equal(classifier.recording_logits(read[:frames]), logits) == (frames < 4)
+        assert torch.equal(classifier.recording_logits(read[:frames]), logits)
+    half = classifier.logits(read, torch.arange(5)[None])  # of the shortest recording
+    assert (classifier.recording_logits(read[:5]) != half).any()
     short = fitted(["trees", "svm"], *recordings(frames=2), sizes=(4,))  # as short ones were in the training
     assert (short.recording_logits(read[:2]) != short.logits(read, torch.arange(2)[None])).any()
     assert not short.takes_fewer and short.shortest == 2
@@ -101,3 +103,22 @@ def test_what_members_read_is_fitted_without_labels_and_an_estimator_to_the_used
     shares = one.answers("convolutions", WHOLE, one.fit("convolutions", WHOLE, 0, used), used)
     assert (shares[used].argmax(axis=1) == labels[used]).all()
     assert (shares[used, 2:] == 0).all() and np.isnan(shares[~used]).all()
+
+
+ALTERED = {
+    "dilations": lambda state: state["convolutions"].update(dilations=1000 * state["convolutions"]["dilations"]),
+    "no estimator of the size 0": lambda state: state["fitted"]["svm"].pop("0"),
+    "no estimator of the size 4": lambda state: state["fitted"]["svm"].pop("4"),
+    "classes": lambda state: state["fitted"]["trees"]["0"].update(classes=torch.tensor([4, 3, 2, 1, 0])),
+    "spread": lambda state: state["fitted"]["svm"]["0"]["spread"].zero_(),
+}
+
+
+@pytest.mark.parametrize("refusal", ALTERED)
+def test_an_altered_state_is_refused(refusal):
+    classifier = fitted(["trees", "svm", "convolutions"], *recordings())
+    state, other = classifier.state_dict(), SensorClassifier(classifier.members, classifier.viewpoints, 5)
+    other.load_state_dict(state, classifier.representation.live)
+    ALTERED[refusal](state)
+    with pytest.raises(ValueError, match=refusal):
+        other.load_state_dict(state, classifier.representation.live)
