@@ -51,7 +51,7 @@ class Examples:
         if OF_RECORDINGS in self.members:
             some = [representation.scaled(recordings[number]) for number in rng.permutation(count)[:SAMPLE].tolist()]
             representation.fit_convolutions(some, seed)
-        most = max(SETS * max(sizes), LEAST_FRAMES, MOST_FRAMES // count)
+        most = max(2 * max(sizes), LEAST_FRAMES, MOST_FRAMES // count)
         of_whole = [name for name in self.members if name != OF_FRAMES]
         sample, lengths, whole = list[np.ndarray](), list[int](), {name: list[np.ndarray]() for name in of_whole}
         for block in stacked(recordings):
@@ -98,8 +98,8 @@ class Examples:
         of, points = self._rows(member, size), self.points(member, size)
         rows = np.arange(len(of)) if used is None else np.flatnonzero(used[of])
         points, labels = points[rows], self.labels[of][rows]
-        if used is not None and member == OF_FRAMES:
-            points, labels = sampled(points, labels, seed, QUICK_FRAMES)
+        if member == OF_FRAMES:
+            points, labels = sampled(points, labels, seed, MOST_FRAMES if used is None else QUICK_FRAMES)
         estimator = self.representation.estimator(member, quick=used is not None or size != WHOLE)
         return estimator.fit(points, labels, seed)
 
