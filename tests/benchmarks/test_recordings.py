@@ -25,12 +25,12 @@ def write_set(folder, shape, level, sessions):
 
 
 class OnlyA:
-    """Answers "a", and takes three axes alone; `seen` has the groups and shape of each fold."""
+    """Answers "a", and takes three axes alone; `asked` has the groups and shape of each fold."""
 
-    seen: ClassVar[list] = []
+    asked: ClassVar[list] = []
 
     def fit(self, learnt, labels, groups):
-        self.seen.append((len(set(groups)), learnt[0].shape[1:]))
+        self.asked.append((len(set(groups)), learnt[0].shape[1:]))
         return self
 
     def predict(self, asked):
@@ -46,7 +46,7 @@ def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earli
     assert first.exit_code == 0 and "Regret" not in first.output
     second = run.invoke(main, [*sets[::-1], "--out", str(out), "--only", "ours"])
     assert second.output.endswith("\nRegret: 50.0 points in the mean, 50.0 at most, on far.\n")
-    assert OnlyA.seen == [(12, (2, 2))] * 4 + [(1, (1, 3))] * 2  # folds: four, or as many as there are groups
+    assert OnlyA.asked == [(12, (2, 2))] * 4 + [(1, (1, 3))] * 2  # folds: four, or as many as there are groups
     table = pd.read_csv(out, index_col="set")
     assert ["set", *table] == COLUMNS and table["channels"].to_dict() == {"apart": 3, "far": 4}
     assert table["ours, error, %"].tolist() == [50, 50] and table["svc, error, %"].tolist() == [0, 0]

@@ -107,10 +107,10 @@ def test_errors_are_those_of_fits_to_other_recordings():
 
 
 def test_the_candidates_are_those_of_an_array_or_of_channels_and_the_test_side_changes_nothing(monkeypatch):
-    seen = []
+    calls = []
 
     def choose_spy(left, candidates, groups):
-        seen.append((candidates, [left.wrong(members).tolist() for members in candidates[1:2]], groups))
+        calls.append((candidates, [left.wrong(members).tolist() for members in candidates[1:2]], groups))
         return candidates[1], []
 
     monkeypatch.setattr("tactile_viewgcn.recognition.fitting.choose_members", choose_spy)
@@ -120,5 +120,5 @@ def test_the_candidates_are_those_of_an_array_or_of_channels_and_the_test_side_c
     params = recipe("model.system=sensors", "model.members=auto", "finetune.num_views=random")
     for one in (frames, replace(frames, label=changed), replace(frames, live=few)):
         members = fit_classifier(one, views_of(one, params), {}, params, CPU).model.members
-        assert members == seen[-1][0][1]
-    assert seen[0] == seen[1] and seen[0][0] == ARRAY and seen[2][0] == CHANNELS and seen[0][2] == 20
+        assert members == calls[-1][0][1]
+    assert calls[0] == calls[1] and calls[0][0] == ARRAY and calls[2][0] == CHANNELS and calls[0][2] == 20

@@ -84,14 +84,14 @@ def test_members_add_their_logarithms_and_that_of_frames_is_averaged():
 
 def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_enough():
     made = [recording("up", seed, frames=frames) for seed, frames in enumerate((5, 3, 3000, 5, 2))]
-    data = fitted(["svm"], made, np.arange(5)).examples
-    for size, sets in data.sets.items():
-        of = data.recording_of(size)  # of the third recording 400 frames are taken
+    examples = fitted(["svm"], made, np.arange(5)).examples
+    for size, sets in examples.sets.items():
+        of = examples.recording_of(size)  # of the third recording 400 frames are taken
         assert (np.searchsorted([5, 8, 408, 413], sets, side="right") == of[:, None]).all()
         assert np.bincount(of).tolist() == [4] * 5 and all(len(set(row)) == size for row in sets[of % 2 == 0][:8])
-    frames = np.linspace(0, 2999, 400).astype(int)[data.sets[1][8:12] - 8]
-    expected = data.representation.points("svm", data.representation.scaled(made[2])[frames], whole=False)
-    np.testing.assert_allclose(data.points("svm", 1)[8:12], expected)
+    frames = np.linspace(0, 2999, 400).astype(int)[examples.sets[1][8:12] - 8]
+    expected = examples.representation.points("svm", examples.representation.scaled(made[2])[frames], whole=False)
+    np.testing.assert_allclose(examples.points("svm", 1)[8:12], expected)
 
 
 def test_what_members_read_is_fitted_without_labels_and_an_estimator_to_the_used_recordings():
