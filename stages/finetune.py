@@ -12,6 +12,7 @@ from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.fitting import fit_classifier
+from tactile_viewgcn.recognition.importance import importance_note
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import load_table, read_frames
 from tactile_viewgcn.tables.views import Views
@@ -38,7 +39,8 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         if rank():
             return ""
         save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.calibration)
-    for note in fitted.notes:
+    decisive = importance_note(fitted.left, table.channel_names or []) if fitted.left else []
+    for note in [*fitted.notes, *decisive]:
         job.note(note)
     classifier, progress = fitted.classifier, fitted.progress
     job.counts = {"weights.head": 0, "seconds_before_interruption": progress.resumed[1]}

@@ -145,7 +145,7 @@ def standard_error(row: Candidate, best: Candidate) -> float:
 
 
 def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> tuple[list[str], list[Note]]:
-    """The members, and notes: the choice, and a table of the candidates.
+    """The members, and notes: the choice, and a table of the candidates up to the first that errs nowhere.
 
     The table begins with the chosen one; the others follow by their errors. A note of the table is a line that fits a
     terminal of 80 columns: the error, the standard error of its difference from the lowest, and the costs. Its value
@@ -159,6 +159,8 @@ def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> t
         return candidates[0], [_choice(candidates[0], text)]
     rows = []
     for members in candidates:
+        if rows and not rows[-1].wrong.any():
+            break
         wrong, costs = left.wrong(members), (left.seconds, left.milliseconds)
         rows.append(Candidate(members, wrong, *(sum(of[name] for name in members) for of in costs)))
     best = choose(rows)
@@ -168,6 +170,10 @@ def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> t
         f"the first of {len(rows)} candidates whose error is within a standard error of the lowest; compared on "
         f"{compared} training groups, each left out of the fits that answer it"
     )
+    if len(rows) == 1 < len(candidates):
+        text = (
+            f"errs nowhere on {compared} training groups, each left out of the fits that answer it: no other is tried"
+        )
     columns = f"{'err %':>5} {'±':>5} {'fit s':>6} {'ms':>5}"
     notes = [_choice(best.members, text), Note(f"{columns}   of whole recordings; * taken", topic="candidates")]
     lowest = min(rows, key=lambda row: row.wrong.mean())

@@ -15,7 +15,6 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.recognition.calibration import calibrate, calibration_warning
 from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
-from tactile_viewgcn.recognition.importance import importance_note
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.sensors.examples import for_sets
 from tactile_viewgcn.sensors.features import is_array
@@ -30,13 +29,18 @@ from tactile_viewgcn.training.sensor_fitting import QUICK_RECORDINGS, sensor_exa
 
 
 class Fitted(NamedTuple):
-    """A trained classifier and its model options without `auto`; without a `calibration` it takes V frames alone."""
+    """A trained classifier and its model options without `auto`; without a `calibration` it takes V frames alone.
+
+    Attributes:
+        left: what the candidates answered to recordings that were left out, if they were compared.
+    """
 
     classifier: Classifier
     model: Model
     calibration: Calibration | None
     progress: Progress
     notes: list[Note]
+    left: LeftOut | None = None
 
 
 def fit_classifier(
@@ -69,7 +73,7 @@ def _fit_sensors(table: Frames, places: np.ndarray, model: Model, num_views: str
     begin, asked = time.perf_counter(), model.members
     auto = ARRAY if is_array(table.live) else CHANNELS
     candidates: list[list[str]] = auto if asked == "auto" else [[*asked]]
-    recordings, notes, calibration = training_recordings(table), list[Note](), None
+    recordings, notes, calibration, left = training_recordings(table), list[Note](), None, None
     members, compared, names = candidates[0], recordings.part(QUICK_RECORDINGS), dict.fromkeys(chain(*candidates))
     names |= dict.fromkeys(chain(*(for_sets(members) for members in candidates)))
     examples = sensor_examples(table, compared, names, len(places), num_views, seed)
@@ -77,7 +81,6 @@ def _fit_sensors(table: Frames, places: np.ndarray, model: Model, num_views: str
         left = LeftOut(examples, compared.groups, seed)
         if asked == "auto":
             members, notes = choose_members(left, candidates, len(np.unique(recordings.groups)))
-            notes += importance_note(left, table.channel_names or [])
         if num_views == "random":
             calibration = left.calibration(members, len(places))
     model = replace(model, members=cast(list[Member], members))
@@ -86,4 +89,5 @@ def _fit_sensors(table: Frames, places: np.ndarray, model: Model, num_views: str
     classifier = load_system(model.system).build(torch.from_numpy(places), len(table.classes), members)
     classifier.fit(examples, seed)
     notes += calibration_warning(calibration)
-    return Fitted(classifier, model, calibration, Progress(seconds=time.perf_counter() - begin), notes)
+    progress = Progress(seconds=time.perf_counter() - begin)
+    return Fitted(classifier, model, calibration, progress, notes, left if asked == "auto" else None)

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from tactile_viewgcn.sensors.convolutions import SAMPLE
+from tactile_viewgcn.sensors.convolutions import SAMPLE, Convolutions
 from tactile_viewgcn.sensors.estimators import Estimator, sampled
-from tactile_viewgcn.sensors.representation import OF_FRAMES, OF_RECORDINGS, Representation
+from tactile_viewgcn.sensors.representation import OF_FRAMES, OF_RECORDINGS, Representation, reads
 
 WHOLE, FRAME = 0, -1  # in the place of a size: a whole recording, and a single frame
-SETS = 4  # view sets of each recording and size
+SETS, MOST_SETS = 4, 300  # view sets of a size: of each recording; of all, but one of each
 MOST_FRAMES, LEAST_FRAMES = 2000, 8  # of which view sets are drawn and single frames are taken; of a recording
 QUICK_FRAMES = 1000  # of a comparison
 MOST_VALUES = 1 << 22  # readings of recordings that are summarised at once
@@ -25,7 +25,7 @@ class Examples:
     Args:
         recordings: R of them, read when they are indexed: counts (T, S) above baseline, in the order of time.
         labels: (R,) class of each.
-        representation: fitted to the readings' scale; its convolutions are fitted here.
+        representation: fitted to the readings' scale; its convolutions are fitted when they are first asked for.
         members: names.
         sizes: of view sets.
         classes: number of classes.
@@ -47,12 +47,10 @@ class Examples:
         seed: int,
     ):
         rng, count, self.representation = np.random.default_rng(seed), len(labels), representation
-        self.labels, self.classes, self.members = labels, classes, list(members)
-        if OF_RECORDINGS in self.members:
-            some = [representation.scaled(recordings[number]) for number in rng.permutation(count)[:SAMPLE].tolist()]
-            representation.fit_convolutions(some, seed)
+        self.labels, self.classes, self.members, self._recordings = labels, classes, list(members), recordings
+        self._seed = seed
         most = max(2 * max(sizes), LEAST_FRAMES, MOST_FRAMES // count)
-        of_whole = [name for name in self.members if name != OF_FRAMES]
+        of_whole = {reads(name) for name in self.members if name not in (OF_FRAMES, OF_RECORDINGS)}
         sample, lengths, whole = list[np.ndarray](), list[int](), {name: list[np.ndarray]() for name in of_whole}
         for block in stacked(recordings):
             readings = representation.scaled(block)
@@ -64,13 +62,14 @@ class Examples:
         self._last = readings[-1:]
         self.shortest, frames = min(lengths), np.concatenate(sample)
         self._frame_recording = np.repeat(np.arange(count), [len(each) for each in sample])
-        self._points = {(name, WHOLE): np.concatenate(parts) for name, parts in whole.items()}
+        self._points = {(name, WHOLE): np.concatenate(whole.pop(name)) for name in sorted(of_whole)}
         if OF_FRAMES in self.members:
             self._points[OF_FRAMES, FRAME] = representation.points(OF_FRAMES, frames[:, None], whole=False)
+        sets = max(1, min(SETS, MOST_SETS // count))
         members_of = np.split(np.arange(len(frames)), np.cumsum([len(each) for each in sample])[:-1])
         self.sets = {
             size: np.stack(
-                [rng.choice(each, size, replace=len(each) < size) for each in members_of for _ in range(SETS)]
+                [rng.choice(each, size, replace=len(each) < size) for each in members_of for _ in range(sets)]
             )
             for size in sizes
         }
@@ -78,12 +77,23 @@ class Examples:
 
     def points(self, member: str, size: int) -> np.ndarray:
         """The member's points (n, F) of a size, computed when they are first asked for."""
-        if (member, size) not in self._points:
+        if (key := (reads(member), size)) in self._points:
+            return self._points[key]
+        if member == OF_RECORDINGS:
+            points = self._convolved()
+        else:
             sets = self.sets[size]
             parts = np.array_split(sets, -(-sets.size * self._frames.shape[1] // MOST_VALUES))
             points = [self.representation.points(member, self._frames[part], whole=False) for part in parts]
-            self._points[member, size] = np.concatenate(points)
-        return self._points[member, size]
+        self._points[key] = np.concatenate(points)
+        return self._points[key]
+
+    def _convolved(self) -> list[np.ndarray]:
+        """Points (B, F) of whole recordings by convolutions, which are fitted here to some of them."""
+        read, some = self.representation, np.random.default_rng(self._seed).permutation(len(self.labels))[:SAMPLE]
+        sample = [read.scaled(self._recordings[number]) for number in some.tolist()]
+        read.convolutions = Convolutions().fit(sample, self._seed)
+        return [read.points(OF_RECORDINGS, read.scaled(block), whole=True) for block in stacked(self._recordings)]
 
     def recording_of(self, size: int) -> np.ndarray:
         """(n,) recording of each view set of a size, or of each recording."""

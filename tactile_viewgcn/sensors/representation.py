@@ -1,6 +1,5 @@
 """What the members of a classifier on the sensors make of readings; it is fitted without labels."""
 
-from collections.abc import Sequence
 from typing import Annotated, Self
 
 import numpy as np
@@ -26,6 +25,11 @@ OF_FRAMES, OF_RECORDINGS = "kernel", "convolutions"
 FARTHEST = 1e15  # scaled reading: its square is in the range of single precision
 
 
+def reads(member: str) -> str:
+    """The member whose points a member reads: `pooled_kernel` reads those of `svm`, all others their own."""
+    return "svm" if member == "pooled_kernel" else member
+
+
 class Representation(Arrays):
     """Scaled readings of the live sensors, and the points of each member.
 
@@ -34,7 +38,7 @@ class Representation(Arrays):
 
     Attributes:
         centre, spread: (F,) of each live sensor: mean and standard deviation of a channel; 0 and the unit of an array.
-        convolutions: features of the member of this name; None without it.
+        convolutions: features of the member of this name; None until they are fitted.
     """
 
     centre: Annotated[np.ndarray, np.float32, "F"]
@@ -51,10 +55,6 @@ class Representation(Arrays):
             return self.take(centre=np.zeros(sample.shape[1]), spread=np.full(sample.shape[1], unit))
         centre, spread = sample.mean(axis=0, dtype=np.float64), sample.std(axis=0, dtype=np.float64)
         return self.take(centre=centre, spread=np.where(spread > 0, spread, 1))
-
-    def fit_convolutions(self, recordings: Sequence[np.ndarray], seed: int) -> None:
-        """Fit the member's features to recordings of scaled readings (T, S)."""
-        self.convolutions = Convolutions().fit(recordings, seed)
 
     def check(self, features: int) -> None:
         if not (self.spread > 0).all():

@@ -58,6 +58,14 @@ def test_the_chosen_candidate_stands_first_and_the_others_by_what_decides():
     assert members == CANDIDATES[0] and [note.value["members"] for note in notes[2:]] == CANDIDATES
 
 
+def test_candidates_behind_one_that_errs_nowhere_are_not_compared():
+    members, (choice, _, *notes) = compared([0, 0, 0, 0])
+    assert members == CANDIDATES[0] == choice.value and [note.value["error"] for note in notes] == [0]
+    assert "errs nowhere on 4 of 5 training groups" in choice.text
+    members, (choice, _, *notes) = compared([1, 0, 0, 0], [0, 0, 0, 0])
+    assert members == CANDIDATES[0] and len(notes) == 2 and "first of 2 candidates" in choice.text
+
+
 def test_where_nothing_can_be_left_out_the_first_is_taken_and_a_note_says_so():
     members, (note,) = compared(answered=False)
     assert members == CANDIDATES[0] == note.value and "without a comparison" in note.text
