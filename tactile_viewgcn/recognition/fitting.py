@@ -14,7 +14,8 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.recognition.calibration import calibrate, calibration_warning
-from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
+from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, choose_members
+from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.sensors.examples import for_sets
 from tactile_viewgcn.sensors.features import is_array

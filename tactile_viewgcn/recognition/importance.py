@@ -8,7 +8,7 @@ machine, which is a candidate for every glove and reads statistics of each senso
 import numpy as np
 
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.recognition.choice import LeftOut
+from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.sensors.examples import TINY, WHOLE
 from tactile_viewgcn.sensors.features import OF_WINDOW, WINDOWS, with_blocks
 from tactile_viewgcn.sensors.representation import Representation

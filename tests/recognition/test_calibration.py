@@ -15,8 +15,8 @@ from tactile_viewgcn.recognition.calibration import (
     fit_temperature,
     together_temperatures,
 )
-from tactile_viewgcn.recognition.choice import LeftOut
 from tactile_viewgcn.recognition.fitting import fit_classifier
+from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.sequential import Calibration, sequential_trials
 from tactile_viewgcn.training.sensor_fitting import sensor_examples, training_recordings
 from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, Candidate, LeftOut, choose, choose_members
+from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, Candidate, choose, choose_members
 from tactile_viewgcn.recognition.fitting import fit_classifier
+from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.sensors.examples import WHOLE
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.sensor_fitting import sensor_examples, training_recordings

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition.choice import LeftOut
 from tactile_viewgcn.recognition.importance import importance, importance_note
+from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.representation import Representation
 
