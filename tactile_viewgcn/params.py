@@ -113,6 +113,7 @@ class Split:
     deal: Seed
     validation: Share
     train_groups: Literal["all"] | Count
+    train_grasps: Literal["all"] | Count
 
 
 @dataclass(frozen=True, config=SECTION)

@@ -21,7 +21,8 @@ class Sides:
     Attributes:
         group: int64, split group.
         side: int8, TRAIN, VALIDATION or TEST.
-        surplus: bool, of training groups beyond `split.train_groups`, or of the empty hand that is no class: not used.
+        surplus: bool, of training groups beyond `split.train_groups`, of a recording's grasps beyond
+            `split.train_grasps`, or of the empty hand that is no class: not used.
         whole: whole groups can be held out; False where single frames are.
     """
 
@@ -57,7 +58,8 @@ def deal(
             on the validation side. None: `split.by` names the groups and the test side.
 
     Raises:
-        UserError: `split.by` is `grasp` or `source`, and the recordings have no such column.
+        UserError: `split.by` is `grasp` or `source`, and the recordings have no such column; or there are
+            `split.train_grasps`, and grasps are not numbered.
     """
     columns = recordings.columns
     surplus = of_empty_hand(recordings) & (not empty_hand_class)
@@ -76,6 +78,9 @@ def deal(
     side[used] = validation_sides(side[used], of_used, label, share=split.validation, across=across, rng=rng)
     if split.train_groups != "all":
         surplus[used] = surplus_groups(side[used], of_used, label, most=split.train_groups)
+    if split.train_grasps != "all":
+        grasps = split_groups(columns, "grasp")
+        surplus |= surplus_groups(side, grasps, columns["recording"], most=split.train_grasps)
     return Sides(group, side, surplus, whole=by != "frame")
 
 

@@ -25,7 +25,7 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     column = {"grasp": "grasp", "source": "split"}.get(by)
     if column and column not in columns:
         what = "grasp numbers" if by == "grasp" else "published split"
-        raise UserError(f"the recordings have no {what}; split.by {by} needs it: set split.by to recording or session")
+        raise UserError(f"the recordings have no {what}: set split.by to recording or session, and split.train_grasps to all")
     if by == "session":
         return columns["session"].astype(np.int64)
     keys = [columns["recording"], columns["object"]] + ([columns["grasp"]] if by == "grasp" else [])
@@ -70,7 +70,7 @@ def fold_sides(
 
 
 def surplus_groups(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int) -> np.ndarray:
-    """bool (T,): training frames of a class outside its first `most` training groups."""
+    """bool (T,): training frames of a class, or of a recording in its place, outside its first `most` groups."""
     surplus = np.zeros(len(side), dtype=bool)
     for _, of_class in _classes(labels):
         trained = of_class & (side == TRAIN)

@@ -185,14 +185,25 @@ def test_grasps_keep_their_numbers_and_are_0_where_there_are_none(tmp_path):
     assert not prepared(tmp_path, columns=without("grasp"))[0].grasp.any()
 
 
+def test_the_first_grasps_of_each_training_recording_are_trained_on_and_all_are_tested(tmp_path):
+    every, few = (prepared(tmp_path, f"split.train_grasps={most}")[0] for most in ('"all"', 1))
+    grasps = every.recording * 100 + every.grasp
+    first = [grasps[every.recording == one].min() for one in np.unique(every.recording)]
+    assert len(np.unique(grasps[every.side == TRAIN])) > len(np.unique(few.recording[few.side == TRAIN]))
+    for side, left in ((TRAIN, np.isin(grasps, first)), (TEST, True)):
+        of_side = (every.side == side) & left
+        np.testing.assert_array_equal(few.counts[few.side == side], every.counts[of_side])
+
+
 NO_EMPTY = ("preprocess.empty_hand_class=false",)
 LATE = (SESSION == 1) & (OBJECT == 0)  # the empty hand of the second session
 FOUR_LATE = np.where(LATE & (np.cumsum(LATE) > 4), 2, OBJECT)
 REFUSED = {
     "four frames of the empty hand in a session": ((), COLUMNS | {"object": FOUR_LATE}, "'session1' has 4 frames"),
     "no flags": ((), without("valid"), r"glove\.h5: .*preprocess\.filter flags"),
-    "no published split": ((), without("split"), r"published split; split\.by source"),
-    "no grasps": (("split.by=grasp",), without("grasp"), r"grasp numbers; split\.by grasp"),
+    "no published split": ((), without("split"), "no published split: set split"),
+    "no grasps": (("split.by=grasp",), without("grasp"), "no grasp numbers: set split"),
+    "no grasps to count": (("split.train_grasps=1",), without("grasp"), "split.train_grasps to all"),
     "one class": (NO_EMPTY, COLUMNS | {"object": np.minimum(OBJECT, 1)}, "one class, object1"),
     "one class left": (NO_EMPTY, COLUMNS | {"valid": OBJECT < 2}, r"two classes .*\(object1\)"),
     "no test side": ((), COLUMNS | {"split": 0 * COLUMNS["split"]}, r"the test side of split\.by source"),
