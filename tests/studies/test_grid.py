@@ -129,7 +129,7 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
         timing(tmp_path / key_of(cell, cells_module.code_of_stages()) / "timing.json", seconds)
     list_studies()
     estimates = {line.split()[0]: line.split()[2] for line in capsys.readouterr().out.splitlines()}
-    assert (estimates["claims"], estimates["compare"]) == ("10:00", "1:00:00")  # 30 cells of 20 s, 60 of 60 s
+    assert (estimates["claims"], estimates["sequential"]) == ("15:00", "12:00")  # 45 cells of 20 s, 12 of 60 s
 
 
 @pytest.mark.parametrize(
