@@ -12,10 +12,10 @@ from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.sensors.classifier import SensorClassifier
+from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import SIDES, Frames
-from tactile_viewgcn.training.sensor_fitting import every_few
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets, anchor_first, joined_pools, powers_of_two
 

@@ -16,8 +16,8 @@ from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_counts
 from tactile_viewgcn.sensors.classifier import SensorClassifier
+from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.tables.transform import network_input
-from tactile_viewgcn.training.sensor_fitting import every_few
 
 MOST_FRAMES = 1024  # frames that are classified at once; a request may hold any number
 Baseline = np.ndarray | Literal["subtracted"] | None

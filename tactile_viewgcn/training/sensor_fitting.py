@@ -8,6 +8,7 @@ import numpy as np
 from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.examples import Examples
+from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.sensors.representation import Representation
 from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
 from tactile_viewgcn.tables.counts import evenly
@@ -15,7 +16,6 @@ from tactile_viewgcn.tables.frames import TRAIN, Frames
 from tactile_viewgcn.views.sampling import powers_of_two
 
 MOST_RECORDINGS, QUICK_RECORDINGS = 4000, 2500  # of a fit, and of a comparison
-MOST_FRAMES = 20_000  # of a recording; of a longer one every second, third or further one is taken
 SAMPLE = 20_000  # frames by which readings are scaled
 THINNING_SEED = 0  # so that the same recordings are taken for every value of `seed`
 
@@ -47,11 +47,6 @@ def training_recordings(table: Frames) -> TrainingRecordings:
     (labels, groups, _), pool, sizes = np.unique(columns, axis=1, return_inverse=True, return_counts=True)
     index = np.split(train[np.argsort(pool.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
     return TrainingRecordings(index, labels.astype(np.int64), groups).part(MOST_RECORDINGS)
-
-
-def every_few(index: np.ndarray) -> np.ndarray:
-    """The indices (T,), of more than 20,000 every second, third or further one."""
-    return index[:: -(-len(index) // MOST_FRAMES)]
 
 
 class _Counts(Sequence[np.ndarray]):

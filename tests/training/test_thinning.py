@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactile_viewgcn.sensors import features
 from tactile_viewgcn.sensors.examples import WHOLE
 from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.training import sensor_fitting
-from tactile_viewgcn.training.sensor_fitting import every_few, sensor_examples, training_recordings
+from tactile_viewgcn.training.sensor_fitting import sensor_examples, training_recordings
 from tests.glove_data import table
 
 
@@ -30,8 +31,8 @@ def test_of_too_many_recordings_some_of_every_class_are_taken():
 
 
 def test_of_a_long_recording_every_second_or_further_frame_is_taken(monkeypatch):
-    monkeypatch.setattr(sensor_fitting, "MOST_FRAMES", 5)
-    taken = [every_few(np.arange(frames)).tolist() for frames in (1, 5, 6, 11)]
+    monkeypatch.setattr(features, "MOST_FRAMES", 5)
+    taken = [features.every_few(np.arange(frames)).tolist() for frames in (1, 5, 6, 11)]
     assert taken == [[0], [*range(5)], [0, 2, 4], [0, 3, 6, 9]]
     recordings = training_recordings(frames := table())  # of twelve frames: every third is read
     examples = sensor_examples(frames, recordings, ["svm"], 4, "random", 0)
