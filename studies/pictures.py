@@ -69,7 +69,7 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
     rows["number"] = rows["number"].astype(int)
     figure = Figure(figsize=(16, 6), layout="constrained")
     unit = rows.loc[rows["number"].idxmax(), "unit"]  # in the plural
-    panels = {"number": unit, "seconds": "seconds of both trainings", "ms alone": "ms per view set, alone"}
+    panels = {"number": unit, "seconds": "seconds of both trainings", "ms alone": "ms of an answer, alone"}
     for axes, (column, label) in zip(figure.subplots(1, 3, sharey=True), panels.items(), strict=True):
         for count, (name, curve) in enumerate(rows.groupby("name", sort=False)):
             style = "o-" if count < 10 else "s--"  # there are ten colours

@@ -31,7 +31,7 @@ their signs flipped differ as much, corrected for all differences of a protocol 
 it is never below {least:.2g} with {groups}. `over trainings` is Student's 95 % interval of the difference per
 frame: the range for other seeds, not for other recordings."""
 PAID = """Costs are the least over the trainings, since other work only adds to them: seconds are summed over folds,
-milliseconds are per view set, the memory is that of the stage that needs most."""
+milliseconds are of an answer, the memory is that of the stage that needs most."""
 SEQUENTIAL = """First a fixed number of frames of each view set; then frames of one recording in random order, one by
 one, until the classifier is confident enough. `frames` is their mean number."""
 
@@ -87,7 +87,7 @@ def pictures(
     if study.picture == "seconds":
         costs = {
             "results.png": ("seconds", "seconds of both trainings"),
-            "answers.png": ("ms alone", "ms per view set, alone"),
+            "answers.png": ("ms alone", "ms of an answer, alone"),
         }
         return {name: errors_by_cost(rows, *cost, references, title) for name, cost in costs.items()}
     return {"results.png": errors_by_variant(pd.concat([rows, sequential]), title)}

@@ -21,6 +21,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Cluster, Evaluate
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials
+from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.training.inputs import FrameInputs
@@ -111,7 +112,8 @@ def evaluate_table(
         rng = stream(seed, "touches.interval")
         metrics["sequential"] = sequential_scores(answers, evaluate.confidence_threshold, groups, rng)
     seconds = time.perf_counter() - begin
-    latency_ms = latency(classifier, frames, compute) if timed else {}
+    whole = max((trials.frames for trials in protocols.values() if trials.whole), default=0)
+    latency_ms = latency(classifier, frames, compute, whole=whole) if timed else {}
     return Evaluation(protocols, predictions_of(protocols, table, evaluate.side), metrics, seconds, latency_ms)
 
 
@@ -162,12 +164,13 @@ def sequential_scores(
 
 @torch.inference_mode()
 def latency(
-    classifier: Classifier, frames: Tensor | FrameInputs, compute: Compute, *, seconds: float = SECONDS
+    classifier: Classifier, frames: Tensor | FrameInputs, compute: Compute, *, whole: int = 0, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
-    """Milliseconds per view set from network input to logits, alone and in batches of `sets`.
+    """Milliseconds per answer from network input to logits, alone and in batches of `sets`.
 
     Args:
         frames: (n, 1, H, W); the timed view sets repeat them, n may be below V.
+        whole: frames of a recording that is answered alone, in the place of view sets; 0 for view sets.
         seconds: for each of the two.
 
     Returns:
@@ -175,8 +178,8 @@ def latency(
     """
 
     def timed(sets: int, seconds: float) -> np.ndarray:
-        """Milliseconds per view set of each repeat, one at least, until the seconds are spent."""
-        index = torch.arange(sets * classifier.views)
+        """Milliseconds per answer of each repeat, one at least, until the seconds are spent."""
+        index = torch.arange(whole or sets * classifier.views)
         inputs, end = frames[index % len(frames)], time.perf_counter() + seconds
         index = index.to(compute.device)
         taken: list[float] = []
@@ -184,13 +187,16 @@ def latency(
             begin = time.perf_counter()
             with compute.autocast():
                 values = classifier.frame_values(inputs)
-            classifier.logits(values, index.view(sets, -1)).sum().item()  # waits for the device
+            if whole and isinstance(classifier, SensorClassifier):
+                classifier.recording_logits(values)
+            else:
+                classifier.logits(values, index.view(sets, -1)).sum().item()  # waits for the device
             taken.append((time.perf_counter() - begin) * 1e3 / sets)
         return np.array(taken[1:])  # the first one warms up
 
     alone, sets = timed(1, seconds), 1
     milliseconds = np.median(alone)
-    while sets < MAX_BATCH and 2 * sets * milliseconds < SHARE * seconds * 1e3:
+    while not whole and sets < MAX_BATCH and 2 * sets * milliseconds < SHARE * seconds * 1e3:
         sets *= 2
         milliseconds = timed(sets, 0)[0]
     return {"single": median_and_p95(alone), "batch": median_and_p95(timed(sets, seconds)) | {"sets": sets}}

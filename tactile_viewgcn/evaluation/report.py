@@ -32,7 +32,7 @@ def read_records(paths: Iterable[Path]) -> Records:
 
 
 def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: float) -> dict[str, Any]:
-    """Seconds of each stage and of all, latency in ms per view set, and the peak memory of the hungriest stage in MB.
+    """Seconds of each stage and of all, latency in ms per answer, and the peak memory of the hungriest stage in MB.
 
     Args:
         seconds, peak_mb: of the stage `evaluate` itself, of whose seconds the trials took `trials_seconds`.
@@ -48,13 +48,13 @@ def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: flo
 
 
 def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
-    """The numbers that runs are compared by: errors as fractions, seconds of all stages, ms per view set."""
+    """The numbers that runs are compared by: errors as fractions, seconds of all stages, ms per answer."""
     scores = {name: metrics[name] for name in ("recording", "object", "sequential") if name in metrics}
     return {
         **{f"error.{name}": score["error"]["mean"] for name, score in scores.items()},
         **{f"top3_error.{name}": score["top3_error"] for name, score in scores.items() if "top3_error" in score},
         "seconds.total": timing["seconds"]["total"],
-        "ms_per_view_set": timing["latency_ms"]["single"]["median"],
+        "ms_per_answer": timing["latency_ms"]["single"]["median"],
     }
 
 
@@ -148,7 +148,7 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
     return [
         *lines,
         f"  time: {times}; the trials {timing['trials_seconds']:,.1f} s",
-        f"  per view set: {latency['single']['median']:.2f} ms alone (95th percentile "
+        f"  per answer: {latency['single']['median']:.2f} ms alone (95th percentile "
         f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches; "
         f"peak memory {timing['peak_mb']:,.0f} MB",
     ]

@@ -63,7 +63,7 @@ def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> t
     if not left.answered.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
         return candidates[0], [_choice(candidates[0], text)]
-    rows = []
+    rows = list[Candidate]()
     for members in candidates:
         if rows and not rows[-1].wrong.any():
             break

@@ -17,6 +17,7 @@ from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.views.clustering import pool_ids
 from tests.glove_data import CPU, fewer_anchors, recipe, table, trained, views_of
@@ -175,6 +176,14 @@ def test_a_system_on_the_sensors_answers_recordings_as_its_recogniser_does(tmp_p
     assert {name: list(result.metrics[name]["by_views"]) for name in ("object", "recording")} == {
         "object": ["1", "2", "4"], "recording": ["1", "2", "4", "12"]
     }  # fmt: skip
+    times, recording_logits = [], SensorClassifier.recording_logits
+    monkeypatch.setattr(
+        SensorClassifier,
+        "recording_logits",
+        lambda model, values: times.append(len(values)) or recording_logits(model, values),
+    )
+    single, batch = evaluated("evaluate.trials=1", classifier=fitted.classifier, timed=True).latency_ms.values()
+    assert set(times) == {12} and len(times) > len(np.unique(recording)) and batch["sets"] == 1 and single["median"] > 0
     pairs = evaluated("evaluate.grasps=2", "evaluate.protocols=[recording]", classifier=fitted.classifier)
     label = frames.label[index]
     added = np.stack([np.sum([logarithms[at] for at in np.flatnonzero(label == one)], axis=0) for one in label])
@@ -217,7 +226,7 @@ def sizes(monkeypatch):
     return sizes
 
 
-def test_latency_is_in_milliseconds_per_view_set(sizes, monkeypatch):
+def test_latency_is_in_milliseconds_per_answer(sizes, monkeypatch):
     monkeypatch.setattr(module, "MAX_BATCH", 4)
     measured = latency(trained(), torch.rand(3, 1, 12, 12), CPU, seconds=20)
     assert measured["single"] == {"median": 1000.0, "p95": 1000.0}

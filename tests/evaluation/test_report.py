@@ -134,7 +134,7 @@ def test_the_printed_lines_of_a_sequential_run_on_the_validation_side(evaluation
         "evaluate: 1 view set of 4, 4 classes, 1 trial, 1 group of the validation side",
         "  sequential: error 25.0 (12.5 to 50.0) % at a mean of 2.50 frames, stopping at 0.9",
         "  time: ingest 0.0 s, total 1,296.8 s; the trials 7.7 s",
-        "  per view set: 1.50 ms alone (95th percentile 2.25), 0.50 ms in batches; peak memory 1,300 MB",
+        "  per answer: 1.50 ms alone (95th percentile 2.25), 0.50 ms in batches; peak memory 1,300 MB",
     ]
 
 
@@ -142,7 +142,7 @@ def test_the_row_has_errors_and_costs_as_metrics(evaluation, timing):
     errors = {"error.object": 3 / 8, "error.recording": 5 / 8}
     errors |= {"top3_error.object": 1 / 8, "top3_error.recording": 1 / 8}
     seconds = {f"seconds.{name}": value for name, value in timing["seconds"].items()}
-    expected = errors | seconds | {"ms_per_view_set": 1.5, "peak_mb": 1300.5}
+    expected = errors | seconds | {"ms_per_answer": 1.5, "peak_mb": 1300.5}
     assert row_metrics(evaluation.metrics, timing) == pytest.approx(expected)
 
 
