@@ -1,4 +1,4 @@
-"""The command `tactile-viewgcn`: check parameters, inspect recordings, print presets, predict."""
+"""The command `tactile-viewgcn`: inspect recordings, print presets, predict, report."""
 
 import io
 import signal
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _SET_DATA = click.option(
     "--set", "changes", multiple=True, metavar="data.KEY=VALUE", help="How to read SOURCE, as data in params.yaml."
 )
+
 SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 
 
@@ -27,23 +28,6 @@ SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def cli() -> None:
     """Recognise held objects from tactile frames. The pipeline itself is run by `dvc repro`."""
-
-
-@cli.command()
-@click.option("--params", "path", type=click.Path(path_type=Path), default="params.yaml", show_default=True)
-@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Change a value of the file.")
-def check(path: Path, changes: tuple[str, ...]) -> None:
-    """Check params.yaml, list every mistake, and look for data.source."""
-    from tactile_viewgcn.params import VIRTUAL
-    from tactile_viewgcn.schema import flatten
-
-    params = load(path, changes)
-    _say(f"{path}: {len(flatten(params))} values, all allowed")
-    if not Path(params.data.source).exists():
-        if Path(params.data.source) == Path(VIRTUAL):
-            _say(f"data.source is {VIRTUAL}: `dvc repro` simulates it")
-            return
-        raise FileNotFoundError(f"data.source is {params.data.source}: no such file or folder")
 
 
 @cli.command()
@@ -105,11 +89,8 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
     MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS.
     SOURCE is anything that `inspect` reads; HDF5 recordings and arrays need no object here.
     """
-    from tactile_viewgcn.pages.finished_run import unfinished
     from tactile_viewgcn.recognition import prediction
 
-    if warning := unfinished(Path(options["model"])):
-        click.echo(shown(warning), err=True)
     prediction.predict(echo=_say, form=_form(changes), **options)
 
 

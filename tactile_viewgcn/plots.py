@@ -62,42 +62,13 @@ def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: 
     return figure
 
 
-def curves(lines: dict[str, list[float]], title: str) -> Figure:
-    """A panel for each quantity of a training over its epochs."""
-    figure = Figure(figsize=(3.6 * len(lines), 2.7), layout="constrained")
-    for axes, (name, values) in zip(figure.subplots(1, len(lines), squeeze=False)[0], lines.items(), strict=True):
-        axes.plot(range(1, len(values) + 1), values, marker="o" if len(values) < 20 else None, markersize=3)
-        axes.set(xlabel="epoch", title=f"{title}: {name.replace('_', ' ')}")
-        axes.set_ylim(bottom=min(0, *values))
-        axes.xaxis.get_major_locator().set_params(integer=True)
-        axes.grid(alpha=0.3)
-    return figure
-
-
-def error_intervals(errors: dict[str, dict[str, Any]], chance: float) -> Figure:
-    """A line for each error with its interval, and the error of guessing, `chance`.
+def errors_by_views(errors: dict[str, dict[str, dict[str, Any]]], chance: float) -> Figure:
+    """Errors by the number of views, with their intervals: a line for each name.
 
     Args:
-        errors: `mean`, `low` and `high` by name, as fractions; without an interval the ends are None.
+        errors: `mean`, `low` and `high`, as fractions, by number of views and name; ends are None without an interval.
+        chance: error of guessing.
     """
-    figure = Figure(figsize=(5.4, 0.9 + 0.42 * len(errors)), layout="constrained")
-    axes = figure.add_subplot()
-    for place, error in enumerate(errors.values()):
-        if error["low"] is not None:
-            ends = [100 * error["low"], 100 * error["high"]]
-            axes.plot(ends, [place, place], color="#7fb2c6", linewidth=7, solid_capstyle="butt")
-        axes.plot(100 * error["mean"], place, "o", color="#12485c")
-    axes.axvline(100 * chance, color="#a33", linestyle="--", linewidth=1.2)
-    side = "right" if chance > 0.8 else "left"
-    axes.text(100 * chance, -0.75, " guessing ", color="#a33", fontsize=9, ha=side, va="center")
-    axes.set_yticks(range(len(errors)), list(errors))
-    axes.set(xlim=(0, 100), ylim=(len(errors) - 0.5, -1), xlabel="wrong answers, %")
-    axes.grid(axis="x", alpha=0.3)
-    return figure
-
-
-def errors_by_views(errors: dict[str, dict[str, dict[str, Any]]], chance: float) -> Figure:
-    """Errors by the number of views, with their intervals: a line for each name, see `error_intervals`."""
     figure = Figure(figsize=(5.4, 3.2), layout="constrained")
     axes = figure.add_subplot()
     for (name, by_views), colour in zip(errors.items(), ("#12485c", "#c77d2b"), strict=False):

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import load, preset_changes, presets
-from tactile_viewgcn.schema import flatten
 from tests.readers.files import record, save
 from tests.stag_files import metadata, save_matlab5
 
@@ -36,16 +35,6 @@ def glove(folder, *names, number=2, shape=(20, 4, 4)):
     for path in (folder / name / f"{i}.npy" for name in names for i in range(number)):
         save(path, np.random.default_rng(len(path.name)).integers(500, 530, shape, dtype=np.int16))
     return folder
-
-
-def test_check_counts_the_values_and_looks_for_the_source(tmp_path):
-    source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=2, frames=4))
-    result = call("check", "--set", f"data.source={source}")
-    assert result.returncode == 0 and f"{len(flatten(load(ROOT / 'params.yaml')))} values" in result.stdout
-    (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
-    assert "`dvc repro` simulates it" in call("check", cwd=tmp_path).stdout
-    for change, word in (("data.source=nowhere.mat", "data.source is nowhere.mat"), ("views=0", "views: ")):
-        assert word in refused(call("check", "--set", change))
 
 
 def test_inspect_describes_a_source(tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.plots import confusions, error_intervals, errors_by_views
+from tactile_viewgcn.plots import confusions, errors_by_views
 
 
 def names(ticks):
@@ -15,14 +15,6 @@ def test_confusions_are_drawn_as_shares_of_each_row_side_by_side():
     np.testing.assert_allclose(left.images[0].get_array(), [[0.75, 0.25, 0], [0, 0, 0], [0.25, 0.25, 0.5]])
     np.testing.assert_allclose(right.images[0].get_array(), np.eye(3))
     assert names(left.get_xticklabels()) == names(left.get_yticklabels()) == ["cup", "a_b", "tape"]
-
-
-def test_errors_stand_with_their_intervals_and_guessing():
-    errors = {"recording": {"mean": 0.4, "low": 0.3, "high": 0.6}, "object": {"mean": 0.2, "low": None, "high": None}}
-    (axes,) = error_intervals(errors, chance=0.9).axes
-    assert names(axes.get_yticklabels()) == ["recording", "object"]
-    drawn = [line.get_xdata() for line in axes.lines]
-    assert [list(line) for line in drawn] == [[30, 60], [40], [20], [90, 90]]
 
 
 def test_errors_stand_over_the_number_of_views():

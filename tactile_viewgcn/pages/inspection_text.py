@@ -101,7 +101,7 @@ def _counted(count: int, thing: str, rest: str) -> tuple[str, str]:
 
 
 def tables(overview: Overview) -> list[Table]:
-    """Objects, sessions, readings, and the measurements of baselines, the chosen one marked."""
+    """Objects, sessions, and the measurements of baselines, the chosen one marked."""
     label, counts, recordings = overview.label, overview.counts, overview.recordings
     flagged = "; flagged: by the recordings themselves" if "flagged" in counts else ""
     every_table = [
@@ -116,19 +116,9 @@ def tables(overview: Overview) -> list[Table]:
         ),
         Table(
             "Sessions",
-            f"Frames of the empty hand; noise of the median sensor, in {overview.unit}; drift of the open hand in the "
-            "median recording, in standard deviations of noise.",
-            ["session", "recordings", "empty hand", "noise", "drift"],
+            f"Frames of the empty hand; noise of the median sensor, in {overview.unit}.",
+            ["session", "recordings", "empty hand", "noise"],
             [_session(overview, number) for number in np.unique(overview.session)],
-        ),
-        Table(
-            "Readings",
-            "The second row is of sensors in contact. 1 % of the readings are below the number under 1 %.",
-            [overview.unit, "least", "1 %", "median", "99 %", "most"],
-            [
-                [name, *("" if np.isnan(value) else f"{value:.4g}" for value in values)]
-                for name, values in overview.readings.items()
-            ],
         ),
         _measured(overview),
     ]
@@ -136,11 +126,8 @@ def tables(overview: Overview) -> list[Table]:
 
 
 def _session(overview: Overview, number: int) -> list[str]:
-    drift = overview.drift[overview.session == number]
-    finite = drift[np.isfinite(drift)]
-    drifts = f"{np.median(finite):.2g}, at most {finite.max():.2g}" if len(finite) else "-"
-    noise = f"{np.median(overview.hand.noise[number]):.3g}"
-    return [overview.recordings.sessions[number], f"{len(drift):,}", f"{overview.empty[number]:,}", noise, drifts]
+    number_of, noise = (overview.session == number).sum(), np.median(overview.hand.noise[number])
+    return [overview.recordings.sessions[number], f"{number_of:,}", f"{overview.empty[number]:,}", f"{noise:.3g}"]
 
 
 def _measured(overview: Overview) -> Table:

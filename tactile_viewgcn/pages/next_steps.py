@@ -61,9 +61,9 @@ def next_steps(outcome: Outcome) -> list[Step]:
         steps.append(Step("Try the preset best.", why, command))
     if outcome.guesses:  # not first: most have inspected them before the run
         why = "The page shows contact, mean frames and faulty sensors, and the settings that fit."
-        shape = params.get("data.shape", "auto")
-        layout = "" if shape == "auto" else f" --shape {' '.join(map(str, shape))}"
-        command = f"tactile-viewgcn inspect {shlex.quote(str(params['data.source']))}{layout} --html inspection.html"
+        form = {key: value for key, value in params.items() if key.startswith("data.") and value not in ("auto", [])}
+        inspect = f"tactile-viewgcn inspect {shlex.quote(str(form.pop('data.source')))}"
+        command = f"{again(form, inspect, '--set')} --html inspection.html"
         steps.append(Step("See whether the recordings can tell the objects apart.", why, command))
     if run.simulated:
         why = "These are simulated. This says what yours hold, and what to set:"
@@ -76,6 +76,6 @@ def next_steps(outcome: Outcome) -> list[Step]:
     return steps
 
 
-def again(changes: dict[str, Any], command: str = "dvc exp run") -> str:
-    """A command with changed parameters, by dotted key, as `dvc exp run -S` takes them."""
-    return " ".join([command, *(f"-S {shlex.quote(change)}" for change in starmap(as_change, changes.items()))])
+def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "-S") -> str:
+    """A command with changed parameters, by dotted key, each after an option such as `-S` of `dvc exp run`."""
+    return " ".join([command, *(f"{option} {shlex.quote(change)}" for change in starmap(as_change, changes.items()))])

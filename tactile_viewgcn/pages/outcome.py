@@ -91,17 +91,7 @@ class Outcome:
         if self.guesses:
             answer = "No: this result cannot be told from guessing."
             return Verdict("bad", answer, ["The interval reaches the error of guessing.", *reasons])
-        below = ["The whole interval lies below the error of guessing.", *self._beside_candidates()]
+        below = "The whole interval lies below the error of guessing."
         if reasons:
-            return Verdict("unsure", "It is better than guessing, but not yet reliable.", below + reasons)
-        return Verdict("good", "Yes: it is better than guessing, and no stage gave a warning.", below)
-
-    def _beside_candidates(self) -> list[str]:
-        """The chosen candidate's error beside those of the others, if there are some."""
-        taken, others = (
-            [one["error"] for one in self.candidates if one["taken"] == chosen] for chosen in (True, False)
-        )
-        if not others:
-            return []
-        other = f"{several(len(others), 'other candidate')} in {percent(min(others))} to {percent(max(others))}"
-        return [f"On left-out training groups it erred in {percent(taken[0])}, {other}."]
+            return Verdict("unsure", "It is better than guessing, but not yet reliable.", [below, *reasons])
+        return Verdict("good", "Yes: it is better than guessing, and no stage gave a warning.", [below])

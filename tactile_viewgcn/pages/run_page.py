@@ -25,11 +25,8 @@ def run_page(run: FinishedRun) -> str:
     outcome, origin = Outcome(run), run.records["evaluate"].origin
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     scores = {name: run.metrics[name] for name in reversed(PROTOCOLS) if name in run.metrics}
-    of_protocol = {f"{name} protocol": score for name, score in scores.items()}
-    by_views = {name: score["by_views"] for name, score in of_protocol.items() if "by_views" in score}
+    by_views = {f"{name} protocol": score["by_views"] for name, score in scores.items() if "by_views" in score}
     counts = {f"{outcome.protocol} protocol, all trials": outcome.counts}
-    curves = {stage: run.records[stage].curves for stage in ("pretrain", "finetune")}
-    epochs = {stage: max(map(len, lines.values()), default=0) for stage, lines in curves.items()}
     used_changed = origin.get("git.changed", "").split("\n")
     return html.render(
         "report.html",
@@ -42,15 +39,9 @@ def run_page(run: FinishedRun) -> str:
         steps=next_steps(outcome),
         scores=scores,
         error_text=error_text,
-        error_bars=plots.error_intervals({name: one["error"] for name, one in of_protocol.items()}, outcome.chance),
         by_views=by_views and plots.errors_by_views(by_views, outcome.chance),
         confusion=plots.confusions(counts, run.predictions.classes.tolist()),
         pairs=[_pair(outcome, first, second) for first, second in outcome.worst_pairs(PAIRS)],
-        curves=[
-            (plots.curves(curves[stage], stage), f"{stage}: {several(count, 'epoch')}.")
-            for stage, count in epochs.items()
-            if count > 1
-        ],
         without_network=on_sensors(run.params["model.system"]),
         remarks=[note for note in run.notes("info") if note.topic not in ("candidates", "importance")],
         importance=[plots.importance(**note.value) for note in run.notes("info") if note.topic == "importance"],

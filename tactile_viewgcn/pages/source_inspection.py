@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, of_empty_hand
-from tactile_viewgcn.frames.choose import choose, contact_readings, measure, measure_baseline
-from tactile_viewgcn.frames.contact import session_medians
+from tactile_viewgcn.frames.choose import choose, measure, measure_baseline
 from tactile_viewgcn.frames.leak import check_first_frames
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
 from tactile_viewgcn.frames.sides import deal
@@ -23,8 +22,7 @@ from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
-PERCENTILES = (0, 1, 50, 99, 100)
-SAMPLE = 2000  # frames for percentiles, pairs of frames for noise
+SAMPLE = 2000  # frames for the variation of a sensor, pairs of frames for its noise
 STUCK = 0.1  # of the median sensor's noise
 SATURATED = 0.01  # share of frames at the largest reading of all sensors
 GAP = 2.5  # median intervals: frames are missing
@@ -68,9 +66,6 @@ class Overview:
         first_frame: error on the first frame of each recording; None where all frames are contact.
         seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: number of intervals of more than 2.5 times that.
-        drift: (R,) largest change of the open hand, see `_drift`.
-        readings: percentiles (5,) 0, 1, 50, 99 and 100 of `all` readings, and of those of sensors in contact
-            `above the baseline`; NaN without any.
         stuck: bool (H, W) sensors whose noise and variation are below a tenth of the median sensor's noise; none where
             there is no open hand, in which an idle sensor has its noise and a faulty one has none.
         saturated: bool (H, W) sensors that read the largest number that any does in more than 1 % of the frames; none
@@ -114,15 +109,10 @@ class Overview:
         self.counts |= {name: np.array([mask[index].sum() for index in recorded]) for name, mask in kinds.items()}
         self.empty = np.bincount(columns["session"][empty], minlength=len(recordings.sessions))
         self.interval, self.gaps, self.seconds = _sampling([columns["time"][index] for index in recorded])
-        self.drift = _drift(hand, recorded, self.session)
 
-        above = contact_readings(recordings, hand, baseline)
         sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
-        smallest, largest, at_largest = _extremes(hand, recorded)
-        self.readings = {
-            "all": np.array([smallest, *np.percentile(sample, PERCENTILES[1:-1]), largest]),
-            "above the baseline": np.percentile(above, PERCENTILES) if len(above) else np.full(5, np.nan),
-        }
+        largest = max(hand.counts[index].max() for index in recorded)
+        at_largest = np.sum([(hand.counts[index] == largest).sum(axis=0) for index in recorded], axis=0)
         noise = np.median(hand.noise[np.unique(self.session)], axis=0)
         saturated = (at_largest / len(recordings) > SATURATED) & (at_largest.sum() > 1)
         open_noise, self.noise_pairs = _open_noise(hand, recorded)
@@ -166,29 +156,6 @@ def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:
     if not len(steps) or not np.isfinite(steps).all() or not (interval := float(np.median(steps))) > 0:
         return None, 0, np.where(seconds > 0, seconds, np.nan)
     return interval, int((steps > GAP * interval).sum()), seconds
-
-
-def _drift(hand: OpenHand, recorded: list[np.ndarray], session: np.ndarray) -> np.ndarray:
-    """Largest change (R,) of the open hand within each recording, or from the median of its session's (R,).
-
-    It is the root mean square over sensors in standard deviations of noise; NaN with fewer than ten open-hand frames.
-    """
-    drift, medians = np.full(len(recorded), np.nan), session_medians(hand.quiet, session)
-    for row, index in enumerate(recorded):
-        opened = index[hand.open[index]]
-        if len(opened) < 2 * MIN_FRAMES:
-            continue
-        first, last = (hand.counts[part].mean(axis=0) for part in (opened[:MIN_FRAMES], opened[-MIN_FRAMES:]))
-        changes = np.stack([last - first, first - medians[row], last - medians[row]]) / hand.noise[session[row]]
-        drift[row] = np.sqrt((changes**2).mean(axis=1)).max()
-    return drift
-
-
-def _extremes(hand: OpenHand, recorded: list[np.ndarray]) -> tuple[float, float, np.ndarray]:
-    """Smallest and largest reading, and in how many frames each sensor (S,) reads the largest."""
-    smallest, largest = (float(end([end(hand.counts[index]) for index in recorded])) for end in (np.min, np.max))
-    at_largest = sum((hand.counts[index] == largest).sum(axis=0) for index in recorded)
-    return smallest, largest, np.asarray(at_largest)
 
 
 def _open_noise(hand: OpenHand, recorded: list[np.ndarray]) -> tuple[np.ndarray, int]:

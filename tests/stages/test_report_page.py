@@ -13,7 +13,7 @@ from tactile_viewgcn import cli
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.pages import html
-from tactile_viewgcn.pages.finished_run import read_run, unfinished
+from tactile_viewgcn.pages.finished_run import read_run
 from tactile_viewgcn.pages.run_page import run_page
 from tests.pages.test_html import parsed, text_of
 
@@ -53,7 +53,6 @@ def test_a_section_is_shown_where_there_is_something_to_show(workspace, undrawn)
     assert re.findall("<h2>(.+?)</h2>", run_page(run)) == sections
     note = Note("better than by chance", "warning", "leak check", "preprocess.baseline", "grasp", "preprocess")
     run.records["preprocess"].notes.append(note)
-    run.records["finetune"].curves["loss"] = [3.0, 2.0]
     value = {"error": 0.25, "standard_error": 0.125, "seconds": 61.0, "milliseconds": 1.25}
     values = [value | {"members": members, "taken": members == ["trees"]} for members in (["trees"], ["kernel", "svm"])]
     notes = [Note("in columns", topic="candidates", value=each, stage="finetune") for each in [None, *values]]
@@ -63,7 +62,7 @@ def test_a_section_is_shown_where_there_is_something_to_show(workspace, undrawn)
     run.records["evaluate"].origin.update({"mlflow.source.git.commit": "0" * 40} | changes)
     page = run_page(run)
     text = text_of(page).replace("\xa0", " ")
-    assert set(re.findall("<h2>(.+?)</h2>", page)) == {*sections, "Candidates", "Training curves"}
+    assert set(re.findall("<h2>(.+?)</h2>", page)) == {*sections, "Candidates"}
     assert "preprocess : leak check: better than by chance." in text and "-S preprocess.baseline=grasp" in text
     assert "trees taken 25.0 % 12.5 % 1 min 1 s 1.2 ms kernel + svm 25.0 % 12.5 %" in text
     assert "in columns" not in text
@@ -96,14 +95,6 @@ def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(wor
     Path("results/metrics.json").unlink()
     with pytest.raises(UserError, match=r"the workspace: no results/metrics\.json; run `dvc repro`"):
         read_run()
-
-
-def test_the_classifier_that_a_failed_run_leaves_is_said_to_be_of_the_run_before(workspace):
-    model = Path("models/classifier.pt")
-    assert unfinished(model) == ""
-    Path("runs/preprocess.json").unlink()  # as DVC does before it starts the stage
-    assert "runs/preprocess.json" in unfinished(model)
-    assert unfinished(Path("models:/glove/1")) == unfinished(Path("classifier.pt")) == ""
 
 
 def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, monkeypatch, capsys):
