@@ -69,10 +69,8 @@ def _inner_half(size: float, round: float, name: str) -> float:
     """Half of a size (m) without its rounding; a rounding error, as in 0.006 / 2 - 0.003, counts as 0.
 
     Raises:
-        ValueError: the size is below 0, or the rounding above half of it.
+        ValueError: the rounding is above half of the size.
     """
-    if size < 0:
-        raise ValueError(f"{name} is {size:g} m; expected 0 or more")
     half = size / 2 - round
     if half < -1e-9:
         raise ValueError(f"{name} is {size:g} m, rounded by {round:g} m; expected at most half of it")
@@ -107,8 +105,6 @@ def torus(ring: float, tube: float, **placement: Any) -> Primitive:
 
 def tube(inner: float, outer: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A hollow cylinder about z of radii `inner` and `outer` m, its edges rounded."""
-    if inner > outer:
-        raise ValueError(f"inner radius {inner:g} m is more than the outer one, {outer:g} m")
     half = _inner_half(outer - inner, round, "tube wall"), _inner_half(length, round, "tube length")
     return Primitive(REVOLVED, half, round, (inner + outer) / 2, **placement)
 

@@ -8,8 +8,7 @@ import pytest
 from tactile_viewgcn.glove import integrator
 from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON, Drive, Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
-from tactile_viewgcn.glove.integrator import ImplicitIntegrator, _Steps
-from tactile_viewgcn.glove.newton import StageSolver
+from tactile_viewgcn.glove.integrator import ImplicitIntegrator, StageSolver, _Steps
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.messages import UserError
 from tests.glove.scenes import FITS, GRIPPED, LAYER, free_finger, gripping_hands, radau, sphere_on_bed

@@ -67,7 +67,7 @@ def test_names_and_descriptions_make_objects_in_their_order_after_the_empty_hand
                 ({"sphere": {"radius": 0}}, "thinner than 1e-05 m"),
                 ({"sphere": {"radius": 0.02, "cut": [0, 0, 0, 1]}}, "a cut without a direction"),
                 ({"tube": TUBE | {"round": 0.003}}, "tube wall is 0.004 m, rounded by 0.003 m"),
-                ({"tube": TUBE | {"inner": 0.05}}, "inner radius 0.05 m"),
+                ({"tube": TUBE | {"inner": 0.05}}, "tube wall is -0.016 m"),
             )
         ),
     ],

@@ -15,8 +15,7 @@ import pytest
 from benchmarks.solver.scenes import ball_grasp
 from benchmarks.stability.rows import share_not_finite
 from tactile_viewgcn.glove.contact import HOLDING, JOINT, LEVER, TENDON
-from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.newton import FORCE_FLOOR
+from tactile_viewgcn.glove.integrator import FORCE_FLOOR, ImplicitIntegrator
 from tactile_viewgcn.glove.scene import AWAY
 from tactile_viewgcn.glove.shapes import sphere
 from tests.glove.scenes import (
