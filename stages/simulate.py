@@ -2,15 +2,16 @@
 
 from pathlib import Path
 
+from joblib import cpu_count
+
 from stages.command import Job, run
 from tactile_viewgcn.glove.recipe import VERSION, recipe_from_params
 from tactile_viewgcn.glove.simulation import simulate as write_recordings
-from tactile_viewgcn.process import usable_cores
 
 
 def simulate(job: Job, out: Path) -> str:
     recipe = recipe_from_params(job.params.glove)
-    cost = write_recordings(recipe, out, workers=usable_cores())
+    cost = write_recordings(recipe, out, workers=cpu_count())
     recordings = len(recipe.cells)
     frames = recordings * recipe.frames
     job.counts = {

@@ -9,18 +9,14 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-LOADED = time.time()
 LOST = "lost a process of this training; start it again: it goes on after its last whole epoch"
 
 
 def seconds_since_start() -> float:
-    """Seconds since this process began, with imports; outside Linux since this module was loaded."""
-    try:
-        uptime = float(Path("/proc/uptime").read_text().split()[0])
-        ticks = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
-    except OSError:
-        return time.time() - LOADED
-    return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
+    """Seconds since this process began, with imports."""
+    import psutil  # here, since the package alone does not install it
+
+    return time.time() - psutil.Process().create_time()
 
 
 def launched() -> bool:
@@ -38,11 +34,6 @@ def processor() -> str:
     info = Path("/proc/cpuinfo")
     names = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
     return names[0] if names else platform.processor() or platform.machine()
-
-
-def usable_cores() -> int:
-    """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def peak_mb() -> float:

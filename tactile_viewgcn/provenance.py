@@ -18,7 +18,7 @@ from typing import Any
 
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.process import processor, usable_cores
+from tactile_viewgcn.process import processor
 from tactile_viewgcn.schema import as_change, flatten, parse
 
 MOST_FILES = 20  # names of changed files in a record
@@ -118,6 +118,8 @@ def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str,
 
 def origin(stage: str) -> dict[str, str]:
     """Stage, command, DVC experiment, git revision, time, machine, and versions of Python and of `PACKAGES`."""
+    from joblib import cpu_count  # respects a container's limit; here, since a logged model does without joblib
+
     versions = {}
     for name in PACKAGES:
         with suppress(PackageNotFoundError):
@@ -131,7 +133,7 @@ def origin(stage: str) -> dict[str, str]:
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "host": socket.gethostname(),
         "processor": processor(),
-        "cores": str(usable_cores()),
+        "cores": str(cpu_count()),
         "python": platform.python_version(),
         **versions,
     }

@@ -1,4 +1,4 @@
-"""What an inspection shows: a rehearsal of `preprocess`, and further facts of the recordings."""
+"""What an inspection shows: a rehearsal of `preprocess`, recommended settings, and further facts of the recordings."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, of_empty_hand
-from tactile_viewgcn.frames.choose import choose, measure, measure_baseline
+from tactile_viewgcn.frames.choose import Choice, choose, measure, measure_baseline
+from tactile_viewgcn.frames.contact import SENSORS_IN_CONTACT
 from tactile_viewgcn.frames.leak import check_first_frames
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
-from tactile_viewgcn.frames.sides import deal
+from tactile_viewgcn.frames.sides import deal, has_published_split
 from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
-from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.pages.settings import preprocess_settings, split_settings
+from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import AUTO, Form
@@ -26,6 +26,8 @@ SAMPLE = 2000  # frames for the variation of a sensor, pairs of frames for its n
 STUCK = 0.1  # of the median sensor's noise
 SATURATED = 0.01  # share of frames at the largest reading of all sensors
 GAP = 2.5  # median intervals: frames are missing
+MOST_FOLDS = 5
+FEW_FRAMES = 50_000  # of contact
 
 
 def inspect_source(path: str | Path, form: Form = AUTO) -> "Overview":
@@ -167,3 +169,50 @@ def _open_noise(hand: OpenHand, recorded: list[np.ndarray]) -> tuple[np.ndarray,
     pairs = evenly(np.flatnonzero(hand.open[before] & hand.open[after]), SAMPLE)
     changes = hand.counts[after[pairs]].astype(np.float64) - hand.counts[before[pairs]]
     return (changes.std(axis=0) / np.sqrt(2), len(pairs)) if len(pairs) >= MIN_FRAMES else (np.zeros(0), 0)
+
+
+def _choice(key: str, value: str | int, reason: str) -> Note:
+    return Note(reason, "choice", key.split(".")[0], key, value)
+
+
+def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
+    """Hold out recordings, or grasps where more objects have two of them, or single frames."""
+    if "source" in groups and (groups["source"][groups["recording"] > 0] == 2).all():
+        return [_choice("split.by", "source", "every object is on both published sides")]
+    counts = {by: groups[by][groups["recording"] > 0] for by in ("recording", "grasp") if by in groups}
+    by = max(counts, key=lambda by: (counts[by] >= 2).sum())  # recordings, if as many objects have two of them
+    if (counts["recording"] >= 2).sum() >= 0.5 * len(counts["recording"]):
+        by = "recording"
+    repeated = counts[by] >= 2
+    if repeated.sum() < 2:
+        few = "one recording an object" if not repeated.any() else "only one object has two recordings"
+        reason = f"{few}: no whole recording can be held out. Neighbouring frames are on both sides, and the error "
+        return [_choice("split.by", "frame", f"{reason}says nothing about a new recording: record each twice")]
+    single, fewest = int((~repeated).sum()), int(counts[by][repeated].min())
+    alone = f"; {several(single, 'object')} {'has' if single == 1 else 'have'} one and cannot be tested" * (single > 0)
+    each_is_needed = by == "recording" and fewest < 2 * MOST_FOLDS  # to learn from, so one at a time is held out
+    folds = fewest if each_is_needed else min(MOST_FOLDS, fewest)
+    return [
+        _choice("split.by", by, f"an object has {fewest} {by}s or more, of which whole ones are held out{alone}"),
+        _choice("split.folds", folds, f"{by}s in {folds} parts; split.fold says which is tested"),
+    ]
+
+
+def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
+    """What `auto` becomes, number of views and preset, but no setting that the preset does not read."""
+    hand, settings = choice.hand, list(choice.notes)
+    assert hand
+    if hand.sensors == SENSORS_IN_CONTACT or hand.all_contact:
+        settings = [note for note in settings if note.key != "preprocess.contact_sensors"]
+    if choice.channels is None:
+        settings = [note for note in settings if note.key != "preprocess.unit"]
+    if len(np.unique(recordings.columns["recording"])) == len(recordings):
+        settings.append(_choice("views", 1, "every recording is one frame"))
+    if not has_published_split(recordings) or hand.contact.sum() <= FEW_FRAMES:  # unlike STAG's `classification`
+        reason = (
+            "it compares classifiers on your training recordings and takes the first within a standard error of the "
+            "lowest"
+        )
+        settings.append(_choice("preset", "best", reason))
+        settings = [note for note in settings if note.key != "preprocess.scale"]  # networks alone read it
+    return settings

@@ -10,8 +10,7 @@ import pytest
 from tactile_viewgcn.pages.html import BEGIN
 from tactile_viewgcn.pages.inspection_page import inspection_page
 from tactile_viewgcn.pages.inspection_text import command_lines, facts, tables, verdict, warnings
-from tactile_viewgcn.pages.settings import split_settings
-from tactile_viewgcn.pages.source_inspection import inspect_source
+from tactile_viewgcn.pages.source_inspection import inspect_source, split_settings
 from tactile_viewgcn.readers.source import Form
 from tests.pages.test_html import parsed, text_of
 
