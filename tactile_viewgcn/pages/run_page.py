@@ -11,8 +11,7 @@ from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.finished_run import FinishedRun
-from tactile_viewgcn.pages.next_steps import again, next_steps
-from tactile_viewgcn.pages.outcome import Outcome
+from tactile_viewgcn.pages.outcome import Outcome, again, next_steps
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.provenance import PACKAGES
 from tactile_viewgcn.schema import as_change

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tactile_viewgcn.pages.html import BEGIN, Verdict, duration, environment, svg
-from tactile_viewgcn.pages.next_steps import Step
+from tactile_viewgcn.pages.outcome import Step
 
 NASTY = '<script>alert("x")</script> & "Öl" 気'
 EMPTY = {"meta", "img", "br"}  # elements without an end

@@ -10,8 +10,7 @@ from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.pages.finished_run import FinishedRun
-from tactile_viewgcn.pages.next_steps import next_steps
-from tactile_viewgcn.pages.outcome import Outcome
+from tactile_viewgcn.pages.outcome import Outcome, next_steps
 from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
