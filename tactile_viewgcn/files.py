@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
-PART = ".unfinished"  # ending of a file or folder being written
+PART, OLD = ".unfinished", ".replaced"  # endings of a file or folder being written, and of a folder being replaced
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
 HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".mat", ".csv", ".tsv", ".csv.gz")
 READ = (*HDF5, *ARRAYS, ".txt")  # endings of recordings
@@ -42,7 +42,7 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
 
     The file is synced before it takes that place. Its temporary name is the same on every call, because torch.save
     writes it into the file and equal seeds give equal bytes. What a killed run has left there is removed, and so is a
-    link, which would lead elsewhere.
+    link, which would lead elsewhere; a folder that was moved away, and that no other replaced, comes back.
 
     Args:
         folder: the temporary path is an empty folder, else a file that the block writes.
@@ -56,9 +56,17 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
         check_is_file(path)
     elif path.exists() and (path.is_symlink() or not path.is_dir()):
         raise UserError(f"{path}: exists and is no folder; remove it or name another")
-    part = path.with_name(path.name + PART)
+    part, old = path.with_name(path.name + PART), path.with_name(path.name + OLD)
+    temporary = (part, old) if folder else (part,)
     remove = partial(shutil.rmtree, ignore_errors=True) if folder else partial(Path.unlink, missing_ok=True)
-    remove(part)
+
+    def settle() -> None:
+        if folder and old.exists() and not path.exists():  # moved away, and nothing took its place
+            old.replace(path)
+        for stale in temporary:
+            remove(stale)
+
+    settle()
     (part if folder else path.parent).mkdir(parents=True, exist_ok=not folder)
     try:
         yield part
@@ -66,7 +74,7 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
             with file.open("rb+") as stream:
                 os.fsync(stream)  # some file systems learn only here that a disk is full
         if folder and path.exists():
-            shutil.rmtree(path)
+            path.replace(old)
         part.replace(path)
     except Exception as error:
         full = error if isinstance(error, OSError | UserError) else _append(part / PART if folder else part)
@@ -74,7 +82,7 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
             raise OSError(full.errno, f"{full.strerror}; make room", str(path)) from error
         raise
     finally:
-        remove(part)
+        settle()
 
 
 def _append(file: Path) -> OSError | None:
@@ -198,7 +206,7 @@ def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
 
 
 def check_outputs(outputs: list[tuple[Path, str]], inputs: list[Path]) -> None:
-    """Raise a UserError, before any work, for an output that is an input, is of another kind or is named twice.
+    """Raise a UserError, before any work, for an output that cannot be written, is an input or is named twice.
 
     Args:
         outputs: each with the text that such a file begins with: no file that begins differently is replaced, but for
@@ -207,7 +215,7 @@ def check_outputs(outputs: list[tuple[Path, str]], inputs: list[Path]) -> None:
     taken = {os.path.realpath(path) for path in inputs}
     for path, begin in outputs:
         check_is_file(path)
-        real = os.path.realpath(path)
+        real, part = os.path.realpath(path), path.with_name(path.name + PART)
         if path.suffix.lower() in READ and any(real.startswith(f"{each}{os.sep}") for each in taken):
             raise UserError(f"{path}: it would be read as a recording; name a file in another folder")
         if real in taken:
@@ -217,6 +225,13 @@ def check_outputs(outputs: list[tuple[Path, str]], inputs: list[Path]) -> None:
             with path.open("rb") as stream:
                 if stream.read(len(begin)) != begin.encode():
                     raise UserError(f"{path}: exists and is of another kind than is written here; name another file")
+        if not path.parent.is_dir():
+            continue
+        try:
+            part.touch(exist_ok=False)
+            part.unlink()
+        except OSError as error:
+            raise UserError(f"{path}: cannot be written ({part}: {error.strerror}); name another file") from None
 
 
 def files_below(path: Path, suffixes: Collection[str]) -> list[Path]:
@@ -234,24 +249,31 @@ def arrays_below(path: Path) -> list[Path]:
 def all_below(path: Path) -> list[Path]:
     """All files below a folder in the order of their paths; what programs leave behind, and hidden ones, are left out.
 
-    Links to folders are followed. A folder to which several paths lead is read by the first one alone.
+    Links to folders are followed, unless they lead back to a folder that the path to them goes through.
 
     Raises:
+        UserError: folders are nested deeper than Python follows them (before 3.12 some hundreds); or two links lead to
+            one folder, since few such links would make millions of paths.
         OSError: a folder cannot be read.
     """
 
     def fail(error: OSError) -> None:
         raise error
 
-    files, seen = list[Path](), set[Path]()
-    for place, folders, names in os.walk(path, onerror=fail, followlinks=True):
-        here = Path(place)
-        if (real := here.resolve()) in seen:
-            folders.clear()
-            continue
-        seen.add(real)
-        files += [here / name for name in names if _is_kept(name)]
-        folders[:] = sorted(filter(_is_kept, folders), key=lambda name: ((here / name).is_symlink(), name))
+    files, links = list[Path](), dict[Path, Path]()
+    try:
+        for place, folders, names in os.walk(path, onerror=fail, followlinks=True):
+            here = Path(place)
+            files += [here / name for name in names if _is_kept(name)]
+            folders[:] = [name for name in folders if _is_kept(name)]
+            for link in filter(Path.is_symlink, [here / name for name in folders]):
+                real, above = link.resolve(), [each.resolve() for each in link.parents if each.is_relative_to(path)]
+                if any(each.is_relative_to(real) for each in above):
+                    folders.remove(link.name)
+                elif (other := links.setdefault(real, link)) != link:
+                    raise UserError(f"{link}: leads to the same folder as {other}; expected one link to it")
+    except RecursionError:
+        raise UserError(f"{path}: folders are nested too deep; expected a few levels") from None
     return sorted(files)
 
 
