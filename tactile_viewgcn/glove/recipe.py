@@ -6,6 +6,7 @@ from typing import Any, get_args
 from tactile_viewgcn.glove.contact import Layer
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import OPENING
+from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Mechanics, Reading
 
 #: Version of the constants in this folder, an attribute of every file. They are set against published and measured
@@ -18,6 +19,7 @@ MECHANICS, READING = get_args(Mechanics), get_args(Reading)
 EFFECTS = MECHANICS + READING
 STAG_SIZE = {"sessions": 3, "frames": 1667, "grasps": 82}  # 81 recordings, 135,027 frames
 TRAINING_SESSIONS = 2  # as in STAG; the others are the test side
+MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15  # of all sessions; recordings are numbered in 16 bits
 
 Cell = tuple[int, int]  # a recording: number of its session, number of its object
 
@@ -62,9 +64,16 @@ def recipe_from_params(glove: Any) -> Recipe:
     """The recipe in the section `glove` of params.yaml.
 
     Raises:
-        UserError: as `select_objects`.
+        UserError: as `select_objects`, or there are more than MOST_FRAMES or MOST_RECORDINGS.
     """
     objects, frames = select_objects(glove.objects), OPENING + glove.grasps * glove.grasp_frames
     size = {"sessions": glove.sessions, "frames": frames, "grasps": glove.grasps}
     size = STAG_SIZE if glove.scale == "stag" else size
+    recordings = len(objects) * size["sessions"]
+    if recordings > MOST_RECORDINGS or recordings * size["frames"] > MOST_FRAMES:
+        raise UserError(
+            f"{several(len(objects), 'object')}, glove.sessions {size['sessions']:,}, glove.grasps {size['grasps']:,}, "
+            f"and glove.grasp_frames {glove.grasp_frames:,} are {recordings:,} recordings of "
+            f"{size['frames']:,} frames; expected at most {MOST_RECORDINGS:,}, and {MOST_FRAMES:,} frames in all"
+        )
     return Recipe(objects=objects, seed=glove.seed, effects=frozenset(EFFECTS) - set(glove.leave_out), **size)

@@ -97,6 +97,19 @@ def read_run(name: str = "") -> FinishedRun:
     return run
 
 
+def unfinished(classifier: Path) -> str:
+    """A warning where a later run has failed, so that `models/classifier.pt` is of the run before; else "".
+
+    DVC removes what a stage writes before it starts the stage, and leaves the files of the stages after it.
+    """
+    runs = classifier.absolute().parent.parent / "runs"
+    if classifier.parent.name == "models" and runs.is_dir():
+        for path in (runs / f"{stage}.json" for stage in STAGES[:-1]):
+            if not path.exists():
+                return f"warning: {classifier} is of an earlier run: the last one has left no {path}; run `dvc repro`"
+    return ""
+
+
 def _read_file(path: str) -> bytes:
     check_is_file(Path(path))
     return Path(path).read_bytes()

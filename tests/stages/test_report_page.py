@@ -13,7 +13,7 @@ from tactile_viewgcn import cli
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.pages import html
-from tactile_viewgcn.pages.finished_run import read_run
+from tactile_viewgcn.pages.finished_run import read_run, unfinished
 from tactile_viewgcn.pages.run_page import run_page
 from tests.pages.test_html import parsed, text_of
 
@@ -95,6 +95,14 @@ def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(wor
     Path("results/metrics.json").unlink()
     with pytest.raises(UserError, match=r"the workspace: no results/metrics\.json; run `dvc repro`"):
         read_run()
+
+
+def test_the_classifier_that_a_failed_run_leaves_is_said_to_be_of_the_run_before(workspace):
+    model = Path("models/classifier.pt")
+    assert unfinished(model) == ""
+    Path("runs/preprocess.json").unlink()  # as DVC does before it starts the stage
+    assert "runs/preprocess.json" in unfinished(model)
+    assert unfinished(Path("models:/glove/1")) == unfinished(Path("classifier.pt")) == ""
 
 
 def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, monkeypatch, capsys):
