@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
@@ -9,8 +10,8 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
+import yaml
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
-from ruamel.yaml import YAML
 
 from tactile_viewgcn.files import check_is_file
 from tactile_viewgcn.messages import UserError
@@ -30,16 +31,43 @@ def _unique(items: list[Any]) -> list[Any]:
 Unique = AfterValidator(_unique)
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML 1.2 as DVC reads it, with decimal numbers alone: 1:30 and `on` are texts; no key twice, and no alias."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise ValueError("an alias; write the value out")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        counts = Counter(key.value for key, _ in node.value)
+        if twice := [key for key in counts if counts[key] > 1]:
+            raise ValueError(f"key {twice[0]} stands twice")
+        return super().construct_mapping(node, deep)
+
+
+_Loader.yaml_implicit_resolvers = {}  # in place of those of YAML 1.1
+for tag, pattern in {
+    "null": "~|null|Null|NULL|",
+    "bool": "true|True|TRUE|false|False|FALSE",
+    "int": "[-+]?[0-9][0-9_]*",
+    "float": r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9]*)?)([eE][-+]?[0-9]+)?",
+}.items():
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", re.compile(f"({pattern})$"), None)
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda _, node: int(node.value))  # PyYAML's own reads base 60
+_Loader.add_constructor("tag:yaml.org,2002:float", lambda _, node: float(node.value))
+
+
 def parse(text: str | bytes) -> Any:
-    """The values of a YAML text, as DVC reads it: YAML 1.2, in which 1:30 and `on` are texts, and no key twice.
+    """The values of a YAML text.
 
     Raises:
-        ValueError: it is not YAML, or too long, or too deep for Python.
+        ValueError: it is not YAML, or too long, or too deep for Python, or has a repeated key or an alias.
     """
     if len(text) > MOST_TEXT:
         raise ValueError(f"longer than {MOST_TEXT:,} characters")
     try:
-        return YAML(typ="safe", pure=True).load(text)
+        return yaml.load(text, Loader=_Loader)
     except Exception as error:  # a value that contradicts its tag may raise any exception
         raise ValueError(f"no plain YAML: {' '.join(str(error).split())[:MOST_SHOWN]}") from None
 

@@ -30,7 +30,7 @@ from tactile_viewgcn.provenance import Record, origin
 EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
 SERVER = re.compile(r"(https?://)(?:([^/:]*):?([^/]*)@)?([^@]*)")  # scheme, user, password, host and path
-NEEDS = "torch", "numpy", "scipy", "h5py", "ruamel.yaml", "filelock", "pydantic", "tqdm"  # packages of a logged model
+NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm"  # packages of a logged model
 LOCKED = 300  # seconds to wait for other processes that make tables or runs: a minute each on a busy machine
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # MLflow's pages then show trainings, not chats
 SETTINGS = {  # MLflow reads them when it is imported
