@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.readers.source import Form, listed
+from tactile_viewgcn.readers.source import FRAMES_LAST, Form, framed, listed
 from tactile_viewgcn.readers.text import Table
 
 UNITS = {
@@ -100,6 +100,41 @@ def columns_of(table: Table, form: Form) -> Columns:
             sensors.append(at)
     restarts = time is not None and bool((np.diff(values[:, time[0]]) < 0).any())
     return Columns(table.names, sensors, time, notes, table.is_shown, restarts)
+
+
+def recordings_in(table: Table, columns: Columns, form: Form) -> list[tuple[dict[str, str], dict[str, np.ndarray]]]:
+    """Names and values of the recordings in one table: the lines of one object, session and recording.
+
+    Where no column names recordings, one begins where the object or the session changes, and where the time falls.
+
+    Raises:
+        UserError: a cell holds no number or no name.
+    """
+    values, texts = sensors_and_time(table, columns, form), dict[str, list[str]]()
+    for kind, at in named(table.names, form).items():
+        for row in np.flatnonzero(table.cells[at].isna())[:1]:
+            where = f"line {table.line(row)}, column {at + 1}"
+            raise UserError(f"{table.file}: {where} is empty; expected the name of the {kind} in each line")
+        texts[kind] = [str(cell).strip() for cell in table.cells[at]]
+    pressure = values["pressure"] = framed(values["pressure"], form, str(table.file))
+    if form.shape == FRAMES_LAST or len(pressure) != len(table.cells):
+        raise UserError(
+            f"{table.file}: one table of all recordings has a frame in each line; expected data.shape of a frame"
+        )
+    if "recording" not in texts:
+        begins = starts(table, form)
+        begins[1:] |= np.diff(values.get("time", np.zeros(len(begins)))) < 0
+        texts["recording"] = [str(number) for number in np.cumsum(begins)]
+    kinds, lines = [kind for kind in ("session", "object", "recording") if kind in texts], dict[tuple, list[int]]()
+    for line, key in enumerate(zip(*(texts[kind] for kind in kinds), strict=True)):
+        lines.setdefault(key, []).append(line)
+    return [
+        (
+            dict(zip(kinds, key, strict=True)) | {"recording": "/".join(key)},
+            {name: column[index] for name, column in values.items()},
+        )
+        for key, index in lines.items()
+    ]
 
 
 def sensors_and_time(table: Table, columns: Columns | None, form: Form) -> dict[str, np.ndarray]:

@@ -27,29 +27,35 @@ class Layout:
     text: str
 
     def names(self, file: Path, *, labelled: bool) -> dict[str, str]:
-        """The names in a file's path, by `object`, `session` and `split`, and that of the `recording`.
+        """The names in a file's path, by `object`, `session` and `split`.
 
         Raises:
             UserError: the path is of a different pattern, or names no object where it is `labelled`.
         """
-        place = file.relative_to(self.root).as_posix()
-        recording = re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
+        recording = place_of(file, self.root)
         pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(self.text))
         pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
         if not (match := re.fullmatch(pattern, recording)):
             raise UserError(f"{file}: expected {self.text} as for most files; in all, {PLACES}")
         if labelled and "object" not in match.groupdict():
             raise UserError(
-                f"{self.root}: {place!r} names no object; expected {PLACES}, or a table with a column `object`; "
+                f"{self.root}: {file.relative_to(self.root).as_posix()!r} names no object; expected {PLACES}, a table "
+                "with a column `object`, or an attribute `object` in HDF5; "
                 f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
             )
-        return match.groupdict() | {"recording": recording}
+        return match.groupdict()
 
     def note(self, file: Path) -> list[Note]:
         """What the folders of a file are taken for."""
-        names = {role: name for role, name in self.names(file, labelled=False).items() if role != "recording"}
+        names = self.names(file, labelled=False)
         order = ", ".join(f"{name} is the {role}" for role, name in names.items())
         return [Note(f"folders are in the order {self.text}: {order}", topic="folders")] if names else []
+
+
+def place_of(file: Path, path: Path) -> str:
+    """The path of a file below a folder, without its ending: the name of its recording; of a file alone its name."""
+    place = file.name if file == path else file.relative_to(path).as_posix()
+    return re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
 
 
 def layout_of(path: Path, files: Sequence[Path], form: Form) -> Layout:

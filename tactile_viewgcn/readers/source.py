@@ -129,12 +129,15 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     return shape[1], shape[2]
 
 
-def framed(array: np.ndarray, form: Form, where: str) -> np.ndarray:
-    """An array as frames (T, H, W), of which two axes may be one.
+def framed(values: Any, form: Form, where: str) -> Any:
+    """An array or a dataset as frames (T, H, W), of which two axes may be one; read only where its axes differ.
 
     Raises:
         UserError: it has other axes than the form says.
     """
+    if len(values.shape) == 3 and (form.shape == "auto" or list(values.shape[1:]) == form.shape):
+        return values
+    array = values[()]
     if array.ndim not in (2, 3):
         raise UserError(f"{where}: an array {array.shape}; expected (frames, rows, columns) or (frames, cells)")
     if form.shape == FRAMES_LAST:

@@ -20,7 +20,7 @@ from tactile_viewgcn.files import stag_files
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.folder import Names, joined
-from tactile_viewgcn.readers.hdf5 import check_dataset, dataset, kind_of, open_hdf5
+from tactile_viewgcn.readers.hdf5 import dataset, kind_of, open_hdf5
 from tactile_viewgcn.readers.source import (
     NUMBERS,
     SPLITS,
@@ -151,8 +151,7 @@ def matlab_names(path: Path) -> list[str]:
     """Names of the variables of numbers in a MAT-file with more than one row and column."""
     if h5py.is_hdf5(path):
         with open_hdf5(path) as file:
-            hard = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
-            datasets = {name: file[name] for name in hard if isinstance(file[name], h5py.Dataset)}
+            datasets = {name: file[name] for name in file if isinstance(file.get(name), h5py.Dataset)}
             shapes = {
                 name: values.shape or ()
                 for name, values in datasets.items()
@@ -182,8 +181,7 @@ def _of_hdf5(file: h5py.File, name: str) -> Any:
         return _Reversed(values)
     texts = []
     for reference in values[()].ravel():
-        codes = file[reference]
-        check_dataset(codes, f"{file.filename}: a cell of /{name}", "numbers")
+        codes = dataset(file, reference, "numbers")
         letters = "".join(map(chr, codes[()].ravel()))  # letters outside the first 65,536 are stored as two codes
         texts.append(letters.encode("utf-16", "surrogatepass").decode("utf-16"))
     return texts

@@ -451,6 +451,15 @@ def test_attributes_name_a_recording_in_hdf5_and_its_side(tmp_path):
     assert table.columns["split"].tolist() == [TRAIN] * 4 + [TEST] * 4
 
 
+def test_a_folder_may_hold_recordings_of_several_forms(tmp_path):
+    record(tmp_path / "lab" / "mug" / "1.h5", attributes={"object": None, "session": None})
+    save(tmp_path / "lab" / "mug" / "2.npy")
+    save(tmp_path / "lab" / "pen" / "1.npz", {"pressure": COUNTS})
+    counts, table = ingested(tmp_path / "lab")
+    np.testing.assert_array_equal(counts, np.concatenate([COUNTS] * 3))
+    assert table.recordings == ["mug/1", "mug/2", "pen/1"] and table.columns["object"].tolist() == [0] * 8 + [1] * 4
+
+
 def test_grasps_flags_and_times_are_columns_and_times_begin_at_0(tmp_path):
     flags = {"grasp": np.array([0, 0, 1, 1]), "grasp_valid": np.array([False, True, False, True])}
     flags |= {"valid": np.array([0.0, 1, 1, 1])}
