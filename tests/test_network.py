@@ -16,7 +16,7 @@ from benchmarks.stability.rows import max_rel_error, share_different, share_not_
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.systems.classifier import build_classifier
-from tactile_viewgcn.tables.transform import full_scale
+from tactile_viewgcn.tables.frames import full_scale
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests import test_invariance
 from tests.glove_data import CPU, recipe, table

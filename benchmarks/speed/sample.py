@@ -10,8 +10,7 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.params import Finetune, Params, Pretrain
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames
-from tactile_viewgcn.tables.transform import full_scale
+from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, full_scale
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.inputs import Augmentation
 from tactile_viewgcn.views.sampling import random_clusters, sets_of

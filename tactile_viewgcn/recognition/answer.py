@@ -13,9 +13,8 @@ from tactile_viewgcn.recognition.array_input import checked_array
 from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tactile_viewgcn.tables.clocks import find_clocks
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings
 
 LEAST_WINDOW = 1e-3  # seconds; shorter ones hold a frame each
 OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"

@@ -20,7 +20,7 @@ from tactile_viewgcn.params import DEFAULTS, MAX_SIDE, Member, Params, load, pre
 from tactile_viewgcn.readers.source import FRAMES_LAST
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_by_row
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.tables.array_recordings import ArrayRecordings
+from tactile_viewgcn.tables.recordings import ArrayRecordings
 
 #: parameters for view sets and rows, which are frames in contact, above baseline
 CHOSEN = {

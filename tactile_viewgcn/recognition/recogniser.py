@@ -17,7 +17,7 @@ from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_counts
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.features import every_few
-from tactile_viewgcn.tables.transform import network_input
+from tactile_viewgcn.tables.frames import network_input
 
 MOST_FRAMES = 1024  # frames that are classified at once; a request may hold any number
 Baseline = np.ndarray | Literal["subtracted"] | None

@@ -5,14 +5,13 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import h5py
 import numpy as np
 
 from tactile_viewgcn.files import atomic_write, hdf5_file, readable
 from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
-from tactile_viewgcn.tables.transform import network_input
 
 TRAIN, VALIDATION, TEST = 0, 1, 2
 SIDES = ("train", "validation", "test")
@@ -98,6 +97,26 @@ class Frames:
         return np.flatnonzero(np.isin(self.side, sides))
 
 
+def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarray:
+    """Network input float32 from counts above baseline, of the same shape.
+
+    Args:
+        excess: counts above baseline.
+        transform: `clip` (released code): clip(x / scale, 0, 1); `log`: log(1 + max(x, 0)); `counts`: x, for systems
+            without a network.
+        scale: counts at full scale, for `clip` only.
+    """
+    excess = np.asarray(excess, dtype=np.float32)
+    if transform == "clip":
+        return np.clip(excess / np.float32(scale), 0, 1)
+    return excess if transform == "counts" else np.log1p(np.maximum(excess, 0))
+
+
+def full_scale(transform: str, scale: float) -> float:
+    """Network input of a sensor that reads `scale` counts above baseline."""
+    return float(network_input(np.array(scale), transform, scale))
+
+
 def sensor_names(sensors: np.ndarray, channel_names: Iterable[str] = ()) -> list[str]:
     """The channel's name, or row and column from 1, of each of some sensors, bool (H, W)."""
     names = list(channel_names) or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
@@ -123,7 +142,7 @@ def save_table(path: str | Path, table: Any) -> None:
                 file.attrs[field.name] = json.dumps(value) if isinstance(value, dict) else value
 
 
-def load_table(path: str | Path | BinaryIO, kind: Callable[..., Table]) -> Table:
+def load_table(path: str | Path, kind: Callable[..., Table]) -> Table:
     """Read a table of `save_table`; counts are read when they are indexed."""
     values: dict[str, Any] = {}
     with readable(path), h5py.File(path, "r") as file:
@@ -142,6 +161,6 @@ def load_table(path: str | Path | BinaryIO, kind: Callable[..., Table]) -> Table
     return kind(**values)
 
 
-def read_frames(path: str | Path | BinaryIO) -> Frames:
+def read_frames(path: str | Path) -> Frames:
     """The table of kept frames, see `load_table`."""
     return load_table(path, Frames)

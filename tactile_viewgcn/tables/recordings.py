@@ -7,7 +7,7 @@ are (frame, row, column).
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import asdict
@@ -191,6 +191,34 @@ class Recordings:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""
         for start in range(0, len(self), BLOCK_FRAMES):
             yield start, self.counts[start : start + BLOCK_FRAMES]
+
+
+class ArrayRecordings(Recordings):
+    """The table of raw counts of n arrays; the recordings are named X[0], X[1] and so on.
+
+    Args:
+        arrays: (T_i, H, W) each, of one type.
+        objects: names.
+        labels: (n,) index of each recording's object.
+        sessions: (n,) number of each recording's session, from 0.
+    """
+
+    def __init__(self, arrays: Sequence[np.ndarray], objects: list[str], labels: np.ndarray, sessions: np.ndarray):
+        self.path = Path("X")
+        self.counts = pressure = np.concatenate(arrays)
+        lengths = [len(array) for array in arrays]
+        row = np.repeat(np.arange(len(arrays)), lengths)
+        self.objects, self.channel_names = objects, []
+        self.recordings = [f"X[{number}]" for number in range(len(arrays))]
+        self.sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
+        self.columns = {
+            "object": labels[row],
+            "recording": row,
+            "session": sessions[row],
+            "frame": np.concatenate([np.arange(length) for length in lengths]),
+            "time": np.full(len(row), np.nan),
+        }
+        self.live, self.notes = (pressure != pressure[0]).any(axis=0), []
 
 
 def in_units(readings: np.ndarray, channels: np.ndarray | None) -> np.ndarray:

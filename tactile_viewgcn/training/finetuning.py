@@ -13,8 +13,7 @@ from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
 from tactile_viewgcn.systems import system_class
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
-from tactile_viewgcn.tables.transform import full_scale
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Progress

@@ -12,8 +12,7 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_features
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
-from tactile_viewgcn.tables.transform import full_scale
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
 from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.inputs import Augmentation, FrameInputs

@@ -9,8 +9,8 @@ from tactile_viewgcn.frames.units import measure_units
 from tactile_viewgcn.pages.inspection_text import inspection_lines
 from tactile_viewgcn.pages.source_inspection import Overview
 from tactile_viewgcn.params import load
-from tactile_viewgcn.tables.array_recordings import ArrayRecordings
 from tactile_viewgcn.tables.frames import TEST, TRAIN, read_frames, save_table
+from tactile_viewgcn.tables.recordings import ArrayRecordings
 from tests.glove_data import FILE, OBJECTS, recording
 
 RECORDINGS = 8  # of each of four objects

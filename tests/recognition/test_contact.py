@@ -10,7 +10,7 @@ from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.recognition.preprocessing import find_contact
-from tactile_viewgcn.tables.array_recordings import ArrayRecordings
+from tactile_viewgcn.tables.recordings import ArrayRecordings
 from tests.glove_data import FILE, empty_hand, recogniser, recording
 
 NOISE, WEAK, HELD = 20.0, 7.0, np.arange(90) // 15 % 2 == 1  # counts; standard deviations; frames of three grasps

@@ -2,7 +2,6 @@
 
 import os
 from dataclasses import fields
-from io import BytesIO
 
 import h5py
 import numpy as np
@@ -10,9 +9,16 @@ import pytest
 
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.tables.counts import Gathered
-from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, read_frames, save_table
-from tactile_viewgcn.tables.transform import full_scale, network_input
+from tactile_viewgcn.tables.frames import (
+    TEST,
+    TRAIN,
+    VALIDATION,
+    Frames,
+    full_scale,
+    network_input,
+    read_frames,
+    save_table,
+)
 
 
 def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
@@ -66,19 +72,19 @@ def test_inputs_are_counts_above_the_frames_baseline_transformed(transform):
 @pytest.mark.parametrize(
     ("dtype", "frames"), [(np.int16, 10), (np.int32, 10), (np.float32, 10), (np.int16, 1), (np.int16, 0)]
 )
-def test_what_is_written_is_read_back_in_every_field_from_a_file_or_a_stream(tmp_path, dtype, frames):
+def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, frames):
     written, path = made(dtype=dtype, transform="log", scale=0.1, frames=frames), tmp_path / "frames.h5"
     save_table(path, written)
-    assert not frames or isinstance(read_frames(path).counts, Gathered)  # memory-mapped
-    for read in (read_frames(path), read_frames(BytesIO(path.read_bytes()))):
-        for field in fields(Frames):
-            before, after = getattr(written, field.name), getattr(read, field.name)
-            if isinstance(before, np.ndarray):
-                np.testing.assert_array_equal(after, before, err_msg=field.name)
-                assert (after.dtype, after.shape) == (before.dtype, before.shape), field.name
-            else:
-                assert after == before and type(after) is type(before), field.name
-        assert read.inputs(np.arange(frames)).shape == (frames, 3, 4)
+    read = read_frames(path)
+    assert not frames or isinstance(read.counts.base, np.memmap)
+    for field in fields(Frames):
+        before, after = getattr(written, field.name), getattr(read, field.name)
+        if isinstance(before, np.ndarray):
+            np.testing.assert_array_equal(after, before, err_msg=field.name)
+            assert (after.dtype, after.shape) == (before.dtype, before.shape), field.name
+        else:
+            assert after == before and type(after) is type(before), field.name
+    assert read.inputs(np.arange(frames)).shape == (frames, 3, 4)
 
 
 @pytest.mark.parametrize("damage", ["chunks", "cut short", "no counts"])
@@ -97,16 +103,12 @@ def test_a_table_that_cannot_be_mapped_is_refused_in_one_line(tmp_path, damage):
     assert "\n" not in str(error.value)
 
 
-def test_a_file_that_is_replaced_is_read_on_and_one_that_is_cut_short_ends_in_one_line(tmp_path):
+def test_a_file_that_is_replaced_is_read_on(tmp_path):
     path, before = tmp_path / "frames.h5", made()
     save_table(path, before)
     read = read_frames(path)
     save_table(path, made(seed=1))
     np.testing.assert_array_equal(read.counts[:], before.counts)
-    read = read_frames(path)
-    os.truncate(path, 100)
-    with pytest.raises(UserError, match=r"frames\.h5: "):
-        read.inputs(np.arange(10))
 
 
 def test_two_writes_give_equal_bytes_and_other_frames_give_others(tmp_path):
