@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import contact, preprocessing
-from tactile_viewgcn.frames.anchors import balanced_anchors
-from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.frames.preprocessing import balanced_anchors, preprocess_recordings
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.tables.frames import TRAIN
 from tests.glove_data import drifting, recipe, views_of, written
