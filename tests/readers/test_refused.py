@@ -538,21 +538,10 @@ def test_what_crashes_takes_all_memory_or_never_ends_ends_in_a_line_that_names_t
         child.run_apart(work, tmp_path)
 
 
-class Unsendable(Exception):
-    def __init__(self, one, two):
-        super().__init__(f"{one} and {two}")
-
-
 def test_a_fault_of_ours_comes_out_of_the_child_with_its_place(tmp_path):
     with pytest.raises(ZeroDivisionError) as caught:
         child.run_apart(lambda: print(1 // 0), tmp_path)
     assert "1 // 0" in caught.value.__notes__[0]
-
-    def work():
-        raise Unsendable("bread", "butter")
-
-    with pytest.raises(RuntimeError, match="Unsendable: bread and butter"):
-        child.run_apart(work, tmp_path)
 
 
 def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
