@@ -56,17 +56,13 @@ def leak_counts(leak: QuickError | None) -> dict[str, float]:
 def leak_notes(recordings: Recordings, hand: OpenHand, leak: QuickError | None, *, advised: bool) -> list[Note]:
     """A leak check in one line, or why there is none, and a warning where the objects are recognised.
 
-    The value of a note on a check that was not made is the number of frames without contact, 0 where all are contact.
-
     Args:
         advised: to set the baseline to `grasp` is a remedy.
     """
     if leak is None:
         frames = int((hand.open & ~of_empty_hand(recordings)).sum())
-        text = "not checked: no frame of an object is without contact"
-        if frames:
-            text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
-        return [Note(text, topic=TOPIC, key="leak.frames", value=frames)]
+        text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
+        return [Note(text, topic=TOPIC)]
     text = (
         f"frames without contact predict the object with an error of {100 * leak.error:.1f} % "
         f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; "

@@ -4,6 +4,7 @@ import numpy as np
 
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import CONTACT_SIGMAS
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
 MOST_FRAMES = 1000  # whose readings are compared with the scale
@@ -47,8 +48,7 @@ def noise_warnings(frames: Frames, noise: float) -> list[Note]:
 
 def _sample(frames: Frames) -> tuple[np.ndarray, np.ndarray]:
     """Indices (n,) of about 1,000 training frames, and the counts (n, S) of their live sensors above baseline."""
-    training = frames.on(TRAIN)
-    index = training[np.unique(np.linspace(0, len(training) - 1, MOST_FRAMES).astype(int))]
+    index = evenly(frames.on(TRAIN), MOST_FRAMES)
     return index, frames.inputs(index, "counts")[:, frames.live]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactile_viewgcn.messages import Note, several
-from tactile_viewgcn.readers.source import BLOCK_FRAMES, listed
+from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.frames import sensor_names
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
@@ -18,9 +18,8 @@ def find_clocks(recordings: Recordings) -> np.ndarray:
     """
     clocks, none, recorded = recordings.live.copy(), np.zeros_like(recordings.live), frames_by_recording(recordings)
     for index in recorded:
-        for start in range(0, len(index), BLOCK_FRAMES):
-            counts = recordings.counts[index[start : start + BLOCK_FRAMES + 1]][:, clocks]
-            clocks[clocks] = (counts[1:] > counts[:-1]).all(axis=0)
+        counts = recordings.counts[index][:, clocks]
+        clocks[clocks] = (counts[1:] > counts[:-1]).all(axis=0)
         if not clocks.any():
             return none
     times = [recordings.counts[index][:, clocks].astype(np.float64) for index in recorded]

@@ -89,9 +89,8 @@ def write_recordings(path: Path, source: Source, md5: str) -> None:
             )
         for name, blocks in columns.items():
             file[name] = np.concatenate(blocks)
-        for kind, names in source.names.items():
-            file[f"{kind}s"] = np.array(names, dtype=h5py.string_dtype())
-        texts = {"notes": [json.dumps(asdict(note)) for note in source.notes], "channel_names": source.channel_names}
+        texts = {f"{kind}s": names for kind, names in source.names.items()}
+        texts |= {"notes": [json.dumps(asdict(note)) for note in source.notes], "channel_names": source.channel_names}
         for name, parts in texts.items():
             if parts:
                 file[name] = np.array(parts, dtype=h5py.string_dtype())
