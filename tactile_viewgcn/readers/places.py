@@ -36,7 +36,8 @@ class Layout:
         pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(self.text))
         pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
         if not (match := re.fullmatch(pattern, recording)):
-            raise UserError(f"{file}: expected {self.text} as for most files; in all, {PLACES}")
+            expected = f"expected {self.text} as for most files; in all, {PLACES}"
+            raise UserError(f"{file}: {expected}, or an attribute `object` in HDF5")
         if labelled and "object" not in match.groupdict():
             raise UserError(
                 f"{self.root}: {file.relative_to(self.root).as_posix()!r} names no object; expected {PLACES}, a table "
