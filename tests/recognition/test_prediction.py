@@ -160,7 +160,7 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         ("classifier.pt nowhere", FileNotFoundError, "nowhere: no such file"),
         ("new/0.h5 new", UserError, "0.h5: no classifier"),
         ("classifier.pt classifier.pt", UserError, "classifier.pt: no recordings"),
-        ("classifier.pt other", UserError, "8 x 9; expected 8 x 10"),
+        ("classifier.pt other", UserError, r"8, 9\).*frames, 8, 10"),
         ("classifier.pt new --window 5e-324", UserError, "window is 4.94066e-324"),
         ("classifier.pt new --stop-at 1.5", UserError, "threshold is 1.5"),
         ("classifier.pt new --csv a.json", UserError, "a.json: .*named twice"),
