@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 _SET_DATA = click.option(
     "--set", "changes", multiple=True, metavar="data.KEY=VALUE", help="How to read SOURCE, as data in params.yaml."
 )
-
 SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 
 

@@ -1,5 +1,7 @@
 """The cost of a process."""
 
+import subprocess
+import sys
 import time
 
 from tactile_viewgcn.process import peak_mb, seconds_since_start
@@ -9,6 +11,14 @@ def test_seconds_count_from_the_start_of_the_process_and_grow():
     first = seconds_since_start()
     time.sleep(0.05)
     assert first > 0.1 and 0.03 < seconds_since_start() - first < 5
+
+
+def test_a_process_that_has_just_begun_is_a_few_tenths_of_a_second_old():
+    code = "import time; at = time.time(); from tactile_viewgcn import process; " + (
+        "print(at - time.time() + process.seconds_since_start())"
+    )
+    age = float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+    assert 0 <= age < 0.4
 
 
 def test_the_peak_of_memory_counts_what_was_freed():

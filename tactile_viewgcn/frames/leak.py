@@ -61,7 +61,9 @@ def leak_notes(recordings: Recordings, hand: OpenHand, leak: QuickError | None, 
     """
     if leak is None:
         frames = int((hand.open & ~of_empty_hand(recordings)).sum())
-        text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
+        text = "not checked: no frame of an object is without contact"
+        if frames:
+            text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
         return [Note(text, topic=TOPIC)]
     text = (
         f"frames without contact predict the object with an error of {100 * leak.error:.1f} % "

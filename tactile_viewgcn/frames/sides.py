@@ -80,7 +80,7 @@ def deal(
         surplus[used] = surplus_groups(side[used], of_used, label, most=split.train_groups)
     if split.train_grasps != "all":
         grasps = split_groups(columns, "grasp")
-        surplus |= surplus_groups(side, grasps, columns["recording"], most=split.train_grasps)
+        surplus |= surplus_groups(side, grasps, split_groups(columns, "recording"), most=split.train_grasps)
     return Sides(group, side, surplus, whole=by != "frame")
 
 

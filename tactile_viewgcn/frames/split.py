@@ -25,9 +25,8 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     column = {"grasp": "grasp", "source": "split"}.get(by)
     if column and column not in columns:
         what = "grasp numbers" if by == "grasp" else "published split"
-        raise UserError(
-            f"the recordings have no {what}: set split.by to recording or session, and split.train_grasps to all"
-        )
+        remedy = ", and split.train_grasps to all" * (by == "grasp")
+        raise UserError(f"the recordings have no {what}: set split.by to recording or session{remedy}")
     if by == "session":
         return columns["session"].astype(np.int64)
     keys = [columns["recording"], columns["object"]] + ([columns["grasp"]] if by == "grasp" else [])

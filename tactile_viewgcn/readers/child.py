@@ -5,6 +5,7 @@ A damaged file may crash SciPy or HDF5, make them take all memory or keep them b
 
 import faulthandler
 import os
+import pickle
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -86,9 +87,17 @@ def _limited(work: Callable[[], None], stored: int, parent: Connection) -> None:
         work()
     except Exception as error:
         error.add_note(format_exc())
-        parent.send(error)
+        parent.send(_sendable(error))
     else:
         parent.send(None)
+
+
+def _sendable(error: Exception) -> Exception:
+    """The error itself, or a RuntimeError with its text where it cannot be pickled."""
+    try:
+        return pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
 
 
 def stored_bytes(path: Path) -> int:

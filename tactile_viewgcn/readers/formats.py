@@ -16,10 +16,10 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import ARRAYS, HDF5, TEXTS, all_below, arrays_below, files_below, stag_files
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.columns import Columns, columns_of, named, recordings_in, sensors_and_time
-from tactile_viewgcn.readers.folder import Names, joined
+from tactile_viewgcn.readers.folder import MANY, Names, joined
 from tactile_viewgcn.readers.hdf5 import open_hdf5, read_recording
 from tactile_viewgcn.readers.places import PLACES, Layout, layout_of, place_of
 from tactile_viewgcn.readers.source import AUTO, Form, Source, Values, framed, listed, pressure_name, side_of
@@ -55,8 +55,15 @@ def open_source(path: str | Path, form: Form = AUTO) -> Source:
             is_hdf5, is_stag = h5py.is_hdf5(path), path.name == "metadata.mat"
             if is_stag or ((is_hdf5 or path.suffix.lower() == ".mat") and matlab_fields(path, ("objectId",))):
                 return read_metadata(path)
-    if files := [path] if is_hdf5 else sorted({*arrays_below(path), *files_below(path, HDF5)}):
-        return read_files(path, files, form)
+    few, many = sorted((arrays_below(path), [path] if is_hdf5 else files_below(path, HDF5)), key=len)
+    if few and len(few) * MANY > len(many):
+        raise UserError(f"{path}: HDF5 recordings and arrays, {few[0]} and {many[0]}; keep one form elsewhere")
+    if many:
+        source = read_files(path, many, form)
+        if few:
+            text = f"{several(len(few), 'file')} of a different form left out beside {len(many):,}: "
+            source.notes.append(Note(text + listed(list(map(str, few))), "warning", "files"))
+        return source
     endings = sorted({file.suffix for file in (all_below(path) if path.is_dir() else [path])})
     raise UserError(f"{path}: no recordings in it, only files of {listed(endings)}; {EXPECTED}")
 
@@ -86,6 +93,8 @@ def read_files(path: Path, files: list[Path], form: Form) -> Source:
             }
         source = joined(path, list(parts), lambda part: nullcontext(parts[part]))
     else:
+        if not any(file.suffix.lower() in HDF5 for file in files):  # which may name objects themselves
+            layout()
         source = joined(path, files, partial(_opened, path=path, layout=layout, form=form, columns=columns))
     if columns and len(columns.sensors) == math.prod(source.shape):
         source.notes.extend(columns.notes)

@@ -33,7 +33,7 @@ def read_recording(file: h5py.File, form: Form) -> tuple[dict[str, str], dict[st
     if SOURCE_MD5 in file.attrs:
         raise UserError(f"{file.filename}: the table that ingest writes, not a recording; keep it out of the source")
     in_file = {name: form.columns.get(name, name) for name in (*DATASETS, *ATTRIBUTES)}
-    values = {name: dataset(file, in_file[name], "numbers") for name in DATASETS if in_file[name] in file}
+    values = {name: dataset(file, in_file[name], "numbers") for name in DATASETS if file.get(in_file[name]) is not None}
     if "pressure" not in values:
         raise no_array(in_file["pressure"], list(file), file.filename)
     texts = {name: _attribute(file, in_file[name]) for name in ATTRIBUTES if in_file[name] in file.attrs}

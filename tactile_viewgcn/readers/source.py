@@ -135,7 +135,7 @@ def framed(values: Any, form: Form, where: str) -> Any:
     Raises:
         UserError: it has other axes than the form says.
     """
-    if len(values.shape) == 3 and (form.shape == "auto" or list(values.shape[1:]) == form.shape):
+    if len(values.shape) == 3 and (form.shape == "auto" or list(values.shape[1:]) == list(form.shape)):
         return values
     array = values[()]
     if array.ndim not in (2, 3):

@@ -52,6 +52,7 @@ class LeftOut:
         if member == OF_FRAMES and size != FRAME:
             return self.examples.averaged(self._answers(member, FRAME), size)
         if (member, size) not in self._shares:
+            self.examples.points(member, size)  # which are computed once, and are no part of a fit
             for left in self._folds:
                 begin = time.perf_counter()
                 estimator = self.examples.fit(member, size, self._seed, ~left)

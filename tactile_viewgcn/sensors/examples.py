@@ -10,7 +10,7 @@ from tactile_viewgcn.sensors.estimators import Estimator, sampled
 from tactile_viewgcn.sensors.representation import OF_FRAMES, OF_RECORDINGS, Representation, reads
 
 WHOLE, FRAME = 0, -1  # in the place of a size: a whole recording, and a single frame
-SETS, MOST_SETS = 4, 300  # view sets of a size: of each recording; of all, but one of each
+SETS, MOST_SETS = 4, 300  # view sets of a size: of each recording, and about as many in all; at least one of each
 MOST_FRAMES, LEAST_FRAMES = 2000, 8  # of which view sets are drawn and single frames are taken; of a recording
 QUICK_FRAMES = 1000  # of a comparison
 MOST_VALUES = 1 << 22  # readings of recordings that are summarised at once

@@ -1,11 +1,14 @@
 """Counts of frames in files: stored in one piece, memory-mapped, and read when they are indexed."""
 
 from collections.abc import Callable, Iterable
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+
+from tactile_viewgcn.messages import UserError
 
 
 def write_blocks(dataset: h5py.Dataset, blocks: Iterable[np.ndarray]) -> None:
@@ -44,14 +47,24 @@ class Gathered:
 Counts = np.ndarray | Gathered
 
 
-def mapped(path: str | Path, dataset: h5py.Dataset) -> np.ndarray:
+def mapped(path: str | Path, dataset: h5py.Dataset) -> Counts:
     """A dataset as an array that the operating system reads from its file page by page, when it is indexed.
 
     Raises:
         TypeError: the dataset is not stored in one piece.
+        UserError: when it is indexed, and the file has become shorter; reading it would end the process.
     """
     if not dataset.size:  # an empty dataset has no place in the file
-        return dataset[()]
+        return np.asarray(dataset[()])
     if dataset.chunks or (offset := dataset.id.get_offset()) is None:
         raise TypeError(f"{dataset.name} is not stored in one piece")
-    return np.asarray(np.memmap(path, dataset.dtype, "r", offset, dataset.shape))
+    with Path(path).open("rb") as file:
+        whole = mmap(file.fileno(), 0, access=ACCESS_READ)  # keeps the file open, also where another takes its place
+    array = np.frombuffer(whole, dataset.dtype, dataset.size, offset).reshape(dataset.shape)
+
+    def rows_of(index: np.ndarray) -> np.ndarray:
+        if whole.size() < len(whole):
+            raise UserError(f"{path}: has become shorter while it is read; run `dvc repro` again")
+        return array[index]
+
+    return Gathered(rows_of, np.arange(len(array)))

@@ -451,13 +451,16 @@ def test_attributes_name_a_recording_in_hdf5_and_its_side(tmp_path):
     assert table.columns["split"].tolist() == [TRAIN] * 4 + [TEST] * 4
 
 
-def test_a_folder_may_hold_recordings_of_several_forms(tmp_path):
-    record(tmp_path / "lab" / "mug" / "1.h5", attributes={"object": None, "session": None})
-    save(tmp_path / "lab" / "mug" / "2.npy")
-    save(tmp_path / "lab" / "pen" / "1.npz", {"pressure": COUNTS})
-    counts, table = ingested(tmp_path / "lab")
-    np.testing.assert_array_equal(counts, np.concatenate([COUNTS] * 3))
-    assert table.recordings == ["mug/1", "mug/2", "pen/1"] and table.columns["object"].tolist() == [0] * 8 + [1] * 4
+@pytest.mark.parametrize("labelled", [True, False])
+def test_a_table_beside_many_hdf5_recordings_is_left_out_and_names_none_of_their_sensors(tmp_path, labelled):
+    for number in range(12):
+        record(tmp_path / "lab" / f"{number}.h5", pressure=COUNTS.reshape(len(COUNTS), 1, -1))
+    names = ",".join(f"sensor{number}" for number in range(COUNTS[0].size))
+    values = ",".join(map(str, range(COUNTS[0].size)))
+    (tmp_path / "lab" / "weather.csv").write_text("\n".join([names, values, values]))
+    source = open_source(tmp_path / "lab", Form(labelled=labelled))
+    assert source.channel_names == [] and len(source.names["recording"]) == 12
+    assert [note.level for note in source.notes if "weather.csv" in note.text] == ["warning"]
 
 
 def test_grasps_flags_and_times_are_columns_and_times_begin_at_0(tmp_path):

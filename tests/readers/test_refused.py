@@ -82,8 +82,8 @@ def table_of_ingest(folder, name):
 
 
 def both_forms(folder):
-    save(folder / "mug" / "1.npy")
-    return record(folder / "mug" / "2.h5", pressure=COUNTS[:, 1:]).parents[1]
+    (path := save_hdf5(folder / "lab", TREE)).joinpath("mug").mkdir()
+    return save(path / "mug" / "1.npy").parents[1]
 
 
 def saved(folder, name, content=COUNTS, below=True):
@@ -111,7 +111,7 @@ SOURCES = {
     "a text": (partial(saved, name="table.json", content="time,pressure\n0,513\n", below=False), "table.json|STAG"),
     "a table of ingest": (partial(table_of_ingest, name="recordings.dat"), "recordings.dat|ingest"),
     "a table of ingest among recordings": (partial(table_of_ingest, name="recordings.h5"), "recordings.h5|ingest"),
-    "arrays beside HDF5 of a different shape": (both_forms, ".h5|1.npy"),
+    "arrays beside HDF5": (both_forms, ".h5|1.npy"),
     "an array without an object": (partial(saved, name="1.npy"), "'1.npy' names no object"),
     "an array below too many folders": (partial(saved, name="a/b/c/1.npy"), "1.npy' names no object"),
 }  # fmt: skip
@@ -538,10 +538,21 @@ def test_what_crashes_takes_all_memory_or_never_ends_ends_in_a_line_that_names_t
         child.run_apart(work, tmp_path)
 
 
+class Unsendable(Exception):
+    def __init__(self, one, two):
+        super().__init__(f"{one} and {two}")
+
+
 def test_a_fault_of_ours_comes_out_of_the_child_with_its_place(tmp_path):
     with pytest.raises(ZeroDivisionError) as caught:
         child.run_apart(lambda: print(1 // 0), tmp_path)
     assert "1 // 0" in caught.value.__notes__[0]
+
+    def work():
+        raise Unsendable("bread", "butter")
+
+    with pytest.raises(RuntimeError, match="Unsendable: bread and butter"):
+        child.run_apart(work, tmp_path)
 
 
 def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
