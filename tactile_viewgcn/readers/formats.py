@@ -55,8 +55,8 @@ def open_source(path: str | Path, form: Form = AUTO) -> Source:
             is_hdf5, is_stag = h5py.is_hdf5(path), path.name == "metadata.mat"
             if is_stag or ((is_hdf5 or path.suffix.lower() == ".mat") and matlab_fields(path, ("objectId",))):
                 return read_metadata(path)
-    forms = [[path]] if is_hdf5 else [arrays_below(path), files_below(path, HDF5)]
-    few, many = sorted([*forms, []], key=len)[-2:]
+    arrays, hdf5 = ([], [path]) if is_hdf5 else (arrays_below(path), files_below(path, HDF5))
+    few, many = sorted((arrays, hdf5), key=len)
     if few and len(few) * MANY > len(many):
         raise UserError(f"{path}: HDF5 recordings and arrays, {few[0]} and {many[0]}; keep one form elsewhere")
     if many:
