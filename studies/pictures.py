@@ -60,26 +60,25 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
 
 
 def error_curves(rows: pd.DataFrame, title: str) -> Figure:
-    """A line for each variant under the last protocol: error along the crossing, against seconds, and against ms.
+    """A panel for each protocol, a line in it for each variant: the error along the crossing.
 
-    A crossing's names begin with a number, as in `8 recordings`; the other words are the first panel's label.
+    A crossing's names begin with a number, as in `8 recordings`; the other words label the axis.
     """
-    rows = _of_last_protocol(rows)
     rows = rows.join(rows["variant"].str.extract(r"(?P<name>.*) / (?P<number>\d+) ?(?P<unit>.*)"))
     rows["number"] = rows["number"].astype(int)
-    figure = Figure(figsize=(16, 6), layout="constrained")
-    unit = rows.loc[rows["number"].idxmax(), "unit"]  # in the plural
-    panels = {"number": unit, "seconds": "seconds of both trainings", "ms alone": "ms of an answer, alone"}
-    for axes, (column, label) in zip(figure.subplots(1, 3, sharey=True), panels.items(), strict=True):
-        for count, (name, curve) in enumerate(rows.groupby("name", sort=False)):
-            style = "o-" if count < 10 else "s--"  # there are ten colours
-            axes.errorbar(curve[column], curve["error"], _bars(curve), fmt=style, ms=4, elinewidth=0.8, label=name)
-        axes.set_xlabel(label)
-        _log_axis(axes, rows[column].to_numpy())
-    sizes = figure.axes[0]
-    sizes.set_ylabel(f"error, % ({rows['protocol'].iloc[0]} protocol)")
-    sizes.set_xticks(rows["number"].unique(), rows["number"].unique().astype(str))
-    figure.legend(*sizes.get_legend_handles_labels(), loc="outside lower center", ncols=7, fontsize=8)
+    protocols = rows["protocol"].unique()
+    figure = Figure(figsize=(4.8 * len(protocols), 5), layout="constrained")
+    panels = figure.subplots(1, len(protocols), sharey=True, squeeze=False)[0]
+    for axes, protocol in zip(panels, protocols, strict=True):
+        for name, curve in rows[rows["protocol"] == protocol].groupby("name", sort=False):
+            axes.errorbar(curve["number"], curve["error"], _bars(curve), fmt="o-", ms=4, elinewidth=0.8, label=name)
+        axes.set(title=f"{protocol} protocol", xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
+        axes.set_xscale("log")
+        axes.xaxis.set(minor_locator=NullLocator())
+        axes.set_xticks(rows["number"].unique(), rows["number"].unique().astype(str))
+        axes.grid(alpha=0.3)
+    figure.axes[0].set_ylabel("error, %")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     figure.suptitle(title, fontsize=10)
     return figure
 

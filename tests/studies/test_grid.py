@@ -135,7 +135,7 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["nosuch"], "folds, sequential"),
+        (["nosuch"], "folds, presets, sequential"),
         (["compare", "--jobs", "0"], "--jobs is 0"),
         (["compare", "--set", "views=4"], "--set without --out"),
         (["compare", "--set", "vews=4", "--out", "elsewhere"], "did you mean views?"),

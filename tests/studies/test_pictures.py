@@ -14,7 +14,7 @@ def rows_of(*rows, more=0):
     return pd.DataFrame([
         {"variant": name, "protocol": protocol, "error": error + add, "low": np.nan, "high": np.nan}
         | dict(zip(COSTS, costs, strict=True))
-        for protocol, add in (("object", more), ("recording", 0))  # the last protocol is drawn
+        for protocol, add in (("object", more), ("recording", 0))
         for name, error, *costs in rows
     ])  # fmt: skip
 
@@ -33,11 +33,11 @@ def test_curves_have_a_line_for_what_names_say_before_their_last_number(names):
         (f"{second} / 8 recordings", 20, 5, 6, 0.2),
         more=50,
     )
-    sizes, seconds, latencies = error_curves(rows, "title").axes
-    assert lines_of(sizes) == [([1, 8], [40, 10]), ([1, 8], [35, 20])]
-    assert lines_of(seconds) == [([7, 70], [40, 10]), ([2, 11], [35, 20])]
-    assert lines_of(latencies) == [([1.0, 1.5], [40, 10]), ([0.1, 0.2], [35, 20])]
-    assert (tuple(sizes.get_legend_handles_labels()[1]), sizes.get_xlabel()) == (names, "recordings")
+    mixed, alone = error_curves(rows, "title").axes
+    assert lines_of(mixed) == [([1, 8], [90, 60]), ([1, 8], [85, 70])]
+    assert lines_of(alone) == [([1, 8], [40, 10]), ([1, 8], [35, 20])]
+    assert [axes.get_title() for axes in (mixed, alone)] == ["object protocol", "recording protocol"]
+    assert (tuple(mixed.get_legend_handles_labels()[1]), mixed.get_xlabel()) == (names, "recordings")
 
 
 def test_error_against_a_cost_numbers_the_front_the_presets_and_the_reference():
