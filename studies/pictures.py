@@ -36,7 +36,7 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
     Args:
         cost: `seconds` of both trainings, or a column of the rows; label: label of its axis.
     """
-    rows = _of_last_protocol(rows)
+    rows = of_last_protocol(rows)
     costs, errors, bars = rows[cost].to_numpy(), rows["error"].to_numpy(), _bars(rows)
     figure = Figure(figsize=(6.4, 5.4), layout="constrained")
     axes = figure.add_subplot()
@@ -83,7 +83,7 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
     return figure
 
 
-def _of_last_protocol(rows: pd.DataFrame) -> pd.DataFrame:
+def of_last_protocol(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows of the last protocol, with the `seconds` of both trainings."""
     chosen = rows[rows["protocol"] == rows["protocol"].iloc[-1]]
     return chosen.assign(seconds=chosen["pretrain s"] + chosen["finetune s"])

@@ -1,5 +1,6 @@
 """The report of a study: its tables and its pictures."""
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,14 +11,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from studies.cells import Answers
-from studies.comparison import WEIGHTINGS, Variant, pooled, power, rows_of, sequential_rows
+from studies.comparison import WEIGHTINGS, Variant, pareto_front, pooled, power, rows_of, sequential_rows
 from studies.grid import COLUMNS, Study
-from studies.pictures import error_curves, errors_by_cost, errors_by_variant
+from studies.pictures import error_curves, errors_by_cost, errors_by_variant, of_last_protocol
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.schema import as_change
 
 REHEARSAL = "**A rehearsal on tiny data: it shows that the study runs, and nothing else.**"
 EXPLAINED = """Errors are in per cent, means over trials and over a variant's trainings, each from one seed on all
@@ -66,6 +68,8 @@ def write_report(
     if references:
         text.append(COMPARED.format(groups=several(groups, "group"), least=max(2.0**-groups * 2, 1e-4)))
     parts = [*map(_paragraph, text), *tables(rows, sequential, references, study.columns)]
+    if study.picture == "seconds":
+        parts += ["The Pareto fronts of the pictures, as they are typed:", front_lines(study, rows)]
     shown = pd.concat([rows, sequential]).drop(columns={*COLUMNS} - {*study.columns})
     with atomic_write(folder / "results.csv") as part:
         shown.to_csv(part, index=False)
@@ -91,6 +95,22 @@ def pictures(
         }
         return {name: errors_by_cost(rows, *cost, references, title) for name, cost in costs.items()}
     return {"results.png": errors_by_variant(pd.concat([rows, sequential]), title)}
+
+
+def front_lines(study: Study, rows: pd.DataFrame) -> str:
+    """The variants on the front of either picture, each with the command that trains it, as a block of a shell."""
+    rows = of_last_protocol(rows[rows["weighting"] == "frame"])
+    costs = (rows[cost].to_numpy() for cost in ("seconds", "ms alone"))
+    front = {place for cost in costs for place in pareto_front(cost, rows["error"].to_numpy())}
+    lines = []
+    for _, row in rows.iloc[sorted(front)].sort_values("error", ascending=False).iterrows():
+        places = zip([study.variants, *study.cross], row["variant"].split(" / "), strict=True)
+        changes = [change for axis, name in places for change in axis[name].items()]
+        words = [f"$(tactile-viewgcn preset {value})" for key, value in changes if key == "preset"]
+        words += [f"-S {shlex.quote(as_change(key, value))}" for key, value in changes if key != "preset"]
+        cost = f"# {row['variant']}: error {row['error']:.1f} %, {row['seconds']:.3g} s, {row['ms alone']:.2g} ms"
+        lines += [cost, " ".join(["dvc exp run --temp", *words])]
+    return "\n".join(["```bash", *lines, "```"])
 
 
 def missing(study: Study, variants: list[Variant], on_top: tuple[str, ...]) -> list[str]:

@@ -168,7 +168,8 @@ def test_power_is_the_half_width_of_the_widest_paired_interval():
 def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_missing(tmp_path, picture):
     def report(*cells, rehearsal=False, **settings):
         settings = {"reference": "a", "seeds": [0, 1], "folds": [0], "columns": ["finetune s"]} | settings
-        made = Study(name="made", question="Which?", variants={each.cell.variant: {} for each in cells}, **settings)
+        variants = {each.cell.variant: {"preset": "best", "model.members": ["svm"]} for each in cells}
+        made = Study(name="made", question="Which?", variants=variants, **settings)
         text = write_report(made, list(cells), tmp_path, rehearsal=rehearsal, on_top=("split.by=grasp",))
         return text.replace("\n", " "), pd.read_csv(tmp_path / "results.csv")
 
@@ -179,6 +180,9 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     assert rows["vs a more"].iloc[-1] == pytest.approx(20) and np.isnan(rows["vs a p"].iloc[-2])
     assert "| b         | 30.0 (" in text and "| b         | 20.0 (20.0 to 20.0) | 0.008" in text
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
+    typed = "1 ms dvc exp run --temp $(tactile-viewgcn preset best) -S 'model.members=[svm]' ```"
+    assert (f"# a: error 10.0 %, 5 s, {typed}" in text) == (picture == "seconds")
+    assert "# b:" not in text  # as dear as a, and errs more
     assert "`split.by=grasp`" in text and "smallest difference" in text and "ehearsal" not in text
     text, rows = report(answers("a", 1, sequential=SEQUENTIAL), picture=picture, rehearsal=True)
     assert len(rows) == 2 * 2 + 3 and rows["frames"].iloc[-1] == 1.5
