@@ -88,7 +88,7 @@ def test_preset_prints_options_of_dvc_and_one_that_dvc_refuses_for_an_unknown_na
 
 def test_help_has_a_line_for_each_preset():
     text = " ".join(call("preset", "--help").stdout.split())
-    assert len(presets()) == 8 and all(f" {name} {purpose}" in text for name, purpose in presets().items())
+    assert len(presets()) == 7 and all(f" {name} {purpose}" in text for name, purpose in presets().items())
 
 
 @pytest.mark.stability("libraries")

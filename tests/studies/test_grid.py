@@ -52,12 +52,12 @@ def test_cells_are_every_variant_from_every_seed_on_every_fold(study):
 
 
 def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
-    variants = {"a": {}, "b": {"preset": "network", "augment.shift": 2}}
+    variants = {"a": {}, "b": {"preset": "network", "pretrain.epochs": 2}}
     made = study(variants=variants, folds="all", deals=[0, 3], set={"split.folds": 2})
     assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(product([0, 3], "ab", [0, 1]))
     changes = made.cells()[-1].changes  # those of the preset, then later ones
     assert "split.deal=3" in changes and "model.system=vote" in changes
-    assert changes.index("augment.shift=1") < changes.index("augment.shift=2")
+    assert changes.index("pretrain.epochs=6") < changes.index("pretrain.epochs=2")
     grasps = made.cells(on_top=("split.folds=6", "split.by=grasp"))
     assert len(grasps) == 2 * 2 * 6
     assert grasps[-1].changes[-5:] == ("split.folds=6", "split.by=grasp", "seed=0", "split.deal=3", "split.fold=5")
@@ -135,7 +135,7 @@ def test_the_list_has_a_line_for_each_study_and_an_estimate_from_finished_cells(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["nosuch"], "folds, presets, sequential"),
+        (["nosuch"], "expected one of claims, compare"),
         (["compare", "--jobs", "0"], "--jobs is 0"),
         (["compare", "--set", "views=4"], "--set without --out"),
         (["compare", "--set", "vews=4", "--out", "elsewhere"], "did you mean views?"),
