@@ -57,7 +57,7 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
     assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(product([0, 3], "ab", [0, 1]))
     changes = made.cells()[-1].changes  # those of the preset, then later ones
     assert "split.deal=3" in changes and "model.system=vote" in changes
-    assert changes.index("pretrain.epochs=6") < changes.index("pretrain.epochs=2")
+    assert changes.index("pretrain.epochs=8") < changes.index("pretrain.epochs=2")
     grasps = made.cells(on_top=("split.folds=6", "split.by=grasp"))
     assert len(grasps) == 2 * 2 * 6
     assert grasps[-1].changes[-5:] == ("split.folds=6", "split.by=grasp", "seed=0", "split.deal=3", "split.fold=5")
