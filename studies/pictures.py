@@ -31,31 +31,31 @@ def errors_by_variant(rows: pd.DataFrame, title: str) -> Figure:
 
 
 def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collection[str], title: str) -> Figure:
-    """Error under the last protocol against a cost, with numbers for the Pareto front, presets and references.
+    """Error against a cost, a panel for each protocol, with numbers for the Pareto fronts, presets and references.
 
     Args:
         cost: `seconds` of both trainings, or a column of the rows; label: label of its axis.
     """
-    rows = of_last_protocol(rows)
-    costs, errors, bars = rows[cost].to_numpy(), rows["error"].to_numpy(), _bars(rows)
-    figure = Figure(figsize=(6.4, 5.4), layout="constrained")
-    axes = figure.add_subplot()
-    axes.errorbar(costs, errors, yerr=bars, fmt="o", color="0.6", ms=4, elinewidth=0.6)
-    best = pareto_front(costs, errors)
-    axes.plot(costs[best], errors[best], "o-", drawstyle="steps-post", color="C0", ms=6)
-    named = (rows["variant"].isin(references) | rows["variant"].str.partition(" / ")[0].isin(references)).to_numpy()
-    axes.plot(costs[named], errors[named], "*", color="C3", ms=14)
-    presets = np.flatnonzero(rows["variant"].str.startswith("preset "))
-    numbered = sorted({*best, *np.flatnonzero(named), *presets}, key=costs.__getitem__)
-    for number, place in enumerate(numbered, start=1):
-        at = costs[place], errors[place]
-        axes.annotate(str(number), at, (-7, 0), textcoords="offset points", ha="right", va="center", fontsize=9)
-        axes.plot([], [], " ", label=f"{number}  {rows['variant'].iloc[place]}")
-    _log_axis(axes, costs)
-    axes.set(xlabel=label, ylabel=f"error, % ({rows['protocol'].iloc[0]} protocol)")
-    figure.legend(fontsize=9, loc="outside lower center", ncols=3, handlelength=0, handletextpad=0)
-    stars = "; ".join(["blue: Pareto front", *(f"star: {name}" for name in rows["variant"][named])])
-    figure.suptitle(f"{title}\n{stars}", fontsize=10)
+    panels = [panel for _, panel in with_seconds(rows).groupby("protocol", sort=False)]
+    variants, costs = panels[0]["variant"].reset_index(drop=True), panels[0][cost].to_numpy()
+    fronts = [pareto_front(costs, panel["error"].to_numpy()) for panel in panels]
+    named = (variants.isin(references) | variants.str.partition(" / ")[0].isin(references)).to_numpy()
+    presets = np.flatnonzero(variants.str.startswith("preset "))
+    numbered = sorted({*np.hstack(fronts), *np.flatnonzero(named), *presets}, key=costs.__getitem__)
+    figure = Figure(figsize=(5.6 * len(panels), 5.4), layout="constrained")
+    for axes, panel, front in zip(_side_by_side(figure, len(panels)), panels, fronts, strict=True):
+        errors = panel["error"].to_numpy()
+        axes.errorbar(costs, errors, yerr=_bars(panel), fmt="o", color="0.6", ms=4, elinewidth=0.6)
+        axes.plot(costs[front], errors[front], "o-", drawstyle="steps-post", color="C0", ms=6)
+        axes.plot(costs[named], errors[named], "*", color="C3", ms=14)
+        for number, place in enumerate(numbered, start=1):
+            at = costs[place], errors[place]
+            axes.annotate(str(number), at, (-7, 0), textcoords="offset points", ha="right", va="center", fontsize=9)
+            axes.plot([], [], " ", label=f"{number}  {variants[place]}")
+        _log_axis(axes, costs)
+        axes.set(xlabel=label, title=f"{panel['protocol'].iloc[0]} protocol")
+    stars = "; ".join(["blue: Pareto front", *(f"star: {name}" for name in variants[named])])
+    _finish(figure, f"{title}\n{stars}", handlelength=0, handletextpad=0)
     return figure
 
 
@@ -68,8 +68,7 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
     rows["number"] = rows["number"].astype(int)
     protocols = rows["protocol"].unique()
     figure = Figure(figsize=(4.8 * len(protocols), 5), layout="constrained")
-    panels = figure.subplots(1, len(protocols), sharey=True, squeeze=False)[0]
-    for axes, protocol in zip(panels, protocols, strict=True):
+    for axes, protocol in zip(_side_by_side(figure, len(protocols)), protocols, strict=True):
         for name, curve in rows[rows["protocol"] == protocol].groupby("name", sort=False):
             axes.errorbar(curve["number"], curve["error"], _bars(curve), fmt="o-", ms=4, elinewidth=0.8, label=name)
         axes.set(title=f"{protocol} protocol", xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
@@ -77,16 +76,25 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
         axes.xaxis.set(minor_locator=NullLocator())
         axes.set_xticks(rows["number"].unique(), rows["number"].unique().astype(str))
         axes.grid(alpha=0.3)
-    figure.axes[0].set_ylabel("error, %")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
-    figure.suptitle(title, fontsize=10)
+    _finish(figure, title)
     return figure
 
 
-def of_last_protocol(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows of the last protocol, with the `seconds` of both trainings."""
-    chosen = rows[rows["protocol"] == rows["protocol"].iloc[-1]]
-    return chosen.assign(seconds=chosen["pretrain s"] + chosen["finetune s"])
+def with_seconds(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the `seconds` of both trainings."""
+    return rows.assign(seconds=rows["pretrain s"] + rows["finetune s"])
+
+
+def _side_by_side(figure: Figure, count: int) -> np.ndarray:
+    return figure.subplots(1, count, sharey=True, squeeze=False)[0]
+
+
+def _finish(figure: Figure, title: str, **legend: float) -> None:
+    """Label the errors, and put the first panel's legend below all panels."""
+    figure.axes[0].set_ylabel("error, %")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9, **legend)
+    figure.suptitle(title, fontsize=10)
 
 
 def _log_axis(axes: Axes, costs: np.ndarray) -> None:

@@ -3,6 +3,7 @@
 import shlex
 from collections import Counter
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from textwrap import fill
 
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from studies.cells import Answers
 from studies.comparison import WEIGHTINGS, Variant, pareto_front, pooled, power, rows_of, sequential_rows
 from studies.grid import COLUMNS, Study
-from studies.pictures import error_curves, errors_by_cost, errors_by_variant, of_last_protocol
+from studies.pictures import error_curves, errors_by_cost, errors_by_variant, with_seconds
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
@@ -98,18 +99,21 @@ def pictures(
 
 
 def front_lines(study: Study, rows: pd.DataFrame) -> str:
-    """The variants on the front of either picture, each with the command that trains it, as a block of a shell."""
-    rows = of_last_protocol(rows[rows["weighting"] == "frame"])
-    costs = (rows[cost].to_numpy() for cost in ("seconds", "ms alone"))
-    front = {place for cost in costs for place in pareto_front(cost, rows["error"].to_numpy())}
+    """The variants on a front of the pictures, each with the command that trains it, as a block of a shell."""
+    rows = with_seconds(rows[rows["weighting"] == "frame"])
+    errors = rows.pivot(index="variant", columns="protocol", values="error")
+    costs = rows.drop_duplicates("variant").set_index("variant").loc[errors.index, ["seconds", "ms alone"]]
+    pairs = product(costs.to_numpy().T, errors.to_numpy().T)
+    front = sorted({place for pair in pairs for place in pareto_front(*pair)}, key=list(costs["seconds"]).__getitem__)
     lines = []
-    for _, row in rows.iloc[sorted(front)].sort_values("error", ascending=False).iterrows():
-        places = zip([study.variants, *study.cross], row["variant"].split(" / "), strict=True)
-        changes = [change for axis, name in places for change in axis[name].items()]
+    for name in errors.index[front]:
+        places = zip([study.variants, *study.cross], name.split(" / "), strict=True)
+        changes = [change for axis, part in places for change in axis[part].items()]
         words = [f"$(tactile-viewgcn preset {value})" for key, value in changes if key == "preset"]
         words += [f"-S {shlex.quote(as_change(key, value))}" for key, value in changes if key != "preset"]
-        cost = f"# {row['variant']}: error {row['error']:.1f} %, {row['seconds']:.3g} s, {row['ms alone']:.2g} ms"
-        lines += [cost, " ".join(["dvc exp run --temp", *words])]
+        figures = ", ".join(f"{protocol} {error:.1f} %" for protocol, error in errors.loc[name].items())
+        lines += [f"# {name}: {figures}, {costs['seconds'][name]:.3g} s, {costs['ms alone'][name]:.2g} ms"]
+        lines += [" ".join(["dvc exp run --temp", *words])]
     return "\n".join(["```bash", *lines, "```"])
 
 

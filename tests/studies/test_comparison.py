@@ -181,7 +181,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     assert "| b         | 30.0 (" in text and "| b         | 20.0 (20.0 to 20.0) | 0.008" in text
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
     typed = "1 ms dvc exp run --temp $(tactile-viewgcn preset best) -S 'model.members=[svm]' ```"
-    assert (f"# a: error 10.0 %, 5 s, {typed}" in text) == (picture == "seconds")
+    assert (f"# a: object 10.0 %, recording 10.0 %, 5 s, {typed}" in text) == (picture == "seconds")
     assert "# b:" not in text  # as dear as a, and errs more
     assert "`split.by=grasp`" in text and "smallest difference" in text and "ehearsal" not in text
     text, rows = report(answers("a", 1, sequential=SEQUENTIAL), picture=picture, rehearsal=True)
