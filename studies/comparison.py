@@ -209,6 +209,20 @@ def power(rows: pd.DataFrame, groups: int) -> str:
     )
 
 
+def with_seconds(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the `seconds` of both trainings."""
+    return rows.assign(seconds=rows["pretrain s"] + rows["finetune s"])
+
+
+def on_fronts(rows: pd.DataFrame) -> list[str]:
+    """Variants that are on the front of seconds or of ms an answer, under any protocol; the cheapest to train first."""
+    rows, names = with_seconds(rows), set[str]()
+    for _, part in rows.groupby("protocol"):
+        for cost in ("seconds", "ms alone"):
+            names |= {*part["variant"].iloc[pareto_front(part[cost].to_numpy(), part["error"].to_numpy())]}
+    return [name for name in rows.sort_values("seconds")["variant"].unique() if name in names]
+
+
 def pareto_front(costs: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """Indices of the points that no other point beats in cost or error without losing in the other, cheapest first."""
     order = np.lexsort((errors, costs))

@@ -99,6 +99,11 @@ class Study:
                         cells.append(Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=whole))
         return cells
 
+    def changes_of(self, name: str) -> dict[str, Any]:
+        """The changes to params.yaml of a combination of `variants` and `cross`, and its preset as `preset`."""
+        axes = zip([self.variants, *self.cross], name.split(" / "), strict=True)
+        return {key: value for axis, part in axes for key, value in axis[part].items()}
+
     def crossed(self) -> Iterator[tuple[str, list[str]]]:
         """Name and changes of every combination of `variants` and `cross`."""
         for entries in product(*(axis.items() for axis in [self.variants, *self.cross])):

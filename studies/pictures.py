@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from studies.comparison import pareto_front
+from studies.comparison import pareto_front, with_seconds
 
 
 def errors_by_variant(rows: pd.DataFrame, title: str) -> Figure:
@@ -31,7 +31,7 @@ def errors_by_variant(rows: pd.DataFrame, title: str) -> Figure:
 
 
 def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collection[str], title: str) -> Figure:
-    """Error against a cost, a panel for each protocol, with numbers for the Pareto fronts, presets and references.
+    """Error against a cost, a panel for each protocol, with numbers for the Pareto fronts and the references.
 
     Args:
         cost: `seconds` of both trainings, or a column of the rows; label: label of its axis.
@@ -40,8 +40,7 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
     variants, costs = panels[0]["variant"].reset_index(drop=True), panels[0][cost].to_numpy()
     fronts = [pareto_front(costs, panel["error"].to_numpy()) for panel in panels]
     named = (variants.isin(references) | variants.str.partition(" / ")[0].isin(references)).to_numpy()
-    presets = np.flatnonzero(variants.str.startswith("preset "))
-    numbered = sorted({*np.hstack(fronts), *np.flatnonzero(named), *presets}, key=costs.__getitem__)
+    numbered = sorted({*np.hstack(fronts), *np.flatnonzero(named)}, key=costs.__getitem__)
     figure = Figure(figsize=(5.6 * len(panels), 5.4), layout="constrained")
     for axes, panel, front in zip(_side_by_side(figure, len(panels)), panels, fronts, strict=True):
         errors = panel["error"].to_numpy()
@@ -78,11 +77,6 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
         axes.grid(alpha=0.3)
     _finish(figure, title)
     return figure
-
-
-def with_seconds(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with the `seconds` of both trainings."""
-    return rows.assign(seconds=rows["pretrain s"] + rows["finetune s"])
 
 
 def _side_by_side(figure: Figure, count: int) -> np.ndarray:

@@ -3,18 +3,18 @@
 import shlex
 from collections import Counter
 from collections.abc import Sequence
-from itertools import product
 from pathlib import Path
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from studies.cells import Answers
-from studies.comparison import WEIGHTINGS, Variant, pareto_front, pooled, power, rows_of, sequential_rows
+from studies.comparison import WEIGHTINGS, Variant, on_fronts, pooled, power, rows_of, sequential_rows, with_seconds
 from studies.grid import COLUMNS, Study
-from studies.pictures import error_curves, errors_by_cost, errors_by_variant, with_seconds
+from studies.pictures import error_curves, errors_by_cost, errors_by_variant
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
@@ -70,7 +70,7 @@ def write_report(
         text.append(COMPARED.format(groups=several(groups, "group"), least=max(2.0**-groups * 2, 1e-4)))
     parts = [*map(_paragraph, text), *tables(rows, sequential, references, study.columns)]
     if study.picture == "seconds":
-        parts += ["The Pareto fronts of the pictures, as they are typed:", front_lines(study, rows)]
+        parts += ["The Pareto fronts of the pictures, as they are typed:", front_lines(study, rows, on_top)]
     shown = pd.concat([rows, sequential]).drop(columns={*COLUMNS} - {*study.columns})
     with atomic_write(folder / "results.csv") as part:
         shown.to_csv(part, index=False)
@@ -98,23 +98,24 @@ def pictures(
     return {"results.png": errors_by_variant(pd.concat([rows, sequential]), title)}
 
 
-def front_lines(study: Study, rows: pd.DataFrame) -> str:
+def front_lines(study: Study, rows: pd.DataFrame, on_top: tuple[str, ...]) -> str:
     """The variants on a front of the pictures, each with the command that trains it, as a block of a shell."""
-    rows = with_seconds(rows[rows["weighting"] == "frame"])
-    errors = rows.pivot(index="variant", columns="protocol", values="error")
-    costs = rows.drop_duplicates("variant").set_index("variant").loc[errors.index, ["seconds", "ms alone"]]
-    pairs = product(costs.to_numpy().T, errors.to_numpy().T)
-    front = sorted({place for pair in pairs for place in pareto_front(*pair)}, key=list(costs["seconds"]).__getitem__)
-    lines = []
-    for name in errors.index[front]:
-        places = zip([study.variants, *study.cross], name.split(" / "), strict=True)
-        changes = [change for axis, part in places for change in axis[part].items()]
-        words = [f"$(tactile-viewgcn preset {value})" for key, value in changes if key == "preset"]
-        words += [f"-S {shlex.quote(as_change(key, value))}" for key, value in changes if key != "preset"]
-        figures = ", ".join(f"{protocol} {error:.1f} %" for protocol, error in errors.loc[name].items())
-        lines += [f"# {name}: {figures}, {costs['seconds'][name]:.3g} s, {costs['ms alone'][name]:.2g} ms"]
-        lines += [" ".join(["dvc exp run --temp", *words])]
+    rows = rows[rows["weighting"] == "frame"]
+    lines = [f"study=({words_of(study.set, on_top)})"]
+    for name in on_fronts(rows):
+        of_one = with_seconds(rows[rows["variant"] == name])
+        figures = [f"{row['protocol']} {row['error']:.1f} %" for _, row in of_one.iterrows()]
+        figures += [f"{of_one['seconds'].iloc[0]:.3g} s", f"{of_one['ms alone'].iloc[0]:.2g} ms"]
+        lines += [f"# {name}: {', '.join(figures)}"]
+        lines += [f'dvc exp run --temp "${{study[@]}}" {words_of(study.changes_of(name))}'.rstrip()]
     return "\n".join(["```bash", *lines, "```"])
+
+
+def words_of(changes: dict[str, Any], on_top: tuple[str, ...] = ()) -> str:
+    """Changes of a study's file, and further ones, as a shell takes them: presets, and options `-S key=value`."""
+    presets = [f"$(tactile-viewgcn preset {value})" for key, value in changes.items() if key == "preset"]
+    options = [*(as_change(key, value) for key, value in changes.items() if key != "preset"), *on_top]
+    return " ".join([*presets, *(f"-S {shlex.quote(option)}" for option in options)])
 
 
 def missing(study: Study, variants: list[Variant], on_top: tuple[str, ...]) -> list[str]:

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from studies.cells import Answers
-from studies.comparison import pareto_front, pooled, power, rows_of, sequential_rows
+from studies.comparison import on_fronts, pareto_front, pooled, power, rows_of, sequential_rows
 from studies.grid import Cell, Study
 from studies.report import write_report
 from tactile_viewgcn.evaluation.predictions import Predictions
@@ -169,7 +169,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     def report(*cells, rehearsal=False, **settings):
         settings = {"reference": "a", "seeds": [0, 1], "folds": [0], "columns": ["finetune s"]} | settings
         variants = {each.cell.variant: {"preset": "best", "model.members": ["svm"]} for each in cells}
-        made = Study(name="made", question="Which?", variants=variants, **settings)
+        made = Study(name="made", question="Which?", variants=variants, set={"views": 4}, **settings)
         text = write_report(made, list(cells), tmp_path, rehearsal=rehearsal, on_top=("split.by=grasp",))
         return text.replace("\n", " "), pd.read_csv(tmp_path / "results.csv")
 
@@ -180,10 +180,26 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     assert rows["vs a more"].iloc[-1] == pytest.approx(20) and np.isnan(rows["vs a p"].iloc[-2])
     assert "| b         | 30.0 (" in text and "| b         | 20.0 (20.0 to 20.0) | 0.008" in text
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
-    typed = "1 ms dvc exp run --temp $(tactile-viewgcn preset best) -S 'model.members=[svm]' ```"
-    assert (f"# a: object 10.0 %, recording 10.0 %, 5 s, {typed}" in text) == (picture == "seconds")
-    assert "# b:" not in text  # as dear as a, and errs more
+    typed = "$(tactile-viewgcn preset best) -S 'model.members=[svm]' ```"
+    line = f'object 10.0 %, recording 10.0 %, 5 s, 1 ms dvc exp run --temp "${{study[@]}}" {typed}'
+    assert (f"study=(-S views=4 -S split.by=grasp) # a: {line}" in text) == (picture == "seconds")
     assert "`split.by=grasp`" in text and "smallest difference" in text and "ehearsal" not in text
     text, rows = report(answers("a", 1, sequential=SEQUENTIAL), picture=picture, rehearsal=True)
     assert len(rows) == 2 * 2 + 3 and rows["frames"].iloc[-1] == 1.5
     assert "ehearsal" in text and "a, stops at 0.9 | 1.50" in text
+
+
+def test_a_variant_is_on_a_front_by_either_cost_under_either_protocol():
+    figures = {  # seconds, ms, error under `object` and under `recording`
+        "dear": (9, 9, 50, 10),
+        "trained soon": (1, 5, 60, 60),
+        "answers soon": (5, 1, 60, 60),
+        "mixed": (6, 6, 40, 70),
+        "never": (9, 9, 50, 70),
+    }
+    rows = pd.DataFrame([
+        {"variant": name, "protocol": protocol, "error": errors[place], "pretrain s": 0, "finetune s": s, "ms alone": ms}
+        for place, protocol in enumerate(("object", "recording"))
+        for name, (s, ms, *errors) in figures.items()
+    ])  # fmt: skip
+    assert on_fronts(rows) == ["trained soon", "answers soon", "mixed", "dear"]
