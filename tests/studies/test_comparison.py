@@ -198,7 +198,8 @@ def test_a_variant_is_on_a_front_by_either_cost_under_either_protocol():
         "never": (9, 9, 50, 70),
     }
     rows = pd.DataFrame([
-        {"variant": name, "protocol": protocol, "error": errors[place], "pretrain s": 0, "finetune s": s, "ms alone": ms}
+        {"variant": name, "protocol": protocol, "error": errors[place]}
+        | dict(zip(("pretrain s", "finetune s", "ms alone"), (0, s, ms), strict=True))
         for place, protocol in enumerate(("object", "recording"))
         for name, (s, ms, *errors) in figures.items()
     ])  # fmt: skip
