@@ -40,6 +40,14 @@ def test_the_page_says_what_the_files_say(workspace):
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"}) and "&lt;b&gt;Öl &amp; $x$" in page
 
 
+def test_the_page_of_a_network_says_from_how_many_frames_it_answers(workspace, undrawn):
+    path = Path("results/metrics.json")
+    metrics = json.loads(path.read_text())
+    assert metrics["recording"].pop("frames") and "From all frames of" in text_of(run_page(read_run()))
+    path.write_text(json.dumps(metrics))
+    assert f"From {metrics['views']} pressure frames of" in text_of(run_page(read_run()))
+
+
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages without pictures, whose drawing takes longer than all else."""
