@@ -69,11 +69,14 @@ class Convolutions(Arrays):
 
 
 def _convolved(readings: np.ndarray, dilation: int, channels: np.ndarray) -> np.ndarray:
-    """Values float32 (84, T) of all kernels with one dilation; at its ends the recording is continued by its ends."""
-    summed, reach = channels.astype(np.float32) @ readings.T.astype(np.float32), LENGTH // 2 * int(dilation)
+    """Values float32 (84, T) of all kernels with one dilation; at its ends the recording is continued by its ends.
+
+    The sums are in float64, so that a value that equals a bias does so in whatever order a processor adds.
+    """
+    summed, reach = channels.astype(np.float64) @ readings.T.astype(np.float64), LENGTH // 2 * int(dilation)
     padded, length = np.pad(summed, ((0, 0), (reach, reach)), mode="edge"), summed.shape[1]
     moved = np.stack([padded[:, place * dilation :][:, :length] for place in range(LENGTH)])
-    return 3 * moved[PLACES.T, np.arange(len(PLACES))].sum(axis=0) - moved.sum(axis=0)
+    return (3 * moved[PLACES.T, np.arange(len(PLACES))].sum(axis=0) - moved.sum(axis=0)).astype(np.float32)
 
 
 class Ridge(Estimator):
