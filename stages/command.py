@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import shutil
 import signal
 import sys
@@ -20,7 +19,7 @@ from tactile_viewgcn import tracking
 from tactile_viewgcn.files import md5, readable
 from tactile_viewgcn.messages import Note, UserError, user_message
 from tactile_viewgcn.params import load
-from tactile_viewgcn.process import LOST, launched, peak_mb, rank, seconds_since_start
+from tactile_viewgcn.process import peak_mb, seconds_since_start
 from tactile_viewgcn.provenance import Record, changes_of, committed_params, origin, run_name
 from tactile_viewgcn.schema import flatten
 
@@ -118,8 +117,6 @@ class Job:
 def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out",), row: bool = False) -> None:
     """Run a stage from its command line; a mistake of the user ends it with exit code 1 and one line.
 
-    Of the processes that `torchrun` starts, the first one prints, logs and writes the record.
-
     Args:
         work: takes a `Job` and, by name, the paths of inputs and outputs; the text that it returns is printed once
             everything is written.
@@ -129,11 +126,9 @@ def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out
         row: whether its run is the pipeline's row in MLflow, with every parameter; then it takes `after` too, the
             records of the stages that made its inputs.
     """
-    name, errors = work.__name__, sys.stderr
+    name = work.__name__
     options = _options(work, [each for each in (*inputs, *outputs) if each != "source"], after=row)
-    record_path = None if rank() else options["record"]
-    if rank():
-        sys.stdout = sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115  # for the rest of the process
+    record_path = options["record"]
     signal.signal(signal.SIGTERM, _end)
     try:
         params, entry = load(options["params"], options["set"]), stages()[name]
@@ -167,7 +162,7 @@ def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out
         if options["debug"] or message is None:
             raise
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the process ends already, and has to print why
-        print(f"Error: {message}", file=errors)
+        print(f"Error: {message}", file=sys.stderr)
         sys.exit(1)
 
 
@@ -188,8 +183,8 @@ def _options(work: Callable[..., str], paths: list[str], *, after: bool) -> dict
 
 
 def _end(*_: object) -> None:
-    """End after SIGTERM, which `dvc queue kill` sends, and torchrun to all processes when one has ended."""
-    sys.exit(f"Error: {LOST}" if launched() else 143)
+    """End after SIGTERM, which `dvc queue kill` sends."""
+    sys.exit(143)
 
 
 def _md5(path: Path) -> str:

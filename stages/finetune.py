@@ -1,6 +1,5 @@
 """Train Tactile-ViewGCN, or another system, on view sets, from the pretrained backbone."""
 
-from contextlib import nullcontext
 from pathlib import Path
 
 import torch
@@ -10,34 +9,25 @@ from tactile_viewgcn.files import readable
 from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.params import on_sensors
-from tactile_viewgcn.process import rank
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.importance import importance_note
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import load_table, read_frames
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
-from tactile_viewgcn.training.distributed import process_group
 
 
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> str:
     params, table, clusters, compute = job.params, read_frames(frames), load_table(views, Views), job.compute()
-    alone, pretrained = on_sensors(params.model.system), {}  # then one process fits it
-    if alone and rank():
-        return ""
+    alone, pretrained = on_sensors(params.model.system), {}
     if not alone:
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
         for note in noise_warnings(table, params.finetune.noise):
             job.note(note)
     key = job.checkpoint_key()
-    with (
-        nullcontext() if alone else process_group(compute),
-        training_checkpoint("finetune", key, compute) as checkpoint_path,
-    ):
+    with training_checkpoint("finetune", key, compute) as checkpoint_path:
         fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
-        if rank():
-            return ""
         save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.calibration)
     decisive = importance_note(fitted.left, table.channel_names or []) if fitted.left else []
     for note in [*fitted.notes, *decisive]:

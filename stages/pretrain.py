@@ -4,7 +4,6 @@ from pathlib import Path
 
 from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.process import rank
 from tactile_viewgcn.tables.frames import read_frames
 
 LEFT_OUT = "pretrain: left out, model.system does not need it"
@@ -13,9 +12,8 @@ LEFT_OUT = "pretrain: left out, model.system does not need it"
 def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
     if job.needed:
         return _pretrain(job, frames, out)
-    if not rank():
-        with atomic_write(out) as part:
-            part.write_text(f"{LEFT_OUT}\n")
+    with atomic_write(out) as part:
+        part.write_text(f"{LEFT_OUT}\n")
     return LEFT_OUT
 
 
@@ -23,14 +21,11 @@ def _pretrain(job: Job, frames: Path, out: Path) -> str:
     import torch  # here, since a stage that is left out loads no torch
 
     from tactile_viewgcn.training.checkpoint import training_checkpoint
-    from tactile_viewgcn.training.distributed import process_group
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
     table, compute, key = read_frames(frames), job.compute(), job.checkpoint_key()
-    with process_group(compute), training_checkpoint("pretrain", key, compute) as checkpoint_path:
+    with training_checkpoint("pretrain", key, compute) as checkpoint_path:
         backbone, classifier, progress = pretrain_backbone(table, job.params, compute, checkpoint_path, job.epoch)
-        if rank():
-            return ""
         states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
         with atomic_write(out) as part:
             torch.save(states | {"classes": table.classes}, part)

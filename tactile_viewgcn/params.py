@@ -23,7 +23,6 @@ CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviation
 MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single precision, in which trainings compute
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
-LAUNCHER = "^(python|torchrun (--standalone )?--nproc-per-node [1-9][0-9]{0,2}) -m$"
 COLUMN = "^(pressure|time|object|recording|session):.+$"
 LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT)[^A-Z]+){0,2}OBJECT([^A-Z]+(SESSION|SPLIT)){0,2}([^A-Z]+FILE)?)$"
 PLACES = {"cube": 8, "dodecahedron": 20}  # number of viewpoints of the configurations in which it is fixed
@@ -207,7 +206,6 @@ class Params:
     viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"]
     device: Literal["auto", "cpu", "cuda"]
     precision: Literal["auto", "float32", "bfloat16"]
-    launcher: Annotated[StrictStr, StringConstraints(pattern=LAUNCHER)]  # dvc.yaml gives it to a shell
     data: Data
     preprocess: PreprocessSection
     split: Split

@@ -1,4 +1,4 @@
-"""This process: its run time, processor, memory, and its rank among the processes of `torchrun`."""
+"""This process: its run time, processor and memory."""
 
 import os
 import platform
@@ -10,7 +10,6 @@ from contextlib import suppress
 from pathlib import Path
 
 LOADED = time.time()
-LOST = "lost a process of this training; start it again: it goes on after its last whole epoch"
 
 
 def seconds_since_start() -> float:
@@ -21,16 +20,6 @@ def seconds_since_start() -> float:
     except OSError:
         return time.time() - LOADED
     return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
-
-
-def launched() -> bool:
-    """Whether `torchrun` started this process, alone or with others."""
-    return "TORCHELASTIC_RUN_ID" in os.environ
-
-
-def rank() -> int:
-    """Rank of this process among those that train together, from 0."""
-    return int(os.environ["RANK"]) if launched() else 0
 
 
 def processor() -> str:

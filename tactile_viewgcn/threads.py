@@ -9,7 +9,7 @@ import time
 
 import torch
 
-FIXED = "OMP_NUM_THREADS"  # the user's own number, or torchrun's
+FIXED = "OMP_NUM_THREADS"  # the user's own number
 FIRST_LOOK, INTERVAL = 0.3, 1.0  # seconds: of the first measurement of the load, and between later ones
 
 used: set[int] = set()  # all numbers of threads of this stage, also those before an interruption

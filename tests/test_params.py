@@ -90,10 +90,6 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("split.folds=1e30", "split.folds: |(got 1e+30)"),
         ("glove.leave_out=[moton]", "glove.leave_out: |'motion'|'noise'|(got ['moton'])"),
         ("model.members=[trees, trees]", "model.members: |(got ['trees', 'trees'])"),
-        ("launcher=-m", "launcher: |(got '-m')"),
-        ("launcher=touch X; python -m", "launcher: |(got 'touch X; python -m')"),
-        ("launcher='python -m '", "launcher: |(got 'python -m ')"),
-        ("launcher=torchrun --nproc-per-node $(id) -m", "launcher: |$(id)"),
         ("cluster.scop=recording", "unknown key cluster.scop|cluster.scope?"),
         ("data.shape=[4,257]", "data.shape: |(got [4, 257])"),
         ("data.shape=[4,4.0]", "data.shape: |(got [4, 4.0])"),
@@ -149,8 +145,6 @@ def test_values_that_do_not_go_together_are_refused(changes, keys):
         ("viewpoints=circle", "views=7"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "split.validation=0.2"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "model.system=sensors"),
-        ("launcher=torchrun --nproc-per-node 2 -m",),
-        ("launcher=torchrun --standalone --nproc-per-node 16 -m",),
     ],
 )
 def test_values_that_go_together_are_allowed(changes):

@@ -55,8 +55,6 @@ class Stem(nn.Module):
 
     def forward(self, frames: Tensor) -> Tensor:
         norm = self.norm
-        if self.training and isinstance(norm, nn.SyncBatchNorm):  # moments of several processes' frames
-            return functional.max_pool2d(torch.relu(norm(self.conv(frames))), 3, stride=2, padding=1)
         with torch.autocast(frames.device.type, enabled=False):
             mean, variance = self._moments(frames) if self.training else (norm.running_mean, norm.running_var)
             scale = norm.weight * (variance + norm.eps).rsqrt()

@@ -3,21 +3,18 @@
 import hashlib
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-import torch.distributed as dist
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, locked, readable, root
 from tactile_viewgcn.messages import several
-from tactile_viewgcn.process import rank
 from tactile_viewgcn.threads import FIXED, used
-from tactile_viewgcn.training import distributed
 
 FOLDER = "checkpoints"
 
@@ -26,23 +23,19 @@ FOLDER = "checkpoints"
 def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path]:
     """The file of a stage's training, see `checkpoint_path`; removed when the block ends well.
 
-    A process that starts the same training says so and waits until this one is done. Of several processes that train
-    together the first one writes and removes the file; all read it, with the first one's bank of features.
+    A process that starts the same training says so and waits until this one is done.
     """
     path = checkpoint_path(stage, key, compute)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with nullcontext() if rank() else locked(path.with_suffix(".lock")):
-        if dist.is_initialized():
-            dist.barrier()  # the others wait here for the lock
+    with locked(path.with_suffix(".lock")):
         yield path
-        if not rank():
-            path.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
 
 
 def checkpoint_path(stage: str, key: str, compute: Compute) -> Path:
     """The path of a stage's training, by a hash of its key (parameters, inputs and code), versions and machine."""
     machine = (compute.device.type, compute.precision, torch.__version__, np.__version__)
-    everything = (key, machine, os.environ.get(FIXED), distributed.size())
+    everything = (key, machine, os.environ.get(FIXED))
     return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(everything).encode()).hexdigest()[:16]}.pt"
 
 
@@ -63,13 +56,13 @@ class Progress:
 
 
 def save(path: Path | None, parts: dict[str, Any], progress: Progress) -> None:
-    """Save everything that the rest of a training depends on; of several processes the first one writes the file.
+    """Save everything that the rest of a training depends on.
 
     Args:
         path: None saves nothing.
         parts: by name: modules, the optimiser, tensors, and the generators besides torch's default ones.
     """
-    if path is None or rank():
+    if path is None:
         return
     content = {
         "progress": vars(progress),
@@ -95,10 +88,9 @@ def restore(path: Path | None, parts: dict[str, Any]) -> Progress:
         content = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
         for name, part in parts.items():
             _state_of(part)[1](content["parts"][name])
-        if not rank():  # the other processes draw another dropout
-            torch.set_rng_state(content["torch"])
-            if "cuda" in content:
-                torch.cuda.set_rng_state(content["cuda"])
+        torch.set_rng_state(content["torch"])
+        if "cuda" in content:
+            torch.cuda.set_rng_state(content["cuda"])
         used.update(content["threads"])
     progress = Progress(**content["progress"])
     progress.resumed = progress.epoch, progress.seconds

@@ -15,7 +15,6 @@ from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
 from tactile_viewgcn.systems import system_class
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
 from tactile_viewgcn.tables.views import Views
-from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
@@ -49,7 +48,7 @@ class SideViewSets:
             in_time_order: frames of a set are sorted; they are numbered in the order of time inside a recording.
 
         Yields:
-            The arguments of `SetLoss.forward`, of this process's rows. Its `sets` (B, k) are with `num_views: full` all
+            The arguments of `SetLoss.forward`. Its `sets` (B, k) are with `num_views: full` all
             V frames of each set; with `random` one k for the whole batch, from 1 to V, the anchor first where k < V.
             Its `fresh` (B, f) are the columns whose frames pass through the backbone, k / `feature_reuse` of them,
             rounded up; sorted, the anchor's always among them.
@@ -65,9 +64,7 @@ class SideViewSets:
             if in_time_order:
                 sets, fresh = sort_by_time(sets, fresh)
             passing = np.take_along_axis(sets, fresh, axis=1)
-            frames, rows = augment(self.frames[torch.from_numpy(passing.ravel())]), distributed.rows(len(sets))
-            frames = frames[rows.start * fresh.shape[1] : rows.stop * fresh.shape[1]]
-            sets, fresh, first = sets[rows], fresh[rows], first_places(passing[rows].ravel())
+            frames, first = augment(self.frames[torch.from_numpy(passing.ravel())]), first_places(passing.ravel())
             labels = self._compute.gather(self.frames.labels, torch.from_numpy(sets[:, 0]))
             yield frames, labels, *(self._compute.to_device(torch.from_numpy(part)) for part in (sets, fresh, first))
 
@@ -146,8 +143,7 @@ def _train(
     validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
     reuse = config.feature_reuse > 1 and network.views > 1
     bank = FeatureBank(len(train.frames), network.feature_shape, compute) if reuse else None
-    loss = distributed.parallel(SetLoss(network, bank, compute), some_unused=config.num_views == "random")
-    loss_of = Replay(loss, network.parameters())
+    loss_of = Replay(SetLoss(network, bank, compute), network.parameters())
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
     optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
     parts = {"classifier": network, "noise": augment.rng, "draw": train.rng} | ({"bank": bank.values} if bank else {})

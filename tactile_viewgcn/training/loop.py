@@ -16,7 +16,6 @@ from tqdm import tqdm
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Finetune, Pretrain
-from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Progress, restore, save
 from tactile_viewgcn.training.optim import lr_lambda
 
@@ -106,7 +105,7 @@ def _run_epoch(
         total = total + loss.detach()
         bar.update()
         if progress.first_loss is None:
-            progress.first_loss = distributed.mean(total)
-        if step % CHECK_EVERY == 0 and not math.isfinite(distributed.mean(total)):
+            progress.first_loss = float(total)
+        if step % CHECK_EVERY == 0 and not total.isfinite():
             break
-    return distributed.mean(total) / step
+    return float(total) / step

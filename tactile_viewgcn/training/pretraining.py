@@ -13,7 +13,6 @@ from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_featur
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
-from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
@@ -65,15 +64,14 @@ def pretrain_backbone(
     augment = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
     loss, steps = FrameLoss(backbone, classifier, compute), num_batches(len(train), config.batch)
     weights = list(loss.parameters())
-    loss_of = Replay(distributed.parallel(loss), weights)
+    loss_of = Replay(loss, weights)
     optimiser = build_optimiser(config, [{"params": weights}])
     parts = {"backbone": backbone, "classifier": classifier, "order": order, "noise": on_device}
 
     def batches(_: int) -> Iterator[tuple[Tensor, Tensor]]:
         backbone.train()
         for index in torch.randperm(len(train), generator=order).tensor_split(steps):
-            rows = distributed.rows(len(index))
-            yield augment(train[index])[rows], compute.gather(train.labels, index[rows])
+            yield augment(train[index]), compute.gather(train.labels, index)
 
     def validate() -> dict[str, float]:
         if not len(validation):

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import torch
-import torch.distributed as dist
 from torch import Tensor
 
 
@@ -12,8 +11,7 @@ class Replay:
     """A loss function of tensors whose kernels a CUDA card records, with its gradient's, and repeats.
 
     The kernels of small networks take less time than their launches. Each shape of the arguments is computed as usual
-    at first, recorded the second time, and repeated from then on. Where several processes train together, every loss is
-    computed as usual, since they exchange gradients.
+    at first, recorded the second time, and repeated from then on.
 
     Args:
         function: tensors -> loss, a scalar. Nothing in it waits for the card; all shapes follow from the arguments'.
@@ -29,7 +27,7 @@ class Replay:
 
     def __call__(self, *arguments: Tensor) -> Tensor:
         """The loss."""
-        if arguments[0].device.type != "cuda" or not torch.is_grad_enabled() or dist.is_initialized():
+        if arguments[0].device.type != "cuda" or not torch.is_grad_enabled():
             return self._function(*arguments)
         shapes = tuple(each.shape for each in arguments)
         if shapes not in self._graphs:

@@ -12,8 +12,7 @@ from tactile_viewgcn.training.optim import num_batches
 class FeatureBank:
     """The latest features, or maps, of training frames, for views that do not pass through the backbone again.
 
-    Features change slowly in fine-tuning. They come from training mode, with noise and dropout. Of several processes
-    each keeps its own bank, which its view sets renew.
+    Features change slowly in fine-tuning. They come from training mode, with noise and dropout.
 
     Args:
         frames: their number.

@@ -229,10 +229,3 @@ def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_an
     counts = Record.read((place / "finetune.json").read_text()).counts
     assert (counts["weights.head"], counts["resolved.model.members"]) == (0, "kernel + pooled_kernel")
     assert counts["threads.most"] >= counts["threads.fewest"] >= 1
-
-
-def test_a_launcher_that_starts_nothing_is_refused_before_the_trainings(place, monkeypatch):
-    monkeypatch.setenv("PATH", str(place))
-    launcher = changed("launcher=torchrun --nproc-per-node 2 -m")
-    line = refused(run_stage("needs", *launcher, "--out", "needs.json", cwd=place))
-    assert "launcher" in line and "'torchrun'" in line and not (place / "needs.json").exists()

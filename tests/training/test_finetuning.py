@@ -6,7 +6,6 @@ import torch
 
 from tactile_viewgcn.recognition.sequential import sequential_trials
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
-from tactile_viewgcn.training import distributed
 from tactile_viewgcn.training.finetuning import SideViewSets, first_places, sort_by_time
 from tactile_viewgcn.views.sampling import ViewSets
 from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
@@ -70,7 +69,7 @@ def test_an_epoch_s_batches_hold_every_view_set_once_and_differ_by_one_at_most()
 
 
 @pytest.mark.parametrize("in_time_order", [False, True])
-def test_a_batch_has_the_augmented_frames_of_its_fresh_columns_and_the_class_of_each_set(in_time_order, monkeypatch):
+def test_a_batch_has_the_augmented_frames_of_its_fresh_columns_and_the_class_of_each_set(in_time_order):
     changes = "finetune.feature_reuse=2", "finetune.num_views=random"
     side, _, plan = planned(*changes, in_time_order=in_time_order)
     for frames, labels, sets, fresh, first in plan:
@@ -79,12 +78,6 @@ def test_a_batch_has_the_augmented_frames_of_its_fresh_columns_and_the_class_of_
         np.testing.assert_array_equal(np.broadcast_to(labels, sets.T.shape), side.frames.labels[sets.T])
         assert (passing[first] == passing).all() and (first <= np.arange(len(first))).all()
         assert (np.diff(sets, axis=1) >= 0).all() or not in_time_order
-    monkeypatch.setattr(distributed, "rows", lambda count: slice(count // 2, count))
-    for whole, part in zip(plan, planned(*changes, in_time_order=in_time_order)[2], strict=True):
-        rows, passing = slice(len(whole[1]) // 2, None), np.take_along_axis(part[2], part[3], axis=1).ravel()
-        assert all((one[rows] == other).all() for one, other in zip(whole[1:4], part[1:4], strict=True))
-        np.testing.assert_array_equal(-part[0], side.frames[torch.from_numpy(passing)])
-        assert (passing[part[4]] == passing).all() and part[4].max() < len(passing)
 
 
 def test_view_sets_in_the_order_of_time_and_first_places_by_hand():

@@ -2,16 +2,13 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from tactile_viewgcn.process import LOST
 from tests.stag_files import metadata, save_matlab5
 
 pytestmark = pytest.mark.slow  # test_checkpoint.py interrupts the same trainings in one process
@@ -19,12 +16,11 @@ ROOT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
 RECIPE = ("views=4", "split.by=recording", "precision=float32", "model.backbone.width=8")
 RECIPE += ("pretrain.epochs=12", "finetune.epochs=8")
-TWO = (sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")  # torchrun
 
 
-def command(stage, *words, launcher=(sys.executable,)):
+def command(stage, *words):
     changes = [word for change in RECIPE for word in ("--set", change)]
-    return [*launcher, "-m", f"stages.{stage}", "--record", f"{stage}.json", *changes, *words]
+    return [sys.executable, "-m", f"stages.{stage}", "--record", f"{stage}.json", *changes, *words]
 
 
 def run(place, stage, *words):
@@ -73,28 +69,3 @@ def test_a_stage_that_was_killed_goes_on_and_ends_as_one_that_was_not(place, sta
     assert "before an interruption" in run(place, stage, *words)
     assert (place / out).read_bytes() == whole and not list(place.glob("checkpoints/*.pt"))
     assert 0 < json.loads((place / f"{stage}.json").read_text())["seconds"] < time.perf_counter() - start
-
-
-def second_of(launcher):
-    """The number of the process that `torchrun` started as the second one."""
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
-            if parent == str(launcher) and b"\0RANK=1\0" in (folder / "environ").read_bytes():
-                return int(folder.name)
-    raise AssertionError("no second process")
-
-
-@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds the process under /proc")
-def test_where_one_of_two_processes_is_killed_all_end_with_a_line_and_the_next_start_goes_on(place):
-    words = ("--needs", "needs.json", "--frames", "frames.h5", "--out", "two.pt", "--set", "pretrain.epochs=5")
-    started = command("pretrain", *words, launcher=TWO)
-    process = subprocess.Popen(started, cwd=place, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
-    wait_for_an_epoch(place, "pretrain", process)
-    os.kill(second_of(process.pid), signal.SIGKILL)
-    _, errors = process.communicate(timeout=200)
-    assert process.returncode == 1 and not (place / "two.pt").exists()
-    assert [line for line in errors.splitlines() if line.startswith("Error: ")] == [f"Error: {LOST}"]
-    done = subprocess.run(started, cwd=place, env=ENVIRONMENT, capture_output=True, text=True, check=True, timeout=200)
-    assert done.stdout.count("before an interruption") == 1 and (place / "two.pt").exists()
-    assert done.stdout.splitlines()[-1].startswith("pretrain: 5 epochs")
