@@ -11,7 +11,7 @@ import click
 
 from tactile_viewgcn.files import check_outputs, readable
 from tactile_viewgcn.messages import UserError, shown, user_message
-from tactile_viewgcn.params import DEFAULTS, MAX_SIDE, load, preset_changes, presets
+from tactile_viewgcn.params import MAX_SIDE, default_params, preset_changes, presets
 
 if TYPE_CHECKING:
     from tactile_viewgcn.readers.source import Form
@@ -116,8 +116,7 @@ def _form(changes: tuple[str, ...]) -> "Form":
 
     if other := [change for change in changes if not change.startswith("data.")]:
         raise UserError(f"--set {other[0]}: expected data.shape, data.layout or data.columns")
-    as_it_is = "data.shape=auto", "data.layout=auto", "data.columns=[]"  # params.yaml may be set for other recordings
-    data = load(DEFAULTS, (*as_it_is, *changes), "--set").data
+    data = default_params(changes, "--set").data
     return Form(data.shape, data.layout, data.names)
 
 

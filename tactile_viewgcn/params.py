@@ -1,8 +1,9 @@
-"""The typed form of params.yaml and its presets: frozen sections, checked before any work.
+"""The parameters, their types and defaults, and the presets: frozen sections, checked before any work.
 
-The defaults are in params.yaml alone.
+The root's params.yaml lists the same values, with whose choice each is.
 """
 
+from dataclasses import field
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
@@ -16,8 +17,7 @@ from pydantic.functional_validators import AfterValidator, model_validator
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.schema import SECTION, Unique, as_change, build, read_yaml
 
-DEFAULTS = Path(str(files("tactile_viewgcn"))) / "params.yaml"  # a link to the repository's file, in a wheel a copy
-PRESETS = DEFAULTS.parent / "presets"
+PRESETS = Path(str(files("tactile_viewgcn"))) / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove writes
 CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviations above its baseline
 MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single precision, in which trainings compute
@@ -57,6 +57,8 @@ Share = Annotated[StrictFloat, Interval(ge=0, lt=1)]
 Seed = Annotated[StrictInt, Interval(ge=0, le=2**32 - 1)]
 Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation needs two examples
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
+Columns = Annotated[list[Annotated[StrictStr, StringConstraints(pattern=COLUMN)]], Strict(), Unique]
+Protocols = Annotated[list[Literal["object", "recording"]], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Mechanics = Literal["motion", "weight", "shift", "tremor", "fit"]  # effects of the virtual glove
 Reading = Literal["bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects"]
@@ -81,10 +83,10 @@ def on_sensors(name: str) -> bool:
 
 @dataclass(frozen=True, config=SECTION)
 class Data:
-    source: Annotated[StrictStr, MinLen(1)]
-    shape: Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)]
-    layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)]
-    columns: Annotated[list[Annotated[StrictStr, StringConstraints(pattern=COLUMN)]], Strict(), Unique]
+    source: Annotated[StrictStr, MinLen(1)] = VIRTUAL
+    shape: Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)] = "auto"
+    layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)] = "auto"
+    columns: Columns = field(default_factory=list)
 
     @property
     def names(self) -> dict[str, str]:
@@ -94,128 +96,128 @@ class Data:
 
 @dataclass(frozen=True, config=SECTION)
 class PreprocessSection:
-    baseline: Literal["auto", "empty_hand", "grasp", "none"]  # auto: see frames/choose.py
-    zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)]
-    filter: Literal["auto", "flags", "contact", "none"]
-    contact_sensors: Literal["auto"] | Count
-    unit: Literal["auto", "one", "each"]  # auto: see frames/units.py
-    transform: Literal["clip", "log"]
-    scale: Literal["auto"] | Positive
-    empty_hand_class: StrictBool
+    baseline: Literal["auto", "empty_hand", "grasp", "none"] = "auto"  # auto: see frames/choose.py
+    zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)] = 500.0
+    filter: Literal["auto", "flags", "contact", "none"] = "auto"
+    contact_sensors: Literal["auto"] | Count = "auto"
+    unit: Literal["auto", "one", "each"] = "auto"  # auto: see frames/units.py
+    transform: Literal["clip", "log"] = "clip"
+    scale: Literal["auto"] | Positive = "auto"
+    empty_hand_class: StrictBool = True
 
 
 @dataclass(frozen=True, config=SECTION)
 class Split:
-    by: Literal["source", "recording", "grasp", "session", "frame"]
-    folds: Annotated[StrictInt, Interval(ge=2, le=MOST)]
-    fold: Natural
-    deal: Seed
-    validation: Share
-    train_groups: Literal["all"] | Count
-    train_grasps: Literal["all"] | Count
+    by: Literal["source", "recording", "grasp", "session", "frame"] = "source"
+    folds: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
+    fold: Natural = 0
+    deal: Seed = 0
+    validation: Share = 0.0
+    train_groups: Literal["all"] | Count = "all"
+    train_grasps: Literal["all"] | Count = "all"
 
 
 @dataclass(frozen=True, config=SECTION)
 class Cluster:
-    method: Literal["kmeans", "none"]
-    scope: Literal["object", "recording"]
-    restarts: Count
-    assignment: Literal["index", "anchor", "random"]
+    method: Literal["kmeans", "none"] = "kmeans"
+    scope: Literal["object", "recording"] = "object"
+    restarts: Count = 10
+    assignment: Literal["index", "anchor", "random"] = "index"
 
 
 @dataclass(frozen=True, config=SECTION)
 class AugmentParams:
-    shift: Annotated[StrictInt, Interval(ge=0, le=8)]
+    shift: Annotated[StrictInt, Interval(ge=0, le=8)] = 0
 
 
 @dataclass(frozen=True, config=SECTION)
 class Pretrain:
-    epochs: Natural
-    lr: Positive
-    weight_decay: NotNegative
-    schedule: Literal["step"] | Schedule
-    step_size: Count
-    step_offset: Natural
-    batch: Batch
-    noise: NotNegative
+    epochs: Natural = 30
+    lr: Positive = 5e-3
+    weight_decay: NotNegative = 1e-4
+    schedule: Literal["step"] | Schedule = "step"
+    step_size: Count = 10
+    step_offset: Natural = 0
+    batch: Batch = 32
+    noise: NotNegative = 0.015
 
 
 @dataclass(frozen=True, config=SECTION)
 class Backbone:
-    width: Count
-    dropout: Share
-    readout: Literal["average", "grid"]
+    width: Count = 64
+    dropout: Share = 0.2
+    readout: Literal["average", "grid"] = "average"
 
 
 @dataclass(frozen=True, config=SECTION)
 class Model:
-    system: System
-    backbone: Backbone
-    neighbours: Count | Annotated[list[Count], Strict(), MinLen(1), MaxLen(3)]
-    selector: Literal["per_view", "joint"]
-    edge_distance: Literal["squared", "plain"]
-    view_loss: Literal["sum", "mean"]
-    start: Literal["random", "max"]
-    members: Literal["auto"] | Members
+    system: System = "view_gcn"
+    backbone: Backbone = field(default_factory=Backbone)
+    neighbours: Count | Annotated[list[Count], Strict(), MinLen(1), MaxLen(3)] = 4
+    selector: Literal["per_view", "joint"] = "per_view"
+    edge_distance: Literal["squared", "plain"] = "squared"
+    view_loss: Literal["sum", "mean"] = "sum"
+    start: Literal["random", "max"] = "random"
+    members: Literal["auto"] | Members = field(default_factory=lambda: ["kernel", "pooled_kernel"])
 
 
 @dataclass(frozen=True, config=SECTION)
 class Finetune:
-    epochs: Count
-    optimiser: Literal["sgd", "adam"]
-    lr_backbone: NotNegative
-    lr: Positive
-    weight_decay: NotNegative
-    schedule: Schedule
-    batch: Batch
-    noise: NotNegative
-    draw: Literal["clusters", "random"]
-    resample_views: Literal["epoch", "never"]
-    feature_reuse: Count
-    num_views: Literal["full", "random"]
-    backbone_dropout: StrictBool
-    moments: Literal["running", "clean"]
+    epochs: Count = 15
+    optimiser: Literal["sgd", "adam"] = "sgd"
+    lr_backbone: NotNegative = 1e-4
+    lr: Positive = 5e-4
+    weight_decay: NotNegative = 1e-4
+    schedule: Schedule = "constant"
+    batch: Batch = 20
+    noise: NotNegative = 0.015
+    draw: Literal["clusters", "random"] = "clusters"
+    resample_views: Literal["epoch", "never"] = "epoch"
+    feature_reuse: Count = 8
+    num_views: Literal["full", "random"] = "full"
+    backbone_dropout: StrictBool = True
+    moments: Literal["running", "clean"] = "clean"
 
 
 @dataclass(frozen=True, config=SECTION)
 class Evaluate:
-    trials: Count
-    side: Literal["test", "validation"]
-    confidence_threshold: Share
-    grasps: Literal["all"] | Annotated[StrictInt, Interval(ge=1, le=3)]
-    protocols: Annotated[list[Literal["object", "recording"]], Strict(), MinLen(1), Unique]
+    trials: Count = 10
+    side: Literal["test", "validation"] = "test"
+    confidence_threshold: Share = 0.0
+    grasps: Literal["all"] | Annotated[StrictInt, Interval(ge=1, le=3)] = "all"
+    protocols: Protocols = field(default_factory=lambda: ["object", "recording"])
 
 
 @dataclass(frozen=True, config=SECTION)
 class Glove:
     """The virtual glove."""
 
-    scale: Literal["small", "stag"]
-    sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)]
-    grasps: Count
-    grasp_frames: Count
-    objects: Literal["all"] | Annotated[list[StrictStr | dict], Strict(), MinLen(1)]
-    seed: Seed
-    leave_out: Annotated[list[Mechanics | Reading], Strict(), Unique]
+    scale: Literal["small", "stag"] = "small"
+    sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
+    grasps: Count = 10
+    grasp_frames: Count = 10
+    objects: Literal["all"] | Annotated[list[StrictStr | dict], Strict(), MinLen(1)] = "all"
+    seed: Seed = 0
+    leave_out: Annotated[list[Mechanics | Reading], Strict(), Unique] = field(default_factory=list)
 
 
 @dataclass(frozen=True, config=SECTION)
 class Params:
-    seed: Seed
-    views: Annotated[StrictInt, Interval(ge=1, le=1000)]
-    viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"]
-    device: Literal["auto", "cpu", "cuda"]
-    precision: Literal["auto", "float32", "bfloat16"]
-    data: Data
-    preprocess: PreprocessSection
-    split: Split
-    cluster: Cluster
-    augment: AugmentParams
-    pretrain: Pretrain
-    model: Model
-    finetune: Finetune
-    evaluate: Evaluate
-    glove: Glove
+    seed: Seed = 0
+    views: Annotated[StrictInt, Interval(ge=1, le=1000)] = 8
+    viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"] = "auto"
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    data: Data = field(default_factory=Data)
+    preprocess: PreprocessSection = field(default_factory=PreprocessSection)
+    split: Split = field(default_factory=Split)
+    cluster: Cluster = field(default_factory=Cluster)
+    augment: AugmentParams = field(default_factory=AugmentParams)
+    pretrain: Pretrain = field(default_factory=Pretrain)
+    model: Model = field(default_factory=Model)
+    finetune: Finetune = field(default_factory=Finetune)
+    evaluate: Evaluate = field(default_factory=Evaluate)
+    glove: Glove = field(default_factory=Glove)
 
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
@@ -259,6 +261,8 @@ class Params:
 def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Params:
     """Parameters of the file at `path` with `key=value` changes on top, all checked.
 
+    A key that the file lacks has its default.
+
     Args:
         name: first word of an error, instead of the path.
 
@@ -267,6 +271,11 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
         FileNotFoundError: no such file.
     """
     return build(Params, read_yaml(Path(path)), str(name or path), changes)
+
+
+def default_params(changes: tuple[str, ...] = (), name: str = "parameters") -> Params:
+    """The defaults with `key=value` changes on top, of no file; arguments and errors as in `load`."""
+    return build(Params, {}, name, changes)
 
 
 def presets() -> dict[str, str]:

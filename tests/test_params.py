@@ -1,5 +1,8 @@
 """params.yaml, its presets and changes, and what `load` refuses before any stage works."""
 
+import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import get_args
@@ -10,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import System, load, on_sensors, preset_changes, presets
+from tactile_viewgcn.params import System, default_params, load, on_sensors, preset_changes, presets
 from tactile_viewgcn.schema import as_change, flatten, parse, set_value
 from tactile_viewgcn.systems import system_class
 
@@ -43,7 +46,8 @@ def test_the_shipped_file_is_the_recipe_of_the_paper():
 
 def test_the_typed_form_has_every_value_of_the_file_and_changes_set_the_keys_they_name():
     before, after = flatten(params()), flatten(params("views=12", "cluster.method=none", "model.neighbours=[3, 3, 2]"))
-    assert before == flatten(yaml.safe_load(FILE.read_text()))
+    assert before == flatten(yaml.safe_load(FILE.read_text()))  # each key stands in the file
+    assert before == flatten(default_params())
     changed = {key: value for key, value in after.items() if value != before[key]}
     assert changed == {"views": 12, "cluster.method": "none", "model.neighbours": [3, 3, 2]}
     assert params("views=12", "views=20").views == 20  # the last one counts
@@ -173,13 +177,9 @@ def test_a_preset_is_allowed_and_changes_the_values_it_names(name):
     assert all(len(change.split()) == 1 for change in changes)  # a shell does not split them
 
 
-LINES = FILE.read_text().splitlines(keepends=True)
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("".join(line for line in LINES if not line.startswith(("views:", "  trials:"))), "evaluate.trials: |views: "),
         (b"views: \xff\xfe", "YAML"),
         ("views: !!python/object/apply:os.system [ls]", "YAML"),
         ("- views\n", "list"),
@@ -192,10 +192,39 @@ LINES = FILE.read_text().splitlines(keepends=True)
         ("#" * 10**6, "65,536"),
     ],
 )
-def test_a_file_without_all_parameters_is_refused_in_a_line(tmp_path, content, words):
+def test_a_file_that_is_no_plain_yaml_is_refused_in_a_line(tmp_path, content, words):
     (path := tmp_path / "p.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
     text = refusal(path=path)
     assert [word for word in words.split("|") if word not in text] == []
+
+
+def test_a_key_that_a_file_lacks_has_its_default(tmp_path):
+    (tmp_path / "p.yaml").write_text("views: 12\nfinetune: {epochs: 2}\n")
+    assert load(tmp_path / "p.yaml") == default_params(("views=12", "finetune.epochs=2"))
+
+
+FITTED = """
+import numpy as np
+from tactile_viewgcn import TactileClassifier
+
+recordings = [np.random.default_rng(i).integers(500 + 40 * (i % 2), 530 + 40 * (i % 2), (20, 4)) for i in range(8)]
+print(TactileClassifier(system="kernel").fit(recordings, [0, 1] * 4).params_)
+"""
+
+
+def test_the_class_and_inspect_do_not_read_the_pipeline_s_params_yaml(tmp_path):
+    """In a clone whose params.yaml is edited a class has the recipe and its arguments; broken, it stops no command."""
+    shutil.copytree(ROOT / "tactile_viewgcn", tmp_path / "tactile_viewgcn", symlinks=True)
+
+    def python(*words, file):
+        (tmp_path / "params.yaml").write_text(file)
+        return subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    edited = FILE.read_text().replace("\n  transform: clip", "\n  transform: log")
+    expected = default_params(("model.system=sensors", "model.members=[kernel]"))
+    assert python("-c", FITTED, file=edited).stdout == f"{expected}\n"
+    inspected = python("-m", "tactile_viewgcn", "inspect", "nowhere", file="broken: [")
+    assert inspected.stderr.startswith("Error: nowhere: no such file")
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):

@@ -14,7 +14,7 @@ from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
-from tactile_viewgcn.params import DEFAULTS, MAX_SIDE, everywhere, load
+from tactile_viewgcn.params import MAX_SIDE, everywhere
 from tactile_viewgcn.readers.source import FRAMES_LAST, listed
 from tactile_viewgcn.schema import as_change
 
@@ -221,18 +221,18 @@ def command_lines(overview: Overview) -> list[str]:
     if len(_kept(overview)) < 2:
         return []
     path, settings = overview.recordings.path, overview.settings
-    source = everywhere(path)
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
-    values: dict[str, Any] = {"data.source": str(source)}
-    form, before = overview.form, load(DEFAULTS).data
-    if form.shape == FRAMES_LAST or arrays_below(path):
-        values["data.shape"] = FRAMES_LAST if form.shape == FRAMES_LAST else list(overview.recordings.shape)
-    elif before.shape != "auto":
-        values["data.shape"] = "auto"
-    if {form.layout, before.layout} != {"auto"}:
-        values["data.layout"] = form.layout
-    if form.columns or before.columns:
-        values["data.columns"] = [f"{kind}:{name}" for kind, name in form.columns.items()]
+    form = overview.form
+    if form.shape == FRAMES_LAST:
+        shape: Any = FRAMES_LAST
+    else:
+        shape = list(overview.recordings.shape) if arrays_below(path) else "auto"
+    values = {  # all of `data`: params.yaml may be set for other recordings
+        "data.source": str(everywhere(path)),
+        "data.shape": shape,
+        "data.layout": form.layout,
+        "data.columns": [f"{kind}:{name}" for kind, name in form.columns.items()],
+    }
     values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
     options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]
     return " \\\n".join([" ".join(["dvc exp run", *presets]), *options]).split("\n")

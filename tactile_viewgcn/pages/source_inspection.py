@@ -14,7 +14,7 @@ from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
 from tactile_viewgcn.frames.sides import deal, has_published_split
 from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
 from tactile_viewgcn.messages import Note, UserError, several
-from tactile_viewgcn.params import DEFAULTS, PreprocessSection, load
+from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import AUTO, Form
 from tactile_viewgcn.tables.clocks import clock_notes
@@ -38,8 +38,7 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> "Overview":
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, form) as recordings:
-        asked = replace(load(DEFAULTS).preprocess, baseline="auto", filter="auto", contact_sensors="auto")
-        return Overview(recordings, replace(asked, unit="auto", scale="auto"), form)
+        return Overview(recordings, PreprocessSection(), form)
 
 
 class Overview:
@@ -84,7 +83,7 @@ class Overview:
         original = originals(recordings)
         self.groups = _groups(recordings, original, empty)
         settings = split_settings(self.groups)
-        split = replace(load(DEFAULTS).split, **{note.key.removeprefix("split."): note.value for note in settings})
+        split = Split(**{note.key.removeprefix("split."): note.value for note in settings})
         rng = stream(SPLIT_SEED, "preprocess")
         sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
         choice = choose(recordings, asked, sides)

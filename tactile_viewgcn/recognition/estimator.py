@@ -16,7 +16,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
-from tactile_viewgcn.params import DEFAULTS, MAX_SIDE, Member, Params, load, preset_changes
+from tactile_viewgcn.params import MAX_SIDE, Member, Params, default_params, preset_changes
 from tactile_viewgcn.readers.source import FRAMES_LAST
 from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_by_row
 from tactile_viewgcn.schema import as_change
@@ -48,9 +48,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
-        system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of params.yaml.
+        system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of the paper's recipe.
         views: V, frames by which a recording is classified; an array of view sets has its own V.
-        params: changes of params.yaml by dotted key, on top of all others, such as `{"preprocess.transform": "log"}`.
+        params: values by dotted key of params.yaml, on top of all others, such as `{"preprocess.transform": "log"}`.
         random_state: source of every random choice: an integer, a `RandomState` of NumPy, or None.
 
     Attributes:
@@ -186,7 +186,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in changes.items()}
         preset = "best" if self.preset is None and self.system is None else self.preset
         texts = preset_changes(preset) if preset is not None else []
-        params = load(DEFAULTS, (*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
+        params = default_params((*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
         for key in ("preprocess.baseline", "preprocess.filter"):
             value = getattr(params.preprocess, key.removeprefix("preprocess."))
             if chosen and value != chosen[key]:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import io
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import DEFAULTS, load
+from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
@@ -70,7 +70,7 @@ def good_bytes(kind: str, folder: Path) -> list[bytes]:
         others = [b"# a b\n1,5 2\n3 4,5\n", "1\t2,5\r\n3\t4\r\n".encode("utf-16"), named, gzip.compress(named)]
         return [b"a,b,c\n1,2,3\n4,5,6\n7,8,9\n", b"1;2.5;3\n4;5;-6e3\n", *others]
     if kind == "params":
-        return [DEFAULTS.read_bytes()]
+        return [Path("params.yaml").read_bytes()]
     return [json.dumps({"counts": table().counts[:8].reshape(2, 4, 12, 12).tolist(), "session": "000"}).encode()]
 
 
