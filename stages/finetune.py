@@ -10,7 +10,6 @@ from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.fitting import fit_classifier
-from tactile_viewgcn.recognition.importance import importance_note
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import load_table, read_frames
 from tactile_viewgcn.tables.views import Views
@@ -29,8 +28,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     with training_checkpoint("finetune", key, compute) as checkpoint_path:
         fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
         save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.calibration)
-    decisive = importance_note(fitted.left, table.channel_names or []) if fitted.left else []
-    for note in [*fitted.notes, *decisive]:
+    for note in fitted.notes:
         job.note(note)
     classifier, progress = fitted.classifier, fitted.progress
     job.counts = {"weights.head": 0, "seconds_before_interruption": progress.resumed[1]}

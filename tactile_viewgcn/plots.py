@@ -11,7 +11,6 @@ from matplotlib.patches import Patch
 from tactile_viewgcn.messages import shown
 
 FRAMES = "viridis"  # colours of frames
-MOST_ROWS = 20  # sensors whose importance is shown
 LONGEST_NAME = 22  # characters above a small picture
 NO_SENSOR = "#e9edef"
 
@@ -86,25 +85,6 @@ def errors_by_views(errors: dict[str, dict[str, dict[str, Any]]], chance: float)
     axes.set(ylim=(0, 100), xlabel="frames", ylabel="wrong answers, %")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=9)
-    return figure
-
-
-def importance(sensors: list[str], importance: list[list[float]]) -> Figure:
-    """The importance of the most important sensors: a row each, and a column for each window in time, if measured.
-
-    Args:
-        importance: of each sensor in the whole recording, then in each window.
-    """
-    table = np.array(importance)
-    order = np.argsort(-table[:, 0], kind="stable")[:MOST_ROWS]
-    figure = Figure(figsize=(5.4, 0.9 + 0.26 * len(order)), layout="constrained")
-    axes = figure.add_subplot()
-    image = axes.imshow(np.maximum(table[order], 0), cmap="Blues", vmin=0, aspect="auto", interpolation="none")
-    axes.set_yticks(range(len(order)), [shortened(sensors[at]) for at in order], parse_math=False)
-    windows = table.shape[1] - 1
-    axes.set_xticks(range(1 + windows), ["all", *(f"{number + 1} of {windows}" for number in range(windows))])
-    axes.set_xlabel("part of the recording")
-    figure.colorbar(image, ax=axes).set_label("importance", fontsize=9)
     return figure
 
 

@@ -30,18 +30,13 @@ from tactile_viewgcn.training.sensor_fitting import QUICK_RECORDINGS, sensor_exa
 
 
 class Fitted(NamedTuple):
-    """A trained classifier and its model options without `auto`; without a `calibration` it takes V frames alone.
-
-    Attributes:
-        left: what the candidates answered to recordings that were left out, if they were compared.
-    """
+    """A trained classifier and its model options without `auto`; without a `calibration` it takes V frames alone."""
 
     classifier: Classifier
     model: Model
     calibration: Calibration | None
     progress: Progress
     notes: list[Note]
-    left: LeftOut | None = None
 
 
 def fit_classifier(
@@ -91,4 +86,4 @@ def _fit_sensors(table: Frames, places: np.ndarray, model: Model, num_views: str
     classifier.fit(examples, seed)
     notes += calibration_warning(calibration)
     progress = Progress(seconds=time.perf_counter() - begin)
-    return Fitted(classifier, model, calibration, progress, notes, left if asked == "auto" else None)
+    return Fitted(classifier, model, calibration, progress, notes)

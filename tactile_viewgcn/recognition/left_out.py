@@ -1,7 +1,6 @@
 """Answers to training recordings that were left out of the fits: what the choice and the calibration go by."""
 
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import torch
@@ -9,7 +8,6 @@ import torch
 from tactile_viewgcn.frames.split import fold_sides, spans_classes
 from tactile_viewgcn.recognition.calibration import fit_temperature, together_temperatures
 from tactile_viewgcn.recognition.sequential import Calibration
-from tactile_viewgcn.sensors.estimators import Estimator
 from tactile_viewgcn.sensors.examples import FRAME, WHOLE, Examples, added, for_sets
 from tactile_viewgcn.sensors.representation import OF_FRAMES
 from tactile_viewgcn.tables.frames import TEST
@@ -44,7 +42,6 @@ class LeftOut:
                 self._folds.append(left)
         self.answered = np.any(self._folds, axis=0) if self._folds else np.zeros(len(groups), dtype=bool)
         self._shares: dict[tuple[str, int], np.ndarray] = {}
-        self._estimators: dict[str, list[Estimator]] = {}
         self.seconds, self.milliseconds = dict.fromkeys(examples.members, 0.0), dict.fromkeys(examples.members, 0.0)
 
     def _answers(self, member: str, size: int) -> np.ndarray:
@@ -59,17 +56,10 @@ class LeftOut:
                 if size == (FRAME if member == OF_FRAMES else WHOLE):
                     self.seconds[member] += time.perf_counter() - begin
                     self.milliseconds[member] = self.examples.milliseconds(member, estimator)
-                if size == WHOLE:
-                    self._estimators.setdefault(member, []).append(estimator)
                 shares = self.examples.answers(member, size, estimator, left)
                 kept = self._shares.setdefault((member, size), shares)
                 kept[...] = np.where(np.isfinite(shares), shares, kept)
         return self._shares[member, size]
-
-    def estimators(self, member: str) -> Iterator[tuple[np.ndarray, Estimator]]:
-        """Pairs of the recordings that were left out, bool (R,), and the member's estimator for whole recordings."""
-        self._answers(member, WHOLE)
-        return zip(self._folds, self._estimators[member], strict=True)
 
     def logits(self, members: list[str], size: int) -> tuple[np.ndarray, np.ndarray]:
         """Logits (n, classes) of recordings or view sets that were left out, and the recording (n,) of each."""

@@ -9,7 +9,7 @@ import numpy as np
 MOST_FRAMES = 20_000  # of a recording; of a longer one every second, third or further one is taken
 LEAST_SIDE, LEAST_SENSORS = 4, 64  # rows and columns, and live sensors, of an array
 DEAD_ZONE = 2.0  # units; a weaker reading counts as noise
-WINDOWS, OF_WINDOW, TENTH = 4, 3, 10  # equal windows in time; statistics of each; first and last tenth of the frames
+WINDOWS, TENTH = 4, 10  # equal windows in time; first and last tenth of the frames
 LEAST_SPREAD = 0.05  # of a channel's standard deviation: spreads below it are alike
 BLOCKS, LIVE_SHARE = (2, 4, 8), 0.5  # rows and columns of a block; of its cells that are live, at least
 
