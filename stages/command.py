@@ -39,7 +39,6 @@ class Job:
         begin_run: begins the stage's run in MLflow; for a short stage `evaluate` makes the run later.
         needed, run, counts, notes, curves: see `Record`.
         computed: device and precision of a stage that computes with torch.
-        threads: the numbers of threads that the stage has computed with.
     """
 
     stage: str
@@ -52,7 +51,6 @@ class Job:
     notes: list[Note] = field(default_factory=list)
     curves: dict[str, list[float]] = field(default_factory=dict)
     computed: dict[str, str] = field(default_factory=dict)
-    threads: set[int] = field(default_factory=set)
 
     def note(self, note: Note) -> None:
         """Print a note, and keep it for the record."""
@@ -61,13 +59,12 @@ class Job:
         self.notes.append(replace(note, stage=self.stage))
 
     def compute(self) -> "Compute":
-        """Device and precision, which the record keeps; from here on the number of threads follows the load."""
-        from tactile_viewgcn.device import keep_freed_memory, select_device  # here, since they load torch
-        from tactile_viewgcn.threads import follow_load, used
+        """Device and precision, which the record keeps; the number of threads is chosen for the rest of the stage."""
+        from tactile_viewgcn.device import keep_freed_memory, select_device, set_threads  # here, since they load torch
 
         keep_freed_memory()
-        follow_load()
-        compute, self.threads = select_device(self.params.device, self.params.precision), used
+        set_threads()
+        compute = select_device(self.params.device, self.params.precision)
         self.computed = {"device": str(compute.device), "precision": compute.precision}
         return compute
 
@@ -96,8 +93,10 @@ class Job:
         """The record of the stage, which is done: `name` of its run, paths of its inputs, and `Record.params`."""
         counts = dict(self.counts)
         seconds = seconds_since_start() + counts.pop("seconds_before_interruption", 0.0)
-        if self.threads:
-            counts |= {"threads.fewest": min(self.threads), "threads.most": max(self.threads)}
+        if self.computed:
+            from torch import get_num_threads
+
+            counts["threads"] = get_num_threads()
         return Record(
             stage=self.stage,
             needed=self.needed,

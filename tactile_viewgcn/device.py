@@ -1,12 +1,14 @@
 """Device and precision of the computation, chosen by the hardware's abilities, never by a timing."""
 
 import ctypes
+import os
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.process import idle_cores
 
 MAX_MEMORY_SHARE = 0.5  # of the device's free memory: more is not taken for frames
 
@@ -80,6 +82,22 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
             native = torch.cuda.is_bf16_supported(including_emulation=False)
         precision = "bfloat16" if native else "float32"
     return Compute(torch.device(device), precision)
+
+
+def set_threads() -> None:
+    """Take as many threads as there are idle cores, at least one, unless OMP_NUM_THREADS fixes the number.
+
+    A step of a small network splits hundreds of products among the threads, and each product waits for the last one:
+    where a busy program uses the core of one thread, all others wait. The number holds for the whole process: call this
+    from a program, not a library.
+    """
+    from joblib import cpu_count  # respects a container's limit
+    from threadpoolctl import threadpool_limits
+
+    if "OMP_NUM_THREADS" not in os.environ:
+        threads = max(1, round(min(torch.get_num_threads(), cpu_count(), idle_cores())))
+        torch.set_num_threads(threads)
+        threadpool_limits(threads)
 
 
 def keep_freed_memory() -> None:

@@ -22,6 +22,24 @@ def seconds_since_start() -> float:
     return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
 
 
+def idle_cores(seconds: float = 0.3) -> float:
+    """Cores that no program uses during the next `seconds`; infinite where the system does not say.
+
+    The load average would still count the stage before, which has ended.
+    """
+    with suppress(OSError):
+        before = _idle_seconds()
+        time.sleep(seconds)
+        if after := _idle_seconds():  # some sandboxes always say 0
+            return (after - before) / seconds
+    return float("inf")
+
+
+def _idle_seconds() -> float:
+    """Seconds that the cores have idled since the machine started, summed over the cores."""
+    return float(Path("/proc/uptime").read_text().split()[1])
+
+
 def processor() -> str:
     """The processor's name."""
     info = Path("/proc/cpuinfo")

@@ -2,11 +2,13 @@
 
 from types import SimpleNamespace
 
+import joblib
 import pytest
+import threadpoolctl
 import torch
 
 from tactile_viewgcn import device
-from tactile_viewgcn.device import Compute, keep_freed_memory, select_device
+from tactile_viewgcn.device import Compute, keep_freed_memory, select_device, set_threads
 from tactile_viewgcn.messages import UserError
 
 CPU, CUDA = torch.device("cpu"), torch.device("cuda")
@@ -52,6 +54,38 @@ def test_the_user_s_choice_is_taken_else_what_the_machine_has_and_a_missing_card
     else:
         with pytest.raises(UserError, match="device is cuda"):
             select_device(*wanted)
+
+
+@pytest.mark.parametrize(
+    ("idle", "in_container", "torchs", "expected"),
+    [
+        (1.96, 2, 2, 2),  # a quiet machine
+        (1.03, 2, 2, 1),  # one busy program
+        (0.0, 2, 2, 1),
+        (2.01, 2, 2, 2),  # two clocks disagree
+        (33.8, 64, 64, 34),
+        (33.8, 2, 64, 2),
+        (float("inf"), 8, 4, 4),  # the system does not say
+    ],
+)
+def test_there_is_a_thread_for_each_idle_core(monkeypatch, idle, in_container, torchs, expected):
+    limits, now = [], []
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    monkeypatch.setattr(device, "idle_cores", lambda: idle)
+    monkeypatch.setattr(joblib, "cpu_count", lambda: in_container)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: torchs)
+    monkeypatch.setattr(torch, "set_num_threads", now.append)
+    monkeypatch.setattr(threadpoolctl, "threadpool_limits", limits.append)
+    set_threads()
+    assert now == limits == [expected]
+
+
+def test_the_user_s_number_of_threads_stays(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setattr(device, "idle_cores", None)  # nothing is measured
+    before = torch.get_num_threads()
+    set_threads()
+    assert torch.get_num_threads() == before
 
 
 @pytest.mark.parametrize(("precision", "dtype"), [("float32", torch.float32), ("bfloat16", torch.bfloat16)])

@@ -14,7 +14,6 @@ import torch
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.files import atomic_write, locked, readable, root
 from tactile_viewgcn.messages import several
-from tactile_viewgcn.threads import FIXED, used
 
 FOLDER = "checkpoints"
 
@@ -35,7 +34,7 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
 def checkpoint_path(stage: str, key: str, compute: Compute) -> Path:
     """The path of a stage's training, by a hash of its key (parameters, inputs and code), versions and machine."""
     machine = (compute.device.type, compute.precision, torch.__version__, np.__version__)
-    everything = (key, machine, os.environ.get(FIXED))
+    everything = (key, machine, os.environ.get("OMP_NUM_THREADS"))
     return root() / FOLDER / f"{stage}-{hashlib.sha256(repr(everything).encode()).hexdigest()[:16]}.pt"
 
 
@@ -68,7 +67,7 @@ def save(path: Path | None, parts: dict[str, Any], progress: Progress) -> None:
         "progress": vars(progress),
         "parts": {name: _state_of(part)[0]() for name, part in parts.items()},
         "torch": torch.get_rng_state(),
-        "threads": sorted(used),
+        "threads": torch.get_num_threads(),
     }
     if torch.cuda.is_initialized():
         content["cuda"] = torch.cuda.get_rng_state()
@@ -91,7 +90,7 @@ def restore(path: Path | None, parts: dict[str, Any]) -> Progress:
         torch.set_rng_state(content["torch"])
         if "cuda" in content:
             torch.cuda.set_rng_state(content["cuda"])
-        used.update(content["threads"])
+        torch.set_num_threads(content["threads"])  # sums of another number of threads differ in their last digits
     progress = Progress(**content["progress"])
     progress.resumed = progress.epoch, progress.seconds
     return progress

@@ -69,6 +69,17 @@ def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch,
     assert again.resumed[0] == after and again.seconds >= again.resumed[1] > 0
 
 
+def test_a_continued_training_has_as_many_threads_as_before(tmp_path, monkeypatch):
+    save(tmp_path / "training.pt", {}, Progress(epoch=1))
+    before = torch.get_num_threads()
+    torch.set_num_threads(before + 1)  # another process, with one core more idle
+    restore(tmp_path / "training.pt", {})
+    assert torch.get_num_threads() == before
+    path = checkpoint_path("pretrain", "key", CPU)
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    assert checkpoint_path("pretrain", "key", CPU) != path
+
+
 def test_a_damaged_checkpoint_is_refused(tmp_path):
     path = tmp_path / "training.pt"
     path.write_bytes(b"no checkpoint")
