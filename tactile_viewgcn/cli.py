@@ -76,11 +76,9 @@ def preset(name: str) -> None:
 @cli.command()
 @click.argument("model")
 @click.argument("source")
-@click.option("--window", type=float, metavar="SECONDS", help="One answer for each window, not for each recording.")
 @click.option("--stop-at", type=float, metavar="P", help="Take frames one by one until a class has this probability.")
 @click.option("--together", is_flag=True, help="Also give one answer for each folder and object.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers to this file too.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Likewise, with all probabilities.")
 @_SET_DATA
 def predict(changes: tuple[str, ...], **options: Any) -> None:
     """Recognise with MODEL the objects that are held in the recordings SOURCE, labelled or not.

@@ -7,51 +7,41 @@ from pathlib import Path
 import numpy as np
 from scipy.special import softmax
 
-from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note
 from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
-from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.clocks import find_clocks
-from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings
-
-LEAST_WINDOW = 1e-3  # seconds; shorter ones hold a frame each
-OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
+from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
+from tactile_viewgcn.views.sampling import spread_frames
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The object in a recording, or in a window of it.
+    """The object in a recording.
 
     Attributes:
-        status: OBJECT; UNKNOWN, whose `probabilities` are those of the nearest objects; or NO_CONTACT.
-        probabilities: (classes,), NaN with NO_CONTACT.
+        probabilities: (classes,). Without a frame in contact it is the class `empty_hand`; where there is no such class,
+            all are equally probable.
         used: number of frames that were classified.
         contact: number of frames in contact; frames: number of all frames.
-        novelty: distance to the nearest training frames, 1 at the model's threshold; NaN for a model without a
-            threshold, and for fewer than V frames in contact.
         stop_at: confidence that was asked for; 0 for none.
         recording: its name; object: its label, UNLABELLED without one.
-        start, end: seconds since the recording's first frame; NaN without times.
     """
 
-    status: str
     probabilities: np.ndarray
     used: int = 0
     contact: int = 0
-    novelty: float = float("nan")
     stop_at: float = 0.0
     frames: int = 0
     recording: str = ""
     object: str = UNLABELLED
-    start: float = float("nan")
-    end: float = float("nan")
 
     @property
     def grasp_again(self) -> bool:
         """Whether the confidence that was asked for was not reached."""
-        return bool(self.probabilities.max() < self.stop_at)
+        return bool(self.contact and self.probabilities.max() < self.stop_at)
 
 
 def answer_recording(
@@ -81,20 +71,17 @@ def answer_table(
     recogniser: Recogniser,
     recordings: Recordings,
     *,
-    window: float | None = None,
     stop_at: float | None = None,
     any_scale: bool = False,
 ) -> tuple[list[Answer], list[Note]]:
     """The answers to the recordings of a table, and notes on baselines that could not be measured.
 
     Args:
-        window: seconds that are answered together; None: whole recordings.
         stop_at: see `answer_recording`.
         any_scale: allow readings in contact that are much stronger or weaker than the training's.
 
     Raises:
-        UserError: recordings unlike the training's in form or scale, or without the times that windows need; a
-            `window` out of range; see `answer_recording`.
+        UserError: recordings unlike the training's in form or scale; see `answer_recording`.
     """
     if stop_at is not None:
         recogniser.check_sequential(stop_at)
@@ -105,34 +92,20 @@ def answer_table(
     recordings = recordings.part(np.arange(len(recordings)), fitted.live)
     answers, classified = [], []
     baseline, contact = find_contact(fitted, recordings)
-    for index in _parts(recordings, window):
+    for index in frames_by_recording(recordings):
         pressed = index[contact[index]]
         excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
-        classified.append(excess[spread_sets(len(pressed), recogniser.classifier.views)[0]] if len(pressed) else excess)
+        classified.append(excess[spread_frames(len(pressed), recogniser.classifier.views)] if len(pressed) else excess)
         answer = replace(
             answer_contact(recogniser, excess, stop_at=stop_at),
             frames=len(index),
             recording=recordings.recordings[columns["recording"][index[0]]],
             object=_common(recordings.objects[number] for number in columns["object"][index]),
-            start=float(columns["time"][index[0]]),
-            end=float(columns["time"][index[-1]]),
         )
         answers.append(answer)
     if not any_scale:
         check_strength(fitted, np.concatenate(classified), str(recordings.path))
     return answers, baseline.notes
-
-
-def _parts(recordings: Recordings, window: float | None) -> list[np.ndarray]:
-    """Rising indices of the frames that are answered together."""
-    recording, time = recordings.columns["recording"], recordings.columns["time"]
-    if window is not None and not LEAST_WINDOW <= window < np.inf:
-        raise UserError(f"window is {window:g}; expected seconds, {LEAST_WINDOW:g} at least")
-    if window is not None and np.isnan(time).any():
-        raise UserError("the recordings have no times of their frames, which a window in seconds needs: leave it out")
-    places = np.stack([recording, np.zeros(len(time)) if window is None else np.floor(time / window)])
-    part, sizes = np.unique(places, axis=1, return_inverse=True, return_counts=True)[1:]
-    return np.split(np.argsort(part.ravel(), kind="stable"), np.cumsum(sizes)[:-1])
 
 
 def _common(objects: Iterable[str]) -> str:
@@ -150,42 +123,40 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
     """
     count, views = len(excess), recogniser.classifier.views
     if not count:
-        return Answer(NO_CONTACT, np.full(len(recogniser.classes), np.nan))
-    (spread,) = spread_sets(count, views)
+        return Answer(_without_contact(recogniser))
     if stop_at is None:
         probabilities, used = recogniser.of_recording(excess, "subtracted")
     else:
-        index = bisecting(np.unique(spread))
+        index = bisecting(np.unique(spread_frames(count, views)))
         probabilities, used = recogniser.predict_sequential(excess[index], stop_at, "subtracted")
-    novelty = float("nan")
-    if recogniser.novelty and count >= views:
-        novelty = recogniser.novelty.score(excess[spread][:, recogniser.preprocessing.live])
-    return Answer(UNKNOWN if novelty > 1 else OBJECT, probabilities, used, count, novelty, stop_at or 0.0)
+    return Answer(probabilities, used, count, stop_at or 0.0)
+
+
+def _without_contact(recogniser: Recogniser) -> np.ndarray:
+    """Probabilities (classes,) of the empty hand, or of all classes alike where it is none."""
+    empty = np.array([name == EMPTY_HAND for name in recogniser.classes], dtype=np.float32)
+    return empty if empty.any() else np.full(len(empty), 1 / len(empty), dtype=np.float32)
 
 
 def answer_together(recogniser: Recogniser, answers: list[Answer], name: str = "together") -> Answer:
     """The answer to one object that was recorded several times, from the answers to its recordings.
 
     Their log-probabilities are added, and calibrated for one to three recordings, if the training had as many of an
-    object. Recordings without contact do not count. The object is UNKNOWN if it is so in every recording that counts.
+    object. Recordings without contact do not count.
 
     Args:
         name: stands in the place of the recording's.
     """
-    pressed = [answer for answer in answers if answer.status != NO_CONTACT]
-    status, probabilities = NO_CONTACT, np.full(len(recogniser.classes), np.nan)
+    pressed, probabilities = [answer for answer in answers if answer.contact], _without_contact(recogniser)
     if pressed:
-        status = OBJECT if any(answer.status == OBJECT for answer in pressed) else UNKNOWN
         temperatures = (recogniser.calibration and recogniser.calibration.by_recordings) or [1.0]
         first, last = temperatures[0], temperatures[min(len(pressed), len(temperatures)) - 1]
         shares = np.maximum([answer.probabilities for answer in pressed], np.finfo(np.float32).tiny)
         probabilities = softmax(np.log(shares).sum(axis=0) * first / last)
     return Answer(
-        status,
         probabilities,
         used=sum(answer.used for answer in answers),
         contact=sum(answer.contact for answer in answers),
-        novelty=float(np.fmin.reduce([answer.novelty for answer in pressed], initial=np.nan)),  # of those that have one
         stop_at=max(answer.stop_at for answer in answers),
         frames=sum(answer.frames for answer in answers),
         recording=name,

@@ -12,10 +12,10 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.sequential import MOST_RECORDINGS, Calibration, logits_by_count, sequences
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.training.inputs import FrameInputs
+from tactile_viewgcn.views.sampling import spread_frames
 
 DRAWS = 10  # sets of recordings that are answered together, for each recording; view sets around each anchor, at most
 MOST_SETS = 1000  # view sets that are answered
@@ -52,7 +52,7 @@ def calibrate(network: ViewNetwork, table: Frames, compute: Compute, seed: int) 
     columns = np.stack([table.label[index], table.recording[index], table.group[index]])
     pool = np.unique(columns, axis=1, return_inverse=True)[1].ravel()
     members = [np.flatnonzero(pool == number) for number in range(pool.max() + 1)]
-    spread = np.stack([frames[spread_sets(len(frames), views)[0]] for frames in members])
+    spread = np.stack([frames[spread_frames(len(frames), views)] for frames in members])
     anchors = np.repeat(np.flatnonzero(table.anchor[index]), DRAWS)
     anchors = anchors[:: -(-len(anchors) // MOST_SETS)]
     drawn = sequences(anchors, pool, views, stream(seed, "touches.calibrate"))

@@ -199,19 +199,17 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     def _of_recordings(self, X: Any) -> np.ndarray:
         """Probabilities (n, classes) of rows by their recordings of raw counts.
 
-        Without contact a row is the empty hand, or with a warning any class alike where the empty hand is none.
+        A row without contact is the empty hand; where that is no class, a warning says so.
         """
-        from tactile_viewgcn.recognition.answer import NO_CONTACT, answer_recording, answer_together
+        from tactile_viewgcn.recognition.answer import answer_recording, answer_together
 
         recogniser, of_rows = self.recogniser_, []
-        empty = np.array([float(name == EMPTY_HAND) for name in recogniser.classes])
         for number, recordings in enumerate(recordings_by_row(X, frames_last=self._frames_last)):
             answers = [answer_recording(recogniser, counts, name=f"X[{number}]") for counts in recordings]
             answer = answer_together(recogniser, answers) if len(answers) > 1 else answers[0]
-            if answer.status == NO_CONTACT and not empty.any():
+            if not answer.contact and EMPTY_HAND not in recogniser.classes:
                 warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=3)
-            without_contact = empty if empty.any() else np.full(len(empty), 1 / len(empty))
-            of_rows.append(without_contact if answer.status == NO_CONTACT else answer.probabilities)
+            of_rows.append(answer.probabilities)
         return np.stack(of_rows)
 
 

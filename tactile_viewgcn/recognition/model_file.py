@@ -15,13 +15,12 @@ from typing import Annotated, Any, BinaryIO, Literal, Self
 import numpy as np
 import torch
 from annotated_types import Interval, MaxLen, MinLen
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer, ValidationError, model_validator
 from torch import Tensor
 
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import MAX_NUMBER, MAX_SIDE, Model, PreprocessSection
-from tactile_viewgcn.recognition.novelty import Array, Novelty, Unit, fit_novelty
 from tactile_viewgcn.recognition.sequential import Calibration
 from tactile_viewgcn.schema import Unique
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
@@ -32,6 +31,13 @@ STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
 MOST_VIEWS = 1000  # as params.yaml allows
 DIGEST = hashlib.sha256().digest_size
+#: an array in memory, a tensor in a model file
+Array = Annotated[
+    np.ndarray,
+    BeforeValidator(lambda value: value.numpy() if isinstance(value, Tensor) else value),
+    PlainSerializer(torch.from_numpy),
+]
+Unit = Annotated[float, Interval(gt=0, le=1e31)]  # counts
 CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
@@ -89,7 +95,7 @@ class Content(BaseModel):
     """What a file holds, each value in its range; see `save_classifier`."""
 
     model_config = CHECKED
-    format: Literal[11] = 11  # add 1 when the content of a file changes
+    format: Literal[12] = 12  # add 1 when the content of a file changes
     learnt: dict[str, Any]
     viewpoints: Tensor
     model: Model
@@ -98,7 +104,6 @@ class Content(BaseModel):
     scale: Unit
     precision: Literal["float32", "bfloat16"]
     calibration: Calibration | None
-    novelty: Novelty | None
     preprocessing: FittedPreprocessing
 
     @model_validator(mode="after")
@@ -115,7 +120,6 @@ class Content(BaseModel):
             "channels": channels is None or (_real(channels, (2, *shape)) and (channels[1] != 0).all()),
             "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),
             "calibration": self.calibration is None or len(self.calibration.by_frames) == views,
-            "novelty": self.novelty is None or _real(self.novelty.maps, (len(self.novelty.maps), live.sum())),
         }
         if wrong := [name for name, right in rules.items() if not right]:
             raise ValueError(f"{', '.join(wrong)}: out of range, or of a different shape than the rest")
@@ -154,7 +158,6 @@ def save_classifier(
         "scale": frames.scale,
         "precision": precision,
         "calibration": calibration,
-        "novelty": fit_novelty(frames, classifier.views),
         "preprocessing": FittedPreprocessing.of(frames),
     }
     with atomic_write(path) as part:

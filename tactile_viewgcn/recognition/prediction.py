@@ -1,11 +1,7 @@
-"""The command `predict`: opens the model and the recordings, prints the answers, writes them as CSV and JSON."""
+"""The command `predict`: opens the model and the recordings, prints the answers and writes them as CSV."""
 
-import io
-import json
-import math
 import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +9,14 @@ from typing import Any
 from tactile_viewgcn.files import atomic_write, check_outputs
 from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
 from tactile_viewgcn.readers.source import Form
-from tactile_viewgcn.recognition.answer import NO_CONTACT, OBJECT, UNKNOWN, Answer, answer_table, answer_together
+from tactile_viewgcn.recognition.answer import Answer, answer_table, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.tables.remarks import without_frames
 
 MODELS = "models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS"
+NO_CONTACT = "no contact"
 TOP = 3
 NAME_WIDTH, FRAMES_WIDTH = 20, 12
 
@@ -29,18 +26,16 @@ def predict(
     source: str,
     form: Form,
     *,
-    window: float | None,
     stop_at: float | None,
     together: bool,
     csv_path: Path | None,
-    json_path: Path | None,
     echo: Callable[..., None],
 ) -> None:
-    """Print the answers as a table, and write them to the named files: both whole, or neither.
+    """Print the answers as a table, and write them to `csv_path`.
 
     Args:
         form: as which the source is read; a shape of `auto` is the model's.
-        window, stop_at: see `answer_table`.
+        stop_at: see `answer_table`.
         together: also answer the recordings of each folder together, as of one object, or each object of the folder
             where recordings are labelled.
         echo: prints lines.
@@ -48,8 +43,8 @@ def predict(
     Raises:
         UserError, OSError: a mistake of the user.
     """
-    files = (csv_path, "recording,start_s,end_s,answer,class_1,"), (json_path, '{\n "model": ')
-    check_outputs([(path, begin) for path, begin in files if path is not None], [Path(model), Path(source)])
+    if csv_path:
+        check_outputs([(csv_path, "recording,answer,class_1,")], [Path(model), Path(source)])
     recogniser = load_model(model)
     classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.calibration is not None
     frames = f"{'up to ' * (calibrated and views > 1)}{several(views, 'frame')}"
@@ -59,12 +54,10 @@ def predict(
         f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}, {frames}; "
         f"probabilities are {'' if calibrated else 'not '}calibrated"
     )
-    if not recogniser.novelty:
-        echo("  it does not recognise what is unlike anything seen")
     form = replace(form, shape=recogniser.shape if form.shape == "auto" else form.shape, labelled=False)
     with recordings_of(source, form) as recordings:
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
-        answers, more = answer_table(recogniser, recordings, window=window, stop_at=stop_at)
+        answers, more = answer_table(recogniser, recordings, stop_at=stop_at)
     records = [_record(answer, classes) for answer in answers]
     joined = [_record(answer, classes, together=True) for answer in _joined(recogniser, answers) if together]
     echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
@@ -73,13 +66,9 @@ def predict(
         echo("the recordings of a folder together, as one object:", *map(_line, joined), *_summary(joined, classes))
     if not any(record["object"] in (*classes, EMPTY_HAND) for record in records):
         echo("how often it errs: `tactile-viewgcn report` says, where the pipeline trained it")
-    records += joined
-    content = {"model": model, "source": source, "calibrated": calibrated, "answers": records}
-    texts = _as_csv(records), json.dumps(content, indent=1) + "\n"
-    with ExitStack() as parts:
-        for path, text in zip((csv_path, json_path), texts, strict=True):
-            if path is not None:
-                parts.enter_context(atomic_write(path)).write_text(text, encoding="utf-8", newline="")
+    if csv_path:
+        with atomic_write(csv_path) as part, part.open("w", encoding="utf-8", newline="") as file:
+            write_csv(file, [records[0].keys(), *(record.values() for record in records + joined)])
 
 
 def load_model(name: str) -> Recogniser:
@@ -113,63 +102,57 @@ def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
 
 
 def _record(answer: Answer, classes: list[str], *, together: bool = False) -> dict[str, Any]:
-    """The answer as plain values, NaN as None; no class has a probability without contact.
+    """The answer as plain values for a line and a row of the file; without contact no class has a probability.
 
     `right` is None without a label, and for one that is no object of the model.
     """
-    shares = {} if answer.status == NO_CONTACT else dict(zip(classes, answer.probabilities.tolist(), strict=True))
-    ranked = sorted(shares.items(), key=lambda pair: -pair[1])
-    best: list[tuple[str | None, float | None]] = [*ranked, *[(None, None)] * TOP][:TOP]
-    values: dict[str, Any] = {"recording": answer.recording, "start_s": answer.start, "end_s": answer.end}
-    values["answer"] = best[0][0] if answer.status == OBJECT else answer.status
+    shares = zip(classes, answer.probabilities.tolist(), strict=True) if answer.contact else ()
+    best: list[tuple[str | None, float | None]] = [*sorted(shares, key=lambda pair: -pair[1])[:TOP]]
+    best += [(None, None)] * (TOP - len(best))
+    values: dict[str, Any] = {"recording": answer.recording, "answer": best[0][0] or NO_CONTACT}
     for place, (name, share) in enumerate(best, start=1):
         values |= {f"class_{place}": name, f"probability_{place}": share}
     values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
-    values |= {"novelty": answer.novelty, "object": answer.object or None}
-    right = _place(values) == 1 if answer.object in {*classes, EMPTY_HAND} else None
-    values |= {"right": right, "grasp_again": answer.grasp_again, "together": together, "probabilities": shares}
-    return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()}
+    right = _place(values | {"object": answer.object}) == 1 if answer.object in {*classes, EMPTY_HAND} else None
+    return values | {
+        "object": answer.object or None,
+        "right": right,
+        "grasp_again": answer.grasp_again,
+        "together": together,
+    }
 
 
 def _line(record: dict[str, Any]) -> str:
-    """One line: name, frames used of frames in contact, first three classes; of an unknown object the nearest one."""
-    place = f" {record['start_s']:.1f} s" if record["start_s"] else ""
-    name, width = record["recording"], NAME_WIDTH - len(place)
-    name = (name if len(name) <= width else "…" + name[1 - width :]) + place
+    """One line: name, frames used of frames in contact, first three classes."""
+    name = record["recording"]
+    name = name if len(name) <= NAME_WIDTH else "…" + name[1 - NAME_WIDTH :]
     best = [(record[f"class_{number}"], record[f"probability_{number}"]) for number in range(1, TOP + 1)]
-    shares = [f"{name} {100 * share:.0f} %" for name, share in best if name]
-    texts = {NO_CONTACT: NO_CONTACT, UNKNOWN: f"{UNKNOWN}; nearest {''.join(shares[:1])}"}
+    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in best if name)
     frames = f"{record['frames_used']}/{record['frames_in_contact']}"
     again = "; grasp it again" if record["grasp_again"] else ""
-    return f"{name:<{NAME_WIDTH}} {frames:>{FRAMES_WIDTH}}  {texts.get(record['answer'], ', '.join(shares))}{again}"
+    return f"{name:<{NAME_WIDTH}} {frames:>{FRAMES_WIDTH}}  {shares or NO_CONTACT}{again}"
 
 
 def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
-    """Number of answers of each kind; for labelled recordings the number of right answers."""
-    kinds = [record["answer"] if record["answer"] in (NO_CONTACT, UNKNOWN) else OBJECT for record in records]
-    texts = {OBJECT: "with an object", NO_CONTACT: NO_CONTACT, UNKNOWN: UNKNOWN}
-    lines = ["answers: " + ", ".join(f"{kinds.count(kind)} {text}" for kind, text in texts.items() if kind in kinds)]
+    """Number of answers with and without contact; for labelled recordings the number of right answers."""
+    without = sum(record["class_1"] is None for record in records)
+    texts = {"with an object": len(records) - without, NO_CONTACT: without}
+    lines = ["answers: " + ", ".join(f"{count} {text}" for text, count in texts.items() if count)]
     names = {*classes, EMPTY_HAND}
     places = [_place(record) for record in records if record["object"] in names]
     if places:
         right, among = places.count(1), len(places) - places.count(None)
         of_three = f"; among the first three: {among}" if len(classes) > TOP else ""
         lines.append(f"right: {right} of {len(places)} ({100 * right / len(places):.1f} %){of_three}")
-    if other := [record["answer"] for record in records if record["object"] not in {*names, None}]:
-        count = f"{len(other)}, {other.count(UNKNOWN)} of them called {UNKNOWN}"
-        lines.append(f"with a name that is no object of the model: {count}")
+    if other := sum(record["object"] not in {*names, None} for record in records):
+        lines.append(f"with a name that is no object of the model: {other}")
     return lines
 
 
 def _place(record: dict[str, Any]) -> int | None:
-    """Place of the labelled object among the three best classes, from 1; None for none of them, and for UNKNOWN."""
+    """Place of the labelled object among the three best classes, from 1; None for none of them.
+
+    Without contact the empty hand stands first.
+    """
     best = [record[f"class_{place}"] for place in range(1, TOP + 1)] if record["class_1"] else [EMPTY_HAND]
-    return best.index(record["object"]) + 1 if record["answer"] != UNKNOWN and record["object"] in best else None
-
-
-def _as_csv(records: list[dict[str, Any]]) -> str:
-    """A heading, and a line for each of one or more answers."""
-    file = io.StringIO()
-    names = [name for name in records[0] if name != "probabilities"]
-    write_csv(file, [names, *([record[name] for name in names] for record in records)])
-    return file.getvalue()
+    return best.index(record["object"]) + 1 if record["object"] in best else None

@@ -13,11 +13,11 @@ from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.array_input import check_finite
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.recognition.novelty import spread_sets
 from tactile_viewgcn.recognition.preprocessing import check_counts
 from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.tables.frames import network_input
+from tactile_viewgcn.views.sampling import spread_frames
 
 MOST_FRAMES = 1024  # frames that are classified at once; a request may hold any number
 Baseline = np.ndarray | Literal["subtracted"] | None
@@ -40,13 +40,12 @@ class Recogniser:
         calibration: temperatures for 1 to V frames and for whole recordings; None for a classifier of V views alone.
         system: name of the system, or of the members of `sensors`.
         preprocessing: that of the training.
-        novelty: measures how unlike the training's frames others are; None where it could not be fitted.
     """
 
     def __init__(self, path: str | Path | BinaryIO):
         self.classifier, content = load_classifier(path)
         model, self.preprocessing = content.model, content.preprocessing
-        self.classes, self.calibration, self.novelty = content.classes, content.calibration, content.novelty
+        self.classes, self.calibration = content.classes, content.calibration
         self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
         self.shape = self.preprocessing.live.shape
         self._transform, self._scale = content.transform, content.scale
@@ -103,7 +102,7 @@ class Recogniser:
             whole = self.classifier.is_whole(len(used))
             logits = self.classifier.recording_logits(self._values(counts[index], baseline))
         else:
-            (index,) = spread_sets(len(counts), views)
+            index = spread_frames(len(counts), views)
             used = np.unique(index)
             index = used if calibration else index  # it takes fewer frames too, so that none is repeated
             logits = self.classifier.logits(self._values(counts[index], baseline), torch.arange(len(index))[None])

@@ -108,6 +108,11 @@ def anchor_first(sets: np.ndarray, anchors: np.ndarray, rng: np.random.Generator
     return np.argsort(key, axis=1)
 
 
+def spread_frames(count: int, views: int) -> np.ndarray:
+    """Indices int64 (views,) into `count` frames, evenly spread; they repeat where there are fewer than `views`."""
+    return ((np.arange(views) + 0.5) * count / views).astype(np.int64)
+
+
 def powers_of_two(views: int) -> tuple[int, ...]:
     """1, 2, 4 and so on below `views`, and `views`."""
     return (*(2**power for power in range((views - 1).bit_length())), views)

@@ -76,7 +76,7 @@ ALTERED = {
     "no member": ("learnt/fitted", {}, "trees"),
     "a unit of 0": ("learnt/representation/spread", first(0.0), "spread"),
     "a sensor less": ("learnt/representation/centre", lambda centre: centre[1:], "centre"),
-    "other sensors": ("preprocessing/live", torch.eye(*SHAPE, dtype=torch.bool), "novelty"),
+    "other sensors": ("preprocessing/live", torch.eye(*SHAPE, dtype=torch.bool), "centre"),
     "an earlier version": ("format", 7, "format"),
     "a key missing": ("scale", ABSENT, "scale"),
     "a key too many": ("code", "x", "code"),
