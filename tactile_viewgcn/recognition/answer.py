@@ -22,8 +22,8 @@ class Answer:
     """The object in a recording.
 
     Attributes:
-        probabilities: (classes,). Without a frame in contact it is the class `empty_hand`; where there is no such class,
-            all are equally probable.
+        probabilities: (classes,). Without a frame in contact it is the class `empty_hand`, or where there is none, all
+            are equally probable.
         used: number of frames that were classified.
         contact: number of frames in contact; frames: number of all frames.
         stop_at: confidence that was asked for; 0 for none.

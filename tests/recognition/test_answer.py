@@ -1,6 +1,5 @@
 """Answers to recordings without labels: frames in contact, confidence, refusals."""
 
-
 import numpy as np
 import pytest
 
@@ -17,7 +16,7 @@ from tactile_viewgcn.recognition.answer import (
 from tactile_viewgcn.recognition.preprocessing import check_strength
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.views.sampling import spread_frames
-from tests.glove_data import HELD, OBJECTS, SHAPE, empty_hand, recogniser, recording, write
+from tests.glove_data import HELD, SHAPE, empty_hand, recogniser, recording, write
 
 
 def answered(model, path, **options):

@@ -1,7 +1,6 @@
 """The command `predict`: what it prints and writes, where it finds the model, and what it refuses."""
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
