@@ -13,28 +13,26 @@ from torch.utils.benchmark import Timer
 
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import load
+from tactile_viewgcn.params import Params, load
 
 BLOCK = 0.2  # seconds that a variant runs in a round, at least
 Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows, and the picture
 
 
-def benchmark(measure: Callable[..., Result], folder: Path | None = None) -> click.Command:
-    """Command of `measure(params, quick)`, named after it; further click options become further arguments.
+def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
+    """Command of `measure(params, quick)`, named after it.
 
-    It prints text and table, and writes results.csv, .md and .png into `folder`, benchmarks/NAME where none is given,
-    or where --out says.
+    It prints text and table, and writes results.csv, .md and .png into benchmarks/NAME, or where --out says.
     """
-    folder = folder or Path("benchmarks", measure.__name__)
+    folder = Path("benchmarks", measure.__name__)
 
     @click.command()
     @click.option("--out", type=click.Path(path_type=Path), help=f"Folder of the results.  [default: {folder}]")
     @click.option("--quick", is_flag=True, help="Measure less; nothing is written unless --out says where.")
-    @click.option("--params", "params_path", default="params.yaml", show_default=True)
     @wraps(measure)
-    def command(out: Path | None, quick: bool, params_path: str, **options: object) -> None:
+    def command(out: Path | None, quick: bool) -> None:
         try:
-            text, rows, picture = measure(load(params_path), quick, **options)
+            text, rows, picture = measure(load("params.yaml"), quick)
         except UserError as error:
             raise click.ClickException(str(error)) from None
         click.echo(f"{text}\n\n{markdown(rows)}")

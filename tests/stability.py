@@ -1,13 +1,13 @@
-"""Rows of the stability table from tests: the fixture `row`, and where the rows are written and printed.
+"""Rows of the stability table from tests: the fixture `row`, and where the rows are printed and written.
 
 A test with the marker `stability("name of the check")` takes the fixture `row`: `row(quantity, error, tolerance)`
 asserts error <= tolerance and records the row, `row.refused(quantity, call, pattern)` that a call is refused. The
-fixture `subject` is the trained network of the checks: small, or the pipeline's where the command names its files.
+fixture `subject` is the trained network of the checks: a small one, or with `--table` that of the last `dvc repro`.
 """
 
-import json
 import re
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,13 +15,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from benchmarks.stability.rows import WRONG, Quantity, no_outcome
+from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, no_outcome
 
 if TYPE_CHECKING:
     from tests.trained_network import Subject
 
 TESTS = Path(__file__).parent
 ROWS = pytest.StashKey[list[dict]]()
+ABOUT = """`error` is the largest difference from a reference in double precision, or an exact one, relative to the
+largest number there, unless its quantity says what is counted. A row is `right` with an error of no more than its
+tolerance, `refused` where the project says in one line that it does not do that, and WRONG otherwise."""
 
 
 class Rows:
@@ -68,20 +71,18 @@ def row(request: pytest.FixtureRequest, tmp_path: Path) -> Rows:
 
 @pytest.fixture(scope="session")
 def subject(request: pytest.FixtureRequest) -> "Subject":
-    """The classifier and frames that the options name, else those of a small training."""
-    from benchmarks.trained import read_trained  # here, for these load torch
-    from tactile_viewgcn.device import keep_freed_memory, select_device
+    """The trained network of the checks and its frames."""
+    from benchmarks.trained import CLASSIFIER, FRAMES, read_trained  # here, for these load torch
+    from tactile_viewgcn.device import select_device
     from tactile_viewgcn.params import load
     from tests import glove_data
     from tests.trained_network import Subject
 
-    option = request.config.getoption
-    if not option("--stability-classifier"):
+    if not request.config.getoption("--table"):
         return Subject(glove_data.trained(), glove_data.table(), glove_data.recipe(), glove_data.CPU)
-    params = load(TESTS.parent / "params.yaml", option("--stability-set"))
-    keep_freed_memory()
+    params = load("params.yaml")
     compute = select_device(params.device, params.precision)
-    return Subject(*read_trained(option("--stability-frames"), option("--stability-classifier"), params), compute)
+    return Subject(*read_trained(FRAMES, CLASSIFIER, params), compute)
 
 
 def part_of(path: Path) -> str:
@@ -90,10 +91,8 @@ def part_of(path: Path) -> str:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--stability-rows", type=Path, help="File for the rows of the stability table, one JSON a line.")
-    parser.addoption("--stability-frames", type=Path, help="Frames of the checks of a trained network.")
-    parser.addoption("--stability-classifier", type=Path, help="The network; without it a small one.")
-    parser.addoption("--stability-set", action="append", default=[], help="Put on top of params.yaml.")
+    words = "Write the stability table into this folder, and check the network that the last `dvc repro` trained."
+    parser.addoption("--table", type=Path, help=words)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -110,12 +109,18 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> pytes
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Write the rows to --stability-rows, and print them where -m asks for `stability`."""
-    rows, path = config.stash.get(ROWS, []), config.getoption("--stability-rows")
-    if path:
-        path.write_text("".join(f"{json.dumps(one)}\n" for one in rows))
+    """Print the rows where -m asks for `stability`, and write them into the folder --table."""
+    rows, folder = config.stash.get(ROWS, []), config.getoption("--table")
+    counts, checks = Counter(one["verdict"] for one in rows), {(one["part"], one["check"]) for one in rows}
+    verdicts = ", ".join(f"{counts[verdict]} {verdict}" for verdict in (RIGHT, REFUSED, WRONG))
+    total = f"{len(rows)} quantities of {len(checks)} checks: {verdicts}."
+    if folder:
+        from benchmarks.command import write_table
+
+        write_table(folder, rows, f"{ABOUT}\n{total}")
     if "stability" in config.getoption("markexpr"):
         terminalreporter.section("stability")
         for one in rows:
             numbers = f"{one['error']:.2g} <= {one['tolerance']:.2g}" if one["error"] != "" else one["remark"]
             terminalreporter.line(f"{one['part']}, {one['check']}, {one['quantity']}: {one['verdict']}, {numbers}")
+        terminalreporter.line(total)

@@ -36,7 +36,7 @@ ELSEWHERE = {
     "dvc plots show": "needs results",
     "dvc queue start": "starts processes that outlive a test; tests/stages/test_pipeline.py runs the queue",
     "tactile-viewgcn report": "needs results; tests/stages/test_report_page.py runs it",
-    "mutmut run": "hours",
+    **dict.fromkeys(("mutmut run", "mutmut results"), "hours"),
     "mlflow": "a server that does not end; tests/recognition/test_mlflow_model.py starts one",
     "curl": "needs that server",
     "export": "sets a variable",

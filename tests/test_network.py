@@ -1,6 +1,6 @@
 """A trained network with extreme inputs and in all precisions, against itself in float64; noise through its layers.
 
-It is the small classifier, or the pipeline's under `python -m benchmarks.stability`.
+It is the small classifier, or with `--table` the pipeline's.
 """
 
 from copy import deepcopy

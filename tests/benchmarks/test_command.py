@@ -32,8 +32,8 @@ def test_text_table_and_picture_are_written_where_an_option_says_and_a_mistake_i
         names = sorted(path.name for path in (tmp_path / folder).iterdir())
         assert names == ["results.csv", "results.md", "results.png"]
         assert (tmp_path / folder / "results.csv").read_text() == f"what,m\na foot,{metres}\n"
-    (tmp_path / "other.yaml").write_text((ROOT / "params.yaml").read_text().replace("\nviews: 8", "\nviews: 4"))
-    mistake = CliRunner().invoke(lengths, ["--params", "other.yaml"])
+    (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text().replace("\nviews: 8", "\nviews: 4"))
+    mistake = CliRunner().invoke(lengths, [])
     assert mistake.exit_code == 1 and mistake.output == "Error: views is 4; expected 8\n"
 
 

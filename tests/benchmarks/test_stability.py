@@ -1,19 +1,16 @@
-"""Numerical stability: the measures of a row, refusals, and the command's table."""
+"""Numerical stability: the measures of a row, refusals, and the table."""
 
-import csv
 import math
-from dataclasses import replace
+import subprocess
+import sys
 
+import pandas as pd
 import pytest
-from click.testing import CliRunner
 from pydantic import TypeAdapter
 
-from benchmarks.stability import __main__ as command
 from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, max_rel_error, share_different, share_not_finite
-from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.tables.frames import save_table
-from tests.glove_data import SMALL, recipe, table, trained
+from tests.glove_data import ROOT
 from tests.stability import refusal
 
 
@@ -58,34 +55,18 @@ def test_warning(row):
 """
 
 
-def test_a_test_that_fails_or_warns_has_a_wrong_row_and_one_that_cannot_be_run_is_an_error(tmp_path):
+def test_a_test_that_fails_or_warns_has_a_wrong_row_in_the_table(tmp_path):
     path = tmp_path / "glove" / "test_broken.py"
     path.parent.mkdir()
     path.write_text(BROKEN)
-    rows = command.rows_of_tests("-c", "pyproject.toml", "-p", "tests.stability", "-p", "no:cacheprovider", path)
-    assert [(row["part"], row["check"], row["quantity"], row["verdict"]) for row in rows] == [
-        ("glove", "a quantity", "good", RIGHT), ("glove", "a quantity", "bad", WRONG),
-        ("glove", "a warning", "good", RIGHT), ("glove", "a warning", "an outcome", WRONG),
+    words = ("-c", "pyproject.toml", "-p", "tests.stability", "-p", "no:cacheprovider", "--table", tmp_path, path)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *words], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    rows = pd.read_csv(tmp_path / "results.csv")
+    assert rows[["part", "check", "quantity", "verdict"]].to_numpy().tolist() == [
+        ["glove", "a quantity", "good", RIGHT], ["glove", "a quantity", "bad", WRONG],
+        ["glove", "a warning", "good", RIGHT], ["glove", "a warning", "an outcome", WRONG],
     ]  # fmt: skip
-    with pytest.raises(RuntimeError, match="pytest ended with 4"):
-        command.rows_of_tests("tests/nowhere.py")
-
-
-@pytest.mark.parametrize(("frames", "code"), [("frames.h5", 0), ("others.h5", 1), ("nowhere.h5", 1)])
-def test_the_command_checks_the_classifier_of_its_frames_and_refuses_any_other(tmp_path, monkeypatch, frames, code):
-    """Of all files that the command gives to pytest, which must be there, only one check is collected."""
-    monkeypatch.setenv("PYTEST_ADDOPTS", "-k batches --ignore-glob=*/tests/*/* --ignore-glob=*/test_[!i]*.py")
-    save_table(tmp_path / "frames.h5", table())
-    save_table(tmp_path / "others.h5", replace(table(), classes=["a", "b", "c", "d"]))
-    save_classifier(tmp_path / "classifier.pt", trained(), recipe().model, table())
-    changes = [word for change in (*SMALL, "precision=float32", "device=cpu") for word in ("--set", change)]
-    files = ("--frames", tmp_path / frames, "--classifier", tmp_path / "classifier.pt", "--out", tmp_path / "out")
-    result = CliRunner().invoke(command.main, [*changes, *map(str, files)])
-    assert result.exit_code == code, result.output
-    if code:
-        assert frames in result.output and result.output.count("\n") == 1
-        return
-    rows = list(csv.DictReader((tmp_path / "out" / "results.csv").read_text().splitlines()))
-    assert {(row["part"], row["check"], row["verdict"]) for row in rows} == {("invariance", "batches", RIGHT)}
-    assert f"{len(rows)} quantities of 1 checks: {len(rows)} right, 0 refused, 0 WRONG" in result.output
-    assert "4 views of 12 x 12 sensors and 4 classes" in (tmp_path / "out" / "results.md").read_text()
+    assert "4 quantities of 2 checks: 2 right, 0 refused, 2 WRONG." in (tmp_path / "results.md").read_text()
