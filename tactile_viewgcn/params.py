@@ -228,13 +228,18 @@ class Params:
             wrong.append(f"split.fold is {split.fold}; expected less than split.folds = {split.folds}")
         if self.evaluate.side == "validation" and not split.validation:
             wrong.append("evaluate.side is validation, and split.validation is 0: expected a share of the groups")
+        if on_sensors(model.system) and split.validation and self.evaluate.side == "test":
+            wrong.append(
+                f"split.validation is {split.validation:g}, which takes groups from the training side, and model.system "
+                f"{model.system} is calibrated without them: expected 0, or evaluate.side validation"
+            )
         if split.by == "frame" and split.validation:
             wrong.append(f"split.by is frame, which leaks, and split.validation is {split.validation:g}: expected 0")
-        can_calibrate = split.validation or on_sensors(model.system)  # these need no validation groups for it
-        if threshold and not (fewer_views and can_calibrate):
+        for_networks = not (split.validation or on_sensors(model.system))  # they are calibrated on validation groups
+        if threshold and not (fewer_views and not for_networks):
             wrong.append(
                 f"evaluate.confidence_threshold is {threshold:g}, which needs a calibration: "
-                "expected finetune.num_views random and split.validation above 0"
+                f"expected finetune.num_views random{' and split.validation above 0' * for_networks}"
             )
         grasps = self.evaluate.grasps if "recording" in self.evaluate.protocols else "all"
         if grasps != "all" and grasps > self.views:

@@ -132,6 +132,7 @@ def test_all_mistakes_are_listed_at_once():
         (("evaluate.confidence_threshold=0.9", "split.validation=0.2"), "evaluate.confidence_threshold"),
         (("evaluate.grasps=3", "views=2"), "evaluate.grasps views"),
         (("split.by=frame", "split.validation=0.2"), "split.by split.validation"),
+        (("model.system=sensors", "split.validation=0.5"), "split.validation model.system evaluate.side"),
     ],
 )
 def test_values_that_do_not_go_together_are_refused(changes, keys):
@@ -149,6 +150,7 @@ def test_values_that_do_not_go_together_are_refused(changes, keys):
         ("viewpoints=circle", "views=7"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "split.validation=0.2"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "model.system=sensors"),
+        ("model.system=sensors", "split.validation=0.5", "evaluate.side=validation"),
     ],
 )
 def test_values_that_go_together_are_allowed(changes):

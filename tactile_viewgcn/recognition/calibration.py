@@ -67,12 +67,16 @@ def calibrate(network: ViewNetwork, table: Frames, compute: Compute, seed: int) 
     return Calibration(by_frames, together_temperatures(whole, label[spread[:, 0]]))
 
 
-def calibration_warning(calibration: Calibration | None, remedy: str = "record each object more often") -> list[Note]:
-    """A warning where a temperature is near the largest one, which makes all classes about equally probable."""
-    if not calibration or max(calibration.by_frames) <= 0.9 * MAX_TEMPERATURE:
+def calibration_warning(calibration: Calibration | None, groups: str, remedy: str) -> list[Note]:
+    """A warning where all classes are about equally probable for every recording: its temperature is near the largest.
+
+    Args:
+        groups: of which recordings the calibration is.
+    """
+    if not calibration or calibration.by_recordings[0] <= 0.9 * MAX_TEMPERATURE:
         return []
-    text = "answers on validation groups are no better than chance, so that no confidence threshold is ever reached; "
-    return [Note(text + remedy, level="warning", topic="calibration")]
+    text = f"answers to recordings of {groups} are no better than chance, and probabilities say so: {remedy}"
+    return [Note(text, level="warning", topic="calibration")]
 
 
 def together_temperatures(logits: Tensor, classes: Tensor) -> list[float]:

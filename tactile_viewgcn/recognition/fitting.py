@@ -60,7 +60,7 @@ def fit_classifier(
     calibration = None
     if num_views == "random" and (table.anchor & (table.side == VALIDATION)).any():
         calibration = calibrate(network, table, compute, seed)
-    notes = calibration_warning(calibration, "record each object more often, or raise finetune.epochs")
+    notes = calibration_warning(calibration, "validation groups", "record objects more often, or raise finetune.epochs")
     return Fitted(network, model, calibration, progress, notes)
 
 
@@ -84,6 +84,6 @@ def _fit_sensors(table: Frames, places: np.ndarray, model: Model, num_views: str
         examples = sensor_examples(table, recordings, members, len(places), num_views, seed)
     classifier = load_system(model.system).build(torch.from_numpy(places), len(table.classes), members)
     classifier.fit(examples, seed)
-    notes += calibration_warning(calibration)
+    notes += calibration_warning(calibration, "left-out training groups", "record each object more often")
     progress = Progress(seconds=time.perf_counter() - begin)
     return Fitted(classifier, model, calibration, progress, notes)

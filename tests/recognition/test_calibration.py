@@ -46,15 +46,16 @@ def test_logits_that_are_always_right_or_wrong_keep_a_temperature_inside_its_ran
         row(f"temperature outside its range, all {name}, logits {size:g}", outside, 0, f"{temperature:.3g}")
 
 
-def test_labels_at_random_get_a_high_temperature_and_a_warning_with_a_remedy():
+def test_labels_at_random_get_a_high_temperature_and_a_warning_about_recordings_with_a_remedy():
+    """A single frame that is no better than chance says nothing of whole recordings."""
     generator = torch.Generator().manual_seed(0)
     logits, labels = 10 * torch.randn(4000, 4, generator=generator), torch.randint(4, (4000,), generator=generator)
     temperature = fit_temperature(logits, labels, 4000)
     assert temperature > 0.9 * MAX_TEMPERATURE
-    unsure, sure = (Calibration([1.0, last], []) for last in (temperature, 0.8 * MAX_TEMPERATURE))
-    (warning,) = calibration_warning(unsure)
-    assert warning.level == "warning" and "record each object more often" in warning.text
-    assert calibration_warning(sure) == calibration_warning(None) == []
+    unsure, sure = Calibration([1.0], [temperature]), Calibration([temperature], [0.8 * MAX_TEMPERATURE])
+    (warning,) = calibration_warning(unsure, "validation groups", "record more")
+    assert warning.level == "warning" and "validation groups" in warning.text and warning.text.endswith("record more")
+    assert calibration_warning(sure, "", "") == calibration_warning(None, "", "") == []
 
 
 def test_a_network_s_probabilities_are_as_often_right_as_they_say():

@@ -42,7 +42,7 @@ NETWORK = {
 OPEN = 8  # frames of the open hand at the beginning of a recording
 
 
-@pytest.mark.filterwarnings("ignore:answers on validation groups")  # some checks have labels at random
+@pytest.mark.filterwarnings("ignore:answers to recordings")  # some checks have labels at random
 @parametrize_with_checks(
     [TactileClassifier("kernels"), TactileClassifier(system="svm")],
     expected_failed_checks=lambda _: {"check_methods_sample_order_invariance": ROUNDED},
