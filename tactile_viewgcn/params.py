@@ -230,8 +230,8 @@ class Params:
             wrong.append("evaluate.side is validation, and split.validation is 0: expected a share of the groups")
         if on_sensors(model.system) and split.validation and self.evaluate.side == "test":
             wrong.append(
-                f"split.validation is {split.validation:g}, which takes groups from the training side, and model.system "
-                f"{model.system} is calibrated without them: expected 0, or evaluate.side validation"
+                f"split.validation is {split.validation:g}, and model.system is {model.system}, which is calibrated "
+                "without validation groups: expected 0, or evaluate.side validation"
             )
         if split.by == "frame" and split.validation:
             wrong.append(f"split.by is frame, which leaks, and split.validation is {split.validation:g}: expected 0")
