@@ -19,16 +19,11 @@ class Compute:
 
     Attributes:
         device: device of the computation.
-        precision: `float32`; `bfloat16`, for the backbone's products alone; or `float64`, for everything.
+        precision: `float32`, or `bfloat16` for the backbone's products alone.
     """
 
     device: torch.device
     precision: str
-
-    @property
-    def dtype(self) -> torch.dtype:
-        """Type of weights and frames."""
-        return torch.float64 if self.precision == "float64" else torch.float32
 
     def autocast(self) -> torch.autocast:
         """Context in which products are computed in bfloat16, if that is the precision."""
@@ -45,7 +40,7 @@ class Compute:
 
     def layout(self, inputs: Tensor) -> Tensor:
         """Frames (n, H, W) as (n, 1, H, W) in channels-last order, on the device that holds them."""
-        return inputs.unsqueeze(1).to(self.dtype, memory_format=torch.channels_last)
+        return inputs.unsqueeze(1).to(torch.float32, memory_format=torch.channels_last)
 
     def gather(self, values: Tensor, index: Tensor) -> Tensor:
         """Rows `index` (k,), a tensor on the processor, of `values` (n, ...): on the device, without waiting for it."""

@@ -25,7 +25,7 @@ MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
 COLUMN = "^(pressure|time|object|recording|session):.+$"
 LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT)[^A-Z]+){0,2}OBJECT([^A-Z]+(SESSION|SPLIT)){0,2}([^A-Z]+FILE)?)$"
-PLACES = {"cube": 8, "dodecahedron": 20}  # number of viewpoints of the configurations in which it is fixed
+CORNERS = 8  # viewpoints of the cube
 
 # all but sensors are networks on the pretrained backbone
 System = Literal[
@@ -126,11 +126,6 @@ class Cluster:
 
 
 @dataclass(frozen=True, config=SECTION)
-class AugmentParams:
-    shift: Annotated[StrictInt, Interval(ge=0, le=8)] = 0
-
-
-@dataclass(frozen=True, config=SECTION)
 class Pretrain:
     epochs: Natural = 30
     lr: Positive = 5e-3
@@ -157,7 +152,6 @@ class Model:
     selector: Literal["per_view", "joint"] = "per_view"
     edge_distance: Literal["squared", "plain"] = "squared"
     view_loss: Literal["sum", "mean"] = "sum"
-    start: Literal["random", "max"] = "random"
     members: Literal["auto"] | Members = field(default_factory=lambda: ["kernel", "pooled_kernel"])
 
 
@@ -205,14 +199,13 @@ class Glove:
 class Params:
     seed: Seed = 0
     views: Annotated[StrictInt, Interval(ge=1, le=1000)] = 8
-    viewpoints: Literal["auto", "cube", "circle", "dodecahedron", "sphere", "random"] = "auto"
+    viewpoints: Literal["auto", "cube", "circle", "sphere", "random"] = "auto"
     device: Literal["auto", "cpu", "cuda"] = "auto"
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     data: Data = field(default_factory=Data)
     preprocess: PreprocessSection = field(default_factory=PreprocessSection)
     split: Split = field(default_factory=Split)
     cluster: Cluster = field(default_factory=Cluster)
-    augment: AugmentParams = field(default_factory=AugmentParams)
     pretrain: Pretrain = field(default_factory=Pretrain)
     model: Model = field(default_factory=Model)
     finetune: Finetune = field(default_factory=Finetune)
@@ -248,8 +241,8 @@ class Params:
             wrong.append("model.selector joint needs all views, finetune.num_views is random: expected per_view")
         if fewer_views and model.system in ("stag", "rotationnet"):
             wrong.append(f"model.system is {model.system}, which needs all views: expected finetune.num_views full")
-        if self.views != (places := PLACES.get(self.viewpoints, self.views)):
-            wrong.append(f"viewpoints is {self.viewpoints}, which has {places} places; views is {self.views}")
+        if self.viewpoints == "cube" and self.views != CORNERS:
+            wrong.append(f"viewpoints is cube, which has {CORNERS} places; views is {self.views}")
         levels = sum(self.views >> level >= 2 for level in range(3))  # of the view-graph
         near = model.neighbours if isinstance(model.neighbours, list) else [0] * levels
         if model.system == "view_gcn" and len(near) < levels:

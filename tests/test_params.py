@@ -123,7 +123,6 @@ def test_all_mistakes_are_listed_at_once():
         (("evaluate.side=validation",), "evaluate.side split.validation"),
         (("viewpoints=cube", "views=12"), "viewpoints views"),
         (("model.neighbours=[3,3]",), "model.neighbours"),
-        (("viewpoints=dodecahedron", "views=8"), "viewpoints views"),
         (("preprocess.baseline=none", "preprocess.filter=contact"), "preprocess.filter"),
         (("finetune.num_views=random", "model.selector=joint"), "model.selector finetune.num_views"),
         (("finetune.num_views=random", "model.system=stag"), "model.system finetune.num_views"),
@@ -146,7 +145,6 @@ def test_values_that_do_not_go_together_are_refused(changes, keys):
     [
         ("split.folds=4", "split.fold=3"),
         ("evaluate.grasps=3", "views=3"),
-        ("viewpoints=dodecahedron", "views=20"),
         ("viewpoints=circle", "views=7"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "split.validation=0.2"),
         ("evaluate.confidence_threshold=0.9", "finetune.num_views=random", "model.system=sensors"),

@@ -45,18 +45,18 @@ class Subject:
         return some_sets(len(inputs), self.classifier.views, count)
 
     def features(self, inputs: np.ndarray, precision: str) -> Tensor:
-        """Features (n, ...) as the evaluation computes them, of a copy of the classifier."""
+        """Features (n, ...) as the evaluation computes them in `precision`, or in `float64` for reference."""
         compute, backbone = Compute(self.compute.device, precision), deepcopy(self.classifier.backbone)
-        backbone = backbone.to(compute.device, compute.dtype, memory_format=torch.channels_last)
+        backbone = backbone.to(compute.device, kind(precision), memory_format=torch.channels_last)
+        frames = compute.frames(torch.from_numpy(np.ascontiguousarray(inputs))).to(kind(precision))
         with torch.inference_mode(), compute.autocast():
-            return extract_features(backbone, compute.frames(torch.from_numpy(np.ascontiguousarray(inputs))))
+            return extract_features(backbone, frames)
 
     @torch.inference_mode()
     def head_logits(self, head: nn.Module, nodes: Tensor, sets: np.ndarray, precision: str) -> Tensor:
         """Logits (A, classes) of features (n, ...), of a copy of the system."""
-        compute = Compute(self.compute.device, precision)
-        copy = deepcopy(head).to(compute.device, compute.dtype)
-        return view_set_logits(copy, nodes, torch.from_numpy(sets).to(compute.device)).cpu()
+        copy = deepcopy(head).to(self.compute.device, kind(precision))
+        return view_set_logits(copy, nodes, torch.from_numpy(sets).to(self.compute.device)).cpu()
 
     def logits(self, inputs: np.ndarray, sets: np.ndarray, precision: str) -> Tensor:
         """Logits (A, classes) of view sets."""
@@ -69,6 +69,11 @@ class Subject:
             for precision in ("float32", "float64")
         )
         return with_the_same_views(single, exact, self.classifier.head)
+
+
+def kind(precision: str) -> torch.dtype:
+    """Type of weights and frames."""
+    return torch.float64 if precision == "float64" else torch.float32
 
 
 def with_the_same_views(single: Callable, exact: Callable, head: nn.Module) -> tuple[Tensor, Tensor]:

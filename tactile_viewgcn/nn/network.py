@@ -66,8 +66,8 @@ class ViewNetwork(nn.Module):
         return self.head.takes_fewer and self.head.takes == "features"
 
     def prepare(self, compute: Compute) -> None:
-        """Prepare for answers: evaluation mode, the device and the type of `compute`."""
-        self.eval().to(compute.device, compute.dtype, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
+        """Prepare for answers: evaluation mode, on the device of `compute`."""
+        self.eval().to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
 
     def frame_values(self, frames: Batched) -> Tensor:
         """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W)."""

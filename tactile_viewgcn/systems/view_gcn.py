@@ -64,9 +64,6 @@ class ViewGCN(ViewSystem):
 
     Fewer views, k < V, take the k viewpoints that furthest point sampling chooses first. The levels have k, k/2 and k/4
     nodes then, one at least.
-
-    With `model.start: max` the graph's logits, 0 at first, are added to those of the pretrained linear classifier for
-    the views' element-wise maximum; both are trained.
     """
 
     takes_fewer = True
@@ -96,14 +93,6 @@ class ViewGCN(ViewSystem):
             for above, nodes in pairwise(levels)
         )
         self.classifier = shape_classifier(max(1, len(levels)) * features, features, sizes.classes)
-        self.frame_classifier = nn.Linear(features, sizes.classes) if model.start == "max" else None
-
-    def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:
-        if self.frame_classifier is None:
-            return
-        self.frame_classifier.load_state_dict(weights)
-        for weight in self.classifier[-1].parameters():
-            nn.init.zeros_(weight)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""
@@ -119,10 +108,7 @@ class ViewGCN(ViewSystem):
                     nodes = self.messages[level](nodes)
                     nodes, positions, logits = self.samplers[level](nodes, positions, max(1, count >> (level + 1)))
                     view_logits.append(logits)
-            logits = self.classifier(torch.cat(descriptors, dim=-1))
-            if self.frame_classifier is not None:
-                logits = logits + self.frame_classifier(views.to(logits.dtype).amax(dim=1))
-            return logits, view_logits
+            return self.classifier(torch.cat(descriptors, dim=-1)), view_logits
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
         """Equation 6."""

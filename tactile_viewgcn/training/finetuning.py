@@ -16,7 +16,7 @@ from tactile_viewgcn.systems import system_class
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.checkpoint import Progress
-from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
+from tactile_viewgcn.training.inputs import FrameInputs, Noise
 from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
 from tactile_viewgcn.training.moments import measure_moments
 from tactile_viewgcn.training.optim import build_optimiser, num_batches
@@ -39,12 +39,12 @@ class SideViewSets:
         return sets_of(self._views, self._index, self.rng).draw(self.anchors, self.rng, self._assignment)
 
     def batches(
-        self, drawn: np.ndarray, config: Finetune, augment: Augmentation, *, in_time_order: bool = False
+        self, drawn: np.ndarray, config: Finetune, noise: Noise, *, in_time_order: bool = False
     ) -> Iterator[tuple[Tensor, ...]]:
         """Batches of the drawn view sets (A, V) in random order; their sizes differ by one at most.
 
         Args:
-            augment: changes the frames that pass through the backbone.
+            noise: of the frames that pass through the backbone.
             in_time_order: frames of a set are sorted; they are numbered in the order of time inside a recording.
 
         Yields:
@@ -64,7 +64,7 @@ class SideViewSets:
             if in_time_order:
                 sets, fresh = sort_by_time(sets, fresh)
             passing = np.take_along_axis(sets, fresh, axis=1)
-            frames, first = augment(self.frames[torch.from_numpy(passing.ravel())]), first_places(passing.ravel())
+            frames, first = noise(self.frames[torch.from_numpy(passing.ravel())]), first_places(passing.ravel())
             labels = self._compute.gather(self.frames.labels, torch.from_numpy(sets[:, 0]))
             yield frames, labels, *(self._compute.to_device(torch.from_numpy(part)) for part in (sets, fresh, first))
 
@@ -121,8 +121,8 @@ def finetune_classifier(
     if classifier.head.trainable:
         validation = SideViewSets(VALIDATION, table, views, compute, seed, params.cluster.assignment)
         on_device = torch_generator(seed, "finetune.noise", compute.device)
-        augment = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
-        progress = _train(classifier, train, validation, augment, params, compute, checkpoint_path, on_epoch)
+        noise = Noise(config.noise * full_scale(table.transform, table.scale), on_device)
+        progress = _train(classifier, train, validation, noise, params, compute, checkpoint_path, on_epoch)
     if config.moments == "clean":
         measure_moments(classifier, train.frames, train.draw(), compute, torch_generator(seed, "finetune.moments"))
     return classifier, progress
@@ -132,7 +132,7 @@ def _train(
     network: ViewNetwork,
     train: SideViewSets,
     validation: SideViewSets,
-    augment: Augmentation,
+    noise: Noise,
     params: Params,
     compute: Compute,
     checkpoint_path: Path | None,
@@ -146,14 +146,14 @@ def _train(
     loss_of = Replay(SetLoss(network, bank, compute), network.parameters())
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
     optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
-    parts = {"classifier": network, "noise": augment.rng, "draw": train.rng} | ({"bank": bank.values} if bank else {})
+    parts = {"classifier": network, "noise": noise.rng, "draw": train.rng} | ({"bank": bank.values} if bank else {})
 
     def batches(epoch: int) -> Iterator[tuple[Tensor, ...]]:
         network.train()
         if bank is not None and epoch == 0:
-            bank.fill(network.backbone, train.frames, batch=config.batch, augment=augment)
+            bank.fill(network.backbone, train.frames, batch=config.batch, noise=noise)
         drawn = first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
-        return train.batches(drawn, config, augment, in_time_order=network.head.in_time_order)
+        return train.batches(drawn, config, noise, in_time_order=network.head.in_time_order)
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:

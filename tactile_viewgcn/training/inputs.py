@@ -1,15 +1,13 @@
-"""The network input of a table's frames, for trainings and trials, and its random changes in training."""
+"""The network input of a table's frames, for trainings and trials, and the noise that trainings add."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-import torch.nn.functional as functional
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.params import AugmentParams
 from tactile_viewgcn.tables.frames import Frames
 
 
@@ -30,7 +28,7 @@ class FrameInputs:
         self._table, self._index, self._compute, self._transform = table, index, compute, transform
         self.labels = compute.to_device(torch.from_numpy(table.label[index].astype(np.int64)))
         self._on_device: Tensor | None = None
-        size = len(index) * table.live.size * compute.dtype.itemsize
+        size = len(index) * table.live.size * torch.float32.itemsize
         if compute.device.type == "cuda" and compute.fits(size):
             self._on_device = compute.to_device(self._computed(index))
 
@@ -52,31 +50,19 @@ class FrameInputs:
 
 
 @dataclass(frozen=True)
-class Augmentation:
-    """Random changes of training frames: `augment`'s, and white noise of standard deviation `noise`.
+class Noise:
+    """White noise for training frames.
 
-    `noise` is in units of network input; the generator is on the device.
+    Attributes:
+        std: its standard deviation, in units of network input.
+        rng: on the device of the frames.
     """
 
-    noise: float
-    augment: AugmentParams
+    std: float
     rng: torch.Generator
 
     def __call__(self, frames: Tensor) -> Tensor:
-        """Changed frames (B, 1, H, W); a new tensor, unless there is nothing to change."""
-        if self.augment.shift:
-            frames = random_shift(frames, self.augment.shift, self.rng)
-        if self.noise:
-            frames = torch.empty_like(frames).normal_(0, self.noise, generator=self.rng).add_(frames)
-        return frames
-
-
-def random_shift(frames: Tensor, max_shift: int, rng: torch.Generator) -> Tensor:
-    """Frames (B, 1, H, W), each moved at random by up to `max_shift` rows and columns; zeros move in."""
-    batch, _, height, width = frames.shape
-    padded = functional.pad(frames, (max_shift,) * 4)
-    offset = torch.randint(2 * max_shift + 1, (2, batch, 1), generator=rng, device=frames.device)
-    rows = offset[0] + torch.arange(height, device=frames.device)  # (B, H)
-    columns = offset[1] + torch.arange(width, device=frames.device)
-    number = torch.arange(batch, device=frames.device)[:, None, None]
-    return padded[number, 0, rows[:, :, None], columns[:, None, :]].unsqueeze(1)
+        """Noisy frames (B, 1, H, W), a new tensor; the same tensor without noise."""
+        if not self.std:
+            return frames
+        return torch.empty_like(frames).normal_(0, self.std, generator=self.rng).add_(frames)

@@ -1,6 +1,6 @@
 """Moments of batch normalisation for evaluation, measured on frames as evaluation sees them.
 
-Running moments are those of training batches, whose frames carry noise, augmentation and dropout. A tactile frame is
+Running moments are those of training batches, whose frames carry noise and dropout. A tactile frame is
 mostly zeros, so even weak noise changes the moments of every map, and evaluation would use moments that its frames do
 not have.
 """

@@ -14,7 +14,7 @@ from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
 from tactile_viewgcn.training.checkpoint import Progress
-from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
+from tactile_viewgcn.training.inputs import FrameInputs, Noise
 from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
 from tactile_viewgcn.training.optim import build_optimiser, num_batches
 from tactile_viewgcn.training.replay import Replay
@@ -61,7 +61,7 @@ def pretrain_backbone(
     backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     classifier = nn.Linear(backbone.features, len(table.classes), device=compute.device)
     order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
-    augment = Augmentation(config.noise * full_scale(table.transform, table.scale), params.augment, on_device)
+    noise = Noise(config.noise * full_scale(table.transform, table.scale), on_device)
     loss, steps = FrameLoss(backbone, classifier, compute), num_batches(len(train), config.batch)
     weights = list(loss.parameters())
     loss_of = Replay(loss, weights)
@@ -71,7 +71,7 @@ def pretrain_backbone(
     def batches(_: int) -> Iterator[tuple[Tensor, Tensor]]:
         backbone.train()
         for index in torch.randperm(len(train), generator=order).tensor_split(steps):
-            yield augment(train[index]), compute.gather(train.labels, index)
+            yield noise(train[index]), compute.gather(train.labels, index)
 
     def validate() -> dict[str, float]:
         if not len(validation):

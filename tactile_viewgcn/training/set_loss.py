@@ -5,7 +5,7 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.training.inputs import Augmentation, FrameInputs
+from tactile_viewgcn.training.inputs import FrameInputs, Noise
 from tactile_viewgcn.training.optim import num_batches
 
 
@@ -21,11 +21,11 @@ class FeatureBank:
 
     def __init__(self, frames: int, feature_shape: tuple[int, ...], compute: Compute):
         self._compute = compute
-        dtype = torch.bfloat16 if len(feature_shape) > 1 and compute.precision == "bfloat16" else compute.dtype
+        dtype = torch.bfloat16 if len(feature_shape) > 1 and compute.precision == "bfloat16" else torch.float32
         self.values = torch.zeros((frames, *feature_shape), dtype=dtype, device=compute.device)
 
     @torch.no_grad()
-    def fill(self, backbone: nn.Module, frames: FrameInputs, *, batch: int, augment: Augmentation) -> None:
+    def fill(self, backbone: nn.Module, frames: FrameInputs, *, batch: int, noise: Noise) -> None:
         """Store the features of all frames (n, 1, H, W), in batches in random order, from torch's default generator.
 
         The backbone is left in training mode, and the running moments of its batch normalisation are updated.
@@ -33,7 +33,7 @@ class FeatureBank:
         backbone.train()
         with self._compute.autocast():
             for index in torch.randperm(len(frames)).tensor_split(num_batches(len(frames), batch)):
-                self.values[self._compute.to_device(index)] = backbone(augment(frames[index]))
+                self.values[self._compute.to_device(index)] = backbone(noise(frames[index]))
 
     def nodes(self, sets: Tensor, fresh: Tensor, features: Tensor, first: Tensor) -> Tensor:
         """Features (B, k, ...) of view sets: new in the columns `fresh`, from the bank in the others.

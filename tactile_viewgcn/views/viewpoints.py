@@ -1,41 +1,36 @@
 """Viewpoints, the positions (V, 3) of the view-graph's nodes around the object.
 
-The paper puts 8 views on the vertices of a cube and 12 on a circle at 30 degrees of elevation; View-GCN (Wei
-et al. 2020) also uses the 20 vertices of the dodecahedron. The cube's vertices are (+-1, +-1, +-1); the other
-configurations share its radius, the square root of 3.
+The paper puts 8 views on the vertices of a cube and 12 on a circle at 30 degrees of elevation. The cube's vertices are
+(+-1, +-1, +-1); the other configurations share its radius, the square root of 3.
 """
 
 from itertools import product
 
 import numpy as np
 
-from tactile_viewgcn.params import PLACES
+from tactile_viewgcn.params import CORNERS
 from tactile_viewgcn.randomness import stream
 
 RADIUS = 3**0.5
 ELEVATION = np.deg2rad(30)
 GOLDEN = (1 + 5**0.5) / 2
-AUTO = {12: "circle"} | {count: name for name, count in PLACES.items()}  # any other number: sphere
+AUTO = {CORNERS: "cube", 12: "circle"}  # any other number: sphere
 
 
 def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
     """Positions float64 (V, 3) of `views` viewpoints.
 
     Args:
-        views: V; for a cube or a dodecahedron, `params` takes its number of vertices only.
-        kind: `cube`, `circle`, `dodecahedron`; `sphere`: evenly spread; `random`: anywhere on the sphere, as a control
-            of whether the geometry matters; `auto`: 8 cube, 12 circle, 20 dodecahedron, any other number sphere.
+        views: V; 8 for a cube.
+        kind: `cube`, in lexicographic order; `circle`; `sphere`: evenly spread; `random`: anywhere on the sphere, as a
+            control of whether the geometry matters; `auto`: 8 cube, 12 circle, any other number sphere.
         seed: of `random`.
-
-    Vertices of the cube and the dodecahedron are in lexicographic order.
     """
     match AUTO.get(views, "sphere") if kind == "auto" else kind:
         case "cube":
             return _cube()
         case "circle":
             return _circle(views)
-        case "dodecahedron":
-            return _dodecahedron()
         case "random":
             return _random(views, stream(seed, "viewpoints"))
     return _sphere(views)
@@ -51,13 +46,6 @@ def _circle(views: int) -> np.ndarray:
     angle = 2 * np.pi * np.arange(views) / views
     flat = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.cos(ELEVATION)
     return RADIUS * np.column_stack([flat, np.full(views, np.sin(ELEVATION))])
-
-
-def _dodecahedron() -> np.ndarray:
-    """Vertices (20, 3): those of the cube, and the cyclic permutations of (0, +-1/golden, +-golden)."""
-    edges = [np.roll((0.0, a / GOLDEN, b * GOLDEN), shift) for a, b, shift in product((-1, 1), (-1, 1), range(3))]
-    places = np.concatenate([_cube(), edges])
-    return places[np.lexsort(places.T[::-1])]
 
 
 def _sphere(views: int) -> np.ndarray:

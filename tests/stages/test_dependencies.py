@@ -95,12 +95,12 @@ def test_every_parameter_is_watched_by_a_stage():
 
 
 def test_a_stage_has_the_parameters_that_it_names_and_no_others():
-    reads = ["seed", "model.backbone", "cluster.method", "cluster.restarts", "augment"]
+    reads = ["seed", "model.backbone", "cluster.method", "cluster.restarts", "split"]
     only = params_of({"params": reads}, PARAMS)
-    assert vars(only).keys() == {"seed", "model", "cluster", "augment"}
+    assert vars(only).keys() == {"seed", "model", "cluster", "split"}
     assert vars(only.model) == {"backbone": PARAMS.model.backbone}
     assert vars(only.cluster) == {"method": PARAMS.cluster.method, "restarts": PARAMS.cluster.restarts}
-    assert (only.seed, only.augment) == (PARAMS.seed, PARAMS.augment)
+    assert (only.seed, only.split) == (PARAMS.seed, PARAMS.split)
 
 
 def test_dvc_runs_the_virtual_glove_in_the_root_and_its_output_is_the_sources_default():

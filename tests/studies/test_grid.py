@@ -38,15 +38,15 @@ def study(tmp_path, monkeypatch):
 
 
 def test_cells_are_every_variant_from_every_seed_on_every_fold(study):
-    grid_of = {"variants": {"a": {"views": 4}, "b": {"views": 2}}, "cross": [{"x": {"augment.shift": 1}, "y": {}}]}
+    grid_of = {"variants": {"a": {"views": 4}, "b": {"views": 2}}, "cross": [{"x": {"cluster.restarts": 1}, "y": {}}]}
     once = {"seeds": [3, 5], "folds": [0, 1], "one_seed": ["b / x"], "quick": ["b / x"]}
     made = study(set={"split.by": "recording"}, **grid_of, **once)
     counted = [(cell.variant, cell.seed) for cell in made.cells()]
     crossed = product(("a / x", "a / y", "b / x", "b / y"), (3, 5))
     assert {each: counted.count(each) for each in counted} == {each: 2 for each in crossed if each != ("b / x", 5)}
-    changes = ("split.by=recording", "views=4", "augment.shift=1", "seed=3", "split.deal=0", "split.fold=0")
+    changes = ("split.by=recording", "views=4", "cluster.restarts=1", "seed=3", "split.deal=0", "split.fold=0")
     assert made.cells()[0] == Cell(variant="a / x", seed=3, deal=0, fold=0, changes=changes)
-    assert made.changes_of("a / x") == {"views": 4, "augment.shift": 1}
+    assert made.changes_of("a / x") == {"views": 4, "cluster.restarts": 1}
     quick = made.cells(quick=True)
     assert [(cell.variant, cell.seed, cell.fold) for cell in quick] == [("b / x", 3, 0), ("b / x", 3, 1)]
     assert {"pretrain.epochs=1", "views=2", "glove.objects=[mug,tape,scissors]"} <= set(quick[0].changes)

@@ -68,20 +68,6 @@ def test_the_released_preset_has_the_released_number_of_weights():
     assert sum(weight.numel() for weight in head.parameters()) == 305_138
 
 
-@pytest.mark.parametrize("views", [1, 3, 8])
-def test_a_start_at_the_maximum_is_the_pretrained_classifier_s_answer_to_it(views):
-    logits = []
-    frame = {"weight": torch.randn(5, 16), "bias": torch.randn(5)}
-    features = torch.randn(6, views, 16)
-    for seed in range(2):
-        torch.manual_seed(seed)
-        head = head_of(ViewGCN, "model.start=max", places=viewpoints(views)).eval()
-        head.load_frame_classifier(frame)
-        logits.append(head(features)[0])
-    assert torch.equal(*logits)
-    torch.testing.assert_close(logits[0], features.amax(dim=1) @ frame["weight"].T + frame["bias"])
-
-
 def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
     torch.manual_seed(0)
     places = torch.from_numpy(viewpoints(8))

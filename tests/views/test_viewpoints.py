@@ -34,16 +34,6 @@ def test_the_circle_is_thirty_degrees_up_and_its_places_are_equally_spaced(count
     np.testing.assert_allclose(steps, 2 * np.sqrt(3) * np.cos(np.deg2rad(30)) * np.sin(np.pi / count))
 
 
-def test_the_dodecahedron_has_twenty_vertices_of_three_equidistant_nearest():
-    places = viewpoints(20)
-    assert places.shape == (20, 3)
-    distances = np.sort(np.sqrt(squared(places)), axis=1)
-    golden = (1 + np.sqrt(5)) / 2
-    np.testing.assert_allclose(distances[:, 1:4], 2 / golden)
-    assert (distances[:, 4] > 2 / golden + 0.5).all()
-    assert places.tolist() == sorted(places.tolist())
-
-
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 13, 50, 100, 1000])
 def test_the_sphere_s_places_are_spread_evenly(count):
     distances = squared(viewpoints(count, "sphere")) + np.diag(np.full(count, np.inf))
@@ -63,11 +53,10 @@ def test_every_place_is_as_far_out_as_a_vertex_of_the_cube_and_random_ones_follo
 
 
 def test_auto_is_the_paper_s_configuration_where_it_has_one():
-    for count, kind in ((8, "cube"), (12, "circle"), (20, "dodecahedron"), (1, "sphere"), (9, "sphere")):
+    for count, kind in ((8, "cube"), (12, "circle"), (20, "sphere"), (1, "sphere"), (9, "sphere")):
         np.testing.assert_array_equal(viewpoints(count), viewpoints(count, kind))
 
 
-@pytest.mark.parametrize(("count", "kind"), [(12, "cube"), (8, "dodecahedron")])
-def test_a_configuration_of_another_number_of_places_is_refused(count, kind):
-    with pytest.raises(UserError, match=f"viewpoints is {kind}.*views is {count}"):
-        recipe(f"views={count}", f"viewpoints={kind}")
+def test_a_cube_of_another_number_of_places_is_refused():
+    with pytest.raises(UserError, match=r"viewpoints is cube.*views is 12"):
+        recipe("views=12", "viewpoints=cube")
