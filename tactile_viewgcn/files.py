@@ -2,7 +2,6 @@
 
 import errno
 import hashlib
-import io
 import os
 import shutil
 import socket
@@ -11,14 +10,10 @@ from collections.abc import Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock, Timeout
 
 from tactile_viewgcn.messages import UserError
-
-if TYPE_CHECKING:
-    import h5py
 
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
@@ -93,83 +88,6 @@ def _append(file: Path) -> OSError | None:
     except OSError as error:
         return error
     return None
-
-
-class _Stream(io.FileIO):
-    """A file for HDF5, which crashes where it reads anything else than it has written.
-
-    Attributes:
-        error: the first error, after which nothing more is written to the disk.
-        lost: places and bytes of what HDF5 wrote since; a long piece, such as a table's frames, raises that error.
-    """
-
-    error: OSError | None = None
-
-    def __init__(self, path: Path):
-        super().__init__(path, "w+")
-        self.lost: list[tuple[int, bytes]] = []
-
-    def write(self, data: Any) -> int:
-        place, rest = self.tell(), memoryview(data)
-        end = place + rest.nbytes
-        try:
-            while rest and not self.error:
-                rest = rest[super().write(rest) :]
-        except OSError as error:
-            self.error = error
-        if self.error:
-            if rest.nbytes > LEAST_FREE:
-                raise self.error
-            self.lost.append((end - rest.nbytes, bytes(rest)))
-            self.seek(end)
-        return end - place
-
-    def readinto(self, buffer: Any) -> int:
-        place, size = self.tell(), len(buffer)
-        super().readinto(buffer)
-        for start, data in self.lost:
-            first, last = max(place, start), min(place + size, start + len(data))
-            if first < last:
-                buffer[first - place : last - place] = data[first - start : last - start]
-        return size
-
-    def truncate(self, size: int | None = None) -> int:
-        try:
-            return super().truncate(size)
-        except OSError as error:
-            self.error = self.error or error
-        return size or 0
-
-
-@contextmanager
-def hdf5_file(path: Path, *, room: int = 0) -> Iterator["h5py.File"]:
-    """A new HDF5 file, which is complete when the block has ended.
-
-    HDF5 ignores an error of what it writes while it closes a file, or crashes at the end of the process; so it meets
-    none.
-
-    Args:
-        room: bytes that it will need at least.
-
-    Raises:
-        UserError: there is less room than that; the block does not run then.
-        OSError: not all was written, such as on a full disk.
-    """
-    import h5py  # here, since most commands write no HDF5
-
-    usage = shutil.disk_usage(path.absolute().parent)
-    if room > usage.free and usage.total:  # a mounted folder may not know its size
-        raise UserError(
-            f"{str(path).removesuffix(PART)}: needs {room / 1e6:,.0f} MB, where {usage.free / 1e6:,.0f} MB are free; "
-            "make room, or name another disk (TMPDIR for a temporary table)"
-        )
-    with _Stream(path) as stream:
-        try:
-            with h5py.File(stream, "w") as file:
-                yield file
-        finally:
-            if stream.error:
-                raise stream.error
 
 
 def readable(path: object) -> AbstractContextManager[None]:

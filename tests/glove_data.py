@@ -72,7 +72,7 @@ def source(
 
 def written(path: Path, counts: np.ndarray, **changes: object) -> Recordings:
     """The same as a table written to `path` and opened."""
-    write_recordings(path, source(counts, **changes), "0" * 32)
+    write_recordings(path, source(counts, **changes))
     return Recordings(path)
 
 
@@ -330,7 +330,7 @@ def table(*changes: str) -> Frames:
     tree["pressure"] = tree["pressure"][:, *CORNER]
     with tempfile.TemporaryDirectory() as folder:
         source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings.h5"
-        write_recordings(path, read_metadata(save_matlab5(source, tree)), "")
+        write_recordings(path, read_metadata(save_matlab5(source, tree)))
         recordings = Recordings(path)
         return preprocess_recordings(recordings, params.preprocess, params.split).frames
 

@@ -124,7 +124,7 @@ def test_a_command_that_is_ended_leaves_no_temporary_folder(tmp_path):
     command = [sys.executable, "-m", "tactile_viewgcn", "inspect", source]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(place)}
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while not list(place.glob("tactile-viewgcn-*/recordings.h5")):
+    while not list(place.glob("tactile-viewgcn-*/recordings")):
         assert process.poll() is None
         time.sleep(0.01)
     process.terminate()

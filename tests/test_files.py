@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.files import ARRAYS, atomic_write, check_outputs, files_below, hdf5_file, md5
+from tactile_viewgcn.files import ARRAYS, atomic_write, check_outputs, files_below, md5
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.tables.frames import save_table
-from tactile_viewgcn.tables.views import Views
 from tests.full_disk import room_for
 
 KINDS = pytest.mark.parametrize("write", [atomic_write, partial(atomic_write, folder=True)], ids=["file", "folder"])
@@ -78,11 +76,6 @@ def whole(fill, **options):
     return write
 
 
-def recording(folder):
-    with hdf5_file(folder / "a.h5") as file:
-        file.create_dataset("pressure", data=VALUES, chunks=(10, 10), compression="gzip")
-
-
 def arrays(path):
     with path.open("wb") as file:
         np.savez_compressed(file, values=VALUES)
@@ -90,35 +83,21 @@ def arrays(path):
 
 VALUES = np.random.default_rng(0).random((90, 100))
 WRITERS = {
-    "table": lambda path: save_table(path, Views(np.zeros(9000, np.int16), np.arange(9000), VALUES[:12, :3])),
-    "folder": whole(recording, folder=True),
     "torch": whole(lambda path: torch.save({"weights": torch.from_numpy(VALUES)}, path)),
     "arrays": whole(arrays),
     "text": whole(lambda path: path.write_text("0.5," * 20_000)),
 }
 
 
-def test_hdf5_reads_what_it_has_written_where_there_is_no_room(tmp_path):
-    for size in range(0, 60_000, 3000):
-        read = {}
-        with room_for(size), pytest.raises(OSError, match="too large"), hdf5_file(tmp_path / "a.h5") as file:
-            for name, row in enumerate(VALUES):
-                file[str(name)] = row
-            file.flush()
-            read |= {name: data[()] for name, data in file.items()}
-        assert len(read) == 90 and all(np.array_equal(read[str(name)], row) for name, row in enumerate(VALUES))
-
-
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_file_without_room_is_one_error_and_leaves_what_was_there(tmp_path, kind):
     write, path = WRITERS[kind], tmp_path / "made"
     write(path)
-    file = path / "a.h5" if path.is_dir() else path
-    before = file.read_bytes()
+    before = path.read_bytes()
     for size in (*(len(before) - 1024 * short for short in (1, 4, 16, 64)), len(before) - 1):
         with pytest.raises(OSError, match="made") as caught, room_for(size):
             write(path)
-        assert caught.value.errno == errno.EFBIG and file.read_bytes() == before
+        assert caught.value.errno == errno.EFBIG and path.read_bytes() == before
         assert list(tmp_path.iterdir()) == [path]
 
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
+from io import BytesIO
 from pathlib import Path
 
 import h5py
@@ -10,7 +11,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from tactile_viewgcn.files import atomic_write, hdf5_file
+from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.glove.contact import Drive, Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hand, Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
@@ -121,8 +122,8 @@ class Simulation:
 def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter[str]:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5, all of them or none.
 
-    The recordings do not depend on the number of worker processes. Memory holds a block of pressures, and about 300
-    bytes for each frame of every recording.
+    The recordings do not depend on the number of worker processes. Memory holds a block of pressures, and about 800
+    bytes for each frame of every recording: its file among them.
 
     Returns:
         The cost, see `Simulation.statistics`.
@@ -144,22 +145,26 @@ def _write(recipe: Recipe, cells: list[Cell], folder: Path, *, bar: bool) -> Cou
     """Simulate the recordings of one process into a folder of sessions; `bar` shows the progress on a terminal."""
     simulation, start = Simulation(recipe, cells), 0
     progress = tqdm(total=recipe.frames, desc="simulate", unit="frame", disable=None if bar else True)
+    contents = [BytesIO() for _ in cells]  # in memory, since HDF5 may crash or say nothing where a disk is full
     with ExitStack() as stack, progress:
-        files = [_create_file(stack, folder, simulation, b) for b in range(len(cells))]
+        files = [stack.enter_context(h5py.File(content, "w")) for content in contents]
+        for file, cell in zip(files, cells, strict=True):
+            _describe(file, recipe, cell)
         for block in simulation.blocks():
             for file, counts in zip(files, block, strict=True):
                 file["pressure"][start : start + len(counts)] = counts
             start += block.shape[1]
             progress.update(block.shape[1])
+    for (session, number), content in zip(cells, contents, strict=True):
+        name = f"{number:03d}-{recipe.objects[number].name}"
+        (folder / f"{session:03d}" / f"{name}.h5").write_bytes(content.getbuffer())
     return simulation.statistics
 
 
-def _create_file(stack: ExitStack, folder: Path, simulation: Simulation, b: int) -> h5py.File:
-    """The file of recording b, complete but for the counts; `stack` closes it."""
-    recipe, (session, number) = simulation.recipe, simulation.cells[b]
+def _describe(file: h5py.File, recipe: Recipe, cell: Cell) -> None:
+    """Write all of a recording's file but the counts."""
+    session, number = cell
     grasp_object = recipe.objects[number]
-    name = f"{number:03d}-{grasp_object.name}"
-    file = stack.enter_context(hdf5_file(folder / f"{session:03d}" / f"{name}.h5"))
     file.create_dataset(
         "pressure", (recipe.frames, 32, 32), np.int16, chunks=(min(BLOCK, recipe.frames), 32, 32),
         compression="gzip", compression_opts=1, shuffle=True,
@@ -173,4 +178,3 @@ def _create_file(stack: ExitStack, folder: Path, simulation: Simulation, b: int)
         "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
         "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": recipe.tolerance,
     })  # fmt: skip
-    return file

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.readers.source import NUMBERS, SOURCE_MD5, Form, listed, no_array
+from tactile_viewgcn.readers.source import NUMBERS, Form, listed, no_array
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
 ATTRIBUTES = ("object", "session", "recording", "split")
@@ -28,10 +28,8 @@ def read_recording(file: h5py.File, form: Form) -> tuple[dict[str, str], dict[st
     """The names that attributes give a recording, its object, session and side, and its datasets, not read yet.
 
     Raises:
-        UserError: it is no recording, or lacks a name that the form gives.
+        UserError: there is no pressure, or it lacks a name that the form gives.
     """
-    if SOURCE_MD5 in file.attrs:
-        raise UserError(f"{file.filename}: the table that ingest writes, not a recording; keep it out of the source")
     in_file = {name: form.columns.get(name, name) for name in (*DATASETS, *ATTRIBUTES)}
     values = {name: dataset(file, in_file[name], "numbers") for name in DATASETS if file.get(in_file[name]) is not None}
     if "pressure" not in values:

@@ -22,7 +22,6 @@ MAX_LISTED = 10  # mistakes or names in one message
 MOST_NAMES = 2**15  # objects, recordings or sessions: ids are int16
 MOST_LETTERS = 1000  # of a name
 NUMBERS = "biuf"  # `kind` of the dtypes of numbers
-SOURCE_MD5 = "source_md5"  # attribute that only the table of recordings has: md5 of its source
 
 #: Type of each column, one value per frame. Every source has the first five.
 COLUMNS = {

@@ -1,22 +1,56 @@
-"""Counts of frames in files: stored in one piece, memory-mapped, and read when they are indexed."""
+"""A table's folder, counts.npy and columns.npz, and counts that are computed when they are indexed.
 
-from collections.abc import Callable, Iterable
-from mmap import ACCESS_READ, mmap
+`counts.npy` holds the readings of all frames uncompressed, so that the operating system reads it page by page;
+`columns.npz` holds all else: arrays, and as JSON what is no array.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
-from tactile_viewgcn.messages import UserError
+COUNTS, COLUMNS = "counts.npy", "columns.npz"
+NO_ARRAYS = "no_arrays"  # the array in columns.npz with the JSON
 
 
-def write_blocks(dataset: h5py.Dataset, blocks: Iterable[np.ndarray]) -> None:
-    """Fill a dataset (n, H, W) with blocks (k, H, W) that have n frames together."""
-    start = 0
-    for block in blocks:
-        dataset[start : start + len(block)] = block
-        start += len(block)
+def write_counts(folder: Path, shape: tuple[int, ...], dtype: np.dtype, blocks: Iterable[np.ndarray]) -> None:
+    """Write counts (n, H, W) of that shape and type, of which only one block (k, H, W) need be in memory."""
+    header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+    with (folder / COUNTS).open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, header)
+        for block in blocks:
+            file.write(block.astype(dtype).tobytes())
+
+
+def read_counts(folder: Path) -> np.ndarray:
+    """The counts (n, H, W), memory-mapped.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    counts = np.load(folder / COUNTS, mmap_mode="r", allow_pickle=False)
+    if counts.offset + counts.nbytes != (folder / COUNTS).stat().st_size:
+        raise ValueError(f"{COUNTS} is longer than its header says")
+    return counts.view(np.ndarray)
+
+
+def write_columns(folder: Path, values: Mapping[str, Any]) -> None:
+    """Write arrays, and texts, numbers, lists and dictionaries of these, by name."""
+    arrays: dict[str, Any] = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    others = json.dumps({name: value for name, value in values.items() if name not in arrays})
+    arrays[NO_ARRAYS] = np.frombuffer(others.encode(), np.uint8)
+    with (folder / COLUMNS).open("wb") as file:
+        np.savez(file, **arrays)
+
+
+def read_columns(folder: Path) -> dict[str, Any]:
+    """The values that `write_columns` wrote, by name."""
+    with (folder / COLUMNS).open("rb") as file, np.load(file, allow_pickle=False) as stored:
+        arrays = dict(stored)
+    others = arrays.pop(NO_ARRAYS)
+    return arrays | json.loads(others.tobytes())
 
 
 def evenly(index: np.ndarray, most: int) -> np.ndarray:
@@ -45,26 +79,3 @@ class Gathered:
 
 
 Counts = np.ndarray | Gathered
-
-
-def mapped(path: str | Path, dataset: h5py.Dataset) -> Counts:
-    """A dataset as an array that the operating system reads from its file page by page, when it is indexed.
-
-    Raises:
-        TypeError: the dataset is not stored in one piece.
-        UserError: when it is indexed, and the file has become shorter; reading it would end the process.
-    """
-    if not dataset.size:  # an empty dataset has no place in the file
-        return np.asarray(dataset[()])
-    if dataset.chunks or (offset := dataset.id.get_offset()) is None:
-        raise TypeError(f"{dataset.name} is not stored in one piece")
-    with Path(path).open("rb") as file:
-        whole = mmap(file.fileno(), 0, access=ACCESS_READ)  # keeps the file open, also where another takes its place
-    array = np.frombuffer(whole, dataset.dtype, dataset.size, offset).reshape(dataset.shape)
-
-    def rows_of(index: np.ndarray) -> np.ndarray:
-        if whole.size() < len(whole):
-            raise UserError(f"{path}: has become shorter while it is read; run `dvc repro` again")
-        return array[index]
-
-    return Gathered(rows_of, np.arange(len(array)))

@@ -1,17 +1,14 @@
-"""The table of kept frames, data/frames.h5: counts, baseline, class, side and group of each frame."""
+"""The table of kept frames, data/frames: counts, baseline, class, side and group of each frame."""
 
-import json
-import math
 from collections.abc import Callable, Iterable
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import h5py
 import numpy as np
 
-from tactile_viewgcn.files import atomic_write, hdf5_file, readable
-from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
+from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 TRAIN, VALIDATION, TEST = 0, 1, 2
 SIDES = ("train", "validation", "test")
@@ -124,41 +121,27 @@ def sensor_names(sensors: np.ndarray, channel_names: Iterable[str] = ()) -> list
 
 
 def save_table(path: str | Path, table: Any) -> None:
-    """Write a table, an object of a dataclass, as HDF5: arrays and names as datasets, single values as attributes."""
-    counts = getattr(table, "counts", np.zeros(0))
-    room = math.prod(counts.shape) * counts.dtype.itemsize
-    with atomic_write(path) as part, hdf5_file(part, room=room) as file:
-        for field in fields(table):
-            value = getattr(table, field.name)
-            if field.name == "counts":
-                starts = range(0, len(value), BLOCK_FRAMES)
-                blocks = (value[start : start + BLOCK_FRAMES] for start in starts)
-                write_blocks(file.create_dataset("counts", value.shape, value.dtype), blocks)
-            elif isinstance(value, np.ndarray):
-                file[field.name] = value
-            elif isinstance(value, list):
-                file[field.name] = np.array(value, dtype=h5py.string_dtype())
-            elif value is not None:
-                file.attrs[field.name] = json.dumps(value) if isinstance(value, dict) else value
+    """Write a table, an object of a dataclass, as a folder, see `tables.counts`."""
+    values = {field.name: getattr(table, field.name) for field in fields(table)}
+    counts = values.pop("counts", None)
+    with atomic_write(path, folder=True) as part:
+        if counts is not None:
+            blocks = (counts[start : start + BLOCK_FRAMES] for start in range(0, len(counts), BLOCK_FRAMES))
+            write_counts(part, counts.shape, counts.dtype, blocks)
+        write_columns(part, values)
 
 
 def load_table(path: str | Path, kind: Callable[..., Table]) -> Table:
-    """Read a table of `save_table`; counts are read when they are indexed."""
-    values: dict[str, Any] = {}
-    with readable(path), h5py.File(path, "r") as file:
-        for field in fields(cast(Any, kind)):
-            if field.name == "counts":
-                values["counts"] = mapped(path, file["counts"])
-            elif field.name in file.attrs:
-                value = file.attrs[field.name]
-                values[field.name] = value if isinstance(value, str) else float(value)
-            elif field.name in file and h5py.check_string_dtype(file[field.name].dtype):
-                values[field.name] = [text.decode() for text in file[field.name][()]]
-            elif field.name in file or field.default is MISSING:
-                values[field.name] = file[field.name][()]
-        if kind is Frames:
-            values["preprocess"] = json.loads(values["preprocess"])
-    return kind(**values)
+    """Read a table of `save_table`; counts are memory-mapped.
+
+    Raises:
+        UserError: the table is damaged, or of a different version of the project.
+    """
+    with readable(path):
+        values = read_columns(Path(path))
+        if "counts" in {field.name for field in fields(cast(Any, kind))}:
+            values["counts"] = read_counts(Path(path))
+        return kind(**values)
 
 
 def read_frames(path: str | Path) -> Frames:

@@ -1,11 +1,10 @@
-"""The table of raw counts, data/recordings.h5: every frame of every recording, from any form of source.
+"""The table of raw counts, data/recordings: every frame of every recording, from any form of source.
 
 A reader describes recordings as a `Source`, whose frames come in blocks. `read_source` checks them and writes
-one HDF5 file, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings in the glove's unit; axes
+a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings in the glove's unit; axes
 are (frame, row, column).
 """
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,12 +13,12 @@ from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
-import h5py
 import numpy as np
 from tqdm import tqdm
 
-from tactile_viewgcn.files import TEXTS, arrays_below, atomic_write, hdf5_file, readable
+from tactile_viewgcn.files import TEXTS, arrays_below, atomic_write, readable
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.readers.child import run_apart, stored_bytes
 from tactile_viewgcn.readers.formats import open_source
@@ -28,32 +27,31 @@ from tactile_viewgcn.readers.source import (
     BLOCK_FRAMES,
     COLUMNS,
     MIN_SPREAD,
-    SOURCE_MD5,
     Form,
     Source,
     checked_blocks,
 )
-from tactile_viewgcn.tables.counts import Counts, Gathered, mapped, write_blocks
+from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
 COLUMN_BYTES = 32  # of all columns, for each frame
 DISK, DISK_TIMES = 2**30, 200  # largest table: bytes, plus this many times the bytes of its source
 
 
-def read_source(path: Path, out: Path, md5: str = "", form: Form = AUTO) -> None:
+def read_source(path: Path, out: Path, form: Form = AUTO) -> None:
     """Write the recordings at a path, see `open_source`, to a table, in a child process, see `run_apart`.
 
     Raises:
-        UserError: as `open_source` and `write_recordings`, or the child crashed; no file is left behind.
+        UserError: as `open_source` and `write_recordings`, or the child crashed; nothing is left behind.
     """
     if any(file.name.lower().endswith(TEXTS) for file in arrays_below(path)):
         import_module("pandas")  # here and once, not in every child within its limits
-    with atomic_write(out) as part:
-        run_apart(lambda: write_recordings(part, open_source(path, form), md5), path)
+    with atomic_write(out, folder=True) as part:
+        run_apart(lambda: write_recordings(part, open_source(path, form)), path)
 
 
-def write_recordings(path: Path, source: Source, md5: str) -> None:
-    """Write the frames of a source with this md5 to one HDF5 table, block by block.
+def write_recordings(folder: Path, source: Source) -> None:
+    """Write the frames of a source to a table, block by block.
 
     Raises:
         UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little; the
@@ -79,29 +77,25 @@ def write_recordings(path: Path, source: Source, md5: str) -> None:
         raise UserError(
             f"{source.path}: declares {size / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
         )
-    with hdf5_file(path, room=size) as file, bar:
-        write_blocks(file.create_dataset("pressure", (source.frames, *source.shape), source.dtype), counts())
-        file["live"] = low < high
-        if 0 < (spread := float((high - low).max())) < MIN_SPREAD:
-            raise UserError(
-                f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
-                "rescale the readings"
-            )
-        for name, blocks in columns.items():
-            file[name] = np.concatenate(blocks)
-        texts = {f"{kind}s": names for kind, names in source.names.items()}
-        texts |= {"notes": [json.dumps(asdict(note)) for note in source.notes], "channel_names": source.channel_names}
-        for name, parts in texts.items():
-            if parts:
-                file[name] = np.array(parts, dtype=h5py.string_dtype())
-        file.attrs[SOURCE_MD5] = md5
+    folder.mkdir(exist_ok=True)
+    with bar:
+        write_counts(folder, (source.frames, *source.shape), source.dtype, counts())
+    if 0 < (spread := float((high - low).max())) < MIN_SPREAD:
+        raise UserError(
+            f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
+            "rescale the readings"
+        )
+    values: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in columns.items()}
+    values |= {f"{kind}s": names for kind, names in source.names.items()}
+    values |= {"channel_names": source.channel_names, "notes": [asdict(note) for note in source.notes]}
+    write_columns(folder, values | {"live": low < high})
 
 
 @contextmanager
 def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]:
     """A temporary table of the recordings at a path, see `open_source`; its errors name that path."""
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
-        file = Path(folder) / "recordings.h5"
+        file = Path(folder) / "recordings"
         read_source(Path(path), file, form=form)
         recordings = Recordings(file)
         recordings.path = Path(path)
@@ -112,7 +106,7 @@ class Recordings:
     """The table of raw counts, which are read when they are indexed.
 
     Attributes:
-        path: of the file, or of its source; errors name it.
+        path: of the table, or of its source; errors name it.
         objects, recordings, sessions: names, by index.
         counts: (T, H, W), of all frames.
         columns: one array (T,) for each column of the source, see `COLUMNS`.
@@ -123,17 +117,15 @@ class Recordings:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        with readable(path), h5py.File(path, "r") as file:
+        with readable(path):
+            values = read_columns(self.path)
             self.objects, self.recordings, self.sessions = (
-                [text.decode() for text in file[name][()]] for name in ("objects", "recordings", "sessions")
+                values[name] for name in ("objects", "recordings", "sessions")
             )
-            self.columns = {name: file[name][()] for name in COLUMNS if name in file or name in ALWAYS}
-            self.live = file["live"][()]
-            self.channel_names = [
-                text.decode() for text in (file["channel_names"][()] if "channel_names" in file else ())
-            ]
-            self.notes = [Note(**json.loads(text)) for text in (file["notes"][()] if "notes" in file else ())]
-            self.counts: Counts = mapped(path, file["pressure"])
+            self.columns = {name: values[name] for name in COLUMNS if name in values or name in ALWAYS}
+            self.live, self.channel_names = values["live"], values["channel_names"]
+            self.notes = [Note(**note) for note in values["notes"]]
+            self.counts: Counts = read_counts(self.path)
 
     def __len__(self) -> int:
         return len(self.counts)

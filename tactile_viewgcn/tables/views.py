@@ -1,4 +1,4 @@
-"""The table of views, data/views.h5: cluster and pool of each frame, viewpoints."""
+"""The table of views, data/views: cluster and pool of each frame, viewpoints."""
 
 from dataclasses import dataclass, replace
 

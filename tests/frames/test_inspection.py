@@ -201,7 +201,7 @@ def test_one_object_is_no_task(tmp_path):
     ],
 )
 def test_settings_that_spoil_a_result_are_warned_of_with_a_better_value(tmp_path, write, changes, topic, key, value):
-    write_recordings(tmp_path / "t", open_source(write(tmp_path / "glove")), "")
+    write_recordings(tmp_path / "t", open_source(write(tmp_path / "glove")))
     made = preprocessed(Recordings(tmp_path / "t"), "split.by=recording", *(f"preprocess.{each}" for each in changes))
     warned = [(note.topic, note.key, note.value) for note in warnings_of(made.notes)]
     assert warned == ([(topic, key, value)] if topic else [])

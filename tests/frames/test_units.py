@@ -110,8 +110,8 @@ def test_zero_sign_and_unit_are_those_of_the_channels(make, unit, signs):
 def test_unlike_channels_are_recognised_on_both_roads(make, tmp_path):
     asked = load(FILE, ("split.by=recording", "split.folds=4"))
     made = preprocess_recordings(table(make), asked.preprocess, asked.split).frames
-    save_table(tmp_path / "frames.h5", made)
-    frames = read_frames(tmp_path / "frames.h5")
+    save_table(tmp_path / "frames", made)
+    frames = read_frames(tmp_path / "frames")
     np.testing.assert_array_equal(frames.channels, made.channels)
     means = np.stack([frames.inputs(np.flatnonzero(frames.recording == n)).mean(axis=0).ravel() for n in range(32)])
     side, label = (

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from shutil import rmtree
 
 import h5py
 import numpy as np
@@ -50,7 +51,7 @@ def raw(folder: Path, name: str, **fields) -> None:
 def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:
     """All frames of the recordings at a path, and their table, read in this process."""
     out = path.parent / f"{path.name}.table"
-    write_recordings(out, open_source(path, **options), "0" * 32)
+    write_recordings(out, open_source(path, **options))
     table = Recordings(out)
     return table.counts[np.arange(len(table))], table
 
@@ -61,7 +62,7 @@ def refusal(path: Path, place: Path, **options) -> str:
     begin, line = sum(os.times()[:4]), ""
     try:
         read_source(path, out / "table", **options)
-        (out / "table").unlink()
+        rmtree(out / "table")
     except UserError as error:
         line = str(error)
     assert list(out.iterdir()) == []

@@ -12,6 +12,7 @@ import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
+from shutil import rmtree
 
 import h5py
 import numpy as np
@@ -148,7 +149,7 @@ def outcome(read: Callable[[bytes], None], data: bytes, left: Path) -> dict:
     except BaseException:
         result = {"outcome": "fault", "line": traceback.format_exc()}
     if result["outcome"] == "read":
-        (left / "table").unlink(missing_ok=True)
+        rmtree(left / "table", ignore_errors=True)
     return result | {"seconds": time.perf_counter() - begin, "left": [path.name for path in left.iterdir()]}
 
 
@@ -158,7 +159,7 @@ def main(kind: str, first: str, last: str, place: str) -> None:
     read, whole = reader(kind, folder), good_bytes(kind, folder)
     for data in whole:
         read(data)  # which also imports everything before memory is counted
-        (folder / "out" / "table").unlink(missing_ok=True)
+        rmtree(folder / "out" / "table", ignore_errors=True)
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, size + MEMORY))
     for number in range(int(first), int(last)):

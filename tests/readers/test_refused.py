@@ -9,7 +9,6 @@ import zlib
 from collections import deque
 from fcntl import LOCK_EX, flock
 from functools import partial
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -18,9 +17,7 @@ import pytest
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers import child
 from tactile_viewgcn.readers.source import Form, Source
-from tactile_viewgcn.tables.frames import save_table
 from tactile_viewgcn.tables.recordings import read_source
-from tests.glove_data import table
 from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
 from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
 
@@ -74,13 +71,6 @@ def cut_short(folder, save_as, last, share):
     return path
 
 
-def table_of_ingest(folder, name):
-    path = save_hdf5(folder / "lab", TREE)
-    ingested(path)
-    (folder / "lab.table").rename(path / name)
-    return path / name if name.endswith(".dat") else path
-
-
 def both_forms(folder):
     (path := save_hdf5(folder / "lab", TREE)).joinpath("mug").mkdir()
     return save(path / "mug" / "1.npy").parents[1]
@@ -109,8 +99,6 @@ SOURCES = {
     "zeros as MATLAB": (partial(saved, name="a.mat", content=bytes(2000), below=False), "a.mat: damaged"),
     "pictures": (partial(saved, name="photos/000000.jpg", content=b"\xff\xd8"), "STAG"),
     "a text": (partial(saved, name="table.json", content="time,pressure\n0,513\n", below=False), "table.json|STAG"),
-    "a table of ingest": (partial(table_of_ingest, name="recordings.dat"), "recordings.dat|ingest"),
-    "a table of ingest among recordings": (partial(table_of_ingest, name="recordings.h5"), "recordings.h5|ingest"),
     "arrays beside HDF5": (both_forms, ".h5|1.npy"),
     "an array without an object": (partial(saved, name="1.npy"), "'1.npy' names no object"),
     "an array below too many folders": (partial(saved, name="a/b/c/1.npy"), "1.npy' names no object"),
@@ -553,14 +541,6 @@ def test_a_fault_of_ours_comes_out_of_the_child_with_its_place(tmp_path):
 
     with pytest.raises(RuntimeError, match="Unsendable: bread and butter"):
         child.run_apart(work, tmp_path)
-
-
-def test_a_table_that_does_not_fit_the_disk_is_not_begun(tmp_path, monkeypatch):
-    frames = table()
-    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=100, total=1000))
-    assert "TMPDIR" in refusal(record(tmp_path / "in" / "a.h5"), tmp_path)
-    with pytest.raises(UserError, match=r"frames\.h5: "):
-        save_table(tmp_path / "frames.h5", frames)
 
 
 @pytest.mark.parametrize("objects", [["mug", "pen", "mug"], ["mug"] * 40_000, ["p\udcffn"]])

@@ -23,13 +23,12 @@ RECORDS = [f"runs/{stage}.json" for stage in ("ingest", "preprocess", "cluster",
 SENSORS = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.members=[kernel]", "device=cpu")
 #: Options of the stages' inputs and outputs
 FILES = {
-    "ingest": "--out data/recordings.h5",
-    "preprocess": "--recordings data/recordings.h5 --out data/frames.h5 --kept data/kept.csv",
-    "cluster": "--needs data/needs.json --frames data/frames.h5 --out data/views.h5",
-    "pretrain": "--needs data/needs.json --frames data/frames.h5 --out models/backbone.pt",
-    "finetune": "--frames data/frames.h5 --views data/views.h5 --backbone models/backbone.pt "
-    "--out models/classifier.pt",
-    "evaluate": "--frames data/frames.h5 --classifier models/classifier.pt --out results "
+    "ingest": "--out data/recordings",
+    "preprocess": "--recordings data/recordings --out data/frames --kept data/kept.csv",
+    "cluster": "--needs data/needs.json --frames data/frames --out data/views",
+    "pretrain": "--needs data/needs.json --frames data/frames --out models/backbone.pt",
+    "finetune": "--frames data/frames --views data/views --backbone models/backbone.pt --out models/classifier.pt",
+    "evaluate": "--frames data/frames --classifier models/classifier.pt --out results "
     + " ".join(f"--after {record}" for record in RECORDS),
 }
 
@@ -103,4 +102,4 @@ def refused(result) -> str:
 
 def left(place) -> set[str]:
     """Names of the files that stages have written into a folder."""
-    return {path.name for path in place.iterdir()} - {"params.yaml", "metadata.mat", "recordings.h5", "ingest.json"}
+    return {path.name for path in place.iterdir()} - {"params.yaml", "metadata.mat", "recordings", "ingest.json"}

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 
 from tactile_viewgcn import cli
-from tests.full_disk import SHORT, room_for
+from tests.full_disk import room_for
 from tests.stages.running import FILES, SENSORS, captured, changed, run_stage
 
 pytestmark = pytest.mark.slow  # test_files.py writes each kind of file without room
@@ -16,9 +16,9 @@ STAGES = {
     "simulate": ("--out data/virtual", GLOVE),
     "needs": ("--out network/needs.json", NETWORK),
     **{stage: (FILES[stage], ()) for stage in ("ingest", "preprocess", "cluster", "evaluate")},
-    "pretrain": ("--needs network/needs.json --frames data/frames.h5 --out network/backbone.pt", NETWORK),
+    "pretrain": ("--needs network/needs.json --frames data/frames --out network/backbone.pt", NETWORK),
     "finetune": (
-        "--frames data/frames.h5 --views data/views.h5 --backbone network/backbone.pt --out network/classifier.pt",
+        "--frames data/frames --views data/views --backbone network/backbone.pt --out network/classifier.pt",
         NETWORK,
     ),
 }
@@ -57,7 +57,7 @@ def complete(finished, tmp_path_factory):
     return place
 
 
-@SHORT
+@pytest.mark.parametrize("short", [1, 64], ids="{} KB short".format)
 @pytest.mark.parametrize("name", [*STAGES, *PAGES])
 def test_a_command_without_room_ends_in_one_line_and_leaves_no_wrong_file(complete, tmp_path, name, short):
     place = tmp_path / "place"

@@ -29,13 +29,13 @@ LEFT_OUT = "pretrain: left out, model.system does not need it\n"
 def ingest(place, tree=None):
     if tree is not None:
         save_matlab5(place / "metadata.mat", tree)
-    words = ("--out", "recordings.h5", "--record", "ingest.json", *changed("data.source=metadata.mat"))
+    words = ("--out", "recordings", "--record", "ingest.json", *changed("data.source=metadata.mat"))
     return run_stage("ingest", *words, cwd=place)
 
 
 def preprocess(place, *changes):
-    outputs = ("--out", "frames.h5", "--kept", "kept.csv", "--record", "preprocess.json")
-    return run_stage("preprocess", "--recordings", "recordings.h5", *outputs, *changed(*changes), cwd=place)
+    outputs = ("--out", "frames", "--kept", "kept.csv", "--record", "preprocess.json")
+    return run_stage("preprocess", "--recordings", "recordings", *outputs, *changed(*changes), cwd=place)
 
 
 def simulate(place, *changes):
@@ -130,7 +130,7 @@ def test_bad_and_missing_files_are_refused_in_one_line_and_nothing_is_written(pl
     tree = metadata(objects=3, frames=10)
     pressure = np.where(tree["frame"][:, :, None] == 3, np.nan, tree["pressure"])
     assert "pressure of frame 3 of recording " in refused(ingest(place, tree | {"pressure": pressure}))
-    assert left(place) == set() and not (place / "recordings.h5").exists()
+    assert left(place) == set() and not (place / "recordings").exists()
     ingest(place, tree | {"splitId": np.ones_like(tree["splitId"])})
     assert "the train side of split.by source" in refused(preprocess(place)) and left(place) == set()
 
@@ -184,9 +184,9 @@ def run_apart(place, stages, *changes):
 
 
 def test_a_pretraining_that_is_left_out_loads_no_torch_and_makes_no_run_but_a_record(place):
-    (place / "frames.h5").write_text("not opened")
+    (place / "frames").write_text("not opened")
     needs_of("sensors", place)
-    words = "--needs needs.json --frames frames.h5 --out backbone.pt --record pretrain.json"
+    words = "--needs needs.json --frames frames --out backbone.pt --record pretrain.json"
     output, imported = run_apart(place, {"pretrain": words})
     assert LEFT_OUT in output and (place / "backbone.pt").read_text() == LEFT_OUT
     assert imported.isdisjoint({"torch", "mlflow", "sklearn", "scipy"})
@@ -198,12 +198,12 @@ def test_a_pretraining_that_is_left_out_loads_no_torch_and_makes_no_run_but_a_re
 @pytest.mark.slow
 @pytest.mark.stability("libraries")
 def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow(row, place):
-    save_table(place / "frames.h5", table())
+    save_table(place / "frames", table())
     save_classifier(place / "classifier.pt", trained(), recipe().model, table())
     words = {
         "needs": "--out needs.json",
-        "cluster": "--frames frames.h5 --needs needs.json --out views.h5 --record cluster.json",
-        "evaluate": "--frames frames.h5 --classifier classifier.pt --out results --record evaluate.json",
+        "cluster": "--frames frames --needs needs.json --out views --record cluster.json",
+        "evaluate": "--frames frames --classifier classifier.pt --out results --record evaluate.json",
     }
     _, imported = run_apart(place, words, *SMALL, "cluster.method=none", "evaluate.trials=1", "device=cpu")
     row("scikit-learn in an unclustered run", "sklearn" in imported)
@@ -212,14 +212,14 @@ def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow
 
 @pytest.mark.parametrize(("system", "fitted"), [("sensors", True), ("mean", False)])
 def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_and_no_other(place, system, fitted):
-    save_table(place / "frames.h5", fewer_anchors(table(), 4))
+    save_table(place / "frames", fewer_anchors(table(), 4))
     (place / "backbone.pt").write_text(LEFT_OUT)
-    words = ("--frames", "frames.h5", *changed(*SMALL, "precision=float32", "device=cpu", f"model.system={system}"))
+    words = ("--frames", "frames", *changed(*SMALL, "precision=float32", "device=cpu", f"model.system={system}"))
     needs_of(system, place)
-    result = run_stage("cluster", "--needs", "needs.json", *words, "--out", "views.h5", cwd=place)
+    result = run_stage("cluster", "--needs", "needs.json", *words, "--out", "views", cwd=place)
     assert ("cluster: left out" in result.stdout) == fitted, result.stderr
-    assert load_table(place / "views.h5", Views).clustered != fitted
-    files = ("--views", "views.h5", "--backbone", "backbone.pt", "--out", "classifier.pt")
+    assert load_table(place / "views", Views).clustered != fitted
+    files = ("--views", "views", "--backbone", "backbone.pt", "--out", "classifier.pt")
     result = run_stage("finetune", *words, *files, "--record", "finetune.json", cwd=place)
     assert (place / "classifier.pt").exists() == fitted
     if not fitted:

@@ -1,15 +1,17 @@
 """The table of kept frames and the transform to network input."""
 
+import errno
 import os
-from dataclasses import fields
+from dataclasses import fields, replace
+from shutil import rmtree
 
-import h5py
 import numpy as np
 import pytest
 
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.tables.counts import Gathered
+from tactile_viewgcn.readers.source import Form
+from tactile_viewgcn.tables.counts import write_columns
 from tactile_viewgcn.tables.frames import (
     TEST,
     TRAIN,
@@ -20,6 +22,9 @@ from tactile_viewgcn.tables.frames import (
     read_frames,
     save_table,
 )
+from tactile_viewgcn.tables.recordings import read_source
+from tactile_viewgcn.tables.views import Views
+from tests.full_disk import room_for
 
 
 def made(*, transform="clip", scale=150.0, dtype=np.int16, seed=0, frames=10):
@@ -74,10 +79,10 @@ def test_inputs_are_counts_above_the_frames_baseline_transformed(transform):
     ("dtype", "frames"), [(np.int16, 10), (np.int32, 10), (np.float32, 10), (np.int16, 1), (np.int16, 0)]
 )
 def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, frames):
-    written, path = made(dtype=dtype, transform="log", scale=0.1, frames=frames), tmp_path / "frames.h5"
+    written, path = made(dtype=dtype, transform="log", scale=0.1, frames=frames), tmp_path / "frames"
     save_table(path, written)
     read = read_frames(path)
-    assert not frames or isinstance(read.counts, Gathered)  # memory-mapped
+    assert not read.counts.flags.owndata  # memory-mapped
     for field in fields(Frames):
         before, after = getattr(written, field.name), getattr(read, field.name)
         if isinstance(before, np.ndarray):
@@ -88,39 +93,76 @@ def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, frames):
     assert read.inputs(np.arange(frames)).shape == (frames, 3, 4)
 
 
-@pytest.mark.parametrize("damage", ["chunks", "cut short", "no counts"])
-def test_a_table_that_cannot_be_mapped_is_refused_in_one_line(tmp_path, damage):
-    path = tmp_path / "frames.h5"
+def put(path, content):
+    path.write_bytes(content) if isinstance(content, bytes) else np.save(path, content, allow_pickle=True)
+
+
+DAMAGE = {  # what is done to a table's folder
+    "counts cut short": lambda path: os.truncate(path / "counts.npy", 200),
+    "counts of a header alone": lambda path: os.truncate(path / "counts.npy", 20),
+    "counts too long": lambda path: os.truncate(path / "counts.npy", 10_000),
+    "counts of objects": lambda path: put(path / "counts.npy", np.array([print], dtype=object)),
+    "columns cut short": lambda path: os.truncate(path / "columns.npz", 500),
+    "columns of zeros": lambda path: put(path / "columns.npz", bytes(500)),
+    "columns of other names": lambda path: write_columns(path, {"label": np.zeros(10)}),
+    "no counts": lambda path: (path / "counts.npy").unlink(),
+    "no table": lambda path: rmtree(path),
+    "a file": lambda path: (rmtree(path), put(path, b"HDF")),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_table_is_refused_in_one_line(tmp_path, damage):
+    path = tmp_path / "frames"
     save_table(path, made())
-    if damage == "cut short":
-        os.truncate(path, path.stat().st_size - 100)
-    else:
-        with h5py.File(path, "r+") as file:
-            del file["counts"]
-            if damage == "chunks":
-                file.create_dataset("counts", data=made().counts, compression="gzip")
-    with pytest.raises(UserError, match=r"^.*frames\.h5: damaged, .*delete it and run `dvc repro` again$") as error:
+    DAMAGE[damage](path)
+    with pytest.raises(UserError, match=r"^.*frames: damaged, .*delete it and run `dvc repro` again$") as error:
         read_frames(path)
     assert "\n" not in str(error.value)
 
 
-def test_a_file_that_is_replaced_is_read_on_and_one_that_is_cut_short_ends_in_one_line(tmp_path):
-    path, before = tmp_path / "frames.h5", made()
+def test_a_table_that_is_replaced_is_read_on(tmp_path):
+    path, before = tmp_path / "frames", made()
     save_table(path, before)
     read = read_frames(path)
     save_table(path, made(seed=1))
-    np.testing.assert_array_equal(read.counts[:], before.counts)
-    read = read_frames(path)
-    os.truncate(path, 100)
-    with pytest.raises(UserError, match=r"frames\.h5: "):
-        read.inputs(np.arange(10))
+    np.testing.assert_array_equal(read.counts, before.counts)
 
 
 def test_two_writes_give_equal_bytes_and_other_frames_give_others(tmp_path):
-    for name, seed in (("a.h5", 0), ("b.h5", 0), ("c.h5", 1)):
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         save_table(tmp_path / name, made(seed=seed))
-    digests = [md5(tmp_path / name) for name in ("a.h5", "b.h5", "c.h5")]
+    digests = [md5(tmp_path / name) for name in ("a", "b", "c")]
     assert digests[0] == digests[1] != digests[2]
+
+
+COUNTS = np.random.default_rng(0).integers(500, 600, size=(5000, 3, 4)).astype(np.int16)  # two blocks
+TABLES = {  # functions that write a table
+    "recordings": lambda path: read_source(path.parent / "source" / "pen" / "1.npy", path, Form(labelled=False)),
+    "frames": lambda path: save_table(path, replace(made(), counts=COUNTS)),
+    "views": lambda path: save_table(path, Views(np.zeros(9000, np.int16), np.arange(9000), np.zeros((4, 3)))),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_on_a_full_disk_is_an_error_or_right(tmp_path, name):
+    (tmp_path / "source" / "pen").mkdir(parents=True)
+    np.save(tmp_path / "source" / "pen" / "1.npy", COUNTS)
+    path = tmp_path / name
+    TABLES[name](path)
+    right = {file.name: file.read_bytes() for file in path.iterdir()}
+    largest = max(map(len, right.values()))
+    sizes = [0, 100, largest // 3, largest - 4096, largest - 128, largest - 1, largest, 2 * largest]
+    written = []
+    for size in sizes:
+        try:
+            with room_for(size):
+                TABLES[name](path)
+            written.append(size)
+        except OSError as error:
+            assert error.errno == errno.EFBIG and f"{name}" in str(error)
+        assert {file.name: file.read_bytes() for file in path.iterdir()} == right
+    assert written == sizes[-2:] and sorted(each.name for each in tmp_path.iterdir()) == sorted([name, "source"])
 
 
 def test_points_lie_row_by_row_in_memory():

@@ -1,6 +1,5 @@
 """The table of raw counts."""
 
-import h5py
 import numpy as np
 import pytest
 
@@ -8,6 +7,7 @@ from tactile_viewgcn.files import atomic_write, md5
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import COLUMNS, Form, storage_type
 from tactile_viewgcn.tables import recordings as module
+from tactile_viewgcn.tables.counts import read_columns, write_columns
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings
 from tests.glove_data import source, written
 
@@ -25,11 +25,11 @@ def test_recordings_in_blocks_are_written_in_equal_bytes_and_read_back_whole(tmp
         "grasp": np.arange(50) // 4,
         "valid": np.arange(50) % 3 == 0,
     }
-    for name in ("t.h5", "again.h5"):
-        write_recordings(tmp_path / name, source(COUNTS, cuts=(7, 7, 30), **columns), "0" * 32)
-    assert md5(tmp_path / "t.h5") == md5(tmp_path / "again.h5")
+    for name in ("t", "again"):
+        write_recordings(tmp_path / name, source(COUNTS, cuts=(7, 7, 30), **columns))
+    assert md5(tmp_path / "t") == md5(tmp_path / "again")
     monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
-    table = Recordings(tmp_path / "t.h5")
+    table = Recordings(tmp_path / "t")
     np.testing.assert_array_equal(table.counts[np.arange(50)], COUNTS)
     assert table.columns.keys() == columns.keys()
     assert all(values.dtype == COLUMNS[name] for name, values in table.columns.items())
@@ -51,18 +51,19 @@ def test_errors_name_the_source_of_a_temporary_table(tmp_path):
 
 @pytest.mark.parametrize("name", ["objects", "live", "session"])
 def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
-    written(tmp_path / "t.h5", COUNTS)
-    with h5py.File(tmp_path / "t.h5", "r+") as file:
-        del file[name]
-    with pytest.raises(UserError, match=r"t\.h5: damaged, or not written by this version .*dvc repro"):
-        Recordings(tmp_path / "t.h5")
+    written(tmp_path / "t", COUNTS)
+    values = read_columns(tmp_path / "t")
+    del values[name]
+    write_columns(tmp_path / "t", values)
+    with pytest.raises(UserError, match=r"t: damaged, or not written by this version .*dvc repro"):
+        Recordings(tmp_path / "t")
 
 
 def test_frames_and_sensors_that_ever_vary_are_indexed_like_arrays(tmp_path):
     counts = COUNTS.copy()
     counts[:, 1:3, 2] = counts[:, 3, 4:] = 510
     counts[13, 3, 4], counts[0, 3, 5] = 511, 509
-    table = written(tmp_path / "t.h5", counts, cuts=(5, 10))
+    table = written(tmp_path / "t", counts, cuts=(5, 10))
     assert np.argwhere(~table.live).tolist() == [[1, 2], [2, 2]]
     frames, live = table.part(np.arange(0, 50, 3)).counts, table.live_counts()
     for gathered, array in ((frames, counts[::3]), (live, np.ascontiguousarray(counts[:, table.live]))):
@@ -88,12 +89,12 @@ def test_counts_are_kept_as_integers_and_other_numbers_in_their_precision(dtype,
 
 
 def test_a_source_that_fails_halfway_leaves_the_old_table(tmp_path):
-    path, recording = tmp_path / "t.h5", np.zeros(50, int)
-    write_recordings(path, source(COUNTS), "0" * 32)
+    path, recording = tmp_path / "t", np.zeros(50, int)
+    write_recordings(path, source(COUNTS))
     before = md5(path)
     recording[33] = -1
     line = r"recording of frame 33 is -1; expected .* 0 to 0"
-    with pytest.raises(UserError, match=line), atomic_write(path) as part:
-        write_recordings(part, source(COUNTS, cuts=(10, 30), recording=recording), "0" * 32)
+    with pytest.raises(UserError, match=line), atomic_write(path, folder=True) as part:
+        write_recordings(part, source(COUNTS, cuts=(10, 30), recording=recording))
     assert md5(path) == before
     assert list(tmp_path.iterdir()) == [path]

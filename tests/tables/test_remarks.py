@@ -39,7 +39,7 @@ SECONDS = 0.1 * np.arange(60)
          "times fall", "milliseconds", "no times", "labels", "jittering clock", "clock"],
 )  # fmt: skip
 def test_what_spoils_a_result_is_said_of_the_table(tmp_path, counts, changes, warned):
-    table = written(tmp_path / "t.h5", counts, **(SOUND | changes))
+    table = written(tmp_path / "t", counts, **(SOUND | changes))
     notes = {note.topic: note.text for note in remarks(table, originals(table))}
     assert notes.keys() == warned.keys()
     assert [word for topic, words in warned.items() for word in words.split("|") if word not in notes[topic]] == []

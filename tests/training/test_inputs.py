@@ -15,8 +15,8 @@ from tests.glove_data import CPU, table
 @pytest.fixture
 def both(tmp_path):
     """The table in memory, and the same as it is read."""
-    save_table(tmp_path / "frames.h5", table())
-    read = read_frames(tmp_path / "frames.h5")
+    save_table(tmp_path / "frames", table())
+    read = read_frames(tmp_path / "frames")
     return replace(read, counts=read.counts[:]), read
 
 

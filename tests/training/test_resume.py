@@ -43,18 +43,18 @@ def place(tmp_path_factory):
     (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     (place / "needs.json").write_text('{"cluster": true, "pretrain": true}')
     save_matlab5(place / "metadata.mat", metadata(objects=4, recordings=3, frames=12))
-    run(place, "ingest", "--set", "data.source=metadata.mat", "--out", "recordings.h5")
-    run(place, "preprocess", "--recordings", "recordings.h5", "--out", "frames.h5", "--kept", "kept.csv")
-    run(place, "cluster", "--needs", "needs.json", "--frames", "frames.h5", "--out", "views.h5")
+    run(place, "ingest", "--set", "data.source=metadata.mat", "--out", "recordings")
+    run(place, "preprocess", "--recordings", "recordings", "--out", "frames", "--kept", "kept.csv")
+    run(place, "cluster", "--needs", "needs.json", "--frames", "frames", "--out", "views")
     return place
 
 
-FINETUNE = "--frames frames.h5 --views views.h5 --backbone backbone.pt --set finetune.feature_reuse=2"
+FINETUNE = "--frames frames --views views --backbone backbone.pt --set finetune.feature_reuse=2"
 
 
 @pytest.mark.parametrize(
     ("stage", "inputs", "out"),
-    [("pretrain", "--needs needs.json --frames frames.h5", "backbone.pt"), ("finetune", FINETUNE, "classifier.pt")],
+    [("pretrain", "--needs needs.json --frames frames", "backbone.pt"), ("finetune", FINETUNE, "classifier.pt")],
 )
 def test_a_stage_that_was_killed_goes_on_and_ends_as_one_that_was_not(place, stage, inputs, out):
     words = (*inputs.split(), "--out", out)

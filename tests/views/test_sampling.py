@@ -121,8 +121,8 @@ def test_without_clusters_view_sets_are_all_pairs_of_a_pool():
 def test_views_come_back_as_they_were_written(tmp_path, cluster):
     rng = np.random.default_rng(0)
     views = Views(np.array(cluster, np.int16), np.array([0, 4, 1]), rng.random((3, 3)))
-    save_table(tmp_path / "views.h5", views)
-    back = load_table(tmp_path / "views.h5", Views)
+    save_table(tmp_path / "views", views)
+    back = load_table(tmp_path / "views", Views)
     for name in ("cluster", "pool", "viewpoints"):
         np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
         assert getattr(back, name).dtype == getattr(views, name).dtype
