@@ -9,7 +9,7 @@ from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import Frames, read_frames
 
-FRAMES, CLASSIFIER = Path("data/frames.h5"), Path("models/classifier.pt")  # as `dvc repro` leaves them
+FRAMES, CLASSIFIER = Path("data/frames"), Path("models/classifier.pt")  # as `dvc repro` leaves them
 
 
 def read_trained(frames: Path, classifier: Path, params: Params) -> tuple[Classifier, Frames, Params]:

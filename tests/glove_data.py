@@ -329,7 +329,7 @@ def table(*changes: str) -> Frames:
     tree = metadata(objects=4, recordings=6, frames=12)
     tree["pressure"] = tree["pressure"][:, *CORNER]
     with tempfile.TemporaryDirectory() as folder:
-        source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings.h5"
+        source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings"
         write_recordings(path, read_metadata(save_matlab5(source, tree)))
         recordings = Recordings(path)
         return preprocess_recordings(recordings, params.preprocess, params.split).frames

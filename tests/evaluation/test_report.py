@@ -157,8 +157,8 @@ def test_three_classes_have_no_error_of_the_first_three(evaluation, timing):
 
 def test_the_dataset_is_the_source_that_ingest_read():
     source = {"path": "data/stag", "md5": "0123456789abcdef"}
-    assert dataset({"ingest": replace(RECORD, inputs={"source": source})}, "frames.h5", "ff") == (
+    assert dataset({"ingest": replace(RECORD, inputs={"source": source})}, "frames", "ff") == (
         "data/stag",
         "01234567",
     )
-    assert dataset({}, "frames.h5", "fedcba9876543210") == ("frames.h5", "fedcba98")
+    assert dataset({}, "frames", "fedcba9876543210") == ("frames", "fedcba98")
