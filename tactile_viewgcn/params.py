@@ -186,11 +186,10 @@ class Evaluate:
 class Glove:
     """The virtual glove."""
 
-    scale: Literal["small", "stag"] = "small"
     sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
     grasps: Count = 10
     grasp_frames: Count = 10
-    objects: Literal["all"] | Annotated[list[StrictStr | dict], Strict(), MinLen(1)] = "all"
+    objects: Literal["all"] | Annotated[list[StrictStr], Strict(), MinLen(1)] = "all"
     seed: Seed = 0
     leave_out: Annotated[list[Mechanics | Reading], Strict(), Unique] = field(default_factory=list)
 

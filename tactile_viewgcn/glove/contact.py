@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 from tactile_viewgcn.glove.collision import NO_CONTACTS, Contacts, collisions
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands
 from tactile_viewgcn.glove.shapes import Solids
-from tactile_viewgcn.messages import UserError
 
 LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: range of the two coordinates of a finger
 JOINT = np.array([0.25, 0.16])  # N m / rad: springs towards the posture
@@ -119,14 +118,11 @@ class Mechanics:
         drive: prescribed motion and loads.
         layer: skin and damping.
         motion: whether the object's position is unknown too; n is 13 then, else 10.
-        names: names of the objects, for errors.
     """
 
     def __init__(
-        self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *,
-        motion: bool, names: list[str] | None = None,
-    ):  # fmt: skip
-        self.names = names or [str(number) for number in range(len(stiffness))]
+        self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *, motion: bool
+    ):
         self.hands, self.solids, self.drive, self.layer, self.motion = hands, solids, drive, layer, motion
         self.stiffness = layer.series(np.asarray(stiffness, dtype=float))
         self.size = 13 if motion else 10
@@ -136,25 +132,11 @@ class Mechanics:
         self.lever[10:] = LEVER
 
     def initial_state(self) -> np.ndarray:
-        """States (B, n) in the prescribed posture and position of the first knot.
-
-        Raises:
-            UserError: an object starts inside the palm.
-        """
-        count = len(self.stiffness)
-        rows, start = np.arange(count), self.drive.at(np.arange(count), np.zeros(count))
-        contacts, _, _ = self._contacts(rows, start["posture"], start["position"], start, palm=True)
-        if (contacts.patch >= LINK_PATCHES).any():  # it could be pushed out on the palm's far side
-            worst = np.where(contacts.patch >= LINK_PATCHES, contacts.depth, 0).argmax()
-            row = contacts.row[worst]
-            raise UserError(
-                f"object {self.names[row]} starts "
-                f"{contacts.depth[worst] * 1e3:.3g} mm inside the palm; expected it outside; start it further away"
-            )
-        y = np.zeros((count, self.size))
-        y[:, :10] = start["posture"].reshape(count, 10)
+        """States (B, n) in the prescribed posture and position of the first knot."""
+        y = np.zeros((len(self.stiffness), self.size))
+        y[:, :10] = self.drive.posture[:, 0].reshape(-1, 10)
         if self.motion:
-            y[:, 10:] = start["position"]
+            y[:, 10:] = self.drive.position[:, 0]
         return y
 
     def evaluate(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:

@@ -185,10 +185,10 @@ class ImplicitIntegrator:
     def _end_step(self, rows: np.ndarray, error: np.ndarray, steps: _Steps, states: np.ndarray) -> None:
         """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones."""
         steps.taken[rows] += 1
-        if (endless := steps.taken[rows] > MOST_STEPS).any():
+        if (steps.taken[rows] > MOST_STEPS).any():
             raise UserError(
-                f"object {self.mechanics.names[rows[endless.argmax()]]}: {MOST_STEPS} steps do not end a frame of "
-                f"{self.frame:.3g} s; expected a softer or a lighter object"
+                f"{MOST_STEPS} steps do not end a frame of {self.frame:.3g} s at a tolerance of {self.tolerance:g}; "
+                "expected a softer or a lighter object, or a larger tolerance"
             )
         error = np.where(steps.solved[rows], error, UNSOLVED)
         if self.step is None and self.mechanics.solids.has_primitives:

@@ -5,54 +5,24 @@ shapes and materials are ours. The z axis of an object is its long or round axis
 palm's axes, see `hand.py`.
 """
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from difflib import get_close_matches
 from math import pi
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Interval
-from pydantic import BeforeValidator, StringConstraints, ValidationError
-from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove.shapes import BOX, Primitive, Vector, box, capsule, cylinder, sphere, torus, tube
 from tactile_viewgcn.messages import EMPTY_HAND, UserError
-from tactile_viewgcn.schema import SECTION, build
 
 # Stiffness of surfaces, Pa/m: pressure per depth.
 PLUSH, FOAM, RUBBER, SOFT, CARD, PLASTIC, STEEL = 1e6, 4e6, 2e7, 5e7, 2e8, 2e9, 5e10
 ACROSS = (pi / 2, 0.0, 0.0)  # the long axis lies across the palm, the fingers close around it
 FACING = (0.0, 0.0, 0.0)  # the long axis stands on the palm
-SHAPES: dict[str, Callable[..., Primitive]] = {
-    shape.__name__: shape for shape in (sphere, box, cylinder, capsule, torus, tube)
-}
-
-Name = Annotated[str, StringConstraints(pattern=r"^\w[\w .-]*$")]  # it is part of a file's name
-Stiffness = Annotated[float, Interval(ge=1e3, le=1e12)]
-Weight = Annotated[float, Interval(ge=0, le=1e5)]
 
 
-def _primitive(part: Any) -> Any:
-    """The primitive of a description such as {sphere: {radius: 0.03}}; anything else unchanged.
-
-    Raises:
-        ValueError: the description is not of one shape with its sizes.
-    """
-    if not isinstance(part, dict):
-        return part
-    try:
-        ((shape, sizes),) = part.items()
-        return SHAPES[shape](**sizes)
-    except ValidationError as error:
-        first = error.errors()[0]
-        reason = ": ".join([*map(str, first["loc"]), first["msg"].removeprefix("Value error, ")])
-    except (KeyError, TypeError, ValueError) as error:
-        reason = str(error)
-    raise ValueError(f"{reason} in {part}; expected one of {', '.join(SHAPES)} with its sizes in m")
-
-
-@dataclass(frozen=True, config=SECTION)
+@dataclass(frozen=True)
 class GraspObject:
     """An object to grasp.
 
@@ -63,16 +33,14 @@ class GraspObject:
         parts: primitives whose union is the object; none for the empty hand.
         orientation: usual rotation vector (rad) from the object's axes to the palm's.
         pinch: whether fingertips hold it, and not the palm.
-        position: (x, y, z) m where it is held, in the palm's axes; None: the usual place for `pinch`.
     """
 
-    name: Name
-    weight: Weight
-    stiffness: Stiffness
-    parts: tuple[Annotated[Primitive, BeforeValidator(_primitive)], ...]
+    name: str
+    weight: float
+    stiffness: float
+    parts: tuple[Primitive, ...]
     orientation: Vector = ACROSS
     pinch: bool = False
-    position: Vector | None = None
 
     def lowest(self, rotation: np.ndarray) -> float:
         """Distance (m) that it reaches below its origin, along -z, after a rotation (3, 3); cuts are ignored."""
@@ -152,34 +120,23 @@ OBJECTS = (
 )  # fmt: skip
 
 
-def select_objects(selection: str | list[str | dict[str, Any]]) -> tuple[GraspObject, ...]:
+def select_objects(selection: str | list[str]) -> tuple[GraspObject, ...]:
     """Objects to simulate, the empty hand first.
 
     Args:
-        selection: "all", or a list of names and of descriptions, such as
-            {name: cup, weight: 90, stiffness: 1e9, parts: [{tube: {inner: 0.03, outer: 0.034, length: 0.08}}]}.
+        selection: "all", or a list of names.
 
     Raises:
-        UserError: a name is unknown or stands twice, there is no object but the empty hand, or a description is none of
-            a `GraspObject` with a part.
+        UserError: a name is unknown or stands twice, or there is no object but the empty hand.
     """
     if selection == "all":
         return OBJECTS
     by_name = {grasp_object.name: grasp_object for grasp_object in OBJECTS}
-    selected = {EMPTY_HAND: by_name[EMPTY_HAND]}
-    for entry in selection:
-        if entry == EMPTY_HAND:
-            continue
-        if isinstance(entry, dict):
-            grasp_object = build(GraspObject, entry, f"object {entry.get('name')!r}")
-        elif entry in by_name:
-            grasp_object = by_name[entry]
-        else:
-            near = get_close_matches(entry, by_name, n=1) or by_name
-            raise UserError(f"unknown object {entry!r}; did you mean {' or '.join(near)}?")
-        if grasp_object.name in selected or not grasp_object.parts:
-            raise UserError(f"object {grasp_object.name}: expected a name that stands once, and a part or more")
-        selected[grasp_object.name] = grasp_object
-    if len(selected) == 1:
-        raise UserError("no object besides the empty hand; name at least one")
-    return tuple(selected.values())
+    names = [name for name in selection if name != EMPTY_HAND]
+    for name in names:
+        if name not in by_name:
+            near = get_close_matches(name, by_name, n=1) or by_name
+            raise UserError(f"glove.objects: unknown object {name!r}; did you mean {' or '.join(near)}?")
+    if not names or len(set(names)) < len(names):
+        raise UserError(f"glove.objects is {selection}; expected one object or more besides the empty hand, each once")
+    return tuple(by_name[name] for name in (EMPTY_HAND, *names))

@@ -17,7 +17,6 @@ RATE = 7.35  # frames a second, STAG's
 TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solver
 MECHANICS, READING = get_args(Mechanics), get_args(Reading)
 EFFECTS = MECHANICS + READING
-STAG_SIZE = {"sessions": 3, "frames": 1667, "grasps": 82}  # 81 recordings, 135,027 frames
 TRAINING_SESSIONS = 2  # as in STAG; the others are the test side
 MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15  # of all sessions; recordings are numbered in 16 bits
 
@@ -67,13 +66,12 @@ def recipe_from_params(glove: Any) -> Recipe:
         UserError: as `select_objects`, or there are more than MOST_FRAMES or MOST_RECORDINGS.
     """
     objects, frames = select_objects(glove.objects), OPENING + glove.grasps * glove.grasp_frames
-    size = {"sessions": glove.sessions, "frames": frames, "grasps": glove.grasps}
-    size = STAG_SIZE if glove.scale == "stag" else size
-    recordings = len(objects) * size["sessions"]
-    if recordings > MOST_RECORDINGS or recordings * size["frames"] > MOST_FRAMES:
+    recordings = len(objects) * glove.sessions
+    if recordings > MOST_RECORDINGS or recordings * frames > MOST_FRAMES:
         raise UserError(
-            f"{several(len(objects), 'object')}, glove.sessions {size['sessions']:,}, glove.grasps {size['grasps']:,}, "
+            f"{several(len(objects), 'object')}, glove.sessions {glove.sessions:,}, glove.grasps {glove.grasps:,}, "
             f"and glove.grasp_frames {glove.grasp_frames:,} are {recordings:,} recordings of "
-            f"{size['frames']:,} frames; expected at most {MOST_RECORDINGS:,}, and {MOST_FRAMES:,} frames in all"
+            f"{frames:,} frames; expected at most {MOST_RECORDINGS:,}, and {MOST_FRAMES:,} frames in all"
         )
-    return Recipe(objects=objects, seed=glove.seed, effects=frozenset(EFFECTS) - set(glove.leave_out), **size)
+    effects = frozenset(EFFECTS) - set(glove.leave_out)
+    return Recipe(objects, glove.sessions, frames, glove.grasps, glove.seed, effects=effects)

@@ -147,13 +147,10 @@ def _draw(
     rotation = Rotation.from_rotvec(spread(ROTATION, 3)) * usual * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
     below = np.array([grasp_object.lowest(matrix) for matrix in rotation.as_matrix()])
     position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
-    if grasp_object.position is not None:
-        position = np.tile(np.array(grasp_object.position, dtype=float), (grasps, 1))
-    elif not grasp_object.pinch:
+    if not grasp_object.pinch:
         position[:, 2] += below
     position += spread(POSITION, 3) * [1, 1, 0.3]
-    if grasp_object.position is None:
-        position[:, 2] = np.maximum(position[:, 2], below - DIP)
+    position[:, 2] = np.maximum(position[:, 2], below - DIP)
     opposition = np.clip(OPPOSITION + spread(THUMB, 1)[:, 0], ASIDE, 1.4)
     squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(spread(FINGER, 5))
     return position, rotation.as_rotvec(), opposition, squeeze

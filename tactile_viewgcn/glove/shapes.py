@@ -8,25 +8,19 @@ to the nearest face. A cut takes the larger of two distances and a union the sma
 (Hart, "Sphere tracing", The Visual Computer 12 (1996)).
 """
 
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from annotated_types import Interval
-from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.schema import SECTION
-
 REVOLVED, BOX = 0, 1
-LARGEST, THINNEST = 10.0, 1e-5  # m, and rad of a rotation vector: objects for a hand lie well between them
 NO_CUT = (0.0, 0.0, 1.0, np.inf)
 
-Length = Annotated[float, Interval(ge=0, le=LARGEST)]
-Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
-Vector = tuple[Number, Number, Number]
+Vector = tuple[float, float, float]
 
 
-@dataclass(frozen=True, config=SECTION)
+@dataclass(frozen=True)
 class Primitive:
     """One primitive and its place in the object. Lengths are in m.
 
@@ -37,25 +31,16 @@ class Primitive:
         offset: distance of a solid of revolution's section from its axis.
         centre: (3,) in the object's axes.
         rotation: (3,) rotation vector from the primitive's axes to the object's, rad.
-        cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c.
-
-    Raises:
-        ValidationError: a value is out of range, a cut has no direction, or the shape is thinner than THINNEST.
+        cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c; n has length 1.
     """
 
     kind: int
-    half: tuple[Length, ...]
-    round: Length = 0.0
-    offset: Length = 0.0
+    half: tuple[float, ...]
+    round: float = 0.0
+    offset: float = 0.0
     centre: Vector = (0.0, 0.0, 0.0)
     rotation: Vector = (0.0, 0.0, 0.0)
-    cut: tuple[Number, Number, Number, Number] | None = None
-
-    def __post_init__(self) -> None:
-        if self.cut and np.linalg.norm(self.cut[:3]) < THINNEST:
-            raise ValueError("a cut without a direction")
-        if min(self.half) + self.round < THINNEST:
-            raise ValueError(f"thinner than {THINNEST:g} m")
+    cut: tuple[float, float, float, float] = NO_CUT
 
     @property
     def bounding_radius(self) -> float:
@@ -65,16 +50,9 @@ class Primitive:
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
 
-def _inner_half(size: float, round: float, name: str) -> float:
-    """Half of a size (m) without its rounding; a rounding error, as in 0.006 / 2 - 0.003, counts as 0.
-
-    Raises:
-        ValueError: the rounding is above half of the size.
-    """
-    half = size / 2 - round
-    if half < -1e-9:
-        raise ValueError(f"{name} is {size:g} m, rounded by {round:g} m; expected at most half of it")
-    return max(half, 0.0)
+def _inner_half(size: float, round: float) -> float:
+    """Half of a size (m) without its rounding; a rounding error, as in 0.006 / 2 - 0.003, counts as 0."""
+    return max(size / 2 - round, 0.0)
 
 
 def sphere(radius: float, **placement: Any) -> Primitive:
@@ -84,18 +62,18 @@ def sphere(radius: float, **placement: Any) -> Primitive:
 
 def box(x: float, y: float, z: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A box of full sizes x, y and z with edges rounded by `round`, m."""
-    return Primitive(BOX, tuple(_inner_half(size, round, "box side") for size in (x, y, z)), round, 0, **placement)
+    return Primitive(BOX, tuple(_inner_half(size, round) for size in (x, y, z)), round, 0, **placement)
 
 
 def cylinder(radius: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A cylinder about z with edges rounded by `round`, m."""
-    half = _inner_half(2 * radius, round, "cylinder width"), _inner_half(length, round, "cylinder length")
+    half = _inner_half(2 * radius, round), _inner_half(length, round)
     return Primitive(REVOLVED, half, round, 0, **placement)
 
 
 def capsule(radius: float, length: float, **placement: Any) -> Primitive:
     """A cylinder about z that ends in hemispheres; `length` m includes them."""
-    return Primitive(REVOLVED, (0, _inner_half(length, radius, "capsule length")), radius, 0, **placement)
+    return Primitive(REVOLVED, (0, _inner_half(length, radius)), radius, 0, **placement)
 
 
 def torus(ring: float, tube: float, **placement: Any) -> Primitive:
@@ -105,7 +83,7 @@ def torus(ring: float, tube: float, **placement: Any) -> Primitive:
 
 def tube(inner: float, outer: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A hollow cylinder about z of radii `inner` and `outer` m, its edges rounded."""
-    half = _inner_half(outer - inner, round, "tube wall"), _inner_half(length, round, "tube length")
+    half = _inner_half(outer - inner, round), _inner_half(length, round)
     return Primitive(REVOLVED, half, round, (inner + outer) / 2, **placement)
 
 
@@ -129,14 +107,13 @@ class Solids:
             for p, part in enumerate(solids):
                 for name in ("kind", "bounding_radius", "round", "offset", "centre"):
                     getattr(self, name)[b, p] = getattr(part, name)
-                self.cut[b, p] = part.cut or NO_CUT
+                self.cut[b, p] = part.cut
                 self.half[b, p, : len(part.half)] = part.half
                 self.rotation[b, p] = Rotation.from_rotvec(part.rotation).as_matrix()
-        self.cut /= np.maximum(np.linalg.norm(self.cut[..., :3], axis=-1, keepdims=True), THINNEST)  # n of length 1
         self.has_primitives = bool((self.bounding_radius > 0).any())
         inradii = ([min(part.half) + part.round for part in solids] for solids in parts)
         self.inradius = np.array([min(radii, default=np.inf) for radii in inradii])
-        self.has_cut = any(part.cut for solids in parts for part in solids)
+        self.has_cut = any(part.cut != NO_CUT for solids in parts for part in solids)
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Signed distance (n,) m of points x (n, 3) m in the axes of primitives (b, p), both (n,)."""

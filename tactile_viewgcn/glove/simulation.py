@@ -53,11 +53,7 @@ class Simulation:
         self.statistics: Counter[str] = Counter()
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time.
-
-        Raises:
-            UserError: an object starts inside the palm.
-        """
+        """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time."""
         recipe, y = self.recipe, None
         # The movement of an empty hand shows only through the bending of the glove.
         solves = self.solids.has_primitives or "bending" in recipe.effects
@@ -78,9 +74,8 @@ class Simulation:
         """The equation of frames `start` to `stop`; its first knot is one frame before `start`."""
         drive = Drive(**{name: values[:, start : stop + 1] for name, values in vars(self.drive).items()})
         return Mechanics(
-            self.hands, self.solids, self.stiffness, drive, self.recipe.layer,
-            motion="motion" in self.recipe.effects, names=self.names,
-        )  # fmt: skip
+            self.hands, self.solids, self.stiffness, drive, self.recipe.layer, motion="motion" in self.recipe.effects
+        )
 
     def sensor_inputs(self, mechanics: Mechanics, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pressure (B, T, S) Pa on the sensors and flexion (B, T, S) rad under them, for states (B, T, n).
@@ -129,7 +124,7 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter
         The cost, see `Simulation.statistics`.
 
     Raises:
-        UserError: the grasps are too short for their phases, or an object starts inside the palm.
+        UserError: the grasps are too short for their phases.
     """
     workers = max(1, min(workers, len(recipe.cells) // MIN_RECORDINGS_PER_WORKER))
     with atomic_write(folder, folder=True) as part:

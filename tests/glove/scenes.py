@@ -51,7 +51,7 @@ def bed(count: int, width: float, *, tiles: int = 4) -> Hand:
 
 def scene(
     parts: list[list[Primitive]], position, *, posture=0.0, hands: list[Hand] | None = None, stiffness=2e7, layer=LAYER,
-    motion=True, knots=2, squeeze=0.0, opposition=0.3, rotation=(0.0, 0.0, 0.0), load=(0.0, 0.0, 0.0), **names,
+    motion=True, knots=2, squeeze=0.0, opposition=0.3, rotation=(0.0, 0.0, 0.0), load=(0.0, 0.0, 0.0),
 ) -> Mechanics:  # fmt: skip
     """B hands around objects, the drive the same at all knots: one union of `parts` for all, or one each.
 
@@ -69,7 +69,7 @@ def scene(
     )
     solids = Solids([list(one) for one in parts] * (count if len(parts) == 1 else 1))
     stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), count)
-    return Mechanics(Hands(hands or [stag_hand()] * count), solids, stiffness, drive, layer, motion=motion, **names)
+    return Mechanics(Hands(hands or [stag_hand()] * count), solids, stiffness, drive, layer, motion=motion)
 
 
 def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarray]:

@@ -114,5 +114,5 @@ def test_where_no_step_is_good_enough_the_smallest_ones_end_the_frame(monkeypatc
 def test_a_tolerance_that_steps_cannot_meet_ends_in_a_line(monkeypatch):
     monkeypatch.setattr(integrator, "MOST_STEPS", 40)
     mechanics, y = sphere_on_bed()
-    with pytest.raises(UserError, match=r"object 0: 40 steps do not end a frame of 0\.1 s"):
+    with pytest.raises(UserError, match=r"40 steps do not end a frame of 0\.1 s at a tolerance of 1e-08"):
         ImplicitIntegrator(mechanics, FRAME, 1e-8).run(y, 1)

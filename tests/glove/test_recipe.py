@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tactile_viewgcn.glove.recipe import EFFECTS, STAG_SIZE, recipe_from_params
+from tactile_viewgcn.glove.recipe import EFFECTS, recipe_from_params
 from tactile_viewgcn.glove.scene import OPENING
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
@@ -19,8 +19,7 @@ def test_parameters_become_a_recipe():
     assert (one.sessions, one.grasps, one.frames, one.seed, one.rate) == (3, 2, OPENING + 40, 5, 7.35)
     assert one.layer.stiffness == 1e7 and one.layer.thickness == 4e-3
     assert one.effects == set(EFFECTS) - {"noise"}
-    large = recipe_from_params(load(PARAMS, ("glove.scale=stag",)).glove)
-    assert {name: getattr(large, name) for name in STAG_SIZE} == {"sessions": 3, "frames": 1667, "grasps": 82}
+    large = recipe_from_params(load(PARAMS, ("glove.grasps=79", "glove.grasp_frames=21")).glove)
     assert large.cells[0] == (0, 0) and large.cells[-1] == (2, 26)
     assert len(large.cells) * large.frames == 135_027  # as many frames as STAG
 

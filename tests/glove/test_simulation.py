@@ -141,10 +141,8 @@ def test_one_seed_gives_the_same_files_whatever_the_number_of_processes_and_anot
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_an_object_that_starts_inside_the_palm_ends_in_a_line_and_leaves_nothing(tmp_path, monkeypatch, workers):
+def test_grasps_too_short_for_their_phases_end_in_a_line_and_leave_nothing(tmp_path, monkeypatch, workers):
     monkeypatch.setattr(simulation, "MIN_RECORDINGS_PER_WORKER", 1)
-    ball = {"name": "ball", "weight": 55, "stiffness": 2e7, "parts": [{"sphere": {"radius": 0.034}}]}
-    inside = recipe([ball | {"position": [0.05, 0, -0.03]}])  # below the palm, where it starts, AWAY above, too
-    with pytest.raises(UserError, match=r"object ball starts .* mm inside the palm"):
-        simulate(inside, tmp_path / "recordings", workers=workers)
+    with pytest.raises(UserError, match=r"22 frames, .* leave 2 grasps 7 each"):
+        simulate(recipe(grasps=2), tmp_path / "recordings", workers=workers)
     assert list(tmp_path.iterdir()) == []
