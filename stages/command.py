@@ -7,7 +7,7 @@ import signal
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,18 +15,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stages.pipeline import code_of, params_of, stages
-from tactile_viewgcn import tracking
 from tactile_viewgcn.files import md5, readable
 from tactile_viewgcn.messages import Note, UserError, user_message
 from tactile_viewgcn.params import load
 from tactile_viewgcn.process import peak_mb, seconds_since_start
 from tactile_viewgcn.provenance import Record, changes_of, committed_params, origin, run_name
 from tactile_viewgcn.schema import flatten
+from tactile_viewgcn.tracking import Run, stage_run
 
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
-
-LONG = 60.0  # seconds after which a training logs its epochs to MLflow
 
 
 @dataclass
@@ -35,22 +33,28 @@ class Job:
 
     Attributes:
         params: the parameters that the stage's `params` in dvc.yaml name, and no others.
-        md5s: md5 of each input, by name.
-        begin_run: begins the stage's run in MLflow; for a short stage `evaluate` makes the run later.
-        needed, run, counts, notes, curves: see `Record`.
+        inputs: path of each input, by name.
+        run: the stage's run in MLflow.
+        needed, counts, notes, curves: see `Record`.
         computed: device and precision of a stage that computes with torch.
     """
 
     stage: str
     params: Any
-    md5s: dict[str, str]
-    begin_run: Callable[[], tracking.Run] | None = None
+    inputs: dict[str, Path]
+    run: Run = field(default_factory=Run)
     needed: bool = True
-    run: tracking.Run = field(default_factory=tracking.Run)
     counts: dict[str, Any] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
     curves: dict[str, list[float]] = field(default_factory=dict)
     computed: dict[str, str] = field(default_factory=dict)
+    _md5s: dict[str, str] = field(default_factory=dict)
+
+    def md5(self, name: str) -> str:
+        """md5 of an input, which the record then has too."""
+        if name not in self._md5s:
+            self._md5s[name] = md5(self.inputs[name])
+        return self._md5s[name]
 
     def note(self, note: Note) -> None:
         """Print a note, and keep it for the record."""
@@ -69,15 +73,9 @@ class Job:
         return compute
 
     def epoch(self, epoch: int, values: dict[str, float]) -> None:
-        """Keep an epoch's values, log them to MLflow in a long training, and print them where no bar is shown."""
+        """Keep an epoch's values, log them to MLflow, and print them where no bar is shown."""
         for name, value in values.items():
             self.curves.setdefault(name, []).append(value)
-        if self.begin_run and seconds_since_start() > LONG:
-            begin, self.begin_run = self.begin_run, None
-            try:
-                self.run = begin()
-            except UserError as error:  # a training does not need the store
-                click.echo(f"warning: {error}; the training goes on without it", err=True)
         self.run.metrics(values, epoch)
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
@@ -87,24 +85,27 @@ class Job:
     def checkpoint_key(self) -> str:
         """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
         code = code_of(stages()[self.stage], getattr(self.params.model, "system", ""))
-        return hashlib.sha256(repr((self.params, self.md5s, code)).encode()).hexdigest()
+        inputs = list(map(self.md5, self.inputs))
+        return hashlib.sha256(repr((self.params, inputs, code)).encode()).hexdigest()
 
-    def record(self, name: str, inputs: dict[str, Path], params: dict[str, dict[str, Any]]) -> Record:
-        """The record of the stage, which is done: `name` of its run, paths of its inputs, and `Record.params`."""
+    def record(self, params: dict[str, dict[str, Any]]) -> Record:
+        """The record of the stage, which is done; see `Record.params`."""
         counts = dict(self.counts)
         seconds = seconds_since_start() + counts.pop("seconds_before_interruption", 0.0)
         if self.computed:
             from torch import get_num_threads
 
             counts["threads"] = get_num_threads()
+        inputs = {name: {"path": str(path)} for name, path in self.inputs.items()}
+        for name, digest in self._md5s.items():
+            inputs[name]["md5"] = digest
         return Record(
             stage=self.stage,
             needed=self.needed,
             run_id=self.run.id,
-            name=name,
             seconds=seconds,
             peak_mb=peak_mb(),
-            inputs={each: {"path": str(path), "md5": self.md5s[each]} for each, path in inputs.items()},
+            inputs=inputs,
             counts=counts,
             curves=self.curves,
             params=params,
@@ -120,41 +121,42 @@ def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out
         work: takes a `Job` and, by name, the paths of inputs and outputs; the text that it returns is printed once
             everything is written.
         inputs: files and folders that the stage reads, each an option, but for `source`, which is the parameter
-            data.source. `needs` says whether `model.system` needs the stage.
+            data.source. `needs` says whether `model.system` needs the stage; one that is left out has no run in MLflow.
         outputs: files that the stage writes, each an option.
         row: whether its run is the pipeline's row in MLflow, with every parameter; then it takes `after` too, the
             records of the stages that made its inputs.
     """
     name = work.__name__
     options = _options(work, [each for each in (*inputs, *outputs) if each != "source"], after=row)
-    record_path = options["record"]
     signal.signal(signal.SIGTERM, _end)
     try:
         params, entry = load(options["params"], options["set"]), stages()[name]
-        values, texts = flatten(params), {"model.system": params.model.system, "views": f"V={params.views}"}
+        values, words = flatten(params), [params.model.system, f"V={params.views}"]
         if not row:
-            prefixes, texts = tuple(f"{key}." for key in entry["params"]), {"": name}
+            prefixes, words = tuple(f"{key}." for key in entry["params"]), [name]
             values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
-        committed = committed_params(options["params"])
+        changed = changes_of(values, committed_params(options["params"]))
         paths = options | {"source": Path(params.data.source)}
         files = {each: paths[each] for each in inputs} | {path.stem: path for path in paths.get("after", ())}
-        job = Job(name, params_of(entry, params), {each: _md5(path) for each, path in files.items()})
+        for path in files.values():
+            if not path.exists():
+                raise UserError(
+                    f"{path}: no such file or folder; `dvc repro` makes what a stage reads, "
+                    "and data.source in params.yaml names what ingest reads"
+                )
+        job = Job(name, params_of(entry, params), files)
         if "needs" in inputs:
             with readable(paths["needs"]):
                 job.needed = json.loads(paths["needs"].read_text())[name]
-        title = run_name(values, committed, texts)
-        with ExitStack() as stack:
-            if record_path:
-                logged = tracking.stage_run(name, title, values, row=row)
-                job.begin_run = lambda: stack.enter_context(logged)
-                job.run = job.begin_run() if row else job.run
+        logged = stage_run(name, run_name(changed, *words), values, row=row) if job.needed else nullcontext(Run())
+        with logged as job.run:
             text = work(job, **{each: paths[each] for each in (*inputs, *outputs, *["after"] * row)})
-            if record_path:
-                record = job.record(title, files, {"values": values, "changed": changes_of(values, committed)})
-                record.write(record_path)
-                if row:
-                    job.run.tags(record.tags)
-                    job.run.artifacts(record_path)
+            record = job.record({"values": values, "changed": changed})
+            if options["record"]:
+                record.write(options["record"])
+            if not row:  # which has the costs of all stages
+                job.run.metrics({"seconds": record.seconds, "peak_mb": record.peak_mb})
+            job.run.record(record)
             click.echo(text)
     except Exception as error:
         message = user_message(error)
@@ -176,7 +178,7 @@ def _options(work: Callable[..., str], paths: list[str], *, after: bool) -> dict
         parser.add_argument("--after", type=Path, action="append", default=[])
     parser.add_argument("--params", type=Path, default="params.yaml")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="Change a parameter.")
-    parser.add_argument("--record", type=Path, help="File for costs and notes; without it nothing goes to MLflow.")
+    parser.add_argument("--record", type=Path, help="File for costs and notes.")
     parser.add_argument("--debug", action="store_true", help="Show the traceback of an error.")
     return vars(parser.parse_args())
 
@@ -184,12 +186,3 @@ def _options(work: Callable[..., str], paths: list[str], *, after: bool) -> dict
 def _end(*_: object) -> None:
     """End after SIGTERM, which `dvc queue kill` sends."""
     sys.exit(143)
-
-
-def _md5(path: Path) -> str:
-    if not path.exists():
-        raise UserError(
-            f"{path}: no such file or folder; `dvc repro` makes what a stage reads, "
-            "and data.source in params.yaml names what ingest reads"
-        )
-    return md5(path)

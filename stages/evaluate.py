@@ -19,7 +19,10 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
     metrics, predictions = evaluation.metrics, evaluation.predictions
     write_predictions(out / "predictions.npz", predictions)
-    row.dataset(*report.dataset(records, str(frames), job.md5s["frames"]))
+    if "ingest" in records:
+        row.dataset(*report.dataset(records["ingest"]))
+    for path in after:
+        job.md5(path.stem)  # `report` sees by it that a stage ran again
     tags, constants = report.row_tags_and_parameters(metrics, records)
     row.tags(tags)
     row.parameters(constants)
@@ -41,8 +44,6 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
             row.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
         for views, error in report.errors_by_views(metrics, protocol).items():
             row.metrics({f"views.error.{protocol}": error["mean"]}, int(views))
-    for path in after:
-        row.stage(path)
     lines = report.summary_lines(metrics, timing)
     if address:
         lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")

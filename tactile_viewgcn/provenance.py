@@ -1,6 +1,6 @@
 """The record of a stage, runs/STAGE.json: what it did, with which code and parameters, on which machine, at what cost.
 
-A run is named by the parameters that differ from the params.yaml in git.
+A run in MLflow is named by the parameters that differ from the params.yaml in git.
 """
 
 import json
@@ -21,8 +21,7 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.process import processor
 from tactile_viewgcn.schema import as_change, flatten, parse
 
-MOST_FILES = 20  # names of changed files in a record
-WRITTEN = "dvc.lock", "results/summary.json"  # every run writes them: no change of the code
+WRITTEN = "params.yaml", "dvc.lock", "results/summary.json"  # no change of the code: a record has its parameters
 PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # a record has their versions
 
 
@@ -33,10 +32,9 @@ class Record:
     Attributes:
         stage: the stage's name.
         needed: whether `model.system` needs the stage.
-        run_id: of the stage's own run in MLflow; None where it began none.
-        name: of that run, or of the one that `evaluate` makes from the record.
+        run_id: of the stage's run in MLflow; None where it has none.
         seconds: of the process, and of the training before an interruption; peak_mb: see `process.peak_mb`.
-        inputs: `path` and `md5` of each input, by its name.
+        inputs: `path` of each input, by its name, and its `md5` where the stage needs it.
         counts: single values; curves: a value for each epoch; both by name.
         params: `values`, the parameters that the stage reads, and `changed`, those that differ from git; by dotted key.
         notes: the stage's remarks.
@@ -46,7 +44,6 @@ class Record:
     stage: str
     needed: bool
     run_id: str | None
-    name: str
     seconds: float
     peak_mb: float
     inputs: dict[str, dict[str, str]]
@@ -58,13 +55,18 @@ class Record:
 
     @property
     def tags(self) -> dict[str, str]:
-        """Tags of the run in MLflow: origin, and md5 of each input."""
-        return self.origin | {f"md5.{name}": each["md5"] for name, each in self.inputs.items()}
+        """Tags of the run in MLflow: origin, and md5 of inputs."""
+        return self.origin | {f"md5.{name}": each["md5"] for name, each in self.inputs.items() if "md5" in each}
+
+    @property
+    def text(self) -> str:
+        """The record as JSON."""
+        return json.dumps(asdict(self), indent=2) + "\n"
 
     def write(self, path: Path) -> None:
-        """Write the record to a file of JSON."""
+        """Write the record to a file."""
         with atomic_write(path) as part:
-            part.write_text(json.dumps(asdict(self), indent=2) + "\n")
+            part.write_text(self.text)
 
     @classmethod
     def read(cls, text: str | bytes) -> "Record":
@@ -75,17 +77,11 @@ class Record:
 
 
 def git_revision() -> dict[str, str]:
-    """The commit of the code, whether files differ from it, and their names, one a line; empty outside git."""
-    commit = _git("rev-parse", "HEAD")
+    """The commit of the code, and whether a file differs from it that is not in `WRITTEN`; empty outside git."""
     excluded = [f":(top,exclude,glob)**/{name}" for name in WRITTEN]
-    names = _git("diff", "HEAD", "--name-only", "--no-renames", "-z", "--", ":/", *excluded)
-    if not commit:
-        return {}
-    changed = names.split("\0")[:-1]
-    if len(changed) > MOST_FILES:
-        changed[MOST_FILES:] = [f"and {len(changed) - MOST_FILES} more"]
-    revision = {"mlflow.source.git.commit": commit.strip(), "git.dirty": str(bool(changed)).lower()}
-    return revision | ({"git.changed": "\n".join(changed)} if changed else {})
+    changed = _git("diff", "HEAD", "--name-only", "--", ":/", *excluded)
+    commit = _git("rev-parse", "HEAD").strip()
+    return {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()} if commit else {}
 
 
 def committed_params(path: Path) -> dict[str, Any]:
@@ -102,18 +98,12 @@ def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, A
     return {key: value for key, value in values.items() if key in committed and value != committed[key]}
 
 
-def run_name(values: dict[str, Any], committed: dict[str, Any], texts: dict[str, str]) -> str:
-    """A name for people, such as `V=12 pretrain.lr=0.01 mvcnn`: first the values that differ from the committed ones.
+def run_name(changed: dict[str, Any], *words: str) -> str:
+    """A name for people, such as `views=12 pretrain.lr=0.01 mvcnn`: the changed values, see `changes_of`, then words.
 
     The shortest stands first: a list cuts long names, and runs with one long path differ in a short value.
-
-    Args:
-        values: by dotted key, see `changes_of`.
-        texts: words of every name; the text of a key stands in the place of that key's `key=value`.
     """
-    changed = changes_of(values, committed)
-    first = sorted((texts.get(key) or as_change(key, value) for key, value in changed.items()), key=len)
-    return " ".join([*first, *(text for key, text in texts.items() if key not in changed)])
+    return " ".join([*sorted(map(as_change, changed, changed.values()), key=len), *words])
 
 
 def origin(stage: str) -> dict[str, str]:

@@ -11,9 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from tactile_viewgcn import tracking
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.provenance import Record
 from tests.mlflow_stores import fresh_store, runs_of, server
 from tests.records import RECORD
@@ -24,14 +25,6 @@ pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
 
 def steps(client, run_id, name):
     return sorted((metric.step, metric.value) for metric in client.get_metric_history(run_id, name))
-
-
-def evaluated(*paths):
-    """The row of an evaluation after stages with these records."""
-    with tracking.stage_run("evaluate", row=True) as row:
-        for path in paths:
-            row.stage(path)
-        row.metrics({"error": 0.5})
 
 
 def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client, monkeypatch):
@@ -70,43 +63,18 @@ def test_an_evaluated_pipeline_is_a_row_with_its_dataset_and_its_trials_as_steps
     assert steps(client, row.info.run_id, "trials.error.object") == [(1, 0.25), (2, 0.5)]
 
 
-def test_a_stage_is_logged_from_its_record_once_and_the_run_that_it_began_is_completed(store, client, tmp_path):
-    with tracking.stage_run("finetune") as begun:
-        begun.metrics({"loss": 3.0}, step=1)
-    paths = []
-    for changes in ({}, {"stage": "finetune", "run_id": begun.id}, {"stage": "cluster", "needed": False}):
-        record = replace(RECORD, **changes)
-        paths.append(tmp_path / f"{record.stage}.json")
-        record.write(paths[-1])
-        assert Record.read(paths[-1].read_text()) == record
-    evaluated(*paths)
-    evaluated(*paths)
-    runs = {run.info.run_id: run for run in runs_of(client)}
-    for row in runs_of(client, tracking.EXPERIMENT):
-        links = {name: value for name, value in row.data.tags.items() if name.startswith("stage.")}
-        assert links["stage.finetune"] == begun.id and set(links.values()) == set(runs) and len(runs) == 2
-    for run_id, run in runs.items():
-        assert steps(client, run_id, "loss") == [(1, 3.0), (2, 2.0)]
-        assert run.data.params == {"pretrain.lr": "0.01", "weights.backbone": "7"}
-        assert run.data.metrics == {"loss": 2.0, "seconds": 9.0, "peak_mb": 50.5}
-        assert run.data.tags["md5.frames"] == "ab" and run.info.status == "FINISHED"
-    made = runs[links["stage.pretrain"]].info
-    assert made.run_name == "pretrain.lr=0.01" and made.end_time - made.start_time == 9000
-
-
-def test_a_run_of_a_different_store_is_made_anew_and_a_damaged_record_costs_its_link(store, client, tmp_path, capsys):
-    damaged, path = tmp_path / "0.json", tmp_path / "1.json"
-    damaged.write_text('{"stage": "ingest"}')
-    replace(RECORD, run_id="0" * 32).write(path)
-    evaluated(damaged, path)
-    (run,), (row,) = runs_of(client), runs_of(client, tracking.EXPERIMENT)
-    assert row.info.status == "FINISHED" and row.data.metrics == {"error": 0.5}
-    assert row.data.tags["stage.pretrain"] == run.info.run_id and "stage.ingest" not in row.data.tags
-    assert capsys.readouterr().err.count("0.json") == 1
-    client.delete_run(run.info.run_id)
-    replace(RECORD, run_id=run.info.run_id).write(path)
-    evaluated(path)
-    assert [made.info.run_id for made in runs_of(client)] != [run.info.run_id] and capsys.readouterr().err == ""
+def test_a_record_is_the_run_s_counts_tags_description_and_artifact(store, client):
+    counts = {"frames": 12, "leak.error": 0.25, "resolved.preprocess.baseline": "grasp"}
+    inputs, notes = {"source": {"path": "a", "md5": "ab"}, "needs": {"path": "b"}}, [Note("no sound"), Note("no light")]
+    record = replace(RECORD, stage="preprocess", counts=counts, inputs=inputs, notes=notes)
+    with tracking.stage_run("preprocess") as run:
+        run.record(record)
+    data = client.get_run(run.id).data
+    assert data.metrics == {"frames": 12, "leak.error": 0.25}
+    assert data.params == {"resolved.preprocess.baseline": "grasp"}
+    assert data.tags["md5.source"] == "ab" and "md5.needs" not in data.tags
+    assert data.tags["mlflow.note.content"] == "- no sound\n- no light"
+    assert Record.read(tracking.read_artifact(run.id, "preprocess.json")) == record
 
 
 @pytest.mark.parametrize(
@@ -120,66 +88,74 @@ def test_a_stage_that_ends_early_leaves_a_run_with_its_traceback(store, client, 
     assert f"{type(error).__name__}: {error}" in tracking.read_artifact(ended.info.run_id, "traceback.txt").decode()
 
 
+def begun(stage="ingest"):
+    """The id of a stage's run, whose block has run whatever the store did."""
+    ran = False
+    with tracking.stage_run(stage) as run:
+        run.metrics({"seconds": 1})
+        ran = True
+    assert ran
+    return run.id
+
+
 @pytest.mark.parametrize(
-    ("uri", "names"),
+    "uri",
     [
-        ("http://me:sec ret@127.0.0.1:9", "http://127.0.0.1:9"),
-        ("http://me@lab:sec%2Fret@127.0.0.1:9", "http://127.0.0.1:9"),
-        ("http://me:sec/ret@127.0.0.1:9", "%2F"),
-        ("http://localhost:50x0", "localhost:50x0"),
-        ("postgresql://me:secret@db/runs", "mlflow server --backend-store-uri"),  # artifacts would be lost
-        ("file:///nowhere/files", "sqlite:///FILE"),
-        ("me:secret@db", "sqlite:///FILE"),
-        ("sqlite:////dev/null/my.db", "/dev/null/my.db"),
+        "http://me:sec ret@127.0.0.1:9",
+        "http://me@lab:sec%2Fret@127.0.0.1:9",
+        "http://me:sec/ret@127.0.0.1:9",
+        "postgresql://me:secret@127.0.0.1:9/runs",
+        "http://127.0.0.1:50x0",
+        "nowhere://127.0.0.1",
+        "sqlite:////dev/null/my.db",
     ],
 )
-def test_a_store_that_does_not_open_is_one_line_without_a_password_before_any_work(store, monkeypatch, uri, names):
+def test_a_store_that_does_not_open_costs_the_run_and_one_line_without_its_password(store, monkeypatch, capsys, uri):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
-    with pytest.raises(UserError) as opened, tracking.stage_run("ingest"):
-        pytest.fail("the work began")
+    assert begun() is None
     with pytest.raises(UserError) as read:
         tracking.read_artifact("0" * 32, "evaluate.json")
-    for line in map(str, (opened.value, read.value)):
-        assert names in line and "MLFLOW_TRACKING_URI" in line and "\n" not in line
+    warned = capsys.readouterr().err.strip()
+    for line in (warned, str(read.value), "".join(traceback.format_exception(read.value))[-1000:]):
+        assert uri.rpartition("@")[2].partition(":")[2] in line
         assert not [part for part in ("me:", "sec", "ret@") if part in line]
+    assert warned.startswith("warning: MLflow store ") and "\n" not in warned and len(warned) < 500
 
 
-def test_a_server_gets_user_and_password_which_stand_in_no_address(store, monkeypatch, capsys):
+def test_a_server_gets_the_user_and_password_of_its_address_which_nothing_prints(store, monkeypatch, capsys):
     with server("me@lab", "sec ret/") as (host, answered):
-        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me@lab:sec ret%2F@{host}")
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me%40lab:sec%20ret%2F@{host}")
         with tracking.stage_run("ingest") as run:
             run.metrics({"seconds": 26})
             run.artifacts(ROOT / "LICENSE")
         assert b"lifecycle_stage" in tracking.read_artifact(run.id, "evaluate.json")
-        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me:sec ret@{host}")
-        with pytest.raises(UserError, match=f"http://{host}: .*401") as error:
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me:sec%20ret@{host}")
+        with pytest.raises(UserError, match=f"http://{host}: ") as error:
             tracking.read_artifact(run.id, "evaluate.json")
     assert {"/runs/create", "/runs/log-batch", "-artifacts/artifacts/1/LICENSE", "/runs/update"} <= set(answered)
-    assert "sec ret" not in "".join([*traceback.format_exception(error.value), *capsys.readouterr()])
+    printed = "".join([*traceback.format_exception(error.value), *capsys.readouterr()])
+    assert "sec" not in printed.replace("seconds", "")
 
 
 @pytest.mark.parametrize("silent", [True, False], ids=["a server that never answers", "a closed port"])
-def test_a_dead_server_is_tried_for_a_short_time_by_all_that_asks_it(store, monkeypatch, silent):
+def test_a_dead_server_is_tried_for_a_short_time_by_all_that_asks_it(store, monkeypatch, capsys, silent):
     for name, value in {"MLFLOW_HTTP_REQUEST_TIMEOUT": "1", "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}.items():
         assert 0 < int(tracking.SETTINGS[name]) <= 10
         monkeypatch.setitem(tracking.SETTINGS, name, value)
         monkeypatch.setenv(name, "")  # so that it is undone
         monkeypatch.delenv(name)
     pytest.importorskip("mlflow")  # takes longer than all the rest
-
-    def opened():
-        with tracking.stage_run("ingest"):
-            pytest.fail("the work began")
-
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         if silent:
             listening.listen(20)
         monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{listening.getsockname()[1]}")
+        begin = time.monotonic()
+        assert begun() is None and time.monotonic() - begin < 10
+        assert capsys.readouterr().err.count("127.0.0.1") >= 1
         run_id = "0" * 32
         for ask in (
-            opened,
             lambda: tracking.read_artifact(run_id, "evaluate.json"),
             lambda: tracking.download_model(f"runs:/{run_id}", store),
             lambda: tracking.download_model("models:/glove@best", store),
@@ -190,36 +166,23 @@ def test_a_dead_server_is_tried_for_a_short_time_by_all_that_asks_it(store, monk
             assert time.monotonic() - begin < 10
 
 
-def test_a_locked_database_and_a_deleted_experiment_are_such_stores(store, client):
-    with tracking.stage_run("ingest"):
-        pass
+@pytest.mark.slow  # MLflow tries for 20 s
+def test_a_locked_database_and_a_deleted_experiment_cost_the_run_with_a_warning(store, client, capsys):
+    assert begun()
     with closing(sqlite3.connect(store / "mlflow.db")) as other:
         other.execute("BEGIN IMMEDIATE")
-        with pytest.raises(UserError, match=r"mlflow\.db: .*locked") as locked, tracking.stage_run("ingest"):
-            pytest.fail("the work began")
-    assert "SELECT" not in str(locked.value) and "INSERT" not in str(locked.value)
-    client.delete_experiment(client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id)
-    with pytest.raises(UserError, match="deleted"), tracking.stage_run("ingest"):
-        pytest.fail("the work began")
+        assert begun() is None
+    locked = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "mlflow.db: " in locked and "locked" in locked and "SELECT" not in locked and "INSERT" not in locked
+    client.delete_experiment(client.get_experiment_by_name(f"{tracking.EXPERIMENT}/stages").experiment_id)
+    assert begun() is None and "deleted" in capsys.readouterr().err
 
 
-def test_a_store_that_has_moved_is_one_line_that_names_both_places(store, client, monkeypatch):
-    with tracking.stage_run("evaluate", row=True) as run:
-        run.artifacts(ROOT / "LICENSE")
-    before, after = (store / name for name in ("mlruns", "moved"))
-    after.mkdir()
-    for name in ("mlflow.db", "mlruns"):
-        (store / name).rename(after / name)
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{after}/mlflow.db")
-    with pytest.raises(UserError) as read:
-        tracking.read_artifact(run.id, "LICENSE")
-    with pytest.raises(UserError) as opened, tracking.stage_run("ingest"):
-        pytest.fail("the work began")
-    for line in map(str, (read.value, opened.value)):
-        assert f"{before};" in line and str(after / "mlruns") in line and "\n" not in line
-    assert not before.exists()
-    before.symlink_to(after / "mlruns")
-    assert tracking.read_artifact(run.id, "LICENSE") == (ROOT / "LICENSE").read_bytes()
+def test_a_fresh_store_that_another_process_holds_costs_the_run(store, monkeypatch, capsys):
+    monkeypatch.setattr(tracking, "LOCKED", 0.1)
+    with FileLock(store / "mlflow.db.lock"):
+        assert begun() is None
+    assert "mlflow.db.lock" in capsys.readouterr().err
 
 
 def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_workspace(store, monkeypatch):

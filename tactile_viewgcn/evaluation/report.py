@@ -102,20 +102,21 @@ def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, fl
 def row_tags_and_parameters(metrics: dict[str, Any], records: Records) -> tuple[dict[str, str], dict[str, float]]:
     """Tags and parameters of the row.
 
-    The tags are errors with their intervals in words, and what `auto` chose; the parameters are numbers of classes, of
-    frames and groups on each side, and of weights.
+    The tags are the ids of the stages' runs, errors with their intervals in words, and what `auto` chose; the
+    parameters are numbers of classes, of frames and groups on each side, and of weights.
     """
     counts = {name: value for record in records.values() for name, value in record.counts.items()}
     scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
-    tags = {f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()}
+    tags = {f"stage.{name}": record.run_id for name, record in records.items() if record.run_id}
+    tags |= {f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()}
     tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
     weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
     return tags, flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | weights
 
 
-def dataset(records: Records, frames: str, md5: str) -> tuple[str, str]:
-    """Path and digest of the recordings; of the table of frames where there is no record of ingest."""
-    source = records["ingest"].inputs["source"] if "ingest" in records else {"path": frames, "md5": md5}
+def dataset(ingest: Record) -> tuple[str, str]:
+    """Path and digest of the recordings."""
+    source = ingest.inputs["source"]
     return source["path"], source["md5"][:DIGEST]
 
 

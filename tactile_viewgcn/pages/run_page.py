@@ -26,7 +26,6 @@ def run_page(run: FinishedRun) -> str:
     scores = {name: run.metrics[name] for name in reversed(PROTOCOLS) if name in run.metrics}
     by_views = {f"{name} protocol": score["by_views"] for name, score in scores.items() if "by_views" in score}
     counts = {f"{outcome.protocol} protocol, all trials": outcome.counts}
-    used_changed = origin.get("git.changed", "").split("\n")
     return html.render(
         "report.html",
         run=run,
@@ -46,7 +45,6 @@ def run_page(run: FinishedRun) -> str:
         choices=run.notes("choice"),
         again=again(run.changed),
         changed=list(starmap(as_change, run.changed.items())),
-        uncommitted=[name for name in used_changed if name not in ("", "params.yaml")],  # -S brings the latter back
         versions=[f"{name} {text}" for name, text in origin.items() if name in ("python", *PACKAGES)],
     )
 

@@ -1,10 +1,12 @@
 """Fixtures of the stages' tests."""
 
 import shutil
+import warnings
 from pathlib import Path
 
 import pytest
 
+from tests.mlflow_stores import fresh_store
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import FILES, SENSORS, changed, run_stage
 
@@ -20,15 +22,19 @@ def place(tmp_path) -> Path:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory) -> Path:
-    """A workspace with the files of a finished run, of four objects and a system without a network."""
+    """A workspace with the files of a finished run and its MLflow store, of four objects and no network."""
     place = tmp_path_factory.mktemp("workspace")
     shutil.copy(ROOT / "params.yaml", place)
     tree = metadata(objects=4, recordings=6, frames=12)
     tree["objects"][0, 1] = "<b>Öl & $x$"
     save_matlab5(place / "metadata.mat", tree)
-    (place / "data").mkdir()
-    (place / "data" / "needs.json").write_text('{"cluster": false, "pretrain": false}')
-    for stage, files in FILES.items():
-        result = run_stage(stage, *files.split(), "--record", f"runs/{stage}.json", *changed(*SENSORS), cwd=place)
-        assert result.returncode == 0, result.stderr
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MLflow's own
+        store = fresh_store(place / "mlflow.db")
+        results = {}
+        for stage, files in FILES.items():
+            words = (*files.split(), "--record", f"runs/{stage}.json", *changed(*SENSORS))
+            results[stage] = run_stage(stage, *words, cwd=place, store=store)
+    for result in results.values():
+        assert result.returncode == 0 and "warning: MLflow" not in result.stderr, result.stderr
     return place

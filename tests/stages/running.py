@@ -23,6 +23,7 @@ RECORDS = [f"runs/{stage}.json" for stage in ("ingest", "preprocess", "cluster",
 SENSORS = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.members=[kernel]", "device=cpu")
 #: Options of the stages' inputs and outputs
 FILES = {
+    "needs": "--out data/needs.json",
     "ingest": "--out data/recordings",
     "preprocess": "--recordings data/recordings --out data/frames --kept data/kept.csv",
     "cluster": "--needs data/needs.json --frames data/frames --out data/views",
@@ -63,16 +64,17 @@ def set_params(place, section, **values) -> None:
     (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
 
 
-def run_stage(name, *words, cwd):
+def run_stage(name, *words, cwd, store="disabled"):
     """A stage from its command line, in this process: exit code and output."""
-    return captured(lambda: runpy.run_path(str(ROOT / "stages" / f"{name}.py"), run_name="__main__"), *words, cwd=cwd)
+    program = str(ROOT / "stages" / f"{name}.py")
+    return captured(lambda: runpy.run_path(program, run_name="__main__"), *words, cwd=cwd, store=store)
 
 
-def captured(call, *words, cwd):
+def captured(call, *words, cwd, store="disabled"):
     """A call that reads these words from the command line: exit code and output."""
     before, code, out, err = signal.getsignal(signal.SIGTERM), 0, StringIO(), StringIO()
     with ExitStack() as stack:
-        stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": "disabled", "DVC_ROOT": str(cwd)}))
+        stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": store, "DVC_ROOT": str(cwd)}))
         stack.enter_context(patch.object(sys, "argv", ["stage", *map(str, words)]))
         for manager in (chdir(cwd), redirect_stdout(out), redirect_stderr(err)):
             stack.enter_context(manager)

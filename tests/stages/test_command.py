@@ -9,9 +9,11 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from stages import command, pipeline
+from stages import pipeline
 from stages.command import Job, run
+from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.tracking import Run
 from tests.full_disk import room_for
 from tests.stages.running import captured, changed, left, refused, run_stage
 
@@ -78,46 +80,36 @@ def test_sigterm_ends_a_stage_with_its_own_code(place):
     assert captured(lambda: run(needs, outputs=()), cwd=place).returncode == 143
 
 
-class Store:
-    """A run in a store that opens or not, and the epochs that it logs."""
+def test_an_epoch_is_kept_for_the_record_and_logged_at_once():
+    class Logged(Run):
+        def metrics(self, values, step=0):
+            epochs.append((step, values))
 
-    def __init__(self, opens):
-        self.opens, self.epochs, self.id = opens, [], None
-
-    def begin(self):
-        if not self.opens:
-            raise UserError("no store")
-        return self
-
-    def metrics(self, values, epoch):
-        self.epochs.append(epoch)
-
-
-@pytest.mark.parametrize(("long", "opens", "epochs"), [(0.0, True, [1, 2]), (1e9, True, []), (0.0, False, [])])
-def test_a_long_training_alone_shows_its_epochs_in_mlflow_and_needs_no_store(monkeypatch, capsys, long, opens, epochs):
-    monkeypatch.setattr(command, "LONG", long)
-    store = Store(opens)
-    job = Job("pretrain", SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), {}, begin_run=store.begin)
+    epochs = []
+    job = Job("pretrain", SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), {}, Logged())
     for epoch in (1, 2):
-        job.epoch(epoch, {"loss": 1.0})
-    assert store.epochs == epochs and job.curves == {"loss": [1.0, 1.0]}
-    assert capsys.readouterr().err.count("no store") == (not opens)
+        job.epoch(epoch, {"loss": 1.0 / epoch})
+    assert job.curves == {"loss": [1.0, 0.5]} and epochs == [(1, {"loss": 1.0}), (2, {"loss": 0.5})]
 
 
-def test_a_record_counts_the_time_before_an_interruption_and_the_number_of_threads():
-    job = Job("pretrain", SimpleNamespace(), {"frames": "ab"}, computed={"device": "cpu"})
+def test_a_record_counts_the_time_before_an_interruption_and_has_the_md5s_that_were_asked_for(tmp_path):
+    paths = {name: tmp_path / name for name in ("frames", "needs")}
+    paths["frames"].write_text("a")
+    job = Job("pretrain", SimpleNamespace(), paths)
     job.counts = {"seconds_before_interruption": 1e6, "weights": 7}
-    record = job.record("name", {"frames": Path("f.h5")}, {})
-    assert record.seconds > 1e6 and record.counts == {"weights": 7, "threads": torch.get_num_threads()}
-    assert record.inputs == {"frames": {"path": "f.h5", "md5": "ab"}}
-    assert {"stage": "pretrain", "device": "cpu", "md5.frames": "ab"}.items() <= record.tags.items()
+    assert job.md5("frames") == md5(paths["frames"])
+    record = job.record({})
+    assert record.seconds > 1e6 and record.counts == {"weights": 7}
+    expected = {name: {"path": str(path)} for name, path in paths.items()}
+    expected["frames"]["md5"] = md5(paths["frames"])
+    assert record.inputs == expected and record.tags["md5.frames"] == md5(paths["frames"])
 
 
 def checkpoint_key(**changes):
     values = SimpleNamespace(seed=0, system="sensors", md5="a", stage="finetune")
     vars(values).update(changes)
     params = SimpleNamespace(seed=values.seed, model=SimpleNamespace(system=values.system))
-    return Job(values.stage, params, {"frames": values.md5}).checkpoint_key()
+    return Job(values.stage, params, {"frames": Path("f")}, _md5s={"frames": values.md5}).checkpoint_key()
 
 
 def test_another_parameter_input_or_code_is_another_training(monkeypatch, tmp_path):

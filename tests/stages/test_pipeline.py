@@ -141,14 +141,14 @@ def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warnin
 def test_the_pipeline_is_a_row_and_links_to_the_other_stages(clone):
     client, (row,), runs = store_of(clone)
     stages = {run.info.run_name: run for run in runs}
-    assert set(stages) == set(TIMED) - {"evaluate"} and row.info.run_name == "view_gcn V=4"
+    assert set(stages) == set(ALL) - {"evaluate"} and row.info.run_name == "view_gcn V=4"
     assert row.data.params["pretrain.epochs"] == "2" and row.data.params["frames.test"] == "96"
     summary = json.loads((clone / "results" / "summary.json").read_text())
     assert row.data.metrics["error.object"] == summary["error.object"]
     assert row.data.metrics["seconds.total"] > row.data.metrics["seconds.finetune"] > 0
     assert len(client.get_metric_history(row.info.run_id, "trials.error.object")) == 2
     assert [metric.step for metric in client.get_metric_history(stages["pretrain"].info.run_id, "loss")] == [1, 2]
-    for name in stages:
+    for name in set(TIMED) - {"evaluate"}:
         assert row.data.tags[f"stage.{name}"] == stages[name].info.run_id
     source = yaml.safe_load((clone / "params.yaml").read_text())["data"]["source"]
     assert row.inputs.dataset_inputs[0].dataset.name == source
@@ -189,9 +189,11 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     assert stages_of(output) == ["needs", "cluster", "pretrain", "finetune", "evaluate"]
     assert "cluster: left out" in output and "pretrain: left out" in output
     _, (row,), runs = store_of(place)
-    links = {f"stage.{run.data.tags['stage']}": run.info.run_id for run in runs}
-    assert set(links) == {"stage.ingest", "stage.preprocess", "stage.finetune"}
-    assert {name: value for name, value in row.data.tags.items() if name.startswith("stage.")} == links
+    ran_here = {run.data.tags["stage"]: run.info.run_id for run in runs}
+    assert set(ran_here) == {"needs", "finetune"}  # the clone's store has the runs of the stages that did not run again
+    links = {name.removeprefix("stage.") for name in row.data.tags if name.startswith("stage.")}
+    assert "finetune" in links and links.isdisjoint({"cluster", "pretrain"})
+    assert row.data.tags["stage.finetune"] == ran_here["finetune"]
     assert row.data.metrics["seconds.pretrain"] > 0
     output = switch_to("sensors", "[svm]")
     assert stages_of(output) == again[1:] and "Stage 'pretrain' didn't change" in output

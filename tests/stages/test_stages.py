@@ -1,14 +1,17 @@
 """The stages simulate, ingest, preprocess and needs at their command line: what they read, record and refuse."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 import yaml
+from mlflow import MlflowClient
 
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.params import System
@@ -17,7 +20,9 @@ from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import load_table, save_table
 from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.tracking import EXPERIMENT
 from tests.glove_data import ROOT, SMALL, fewer_anchors, recipe, table, trained
+from tests.mlflow_stores import runs_of
 from tests.readers.files import save
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import changed, copy_pipeline, left, ran, refused, run_stage, set_params, sh
@@ -123,6 +128,32 @@ def test_a_run_leaves_its_record(place):
     values = {"data.source": "metadata.mat", "data.shape": "auto", "data.layout": "auto", "data.columns": []}
     assert record.params["values"] == values
     assert record.origin["python"].startswith("3.") and int(record.origin["cores"]) >= 1
+
+
+@pytest.mark.filterwarnings("default")  # MLflow's own
+def test_a_stage_leaves_one_run_with_its_parameters_metrics_and_record(finished):
+    """Each of them, when it is run by itself; the row has the ids of those before it, and what is left out has none."""
+    client = MlflowClient(f"sqlite:///{finished}/mlflow.db")
+    runs, (row,) = runs_of(client), runs_of(client, EXPERIMENT)
+    by_stage = {run.data.tags["stage"]: run for run in runs}
+    assert len(runs) == len(by_stage) and set(by_stage) == {"needs", "ingest", "preprocess", "finetune"}
+    keys = {"needs": "model.system", "ingest": "data.source", "preprocess": "split.by", "finetune": "finetune.lr"}
+    for stage, run in by_stage.items():
+        assert run.info.status == "FINISHED" and keys[stage] in run.data.params and "views" not in run.data.params
+        assert run.data.metrics["seconds"] > 0 and run.data.metrics["peak_mb"] > 10
+        record = json.loads(Path(client.download_artifacts(run.info.run_id, f"{stage}.json")).read_text())
+        assert record == json.loads((finished / "runs" / f"{stage}.json").read_text())
+        assert record["run_id"] == run.info.run_id
+    assert by_stage["ingest"].data.metrics["frames"] == 4 * 6 * 12
+    assert by_stage["preprocess"].data.params["resolved.preprocess.baseline"]
+    assert "preprocess.scale" in by_stage["preprocess"].data.tags["mlflow.note.content"]
+    links = {name: value for name, value in row.data.tags.items() if name.startswith("stage.")}
+    before = {"ingest", "preprocess", "finetune"}  # whose records evaluate reads
+    assert links == {f"stage.{stage}": by_stage[stage].info.run_id for stage in before}
+    assert row.data.params["views"] == "4" and row.data.metrics["error.recording"] >= 0
+    assert {"evaluate.json", "ingest.json", "metrics.json"} <= {
+        file.path for file in client.list_artifacts(row.info.run_id)
+    }
 
 
 def test_bad_and_missing_files_are_refused_in_one_line_and_nothing_is_written(place):
