@@ -23,18 +23,6 @@ COLUMNS = {  # costs, and their keys in results/timing.json
     "peak MB": ("peak_mb",),
 }
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
-#: Changes of every rehearsal: three objects and the empty hand of a small glove, trainings of one epoch
-QUICK = {
-    "glove.objects": ["mug", "tape", "scissors"],
-    "glove.sessions": 4,
-    "glove.grasps": 1,
-    "glove.grasp_frames": 18,
-    "model.backbone.width": 8,
-    "cluster.restarts": 1,
-    "pretrain.epochs": 1,
-    "finetune.epochs": 1,
-    "evaluate.trials": 2,
-}
 Seeds = Annotated[list[Seed], MinLen(1)]
 Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]  # changes to params.yaml by name
 
@@ -70,39 +58,32 @@ class Study:
     one_seed: list[StrictStr] = field(default_factory=list)
     one_deal: list[StrictStr] = field(default_factory=list)
     picture: Literal["error", "seconds", "curves"] = "error"
-    quick: list[StrictStr] = field(default_factory=list)
 
     @property
     def references(self) -> list[str]:
         return [self.reference] if isinstance(self.reference, str) else self.reference or []
 
-    def cells(self, *, quick: bool = False, on_top: tuple[str, ...] = ()) -> list[Cell]:
-        """All cells, or those of a rehearsal, seed by seed and deal by deal; `on_top` are changes after all others.
+    def cells(self, on_top: tuple[str, ...] = ()) -> list[Cell]:
+        """All cells, seed by seed and deal by deal; `on_top` are changes after all others.
 
         Raises:
             UserError: `on_top` names one of `AXES`.
         """
         if axis := [key for key in (change.partition("=")[0] for change in on_top) if key in AXES]:
             raise UserError(f"--set {axis[0]}: every cell has its own; set it in {FOLDER}/{self.name}.yaml")
-        shared = (*_changes(self.set), *(_changes(QUICK) if quick else ()))
-        folds = self.folds
+        shared, folds = tuple(_changes(self.set)), self.folds
         if folds == "all":
             folds = list(range(load("params.yaml", (*shared, *on_top, "split.fold=0")).split.folds))
         cells = []
-        for seed, deal in product(self.seeds[:1] if quick else self.seeds, self.deals[:1] if quick else self.deals):
-            for variant, changes in self.crossed():
-                wanted = variant in self.quick if quick else seed == self.seeds[0] or variant not in self.one_seed
-                if wanted and (deal == self.deals[0] or variant not in self.one_deal):
-                    for fold in folds:
-                        place = (f"{key}={at}" for key, at in zip(AXES, (seed, deal, fold), strict=True))
-                        whole = (*shared, *changes, *on_top, *place)
-                        cells.append(Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=whole))
+        for seed, deal, (variant, changes), fold in product(self.seeds, self.deals, self.crossed(), folds):
+            if seed != self.seeds[0] and variant in self.one_seed:
+                continue
+            if deal != self.deals[0] and variant in self.one_deal:
+                continue
+            place = (f"{key}={at}" for key, at in zip(AXES, (seed, deal, fold), strict=True))
+            whole = (*shared, *changes, *on_top, *place)
+            cells.append(Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=whole))
         return cells
-
-    def changes_of(self, name: str) -> dict[str, Any]:
-        """The changes to params.yaml of a combination of `variants` and `cross`, and its preset as `preset`."""
-        axes = zip([self.variants, *self.cross], name.split(" / "), strict=True)
-        return {key: value for axis, part in axes for key, value in axis[part].items()}
 
     def crossed(self) -> Iterator[tuple[str, list[str]]]:
         """Name and changes of every combination of `variants` and `cross`."""
@@ -125,7 +106,7 @@ def read_study(name: str) -> Study:
         raise UserError(f"study is {name!r}; expected one of {', '.join(names())} (in the repository's root)")
     study = build(Study, {**read_yaml(path), "name": name}, str(path))
     variants = [variant for variant, _ in study.crossed()]
-    allowed = {"reference": [*variants, *study.variants], "one_seed": variants, "one_deal": variants, "quick": variants}
+    allowed = {"reference": [*variants, *study.variants], "one_seed": variants, "one_deal": variants}
     for key, names_of in allowed.items():
         for each in study.references if key == "reference" else getattr(study, key):
             if each not in names_of:

@@ -1,20 +1,29 @@
-"""Run the missing cells of a study, in threads here or on the workers of a Dask scheduler."""
+"""Run the missing cells of a study as DVC experiments, started by joblib: here, or on Dask's workers."""
 
+import os
+import re
+import subprocess
+import sys
 from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
-from secrets import token_hex
+from pathlib import Path
+from platform import node
+from threading import Lock
+from traceback import format_exc
 
+from joblib import Parallel, delayed, parallel_config
 from tqdm import tqdm
 
-from studies.cells import store, stored
-from studies.experiment import end_cells, git, run_cell, tie
+from studies.cells import RESULTS, STORE, code_of_stages, key_of, store, stored
 from studies.grid import Cell
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import VIRTUAL, load
+
+one_reader = Lock()  # threads must not share DVC's index of the cache
 
 
 def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:
-    """Run every cell that is not stored, and store its results. An interrupt ends the running cells.
+    """Run every cell that is not stored, and store its results.
 
     Args:
         name: name of the study.
@@ -24,62 +33,137 @@ def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: st
 
     Returns:
         The faults of cells that failed, by their keys.
+
+    Raises:
+        UserError: Dask is not installed, or there is no such scheduler, or it has no worker.
     """
-    missing, faults, run = [key for key in cells if not stored(key)], {}, token_hex(4)
-    commit = git("rev-parse", "HEAD").strip() if scheduler else ""
+    missing, faults, commit = [key for key in cells if not stored(key)], {}, git("rev-parse", "HEAD").strip()
     with (
         tqdm(total=len(cells), initial=len(cells) - len(missing), desc=name, unit="cell", disable=None) as bar,
-        workers(run, jobs, scheduler) as pool,
+        workers(jobs, scheduler) as parallel,
     ):
-        futures = {pool.submit(run_cell, f"{name}-{key}", key, cells[key], run, commit): key for key in missing}
-        for number, future in enumerate(as_completed(futures), start=len(cells) - len(missing) + 1):
-            key, outcome = futures[future], "done"
-            try:
-                store(key, future.result())
-            except Exception as error:
-                if not (scheduler or isinstance(error, UserError)):
-                    raise  # a fault of ours keeps its traceback
-                remedy = "" if isinstance(error, UserError) else f" ({type(error).__name__}; see docs/cluster.md)"
-                faults[key] = " ".join(f"{error}{remedy}".split())
-                outcome = f"failed: {faults[key]}"
+        tasks = (delayed(run_cell)(f"{name}-{key}", key, cells[key], commit) for key in missing)
+        for number, (key, outcome) in enumerate(parallel(tasks), start=len(cells) - len(missing) + 1):
+            if isinstance(outcome, str):
+                faults[key], outcome = outcome, f"failed: {outcome}"
+            else:
+                store(key, outcome)
+                outcome = "done"
             bar.update()
             bar.write(f"{number} of {len(cells)}: {cells[key]} {outcome}")
     return faults
 
 
 @contextmanager
-def workers(run: str, jobs: int, scheduler: str | None) -> Iterator[Executor]:
-    """An executor for the cells, which ends the running ones if the block ends with an exception.
-
-    It is Dask's own executor, since joblib's backend waits for ever for a cell whose workers have all died.
-
-    Raises:
-        UserError: Dask is not installed, or there is no such scheduler.
-    """
+def workers(jobs: int, scheduler: str | None) -> Iterator[Parallel]:
+    """What starts the cells: threads here, each of which waits for a process of DVC, or Dask's workers."""
     if not scheduler:
-        tie(run)  # before there are threads
-        with ThreadPoolExecutor(jobs) as pool:
-            try:
-                yield pool
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                end_cells(run)
-                raise
+        yield Parallel(jobs, return_as="generator_unordered", backend="threading", pre_dispatch="n_jobs", batch_size=1)
         return
     try:
         from distributed import Client
-
-        client = Client(scheduler)
     except ImportError:
         raise UserError("--scheduler needs Dask: pip install -e '.[cluster]'") from None
+    try:
+        client = Client(scheduler)
     except (OSError, ValueError) as error:
         raise UserError(f"--scheduler is {scheduler}: {error}; expected what `dask scheduler` prints") from None
-    with client:
+    with client, parallel_config("dask", client=client):
         if not client.ncores():
-            tqdm.write("no worker yet: see docs/cluster.md")
+            raise UserError(f"--scheduler is {scheduler}: it has no worker; start one as in docs/cluster.md")
+        yield Parallel(return_as="generator_unordered", pre_dispatch="all", batch_size=1)
+
+
+def run_cell(experiment: str, key: str, cell: Cell, commit: str) -> tuple[str, dict[str, bytes] | str]:
+    """The key of a cell, and the contents of its `RESULTS`, or why it failed.
+
+    The cell is run as `dvc exp run --temp`, unless its experiment exists already, in the repository of the working
+    folder, which for a Dask worker is a separate clone. An exception would stop the other cells.
+    """
+    place = f"{node()}:{Path.cwd()}"
+    try:
+        if (head := git("rev-parse", "HEAD").strip()) != commit:
+            raise UserError(f"at commit {head[:9]}; expected {commit[:9]}, the study's")
+        return key, results(experiment, experiments().get(experiment) or trained(experiment, key, cell))
+    except UserError as error:
+        return key, f"{' '.join(str(error).split())} ({place})"
+    except Exception:
+        return key, f"{place}: {format_exc()}"  # a fault of ours keeps its traceback
+
+
+def trained(experiment: str, key: str, cell: Cell) -> str:
+    """Train a cell, and return the commit of its experiment.
+
+    Raises:
+        UserError: the cell failed, or code, parameters or data are not the study's.
+    """
+    from dvc.repo import Repo
+
+    with Repo(_wait_for_lock=True) as repo, repo.lock:  # another cell that starts changes params.yaml under this lock
+        if key_of(cell, code_of_stages()) != key:
+            raise UserError("code, params.yaml or data have changed since the study began")
+    tqdm.write(f"{cell} ...")
+    dvc = [sys.executable, "-P", "-m", "dvc", "--wait-for-lock", "exp", "run", "--temp", "--name", experiment]
+    dvc += [word for change in settings(cell) for word in ("--set-param", change)]
+    # the experiment's `python` is this one
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    log = STORE / f"{experiment}.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("w") as file:
+        process = subprocess.Popen(dvc, stdin=subprocess.DEVNULL, stdout=file, stderr=file, env=environment)
         try:
-            yield (pool := client.get_executor(pure=False))
-        except BaseException:
-            pool.shutdown(wait=False)
-            client.run(end_cells, run, on_error="ignore")
+            process.wait()
+        except KeyboardInterrupt:  # the terminal's Ctrl-C reaches DVC too, which removes the experiment's folder
+            process.wait()
             raise
+    if not (commit := experiments().get(experiment)):
+        raise UserError(f"{last_error(log.read_text(errors='replace'))}; see {log}")
+    log.unlink()
+    return commit
+
+
+def settings(cell: Cell) -> list[str]:
+    """The last of the cell's changes of each key, for `dvc exp run --set-param`.
+
+    The source becomes an absolute path: an experiment runs in a separate folder without untracked files.
+    """
+    last = dict(change.split("=", 1) for change in cell.changes)
+    source = load("params.yaml", cell.changes).data.source
+    if source != VIRTUAL:
+        last["data.source"] = str(Path(source).resolve())
+    return [f"{key}={value}" for key, value in last.items()]
+
+
+def experiments() -> dict[str, str]:
+    """Commits of all successful experiments, by name."""
+    lines = git("for-each-ref", "--format=%(objectname) %(refname)", "refs/exps/").splitlines()
+    return {ref.rpartition("/")[2]: commit for commit, ref in map(str.split, lines)}
+
+
+def results(experiment: str, revision: str) -> dict[str, bytes]:
+    """The contents of `RESULTS` of a finished experiment.
+
+    Raises:
+        UserError: neither DVC's cache nor its remote has them any more.
+    """
+    from dvc.api import DVCFileSystem
+
+    try:
+        with one_reader:
+            files = DVCFileSystem(rev=revision)
+            return {name: files.cat_file(f"results/{name}") for name in RESULTS}
+    except FileNotFoundError as error:
+        raise UserError(f"{error} is not in DVC's cache; to run it again: dvc exp remove {experiment}") from None
+
+
+def last_error(log: str) -> str:
+    """The last error of a Python program in a log, else DVC's last error, else the last line."""
+    lines = [line.strip() for line in log.splitlines() if line.strip()]
+    for form in (r"\w*(Error|Exception): ", r"ERROR: "):
+        if errors := [line for line in lines if re.match(form, line)]:
+            return errors[-1]
+    return (lines or ["no log"])[-1]
+
+
+def git(*words: str) -> str:
+    return subprocess.run(["git", *words], capture_output=True, text=True, check=True).stdout
