@@ -19,12 +19,10 @@ from tactile_viewgcn.frames.leak import check_leak
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
 from tactile_viewgcn.frames.quick_error import QuickError, quick_error
 from tactile_viewgcn.frames.sides import Sides, follows_paper, with_empty_hand
-from tactile_viewgcn.frames.units import measure_units
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.sensors.features import is_array
-from tactile_viewgcn.tables.clocks import clock_notes, find_clocks
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
@@ -42,35 +40,30 @@ class Choice:
 
     Attributes:
         params: the settings, every `auto` decided.
-        recordings: the training side's frames and its sessions' empty hand, in units; nothing else was looked at.
+        recordings: the training side's frames and its sessions' empty hand; nothing else was looked at.
         group: (T,) split group of these frames.
         baseline: of these frames, the one that `params` names.
-        clocks: bool (H, W), see `find_clocks`.
         notes: of level `choice`, one for each value that was `auto`.
         hand: where the hand is open, and where it is in contact; None where nothing needed it.
         errors: by baseline, of a quick classifier on contact, on held-out groups of the training side.
         leaks: the same without contact: an error below chance is a leak.
-        channels: (2, H, W) zero and gain of the units, None for raw counts.
     """
 
     params: PreprocessSection
     recordings: Recordings
     group: np.ndarray
     baseline: Baseline
-    clocks: np.ndarray
     notes: list[Note] = field(default_factory=list)
     hand: OpenHand | None = None
     errors: dict[str, QuickError] = field(default_factory=dict)
     leaks: dict[str, QuickError] = field(default_factory=dict)
-    channels: np.ndarray | None = None
 
 
 def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Choice:
     """Choose a value for every `auto`, and compute the baseline, from the readings of the training side alone.
 
-    The baseline is the one with the lowest error of a quick classifier, unless the recordings follow the paper, or
-    single frames are held out. Of other sides counts that every session has an empty hand, and which frames the source
-    publishes as training and test.
+    The baseline is the one with the lowest error of a quick classifier, unless the recordings follow the paper. Two
+    facts of the other sides are used: is there an empty hand in every session, and the published split.
 
     Raises:
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; readings too small or
@@ -78,9 +71,8 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
     """
     paper, kinds = follows_paper(recordings), BASELINES if has_empty_hand(recordings) else BASELINES[1:]
     rows, trained = with_empty_hand(recordings, sides.training), recordings.part(np.flatnonzero(sides.training))
-    trained = trained.without(clocks := find_clocks(trained))
-    recordings = recordings.part(rows, trained.live).without(clocks)  # from here on there is no other side
-    live, params, notes, group = int(recordings.live.sum()), asked, clock_notes(recordings, clocks), sides.group[rows]
+    recordings = recordings.part(rows, trained.live)  # from here on there is no other side
+    live, params, notes, group = int(recordings.live.sum()), asked, list[Note](), sides.group[rows]
     if not live:
         raise UserError(
             f"{recordings.path}: no sensor varies over {several(len(recordings), 'frame')}; expected some that do: "
@@ -92,30 +84,20 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         params = replace(params, **{key: value})
         notes.append(Note(reason, "choice", topic, f"preprocess.{key}", value))
 
-    unit, channels, reason = measure_units(trained, asked.unit)
-    recordings, trained = recordings.in_units(channels), trained.in_units(channels)
-    if asked.unit == "auto":
-        take("unit", unit, reason, "unit")
-    elif channels is not None:
-        notes.append(Note(reason, topic="unit"))
-    if params.baseline == "none" and channels is not None:
-        take("zero", 0.0, "the channels' own zeros", "baseline")
     if params.baseline == "none" and "auto" not in vars(params).values():
         baseline = constant_baseline(recordings, params.zero)
-        return Choice(params, recordings, group, baseline, clocks, notes, channels=channels)
+        return Choice(params, recordings, group, baseline, notes)
     if asked.contact_sensors == "auto":
         reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != 548 else "")
         take("contact_sensors", sensors_in_contact(live), reason, "contact")
     hand = find_open_hand(recordings, int(params.contact_sensors))
-    as_they_are = unit == "each" or (not is_array(recordings.live) and kinds != BASELINES)
+    as_they_are = not is_array(recordings.live) and kinds != BASELINES
     if (as_they_are and asked.baseline == "auto") or quietest_are_contact(recordings, hand):
         hand = replace(hand, contact=np.ones_like(hand.contact), open=np.zeros_like(hand.open))
     baselines, errors, leaks = dict[str, Baseline](), dict[str, QuickError](), dict[str, QuickError]()
     if asked.baseline == "auto":
         zero = smallest_reading(trained)
-        if unit == "each":
-            best = "none", "channels of unlike kind have no open hand in common: recordings are taken as they are"
-        elif paper:
+        if paper:
             best = "empty_hand", "recorded in every session, and the split is published"
         elif as_they_are:
             best = "none", "few sensors, which may read anything without contact: recordings are taken as they are"
@@ -123,9 +105,8 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
             best = "none", "even the quietest frames are contact: recordings are taken as they are"
         else:
             best = kinds[0], "recorded in every session" if kinds == BASELINES else "no empty hand in every session"
-            if sides.whole:
-                baselines = {kind: measure_baseline(recordings, kind, hand, zero) for kind in kinds}
-                errors, leaks = measure(recordings, hand, baselines, group)
+            baselines = {kind: measure_baseline(recordings, kind, hand, zero) for kind in kinds}
+            errors, leaks = measure(recordings, hand, baselines, group)
             best = _best_baseline(errors, leaks) if errors else best
         take("baseline", *best, "baseline")
         if params.baseline == "none":
@@ -142,7 +123,7 @@ def choose(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> Ch
         take("filter", *_filter(recordings, hand, params.baseline), "filter")
     if asked.scale == "auto":
         take("scale", *_scale(contact_readings(recordings, hand, baseline)), "scale")
-    return Choice(params, recordings, group, baseline, clocks, notes, hand, errors, leaks, channels)
+    return Choice(params, recordings, group, baseline, notes, hand, errors, leaks)
 
 
 def contact_readings(recordings: Recordings, hand: OpenHand, baseline: Baseline) -> np.ndarray:

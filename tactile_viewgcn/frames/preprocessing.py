@@ -59,7 +59,6 @@ def preprocess_recordings(
         keep_testable(recordings, sides, np.ones(len(recordings), dtype=bool), split)  # raises
     choice = choose(recordings, asked, sides)
     recordings = recordings.part(np.arange(len(recordings)), choice.recordings.live)
-    recordings = recordings.without(choice.clocks).in_units(choice.channels)
     baseline = _of_all_sides(recordings, choice, sides)
     passed, notes = passing(recordings, baseline, choice.params)
     keep = passed & (asked.empty_hand_class | ~empty)
@@ -186,7 +185,6 @@ def _table(
         noise=baseline.noise[np.unique(baseline.of_frame[sides.training])].mean(axis=0),
         preprocess=asdict(choice.params),
         kept_share=share,
-        channels=choice.channels,
         channel_names=recordings.channel_names or None,
     )
 

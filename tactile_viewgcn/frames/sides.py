@@ -23,13 +23,11 @@ class Sides:
         side: int8, TRAIN, VALIDATION or TEST.
         surplus: bool, of training groups beyond `split.train_groups`, of a recording's grasps beyond
             `split.train_grasps`, or of the empty hand that is no class: not used.
-        whole: whole groups can be held out; False where single frames are.
     """
 
     group: np.ndarray
     side: np.ndarray
     surplus: np.ndarray
-    whole: bool
 
     @property
     def training(self) -> np.ndarray:
@@ -71,17 +69,14 @@ def deal(
     if by == "source":
         side[columns["split"] == PUBLISHED_TEST] = TEST
     elif by:
-        dealt, order = (np.arange(len(used)), rng) if by == "frame" else (of_used, None)
-        side[used] = fold_sides(
-            dealt, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal, rng=order
-        )
+        side[used] = fold_sides(of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
     side[used] = validation_sides(side[used], of_used, label, share=split.validation, across=across, rng=rng)
     if split.train_groups != "all":
         surplus[used] = surplus_groups(side[used], of_used, label, most=split.train_groups)
     if split.train_grasps != "all":
         grasps = split_groups(columns, "grasp")
         surplus |= surplus_groups(side, grasps, split_groups(columns, "recording"), most=split.train_grasps)
-    return Sides(group, side, surplus, whole=by != "frame")
+    return Sides(group, side, surplus)
 
 
 def keep_testable(
@@ -96,9 +91,7 @@ def keep_testable(
     """
     objects, recording = recordings.columns["object"], recordings.columns["recording"]
     left, tested, notes = keep.copy(), sides.side == TEST, list[Note]()
-    if split.by == "frame":
-        notes.append(Note("by single frames, whose neighbours in time are on the other side: it leaks", topic="split"))
-    elif split.by == "source":
+    if split.by == "source":
         shared = np.intersect1d(recording[keep & (sides.side == TRAIN)], recording[keep & tested])
         text = f"the published split has {several(len(shared), 'recording')} on both sides"
         notes.append(Note(text, topic="split"))

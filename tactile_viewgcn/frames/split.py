@@ -2,7 +2,7 @@
 
 Frames of one recording resemble each other far more than frames of two, so all frames of a group (a recording, a
 grasp, a session) are on one side. The published split is the exception: its sides are used as they are, and the
-number of recordings on both of them is reported. Folds of single frames leak on purpose, for studies of how much.
+number of recordings on both of them is reported.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ SPLIT_SEED = 0  # of anchors and validation groups, so that these are the same f
 def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     """Split group int64 (T,) of each frame from its columns (T,), numbered in the order of the recordings.
 
-    A recording of several objects is a group per object. With `source` and `frame` the recordings are the groups.
+    A recording of several objects is a group per object. With `source` the recordings are the groups.
 
     Raises:
         UserError: `grasp` or `source`, and the recordings have no such column.
@@ -46,7 +46,6 @@ def fold_sides(
     fold: int,
     across: bool,
     deal: int = 0,
-    rng: np.random.Generator | None = None,
 ) -> np.ndarray:
     """TRAIN or TEST, int8 (T,): the i-th group of a class is on the test side if i modulo `folds` is `fold`.
 
@@ -57,15 +56,14 @@ def fold_sides(
         labels: (T,) classes; the groups of each class are counted by themselves.
         across: groups span classes, as sessions do, and are counted once for all classes.
         deal: 0 counts the groups in their order; any other number in a random order, the same for all folds.
-        rng: draws the order instead of `deal`.
     """
     side = np.full(len(groups), TRAIN, dtype=np.int8)
     for label, of_class in _classes(labels, across):
         order = np.unique(groups[of_class])
         if len(order) == 1 and not across:
             continue
-        if rng or deal:
-            order = (rng or stream(deal, "split.deal", *([] if across else [label]))).permutation(order)
+        if deal:
+            order = stream(deal, "split.deal", *([] if across else [label])).permutation(order)
         side[of_class & np.isin(groups, order[fold::folds])] = TEST
     return side
 

@@ -46,8 +46,7 @@ def inspection_lines(overview: Overview) -> list[str]:
     lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons])])]
     lines += _wrapped(note.text for note in warned)
     if command := command_lines(overview):
-        lines.append("Until then, to try out the commands" if judged.kind == "bad" else "To use")
-        lines += [*_wrapped(map(str, overview.settings)), "", *command]
+        lines += ["To use", *_wrapped(map(str, overview.settings)), "", *command]
     return lines
 
 
@@ -162,7 +161,7 @@ def warnings(overview: Overview) -> list[Note]:
     """What may spoil a result with the recommended settings, each with a remedy."""
     by, stuck, saturated = overview.setting("split.by"), int(overview.stuck.sum()), int(overview.saturated.sum())
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
-    untouched, single = _names(overview, contact == 0), _names(overview, _groups(overview, by) == 1)
+    untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
     notes = warnings_of(overview.remarks)
 
     def warn(topic: str, text: str) -> None:
@@ -198,7 +197,7 @@ def warnings(overview: Overview) -> list[Note]:
 def verdict(overview: Overview, warned: list[Note]) -> Verdict:
     """Whether the recordings can be trained and tested on."""
     by = overview.setting("split.by")
-    groups = _groups(overview, by)
+    groups = overview.groups[by]
     if len(left := _kept(overview)) < 2:
         return Verdict("bad", f"Not yet: {one_class(', '.join(left) or 'none')}.", [])
     if (groups > 1).sum() < 2:
@@ -215,10 +214,10 @@ def verdict(overview: Overview, warned: list[Note]) -> Verdict:
 def command_lines(overview: Overview) -> list[str]:
     """The command `dvc exp run` with the recommended settings, in lines of a shell that go on after a backslash.
 
-    None where `preprocess` would keep one class, which no setting makes usable. Every `auto` of `preprocess` stays
-    `auto`: unlike an inspection, `preprocess` does not look at the test side.
+    None where `preprocess` would keep one class, or nothing can be held out: no setting makes these usable. Every
+    `auto` of `preprocess` stays `auto`: unlike an inspection, `preprocess` does not look at the test side.
     """
-    if len(_kept(overview)) < 2:
+    if verdict(overview, []).kind == "bad":
         return []
     path, settings = overview.recordings.path, overview.settings
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
@@ -251,11 +250,6 @@ def _names(overview: Overview, chosen: np.ndarray) -> str:
     """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
     names = [overview.recordings.objects[label] for label in np.unique(overview.label) if chosen[label]]
     return listed([name for name in names if name != EMPTY_HAND])
-
-
-def _groups(overview: Overview, by: str) -> np.ndarray:
-    """Number of each object's groups (O,) in the recommended split; of recordings where single frames are held out."""
-    return overview.groups["recording" if by == "frame" else by]
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:

@@ -88,8 +88,6 @@ class Outcome:
             reasons.append(f"Every answer was {self.only}: the classifier distinguishes nothing.")
         if self.uncertain:
             reasons.append(f"Little was tested: {self.tested}.")
-        if self.run.params["split.by"] == "frame":
-            reasons.append("Single frames were held out: the classifier has learnt from the frames right beside them.")
         if warned:
             reasons.append(f"{several(warned, 'warning')} below {'puts' if warned == 1 else 'put'} it in doubt.")
         if not self.ends:
@@ -125,9 +123,6 @@ def next_steps(outcome: Outcome) -> list[Step]:
         longer = {key: 2 * params[key] for key in ("pretrain.epochs", "finetune.epochs")}
         why = "A network that gives one answer always has not learnt yet."
         steps.append(Step("Train longer.", why, again(changed | longer)))
-    if by == "frame":
-        why = "Only then does the error say how well a new recording is recognised. Each object needs two recordings."
-        steps.append(Step("Hold out whole recordings.", why, again(changed | {"split.by": "recording"})))
     if outcome.uncertain and not run.simulated:
         why = "More recordings of each object, in more sessions. More frames of the same recordings hardly help."
         steps.append(Step("Record more.", why))

@@ -17,7 +17,6 @@ from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import AUTO, Form
-from tactile_viewgcn.tables.clocks import clock_notes
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
@@ -38,7 +37,12 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> "Overview":
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, form) as recordings:
+<<<<<<< HEAD
         return Overview(recordings, PreprocessSection(), form)
+=======
+        asked = replace(load(DEFAULTS).preprocess, baseline="auto", filter="auto", contact_sensors="auto")
+        return Overview(recordings, replace(asked, scale="auto"), form)
+>>>>>>> 8c6bc53 (Channels are taken as they are: no unit of their own, no clock is dropped by its values; single frames are not held out)
 
 
 class Overview:
@@ -62,7 +66,7 @@ class Overview:
         remarks: notes on the source and its table, see `tables.remarks`.
         groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
-            where no whole groups can be held out.
+            where no two objects have two groups.
         session_error: of recognising the session, measured only where the object cannot be.
         first_frame: error on the first frame of each recording; None where all frames are contact.
         seconds: (R,) from first to last frame; NaN where the source has no time.
@@ -88,15 +92,14 @@ class Overview:
         sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
         choice = choose(recordings, asked, sides)
         assert choice.hand  # all is `auto`
-        self.recordings = recordings = recordings.without(choice.clocks)
-        self.remarks = [*remarks(recordings, original), *clock_notes(recordings, choice.clocks)]
-        recordings = recordings.in_units(choice.channels)
+        self.recordings = recordings
+        self.remarks = remarks(recordings, original)
         hand = find_open_hand(recordings, choice.hand.sensors, all_contact=choice.hand.all_contact)
         kind = choice.params.baseline
         baseline = measure_baseline(recordings, kind, hand, choice.params.zero)
         self.hand, self.choice = hand, (choice := replace(choice, hand=hand, baseline=baseline))
         self.settings = [*preprocess_settings(recordings, choice), *settings]
-        errors, leaks = measure(recordings, hand, {kind: baseline}, sides.group) if sides.whole else ({}, {})
+        errors, leaks = measure(recordings, hand, {kind: baseline}, sides.group)
         self.error, self.leak, self.session_error = errors.get(kind), leaks.get(kind), None
         if self.error and not self.error.beats_chance:
             of_sessions, _ = measure(recordings, hand, {kind: baseline}, sides.group, column="session")
@@ -129,9 +132,7 @@ class Overview:
     @property
     def unit(self) -> str:
         """The unit of readings, noise and baselines."""
-        own = "% of a sensor's range"
-        counts = "counts" if self.recordings.dtype.kind in "iu" else "the readings' unit"
-        return own if self.choice.params.unit == "each" else counts
+        return "counts" if self.recordings.dtype.kind in "iu" else "the readings' unit"
 
     def setting(self, key: str) -> str:
         """The recommended value of a parameter."""
@@ -175,7 +176,7 @@ def _choice(key: str, value: str | int, reason: str) -> Note:
 
 
 def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
-    """Hold out recordings, or grasps where more objects have two of them, or single frames."""
+    """Hold out recordings, or grasps where more objects have two of them."""
     if "source" in groups and (groups["source"][groups["recording"] > 0] == 2).all():
         return [_choice("split.by", "source", "every object is on both published sides")]
     counts = {by: groups[by][groups["recording"] > 0] for by in ("recording", "grasp") if by in groups}
@@ -185,8 +186,7 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
     repeated = counts[by] >= 2
     if repeated.sum() < 2:
         few = "one recording an object" if not repeated.any() else "only one object has two recordings"
-        reason = f"{few}: no whole recording can be held out. Neighbouring frames are on both sides, and the error "
-        return [_choice("split.by", "frame", f"{reason}says nothing about a new recording: record each twice")]
+        return [_choice("split.by", by, f"{few}: no whole recording can be held out: record each twice")]
     single, fewest = int((~repeated).sum()), int(counts[by][repeated].min())
     alone = f"; {several(single, 'object')} {'has' if single == 1 else 'have'} one and cannot be tested" * (single > 0)
     each_is_needed = by == "recording" and fewest < 2 * MOST_FOLDS  # to learn from, so one at a time is held out
@@ -203,8 +203,6 @@ def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
     assert hand
     if hand.sensors == SENSORS_IN_CONTACT or hand.all_contact:
         settings = [note for note in settings if note.key != "preprocess.contact_sensors"]
-    if choice.channels is None:
-        settings = [note for note in settings if note.key != "preprocess.unit"]
     if len(np.unique(recordings.columns["recording"])) == len(recordings):
         settings.append(_choice("views", 1, "every recording is one frame"))
     if not has_published_split(recordings) or hand.contact.sum() <= FEW_FRAMES:  # unlike STAG's `classification`

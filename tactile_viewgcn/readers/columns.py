@@ -1,7 +1,4 @@
-"""Telling the sensors in tables from times, line numbers, and names of objects, recordings and sessions.
-
-A clock under any other name is left out of every form of recordings, see `tables.clocks`.
-"""
+"""Telling the sensors in tables from times, line numbers, and names of objects, recordings and sessions."""
 
 import re
 from dataclasses import dataclass

@@ -12,9 +12,16 @@ from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
 from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
 from tactile_viewgcn.recognition.recogniser import Recogniser
+<<<<<<< HEAD
 from tactile_viewgcn.tables.clocks import find_clocks
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
 from tactile_viewgcn.views.sampling import spread_frames
+=======
+from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings
+
+LEAST_WINDOW = 1e-3  # seconds; shorter ones hold a frame each
+OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
+>>>>>>> 8c6bc53 (Channels are taken as they are: no unit of their own, no clock is dropped by its values; single frames are not held out)
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,6 @@ def answer_table(
     fitted, columns = recogniser.preprocessing, recordings.columns
     for _, counts in recordings.blocks():
         check_counts(fitted, counts, str(recordings.path))
-    recordings = recordings.without(find_clocks(recordings) & ~fitted.live).in_units(fitted.channels)
     recordings = recordings.part(np.arange(len(recordings)), fitted.live)
     answers, classified = [], []
     baseline, contact = find_contact(fitted, recordings)
@@ -118,7 +124,7 @@ def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float
     """The answer to a recording by its n frames in contact: all, or for a network some, evenly spaced.
 
     Args:
-        excess: (n, H, W) counts above baseline, or readings in the model's units, in the order of time.
+        excess: (n, H, W) counts above baseline, in the order of time.
         stop_at: see `answer_recording`.
     """
     count, views = len(excess), recogniser.classifier.views

@@ -52,7 +52,6 @@ class FittedPreprocessing(BaseModel):
         live: bool (H, W) sensors.
         noise: (H, W) standard deviation of the baseline in counts, 0 where it was not measured.
         baselines: (H, W) mean of each session that has training frames, by the session's name.
-        channels: (2, H, W) zero and gain of the units that all but `live` are in, see `in_units`; None for raw counts.
     """
 
     model_config = CHECKED
@@ -63,7 +62,6 @@ class FittedPreprocessing(BaseModel):
     live: Array
     noise: Array
     baselines: Annotated[dict[str, Array], MinLen(1)]
-    channels: Array | None
 
     @classmethod
     def of(cls, frames: Frames) -> Self:
@@ -82,7 +80,6 @@ class FittedPreprocessing(BaseModel):
             "live": frames.live,
             "noise": np.nan_to_num(frames.noise),
             "baselines": baselines,
-            "channels": frames.channels,
         }
         return cls.model_validate(values)
 
@@ -109,7 +106,7 @@ class Content(BaseModel):
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
         views, fitted = len(self.viewpoints), self.preprocessing
-        shape, live, channels = fitted.live.shape, fitted.live, fitted.channels
+        shape, live = fitted.live.shape, fitted.live
         most = max(np.iinfo(fitted.dtype).max + 1, abs(fitted.params.zero)) if "int" in fitted.dtype else MAX_NUMBER
         rules = {
             "params": "auto" not in vars(fitted.params).values(),
@@ -117,7 +114,6 @@ class Content(BaseModel):
             "live": len(shape) == 2 and live.size <= MAX_SIDE**2 and live.dtype == bool and live.any(),
             "noise": _real(fitted.noise, shape) and (fitted.noise >= 0).all(),
             "baselines": all(_real(each, shape) and np.abs(each).max() <= most for each in fitted.baselines.values()),
-            "channels": channels is None or (_real(channels, (2, *shape)) and (channels[1] != 0).all()),
             "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),
             "calibration": self.calibration is None or len(self.calibration.by_frames) == views,
         }

@@ -64,9 +64,7 @@ class Recogniser:
             raise UserError(
                 f"session is {name!r}; expected one of {', '.join(baselines)}, or give the empty hand's baseline itself"
             )
-        channels = self.preprocessing.channels
-        baseline = baselines[name] if name else self.preprocessing.mean_baseline()
-        return baseline if channels is None else channels[0] + baseline / channels[1]
+        return baselines[name] if name else self.preprocessing.mean_baseline()
 
     @torch.inference_mode()
     def probabilities(self, counts: np.ndarray, baseline: Baseline = None) -> np.ndarray:
@@ -162,8 +160,6 @@ class Recogniser:
                 raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
             check_finite(baseline, "baseline")
             counts = np.subtract(counts, baseline, dtype=np.float64)
-            if self.preprocessing.channels is not None:
-                counts *= self.preprocessing.channels[1]
         inputs = network_input(counts.reshape(-1, *self.shape), self._transform, self._scale)
         with self._compute.autocast():
             return self.classifier.frame_values(self._compute.frames(torch.from_numpy(inputs)))

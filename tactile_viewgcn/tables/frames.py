@@ -22,7 +22,7 @@ class Frames:
     """The n kept frames in the order of their recordings, with R baselines and C classes.
 
     Attributes:
-        counts: (n, H, W) raw counts, or readings in units by `channels`, memory-mapped where the table was read.
+        counts: (n, H, W) raw counts, memory-mapped where the table was read.
         label: (n,) class, index into `classes`.
         recording, session: (n,) index into `recordings` and `sessions`.
         grasp: (n,) number of the grasp inside its recording; 0 where grasps are not numbered.
@@ -38,7 +38,6 @@ class Frames:
         noise: (H, W) mean standard deviation of the training side's baselines in counts, NaN where it was not measured.
         preprocess: the section of params.yaml behind this table, every `auto` decided; new recordings get the same.
         kept_share: share of the training side's frames that pass the filter.
-        channels: (2, H, W) zero and gain that made `counts` of the raw ones, see `in_units`; None where they are raw.
     """
 
     counts: Counts
@@ -61,7 +60,6 @@ class Frames:
     noise: np.ndarray
     preprocess: dict[str, Any]
     kept_share: float
-    channels: np.ndarray | None = None
     channel_names: list[str] | None = None
 
     def __len__(self) -> int:

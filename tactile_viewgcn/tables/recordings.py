@@ -152,23 +152,6 @@ class Recordings:
         part.live = self.live & np.logical_or.reduce(list(varying)) if live is None else live
         return part
 
-    def without(self, sensors: np.ndarray) -> "Recordings":
-        """The table in which some sensors, bool (H, W), read 0 and are not live."""
-        if not sensors.any():
-            return self
-        part = copy(self)
-        part.live = self.live & ~sensors
-        part.counts = Gathered(lambda index: np.where(sensors, 0, self.counts[index]), np.arange(len(self)))
-        return part
-
-    def in_units(self, channels: np.ndarray | None) -> "Recordings":
-        """The table with readings in units, see `in_units`."""
-        if channels is None:
-            return self
-        part, dtype = copy(self), np.result_type(self.dtype, np.float32)
-        part.counts = Gathered(lambda index: in_units(self.counts[index], channels).astype(dtype), np.arange(len(self)))
-        return part
-
     def live_counts(self) -> Counts:
         """Counts (T, S) of the live sensors, read when they are indexed."""
         sensors = np.flatnonzero(self.live)
@@ -210,11 +193,6 @@ class ArrayRecordings(Recordings):
             "time": np.full(len(row), np.nan),
         }
         self.live, self.notes = (pressure != pressure[0]).any(axis=0), []
-
-
-def in_units(readings: np.ndarray, channels: np.ndarray | None) -> np.ndarray:
-    """(r - zero) * gain of readings r (..., H, W), by the zeros and gains in `channels` (2, H, W); r for None."""
-    return readings if channels is None else np.subtract(readings, channels[0], dtype=np.float64) * channels[1]
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:

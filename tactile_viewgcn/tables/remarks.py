@@ -6,9 +6,10 @@ import numpy as np
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several
 from tactile_viewgcn.readers.source import listed
-from tactile_viewgcn.tables.clocks import FEWEST, listed_sensors
+from tactile_viewgcn.tables.frames import sensor_names
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
+FEWEST = 20  # steps that show a ramp
 STRAIGHT = 0.999  # correlation with the frame's number
 SLOW = 1.0  # median seconds between frames; those of a clock in milliseconds are more
 
@@ -72,9 +73,15 @@ def _labels(recordings: Recordings) -> list[Note]:
         labels &= (counts == expected).all(axis=0)
     if not labels.any() or len(first) < 2:
         return []
-    text = listed_sensors(recordings, labels, "with one reading for each object")
+    text = _listed_sensors(recordings, labels, "with one reading for each object")
     remedy = "Names of objects are no readings: remove them, or call the column `object`."
     return [Note(f"{text}. {remedy}", "warning", "labels")]
+
+
+def _listed_sensors(recordings: Recordings, sensors: np.ndarray, what: str) -> str:
+    """`2 sensors WHAT: ...`, with the names of some sensors, bool (H, W)."""
+    names = sensor_names(sensors, recordings.channel_names)
+    return f"{several(len(names), 'sensor')} {what}: {listed(names, '; ')}"
 
 
 def _ramps(recordings: Recordings) -> list[Note]:
@@ -89,7 +96,7 @@ def _ramps(recordings: Recordings) -> list[Note]:
         ramps[ramps], count = straight, count + len(index) - 1
     if not ramps.any() or count < FEWEST:
         return []
-    text = listed_sensors(recordings, ramps, "rising or falling evenly in every recording")
+    text = _listed_sensors(recordings, ramps, "rising or falling evenly in every recording")
     remedy = "Remove a clock: by it alone recordings can be told from earlier ones."
     return [Note(f"{text}. {remedy}", "warning", "ramps")]
 

@@ -83,13 +83,13 @@ def test_without_a_measurement_the_baseline_is_of_what_was_recorded_and_few_sens
 ):
     made = drifting(recordings=2, grasps=2, shape=shape)
     kept = (made.columns["object"] > 0) | (np.cumsum(made.columns["object"] == 0) <= empty)
-    choice = chosen(made.table(tmp_path / "t", kept), "split.by=frame")
+    choice = chosen(made.table(tmp_path / "t", kept), *BY_RECORDING)
     assert choice.errors == choice.leaks == {} and choice.params.baseline == baseline
     assert choice.params.filter == ("none" if baseline == "none" else "contact")
 
 
 def test_what_is_set_is_kept_and_what_is_not_needed_is_not_computed(glove):
-    fixed = ("preprocess.unit=one", "preprocess.scale=100", *BY_RECORDING)
+    fixed = ("preprocess.scale=100", *BY_RECORDING)
     choice = chosen(glove, "preprocess.baseline=grasp", "preprocess.filter=contact", *fixed)
     assert choice.notes == [] and choice.errors == {} and choice.hand is not None
     assert (choice.params.baseline, choice.params.filter, choice.params.scale) == ("grasp", "contact", 100.0)
@@ -109,10 +109,6 @@ def test_recordings_are_all_contact_if_their_quietest_frames_predict_the_objects
     columns = {"object": np.repeat(label, 80), "recording": np.repeat(np.arange(24), 80), "grasp": np.tile(light, 24)}
     recordings = written(tmp_path / "t", counts, **columns, objects=["mug", "pen", "ball", "coin"])
     assert chosen(recordings, "split.by=recording").hand.all_contact == of_object
-
-
-def test_groups_of_a_training_are_measured_although_single_frames_would_be_held_out(glove):
-    assert chosen(glove, "split.by=frame", groups=glove.columns["recording"]).errors.keys() == set(KINDS)
 
 
 @pytest.mark.parametrize(

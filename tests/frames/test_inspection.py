@@ -12,7 +12,7 @@ import pytest
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.messages import warnings_of
-from tactile_viewgcn.pages.inspection_text import WIDTH, facts, inspection_lines, verdict, warnings
+from tactile_viewgcn.pages.inspection_text import WIDTH, command_lines, facts, inspection_lines, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
@@ -64,8 +64,10 @@ GLOVES = {
 }
 
 
-@pytest.mark.parametrize(("name", "interval", "said"), [("time", 0.125, "'time') is time in s"), ("X", None, "clock")])
-def test_objects_that_differ_in_the_clock_alone_are_not_distinguished(tmp_path, name, interval, said):
+@pytest.mark.parametrize(
+    ("name", "interval", "said"), [("time", 0.125, "'time') is time in s"), ("X", None, "a clock")]
+)
+def test_a_clock_is_left_out_by_its_name_and_warned_of_by_its_values(tmp_path, name, interval, said):
     rng = np.random.default_rng(0)
     for label, number in np.ndindex(3, 6):
         readings = 500 + rng.normal(0, 1, (40, 6)) + 30 * (np.arange(40) > 9)[:, None]
@@ -76,7 +78,8 @@ def test_objects_that_differ_in_the_clock_alone_are_not_distinguished(tmp_path, 
             folder / f"{number}.csv", table, delimiter=",", header=f"{name},a,b,c,d,e,f", comments="", fmt="%.3f"
         )
     overview = inspect_source(tmp_path / "lab")
-    assert overview.recordings.live.sum() == 6 and overview.interval == interval and not overview.error.beats_chance
+    assert overview.recordings.live.sum() == 6 + (name == "X") and overview.interval == interval
+    assert overview.error.beats_chance == (name == "X")  # objects differ in the clock alone
     assert said in " ".join(inspection_lines(overview))
 
 
@@ -103,7 +106,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
     made = preprocessed(page.recordings, *changes)
     assert warnings_of(made.notes) == [] and made.choice.params == page.choice.params
     chosen = {note.key.removeprefix("preprocess.") for note in made.notes if note.level == "choice"}
-    assert chosen == {"unit", "baseline", "filter", "contact_sensors", "scale"} | ({"zero"} & settings.keys())
+    assert chosen == {"baseline", "filter", "contact_sensors", "scale"} | ({"zero"} & settings.keys())
     if name == "all contact":  # every frame is kept as it is
         assert len(made.frames) == 10 * FOREIGN_OBJECTS * FOREIGN_RECORDINGS
         np.testing.assert_array_equal(made.frames.inputs(np.arange(160), "counts"), made.frames.counts)
@@ -188,7 +191,6 @@ def test_one_object_is_no_task(tmp_path):
     page = inspect_source(tmp_path / "glove")
     text = " ".join(" ".join(inspection_lines(page)).split())
     assert f"one class, {FOREIGN_NAMES[0]};" in text and "dvc exp run" not in text
-    assert recommended(page)["split.by"] == "frame"
 
 
 @pytest.mark.parametrize(
@@ -222,7 +224,7 @@ def test_copies_of_a_recording_test_nothing(tmp_path):
         for number in range(5):
             save(tmp_path / name / f"{number}.npy", counts)
     page = inspect_source(tmp_path)
-    assert page.groups["recording"].tolist() == [1, 1, 1] and page.setting("split.by") == "frame"
+    assert page.groups["recording"].tolist() == [1, 1, 1] and command_lines(page) == []
     assert "copies" in {note.topic for note in warnings(page)} and verdict(page, []).kind == "bad"
 
 

@@ -13,7 +13,7 @@ from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.tables.frames import TRAIN
 from tests.glove_data import drifting, recipe, views_of, written
 
-BY = ("source", "recording", "grasp", "session", "frame")
+BY = ("source", "recording", "grasp", "session")
 BASELINES, FILTERS = ("auto", "empty_hand", "grasp", "none"), ("auto", "flags", "contact", "none")
 EMPTY, NO_EMPTY = "the empty hand recorded", "no empty hand"
 CASES = [
@@ -66,7 +66,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     if by == "source":  # elsewhere it would spare the measurement of baselines; recordings are on both sides
         columns["split"] = ((number == 3) | ((number == 1) & (grasp == 1))).astype(np.int8)
     asked = (f"preprocess.baseline={baseline}", f"preprocess.filter={filtered}", "cluster.restarts=1")
-    split = f"split.folds={2 if by == 'grasp' else 4}", f"split.validation={0 if by == 'frame' else 0.3}"
+    split = f"split.folds={2 if by == 'grasp' else 4}", "split.validation=0.3"
     params = recipe(*asked, f"split.by={by}", *split)
     expected, other = training_side(glove.table(tmp_path / "a", part, **columns), params)
     changed = np.zeros(len(part), dtype=bool)
@@ -81,22 +81,6 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     assert actual.keys() == expected.keys() and changed.any()
     for name, value in expected.items():
         np.testing.assert_array_equal(actual[name], value, err_msg=name)
-
-
-def test_no_reading_of_the_other_sides_says_that_a_sensor_is_a_clock_or_none(tmp_path, glove):
-    """One sensor rises evenly on the training side alone, another one everywhere but there."""
-    columns = glove.columns | {"session": glove.columns["recording"] % 2}
-    params = recipe("split.by=recording", "split.folds=4", "preprocess.baseline=auto", "preprocess.filter=auto")
-    rows = np.arange(len(glove.counts))
-    made = preprocess_recordings(written(tmp_path / "a", glove.counts, **columns), params.preprocess, params.split)
-    counts, train = glove.counts.copy(), made.sides.training | (columns["object"] == 0)
-    counts[train, 1, 1] = rows[train]
-    counts[~train, 2, 2] = rows[~train]
-    before, _ = training_side(written(tmp_path / "b", np.where(train[:, None, None], counts, 0), **columns), params)
-    after, other = training_side(written(tmp_path / "c", counts, **columns), params)
-    assert other.any() and not after["live"][1, 1] and after["live"][2, 2]
-    for name, value in before.items():
-        np.testing.assert_array_equal(after[name], value, err_msg=name)
 
 
 def test_the_empty_hand_of_another_side_gives_baseline_and_noise_alone(tmp_path, glove):

@@ -62,17 +62,6 @@ def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes
     assert len({tested(deal, across=across).tobytes() for deal in range(5) for across in (False, True)}) == 9
 
 
-def test_single_frames_are_dealt_at_random_and_equally_of_each_class():
-    """As with `split.by: frame`, where each frame is a group."""
-    labels, groups = np.repeat([0, 1], [30, 12]), np.arange(42)
-    sides = [
-        fold_sides(groups, labels, folds=3, fold=fold, across=False, rng=np.random.default_rng(4)) for fold in range(3)
-    ]
-    assert (np.sum([side == TEST for side in sides], axis=0) == 1).all()
-    assert [np.bincount(labels[side == TEST]).tolist() for side in sides] == [[10, 4]] * 3
-    assert np.unique(np.diff(np.flatnonzero(sides[0][:30] == TEST))).size > 1  # not every third
-
-
 @pytest.mark.parametrize("by", ["recording", "grasp", "session"])
 @settings(max_examples=25, deadline=None)
 @given(

@@ -78,7 +78,6 @@ SIMULATED = {"data_source": "data/virtual/recordings"}
         (ALWAYS_BALL, {}, "bad", "Every answer was ball", "Record more.", "inspect 'my glove' --html inspection.html"),
         (ALWAYS_BALL, {"data_shape": [4, 8]}, "bad", "", "Record", "my glove' --set 'data.shape=[4,8]' --html"),
         (ALWAYS_BALL, {"model_system": "view_gcn"}, "bad", "guessing", "Train longer.", LONGER),
-        (RIGHT, {"split_by": "frame"}, "unsure", "Single frames", "Hold out whole", "-S split.by=recording"),
         (RIGHT, SIMULATED, "good", "", "Take your own", "inspect data/my_glove"),
         (FEW, SIMULATED, "unsure", "", "Test every", "-S data.source=data/virtual/recordings\ndvc q"),
     ],

@@ -13,7 +13,6 @@ from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN, Form
-from tactile_viewgcn.tables.clocks import clock_notes, find_clocks
 from tests.readers.files import COUNTS, ingested, raw, record, refusal, save
 from tests.stag_files import SENSORS, as_weights, metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
 
@@ -122,8 +121,6 @@ COLUMNS = {  # names, a line, seconds between frames, and the columns that notes
     "unit in the name": ("a,b,c,t [ms]\n", lambda t, *r: [*r, 2 * t], 0.002, ["column 4 ('t [ms]')"]),
     "unit as name": ("a,b,c,millis\n", lambda t, *r: [*r, t], 0.001, ["column 4 ('millis')"]),
     "milliseconds": ("a,timestamp,b,c\n", lambda t, a, *r: [a, 33 * t, *r], 0.033, ["column 2 ('timestamp')"]),
-    "clock without a name": ("", lambda t, *r: [*r, 33 * t], None, ["row 1, column 4"]),
-    "clock under an odd name": ("a,b,c,X_Value\n", lambda t, *r: [*r, t / 8], None, ["X_Value"]),
     "no unit": ("time,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('time')"]),
     "line numbers": ("Sample,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('Sample')"]),
     "names": ("a,b,c,label,Trial\n", lambda t, *r: [*r, "x", 7], None, ["column 4 ('label')", "column 5 ('Trial')"]),
@@ -137,31 +134,12 @@ COLUMNS = {  # names, a line, seconds between frames, and the columns that notes
 def test_columns_that_are_no_sensors_are_left_out_and_named(tmp_path, name):
     header, line, interval, noted = COLUMNS[name]
     _, table = ingested(tables_of(tmp_path / "lab", header, line))
-    clocks = find_clocks(table)
-    sensors = table.without(clocks)
-    counts = sensors.counts[np.arange(60)]
-    assert sensors.live.sum() == 3 and counts[:, sensors.live].min() >= 500 and not counts[:, ~sensors.live].any()
+    counts = table.counts[np.arange(60)]
+    assert table.live.sum() == 3 and counts[:, table.live].min() >= 500
     expected = np.tile(np.arange(15) * (interval or np.nan), 4)
     np.testing.assert_allclose(table.columns["time"], expected, atol=1e-6)
-    texts = [note.text for note in [*table.notes, *clock_notes(table, clocks)] if note.topic in ("columns", "clock")]
+    texts = [note.text for note in table.notes if note.topic == "columns"]
     assert [words in text for words, text in zip(noted, texts, strict=True)] == [True] * len(noted)
-
-
-@pytest.mark.parametrize(
-    "line", [lambda t, *r: [*r, t**4], lambda t, *r: [33 * t, t, 5 * t, 7 * t], lambda t, *r: [*r, 3 * (t % 5)]]
-)
-def test_what_rises_unlike_a_clock_is_a_sensor(tmp_path, line):
-    counts, table = ingested(tables_of(tmp_path / "lab", "", line))
-    assert counts.shape == (60, 1, 4) and table.live.all() and not find_clocks(table).any()
-    assert not find_clocks(ingested(tables_of(tmp_path / "short", "", lambda t, *r: [*r, 33 * t], 5))[1]).any()
-
-
-@pytest.mark.parametrize(("begins", "is_clock"), [([0, 0, 0], True), ([0, 100, 50], True), ([5, 8, 6], False)])
-def test_a_finger_that_closes_evenly_is_no_clock(tmp_path, begins, is_clock):
-    for number, begin in enumerate(begins):
-        noise = np.random.default_rng(number).normal(0, 1, (40, 3))
-        save(tmp_path / "lab" / "mug" / f"{number}.npy", np.column_stack([begin + np.arange(40), noise]))
-    assert find_clocks(ingested(tmp_path / "lab")[1]).tolist() == [[is_clock, False, False, False]]
 
 
 def saved_as(form, place, counts):
