@@ -96,45 +96,24 @@ class Data:
 
 @dataclass(frozen=True, config=SECTION)
 class PreprocessSection:
-<<<<<<< HEAD
     baseline: Literal["auto", "empty_hand", "grasp", "none"] = "auto"  # auto: see frames/choose.py
     zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)] = 500.0
     filter: Literal["auto", "flags", "contact", "none"] = "auto"
     contact_sensors: Literal["auto"] | Count = "auto"
-    unit: Literal["auto", "one", "each"] = "auto"  # auto: see frames/units.py
     transform: Literal["clip", "log"] = "clip"
     scale: Literal["auto"] | Positive = "auto"
     empty_hand_class: StrictBool = True
-=======
-    baseline: Literal["auto", "empty_hand", "grasp", "none"]  # auto: see frames/choose.py
-    zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)]
-    filter: Literal["auto", "flags", "contact", "none"]
-    contact_sensors: Literal["auto"] | Count
-    transform: Literal["clip", "log"]
-    scale: Literal["auto"] | Positive
-    empty_hand_class: StrictBool
->>>>>>> 8c6bc53 (Channels are taken as they are: no unit of their own, no clock is dropped by its values; single frames are not held out)
 
 
 @dataclass(frozen=True, config=SECTION)
 class Split:
-<<<<<<< HEAD
-    by: Literal["source", "recording", "grasp", "session", "frame"] = "source"
+    by: Literal["source", "recording", "grasp", "session"] = "source"
     folds: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
     fold: Natural = 0
     deal: Seed = 0
     validation: Share = 0.0
     train_groups: Literal["all"] | Count = "all"
     train_grasps: Literal["all"] | Count = "all"
-=======
-    by: Literal["source", "recording", "grasp", "session"]
-    folds: Annotated[StrictInt, Interval(ge=2, le=MOST)]
-    fold: Natural
-    deal: Seed
-    validation: Share
-    train_groups: Literal["all"] | Count
-    train_grasps: Literal["all"] | Count
->>>>>>> 8c6bc53 (Channels are taken as they are: no unit of their own, no clock is dropped by its values; single frames are not held out)
 
 
 @dataclass(frozen=True, config=SECTION)
@@ -240,20 +219,13 @@ class Params:
             wrong.append(f"split.fold is {split.fold}; expected less than split.folds = {split.folds}")
         if self.evaluate.side == "validation" and not split.validation:
             wrong.append("evaluate.side is validation, and split.validation is 0: expected a share of the groups")
-<<<<<<< HEAD
         if on_sensors(model.system) and split.validation and self.evaluate.side == "test":
             wrong.append(
                 f"split.validation is {split.validation:g}, and model.system is {model.system}, which is calibrated "
                 "without validation groups: expected 0, or evaluate.side validation"
             )
-        if split.by == "frame" and split.validation:
-            wrong.append(f"split.by is frame, which leaks, and split.validation is {split.validation:g}: expected 0")
         for_networks = not (split.validation or on_sensors(model.system))  # they are calibrated on validation groups
         if threshold and not (fewer_views and not for_networks):
-=======
-        can_calibrate = split.validation or on_sensors(model.system)  # these need no validation groups for it
-        if threshold and not (fewer_views and can_calibrate):
->>>>>>> 8c6bc53 (Channels are taken as they are: no unit of their own, no clock is dropped by its values; single frames are not held out)
             wrong.append(
                 f"evaluate.confidence_threshold is {threshold:g}, which needs a calibration: "
                 f"expected finetune.num_views random{' and split.validation above 0' * for_networks}"

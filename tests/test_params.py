@@ -130,11 +130,7 @@ def test_all_mistakes_are_listed_at_once():
         (("evaluate.confidence_threshold=0.9", "finetune.num_views=random"), "evaluate.confidence_threshold"),
         (("evaluate.confidence_threshold=0.9", "split.validation=0.2"), "evaluate.confidence_threshold"),
         (("evaluate.grasps=3", "views=2"), "evaluate.grasps views"),
-<<<<<<< HEAD
-        (("split.by=frame", "split.validation=0.2"), "split.by split.validation"),
         (("model.system=sensors", "split.validation=0.5"), "split.validation model.system evaluate.side"),
-=======
->>>>>>> 8c6bc53 (Channels are taken as they are: no unit of their own, no clock is dropped by its values; single frames are not held out)
     ],
 )
 def test_values_that_do_not_go_together_are_refused(changes, keys):

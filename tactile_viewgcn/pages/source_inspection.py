@@ -37,12 +37,7 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> "Overview":
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, form) as recordings:
-<<<<<<< HEAD
         return Overview(recordings, PreprocessSection(), form)
-=======
-        asked = replace(load(DEFAULTS).preprocess, baseline="auto", filter="auto", contact_sensors="auto")
-        return Overview(recordings, replace(asked, scale="auto"), form)
->>>>>>> 8c6bc53 (Channels are taken as they are: no unit of their own, no clock is dropped by its values; single frames are not held out)
 
 
 class Overview:

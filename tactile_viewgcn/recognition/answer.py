@@ -12,16 +12,8 @@ from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
 from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
 from tactile_viewgcn.recognition.recogniser import Recogniser
-<<<<<<< HEAD
-from tactile_viewgcn.tables.clocks import find_clocks
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
 from tactile_viewgcn.views.sampling import spread_frames
-=======
-from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings
-
-LEAST_WINDOW = 1e-3  # seconds; shorter ones hold a frame each
-OBJECT, UNKNOWN, NO_CONTACT = "object", "unlike anything seen", "no contact"
->>>>>>> 8c6bc53 (Channels are taken as they are: no unit of their own, no clock is dropped by its values; single frames are not held out)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ CHOSEN = {
     "preprocess.zero": 0,
     "preprocess.filter": "none",
     "preprocess.contact_sensors": 1,
-    "preprocess.unit": "one",
     "cluster.scope": "recording",
 }
 
