@@ -73,7 +73,7 @@ def run(
     if answers:
         folder = out or FOLDER / study.name
         print(write_report(study, answers, folder, changes))
-        print(f"written: {folder}/results.csv, results.md and pictures")
+        print(f"written: {folder}/results.csv, results.md and pictures, if any")
     if faults:
         raise UserError(
             f"{len(faults)} of {several(len(cells), 'cell')} failed, see above; the same command tries them again"

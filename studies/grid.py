@@ -57,7 +57,7 @@ class Study:
     cross: list[Variants] = field(default_factory=list)
     one_seed: list[StrictStr] = field(default_factory=list)
     one_deal: list[StrictStr] = field(default_factory=list)
-    picture: Literal["error", "seconds", "curves"] = "error"
+    picture: Literal["seconds", "curves"] | None = None
 
     @property
     def references(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""The pictures of a study: errors by variant, against a cost, or along a crossing."""
+"""The pictures of a study: errors against a cost, or along a crossing."""
 
 from collections.abc import Collection
 
@@ -9,25 +9,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from studies.comparison import pareto_front, with_seconds
-
-
-def errors_by_variant(rows: pd.DataFrame, title: str) -> Figure:
-    """A line for each variant, a mark on it for each protocol."""
-    variants, protocols = list(rows["variant"].unique()), rows["protocol"].unique()
-    figure = Figure(figsize=(8, 1.8 + 0.42 * len(variants)), layout="constrained")
-    axes = figure.add_subplot()
-    for number, protocol in enumerate(protocols):
-        chosen = rows[rows["protocol"] == protocol]
-        places = chosen["variant"].map(variants.index) + 0.2 * (number - (len(protocols) - 1) / 2)
-        axes.errorbar(
-            chosen["error"], places, xerr=_bars(chosen), fmt="o", elinewidth=0.8, label=f"{protocol} protocol"
-        )
-    axes.set_yticks(range(len(variants)), variants)
-    axes.set(xlabel="error, %", ylim=(len(variants) - 0.5, -0.5))
-    axes.grid(alpha=0.3, axis="x")
-    figure.legend(fontsize=8, loc="outside lower center", ncols=len(protocols))
-    figure.suptitle(title, fontsize=10)
-    return figure
 
 
 def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collection[str], title: str) -> Figure:

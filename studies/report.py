@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from studies.cells import Answers
 from studies.comparison import complete, power, rows_of
 from studies.grid import COLUMNS, Study
-from studies.pictures import error_curves, errors_by_cost, errors_by_variant
+from studies.pictures import error_curves, errors_by_cost
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
@@ -78,7 +78,7 @@ def pictures(study: Study, rows: pd.DataFrame, references: Sequence[str], title:
             "answers.png": ("ms alone", "ms of an answer, alone"),
         }
         return {name: errors_by_cost(rows, *cost, references, title) for name, cost in costs.items()}
-    return {"results.png": errors_by_variant(rows, title)}
+    return {}
 
 
 def missing(study: Study, answers: list[Answers], on_top: tuple[str, ...]) -> list[str]:
