@@ -190,7 +190,7 @@ class Glove:
     grasp_frames: Count = 10
     objects: Literal["all"] | Annotated[list[StrictStr], Strict(), MinLen(1)] = "all"
     seed: Seed = 0
-    leave_out: Annotated[list[Mechanics | Reading], Strict(), Unique] = field(default_factory=list)
+    leave_out: Annotated[list[Literal[Mechanics, Reading]], Strict(), Unique] = field(default_factory=list)
 
 
 @dataclass(frozen=True, config=SECTION)
