@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from stages.command import Job, run
-from tactile_viewgcn.evaluation import report
+from tactile_viewgcn.evaluation import results
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import write_predictions
 from tactile_viewgcn.process import peak_mb, seconds_since_start
@@ -12,39 +12,37 @@ from tactile_viewgcn.tables.frames import read_frames
 
 
 def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], out: Path) -> str:
-    params, row, table, compute = job.params, job.run, read_frames(frames), job.compute()
+    row, table = job.run, read_frames(frames)
     model, content = load_classifier(classifier)
-    records = report.read_records(after)
-    temperatures = content.calibration.by_frames if content.calibration else None
-    evaluation = evaluate_table(model, table, params.cluster, params.evaluate, compute, params.seed, temperatures)
+    records = results.read_records(after)
+    evaluation = evaluate_table(model, table, job.params, job.compute(), content.temperature)
     metrics, predictions = evaluation.metrics, evaluation.predictions
     write_predictions(out / "predictions.npz", predictions)
     if "ingest" in records:
-        row.dataset(*report.dataset(records["ingest"]))
+        row.dataset(*results.dataset(records["ingest"]))
     for path in after:
         job.md5(path.stem)  # `report` sees by it that a stage ran again
-    tags, constants = report.row_tags_and_parameters(metrics, records)
+    tags, constants = results.row_tags_and_parameters(metrics, records)
     row.tags(tags)
     row.parameters(constants)
     if row.id:
         from tactile_viewgcn.plots import confusions
 
-        protocols = {f"{name} protocol, all trials": name for name in evaluation.protocols}
-        counts = {title: predictions.confusion(name) for title, name in protocols.items()}
+        counts = {f"{name} protocol, all trials": predictions.confusion(name) for name in evaluation.protocols}
         row.figure("confusion.png", confusions(counts, table.classes))
     frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
     address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
-    timing = report.costs(evaluation, records, seconds_since_start(), peak_mb())
-    report.write_results(out, evaluation, timing)
+    timing = results.costs(evaluation, records, seconds_since_start(), peak_mb())
+    results.write_results(out, evaluation, timing)
     for path in (out, *after):
         row.artifacts(path)
-    row.metrics(report.row_metrics(metrics, timing))
+    row.metrics(results.row_metrics(metrics, timing))
     for protocol, trials in evaluation.protocols.items():
         for trial, correct in enumerate(trials.correct, start=1):
             row.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
-        for views, error in report.errors_by_views(metrics, protocol).items():
+        for views, error in results.errors_by_views(metrics, protocol).items():
             row.metrics({f"views.error.{protocol}": error["mean"]}, int(views))
-    lines = report.summary_lines(metrics, timing)
+    lines = results.summary_lines(metrics, timing)
     if address:
         lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
     return "\n".join([*lines, f"  next: tactile-viewgcn report; tactile-viewgcn predict {classifier} NEW_RECORDINGS"])

@@ -27,7 +27,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     key = job.checkpoint_key()
     with training_checkpoint("finetune", key, compute) as checkpoint_path:
         fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
-        save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.calibration)
+        save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.temperature)
     for note in fitted.notes:
         job.note(note)
     classifier, progress = fitted.classifier, fitted.progress

@@ -58,7 +58,6 @@ Seed = Annotated[StrictInt, Interval(ge=0, le=2**32 - 1)]
 Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation needs two examples
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Columns = Annotated[list[Annotated[StrictStr, StringConstraints(pattern=COLUMN)]], Strict(), Unique]
-Protocols = Annotated[list[Literal["object", "recording"]], Strict(), MinLen(1), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Mechanics = Literal["motion", "weight", "shift", "tremor", "fit"]  # effects of the virtual glove
 Reading = Literal["bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects"]
@@ -176,9 +175,6 @@ class Finetune:
 class Evaluate:
     trials: Count = 10
     side: Literal["test", "validation"] = "test"
-    confidence_threshold: Share = 0.0
-    grasps: Literal["all"] | Annotated[StrictInt, Interval(ge=1, le=3)] = "all"
-    protocols: Protocols = field(default_factory=lambda: ["object", "recording"])
 
 
 @dataclass(frozen=True, config=SECTION)
@@ -213,8 +209,7 @@ class Params:
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
         """Refuse values that contradict each other, though each is allowed by itself."""
-        split, model, threshold = self.split, self.model, self.evaluate.confidence_threshold
-        fewer_views, wrong = self.finetune.num_views == "random", []
+        split, model, fewer_views, wrong = self.split, self.model, self.finetune.num_views == "random", []
         if split.fold >= split.folds:
             wrong.append(f"split.fold is {split.fold}; expected less than split.folds = {split.folds}")
         if self.evaluate.side == "validation" and not split.validation:
@@ -224,15 +219,6 @@ class Params:
                 f"split.validation is {split.validation:g}, and model.system is {model.system}, which is calibrated "
                 "without validation groups: expected 0, or evaluate.side validation"
             )
-        for_networks = not (split.validation or on_sensors(model.system))  # they are calibrated on validation groups
-        if threshold and not (fewer_views and not for_networks):
-            wrong.append(
-                f"evaluate.confidence_threshold is {threshold:g}, which needs a calibration: "
-                f"expected finetune.num_views random{' and split.validation above 0' * for_networks}"
-            )
-        grasps = self.evaluate.grasps if "recording" in self.evaluate.protocols else "all"
-        if grasps != "all" and grasps > self.views:
-            wrong.append(f"evaluate.grasps is {grasps}, and views is {self.views}: expected a frame of each at least")
         if fewer_views and model.selector == "joint":
             wrong.append("model.selector joint needs all views, finetune.num_views is random: expected per_view")
         if fewer_views and model.system in ("stag", "rotationnet"):

@@ -18,7 +18,6 @@ import yaml
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.recognition.sequential import Calibration
 from tests import glove_data
 from tests.glove_data import recipe, table, trained
 
@@ -122,13 +121,6 @@ def place(tmp_path_factory) -> Path:
     shutil.copy(ROOT / "params.yaml", folder)
     (folder / "models").mkdir()
     save_classifier(folder / "models" / "classifier.pt", trained(), recipe().model, table())
-    save_classifier(
-        folder / "models" / "sequential.pt",
-        trained(),
-        recipe().model,
-        table(),
-        calibration=Calibration([1.0] * 4, []),
-    )
     rng = np.random.default_rng(0)
     np.save(folder / "counts.npy", (514 + rng.poisson(3, (2, 4, 12, 12))).astype(np.int16))
     recording = (514 + rng.poisson(1, (30, 12, 12))).astype(np.int16)

@@ -18,7 +18,7 @@ ALLOWED = {
     "frames": {"readers", "tables", "sensors"},
     "views": {"tables"},
     "nn": set(),
-    "sensors": {"nn"},
+    "sensors": set(),
     "systems": {"nn", "sensors"},
     "training": {"tables", "views", "nn", "sensors", "systems"},
     "recognition": {"readers", "tables", "frames", "views", "nn", "sensors", "systems", "training"},

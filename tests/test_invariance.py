@@ -89,7 +89,7 @@ def evaluated(subject: Subject, precision: str) -> tuple[torch.Tensor, np.ndarra
     table = replace(subject.table, anchor=chosen)
     inputs = table.inputs(index)
     nodes = subject.features(inputs, precision)
-    evaluate = replace(subject.params.evaluate, trials=2, side="test", protocols=["object", "recording"])
-    trials = all_trials(classifier, nodes, table, subject.params.cluster, evaluate, subject.params.seed)
+    params = replace(subject.params, evaluate=replace(subject.params.evaluate, trials=2, side="test"))
+    trials = all_trials(classifier, nodes, table, params)
     answers = np.stack([one.predicted for one in trials.values()])
     return subject.head_logits(classifier.head, nodes, subject.sets(inputs, 100), precision), answers

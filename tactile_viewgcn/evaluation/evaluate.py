@@ -9,24 +9,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.predictions import Predictions, predictions_of
-from tactile_viewgcn.evaluation.statistics import calibration_error, median_and_p95
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, Trials, all_trials, check_grasps, unit_of_grasps
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, Trials, all_trials
 from tactile_viewgcn.intervals import proportion_interval
-from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import Cluster, Evaluate
+from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.sequential import SequentialTrials, sequential_trials
-from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.tables.counts import Counts, Gathered
 from tactile_viewgcn.tables.frames import SIDES, Frames
-from tactile_viewgcn.training.inputs import FrameInputs
-from tactile_viewgcn.views.clustering import pool_ids
 
 SECONDS = 1.0  # for each of the two measurements of latency
 MAX_REPEATS = 50
@@ -42,9 +34,7 @@ class Evaluation:
         protocols: trials by protocol.
         predictions: their answers.
         metrics: sizes and scores, equal on every run with one seed; errors are fractions. For each protocol see
-            `scores_of`; `recording` also has the number of grasps `joined`, if not all, and the median number of
-            `frames` of recordings that are answered whole. For `sequential` prediction, if asked for, see
-            `sequential_scores`.
+            `scores_of`; `recording` also has the median number of `frames` of recordings that are answered whole.
         seconds: of all trials, including features and clustering.
         latency_ms: see `latency`; empty if it was not measured.
     """
@@ -59,38 +49,26 @@ class Evaluation:
 def evaluate_table(
     classifier: Classifier,
     table: Frames,
-    cluster: Cluster,
-    evaluate: Evaluate,
+    params: Params,
     compute: Compute,
-    seed: int,
-    temperatures: list[float] | None = None,
+    temperature: float | None = None,
     *,
     timed: bool = True,
 ) -> Evaluation:
-    """All trials on the side `evaluate.side`, and sequential ones if `evaluate.confidence_threshold` is above 0.
+    """All trials on the side `evaluate.side`.
 
     Args:
-        temperatures: of the classifier, for 1 to V frames.
+        temperature: of the classifier, if it is calibrated.
         timed: measure the latency too.
-
-    Raises:
-        UserError: a confidence threshold for a classifier without temperatures; see `check_grasps`.
     """
-    check_grasps(table, evaluate)
-    if evaluate.confidence_threshold and not temperatures:
-        raise UserError(
-            f"evaluate.confidence_threshold is {evaluate.confidence_threshold:g}, and the classifier is not "
-            "calibrated: fine-tune it with finetune.num_views random and split.validation above 0"
-        )
-    begin = time.perf_counter()
+    begin, evaluate, seed = time.perf_counter(), params.evaluate, params.seed
     sides = {name: table.on(SIDES.index(name)) for name in ("train", evaluate.side)}
     index = sides[evaluate.side]
-    anchors, frames = np.flatnonzero(table.anchor[index]), FrameInputs(table, index, compute, classifier.transform)
+    inputs = Gathered(lambda at: table.inputs(at, classifier.transform), index)
     classifier.prepare(compute)
-    with compute.autocast():
-        features = classifier.frame_values(frames)
-    protocols = all_trials(classifier, features, table, cluster, evaluate, seed, temperatures)
-    groups = table.group[index][anchors]
+    values = classifier.frame_values(inputs)
+    protocols = all_trials(classifier, values, table, params, temperature)
+    groups = table.group[index][table.anchor[index]]
     kept = {f"kept_{name}": len(side) for name, side in sides.items()}
     metrics: dict[str, Any] = {
         "views": classifier.views,
@@ -104,17 +82,9 @@ def evaluate_table(
         metrics[protocol] = scores_of(trials, groups, rng, len(table.classes))
         if trials.whole:
             metrics[protocol]["frames"] = trials.frames
-    if evaluate.grasps != "all" and "recording" in protocols:
-        metrics["recording"]["joined"] = {unit_of_grasps(table): evaluate.grasps}
-    if evaluate.confidence_threshold and temperatures:
-        recording = pool_ids(table, index, "recording")
-        rngs = (stream(seed, "touches.trial", trial) for trial in range(evaluate.trials))
-        answers = sequential_trials(classifier, temperatures, features, table.label[index], recording, anchors, rngs)
-        rng = stream(seed, "touches.interval")
-        metrics["sequential"] = sequential_scores(answers, evaluate.confidence_threshold, groups, rng)
     seconds = time.perf_counter() - begin
     whole = max((trials.frames for trials in protocols.values() if trials.whole), default=0)
-    latency_ms = latency(classifier, frames, compute, whole=whole) if timed else {}
+    latency_ms = latency(classifier, inputs, whole=whole) if timed else {}
     return Evaluation(protocols, predictions_of(protocols, table, evaluate.side), metrics, seconds, latency_ms)
 
 
@@ -146,31 +116,14 @@ def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, clas
     }
 
 
-def sequential_scores(
-    trials: SequentialTrials, confidence_threshold: float, groups: np.ndarray, rng: np.random.Generator
-) -> dict[str, Any]:
-    """Error, calibration error and mean number of `frames` when stopping at that confidence.
-
-    Args:
-        groups: (A,) split group of the anchors.
-    """
-    correct, confidence, frames = trials.stopped(confidence_threshold)
-    return {
-        "confidence_threshold": confidence_threshold,
-        "frames": float(frames.mean()),
-        "error": error_of(correct, groups, rng),
-        "calibration_error": calibration_error(confidence.ravel(), correct.ravel()),
-    }
-
-
-@torch.inference_mode()
 def latency(
-    classifier: Classifier, frames: Tensor | FrameInputs, compute: Compute, *, whole: int = 0, seconds: float = SECONDS
+    classifier: Classifier, inputs: Counts, *, whole: int = 0, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
     """Milliseconds per answer from network input to logits, alone and in batches of `sets`.
 
     Args:
-        frames: (n, 1, H, W); the timed view sets repeat them, n may be below V.
+        classifier: prepared for answers.
+        inputs: (n, H, W); the timed view sets repeat them, n may be below V.
         whole: frames of a recording that is answered alone, in the place of view sets; 0 for view sets.
         seconds: for each of the two.
 
@@ -180,18 +133,17 @@ def latency(
 
     def timed(sets: int, seconds: float) -> np.ndarray:
         """Milliseconds per answer of each repeat, one at least, until the seconds are spent."""
-        index = torch.from_numpy(every_few(np.arange(whole))) if whole else torch.arange(sets * classifier.views)
-        inputs, end = frames[index % len(frames)], time.perf_counter() + seconds
-        index = index.to(compute.device)
+        index = classifier.frames_of(whole) if whole else np.arange(sets * classifier.views)
+        frames, end = inputs[index % len(inputs)], time.perf_counter() + seconds
+        index = np.arange(len(frames)).reshape(sets, -1)
         taken: list[float] = []
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()
-            with compute.autocast():
-                values = classifier.frame_values(inputs)
-            if whole and isinstance(classifier, SensorClassifier):
-                classifier.recording_logits(values)
+            values: Any = classifier.frame_values(frames)
+            if whole:
+                classifier.recording(values)
             else:
-                classifier.logits(values, index.view(sets, -1)).sum().item()  # waits for the device
+                classifier.view_sets(values, index)
             taken.append((time.perf_counter() - begin) * 1e3 / sets)
         return np.array(taken[1:])  # the first one warms up
 
@@ -202,3 +154,8 @@ def latency(
         milliseconds = timed(sets, 0)[0]
     batch = alone if whole else timed(sets, seconds)
     return {"single": median_and_p95(alone), "batch": median_and_p95(batch) | {"sets": sets}}
+
+
+def median_and_p95(values: np.ndarray) -> dict[str, float]:
+    """Median and 95th percentile of values (n,), n at least 1, interpolated between neighbours."""
+    return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}

@@ -1,13 +1,20 @@
 """A network on view sets: the backbone turns frames into features, the head turns view sets of them into logits."""
 
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.nn.backbone import Batched, build_backbone, extract_features
+from tactile_viewgcn.nn.backbone import build_backbone, extract_features
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model
+
+if TYPE_CHECKING:
+    from tactile_viewgcn.tables.counts import Counts
 
 STAG_SHAPE = (32, 32)
 MAX_COORDINATE = 1e9  # of a viewpoint: its square, and an edge's MLP of that, stay inside float32
@@ -32,6 +39,7 @@ class ViewNetwork(nn.Module):
     """
 
     transform: str | None = None  # of frames: the table's
+    answers_recordings = False
     viewpoints: Tensor
 
     def __init__(
@@ -67,15 +75,44 @@ class ViewNetwork(nn.Module):
 
     def prepare(self, compute: Compute) -> None:
         """Prepare for answers: evaluation mode, on the device of `compute`."""
+        self._compute = compute
         self.eval().to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
 
-    def frame_values(self, frames: Batched) -> Tensor:
-        """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W)."""
-        return extract_features(self.backbone, frames)
+    @torch.inference_mode()
+    def frame_values(self, inputs: "Counts") -> Tensor:
+        """Features (n, C), or maps (n, C, H, W), on the device, of network input (n, H, W)."""
+        with self._compute.autocast():
+            return extract_features(self.backbone, _Batches(inputs, self._compute))
 
-    def logits(self, values: Tensor, sets: Tensor) -> Tensor:
+    @torch.inference_mode()
+    def view_sets(self, values: Tensor, sets: np.ndarray) -> np.ndarray:
         """Logits (A, classes) of view sets (A, k) of indices into `frame_values` (n, ...)."""
-        return view_set_logits(self.head, values, sets)
+        return view_set_logits(self.head, values, torch.from_numpy(sets).to(values.device)).cpu().numpy()
+
+    def frames_of(self, count: int) -> np.ndarray:
+        """The frames that are read of a recording of that many, see `spread_frames`."""
+        return spread_frames(count, self.views)
+
+    def recording(self, values: Tensor) -> np.ndarray:
+        """Logits (classes,) of a recording from the values (k, ...) of its frames in the order of time."""
+        return self.view_sets(values, np.arange(len(values))[None])[0]
+
+
+class _Batches:
+    """Network input (n, H, W) as it splits into frames (k, 1, H, W) on the device."""
+
+    def __init__(self, inputs: "Counts", compute: Compute):
+        self._inputs, self._compute = inputs, compute
+
+    def split(self, size: int) -> Iterator[Tensor]:
+        for start in range(0, len(self._inputs), size):
+            part = torch.from_numpy(self._inputs[start : start + size])
+            yield self._compute.to_device(self._compute.layout(part))
+
+
+def spread_frames(count: int, views: int) -> np.ndarray:
+    """Indices int64 (views,) into `count` frames, evenly spread; they repeat where there are fewer than `views`."""
+    return ((np.arange(views) + 0.5) * count / views).astype(np.int64)
 
 
 def count_weights(module: nn.Module) -> int:

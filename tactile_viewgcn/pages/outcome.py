@@ -21,7 +21,7 @@ LEARNING = ("model.", "pretrain.", "finetune.")  # parameters that a preset sets
 
 
 class Outcome:
-    """The result of a run in the protocol that its page speaks of: `recording`, where that was evaluated.
+    """The result of a run in the protocol `recording`, which its page speaks of.
 
     Attributes:
         score: its numbers in metrics.json; ends: of the error's 95 % interval, None with one split group.
@@ -42,7 +42,7 @@ class Outcome:
     def __init__(self, run: FinishedRun):
         predictions, choices = run.predictions, {note.key: note.value for note in run.notes("choice")}
         self.run = run
-        self.protocol = "recording" if "recording" in run.metrics else "object"
+        self.protocol = "recording"
         self.score: dict[str, Any] = run.metrics[self.protocol]
         error = self.score["error"]
         self.ends = (error["low"], error["high"]) if error["low"] is not None else None

@@ -6,7 +6,7 @@ from itertools import starmap
 from matplotlib.figure import Figure
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.evaluation.report import error_text, joined_text
+from tactile_viewgcn.evaluation.results import error_text
 from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.pages import html
@@ -33,7 +33,6 @@ def run_page(run: FinishedRun) -> str:
         title=f"Report: {run.name or run.params['model.system']}, {date}",
         date=date,
         outcome=outcome,
-        joined=joined_text(outcome.score),
         steps=next_steps(outcome),
         scores=scores,
         error_text=error_text,

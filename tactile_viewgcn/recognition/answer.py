@@ -8,12 +8,12 @@ import numpy as np
 from scipy.special import softmax
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note
+from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.readers.source import UNLABELLED
 from tactile_viewgcn.recognition.array_input import checked_array
 from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
-from tactile_viewgcn.views.sampling import spread_frames
 
 
 @dataclass(frozen=True)
@@ -25,44 +25,32 @@ class Answer:
             are equally probable.
         used: number of frames that were classified.
         contact: number of frames in contact; frames: number of all frames.
-        stop_at: confidence that was asked for; 0 for none.
         recording: its name; object: its label, UNLABELLED without one.
     """
 
     probabilities: np.ndarray
     used: int = 0
     contact: int = 0
-    stop_at: float = 0.0
     frames: int = 0
     recording: str = ""
     object: str = UNLABELLED
 
-    @property
-    def grasp_again(self) -> bool:
-        """Whether the confidence that was asked for was not reached."""
-        return bool(self.contact and self.probabilities.max() < self.stop_at)
 
-
-def answer_recording(
-    recogniser: Recogniser, counts: np.ndarray, *, stop_at: float | None = None, name: str = "counts"
-) -> Answer:
+def answer_recording(recogniser: Recogniser, counts: np.ndarray, *, name: str = "counts") -> Answer:
     """The answer to one unlabelled recording of raw counts (T, H, W), in the order of time.
 
     Baseline and frames in contact are found as in the training, from these frames alone.
 
     Args:
-        stop_at: classify frame after frame until a class has this calibrated probability, see
-            `Recogniser.predict_sequential`; None: classify all that `Recogniser.of_recording` takes.
         name: of the counts, in errors.
 
     Raises:
-        UserError: counts of a different shape or type, not finite, or outside int32; `stop_at` is no probability, or
-            the model takes V frames alone.
+        UserError: counts of a different shape or type, not finite, or outside int32.
     """
     one = np.zeros(1, dtype=int)
     recordings = ArrayRecordings([checked_array(counts, name)], [UNLABELLED], one, one)
     recordings.path = Path(name)
-    ((answer,), _) = answer_table(recogniser, recordings, stop_at=stop_at, any_scale=True)
+    ((answer,), _) = answer_table(recogniser, recordings, any_scale=True)
     return answer
 
 
@@ -70,20 +58,16 @@ def answer_table(
     recogniser: Recogniser,
     recordings: Recordings,
     *,
-    stop_at: float | None = None,
     any_scale: bool = False,
 ) -> tuple[list[Answer], list[Note]]:
     """The answers to the recordings of a table, and notes on baselines that could not be measured.
 
     Args:
-        stop_at: see `answer_recording`.
         any_scale: allow readings in contact that are much stronger or weaker than the training's.
 
     Raises:
         UserError: recordings unlike the training's in form or scale; see `answer_recording`.
     """
-    if stop_at is not None:
-        recogniser.check_sequential(stop_at)
     fitted, columns = recogniser.preprocessing, recordings.columns
     for _, counts in recordings.blocks():
         check_counts(fitted, counts, str(recordings.path))
@@ -95,7 +79,7 @@ def answer_table(
         excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
         classified.append(excess[spread_frames(len(pressed), recogniser.classifier.views)] if len(pressed) else excess)
         answer = replace(
-            answer_contact(recogniser, excess, stop_at=stop_at),
+            answer_contact(recogniser, excess),
             frames=len(index),
             recording=recordings.recordings[columns["recording"][index[0]]],
             object=_common(recordings.objects[number] for number in columns["object"][index]),
@@ -112,22 +96,16 @@ def _common(objects: Iterable[str]) -> str:
     return names.pop() if len(names) == 1 else UNLABELLED
 
 
-def answer_contact(recogniser: Recogniser, excess: np.ndarray, *, stop_at: float | None = None) -> Answer:
+def answer_contact(recogniser: Recogniser, excess: np.ndarray) -> Answer:
     """The answer to a recording by its n frames in contact: all, or for a network some, evenly spaced.
 
     Args:
         excess: (n, H, W) counts above baseline, in the order of time.
-        stop_at: see `answer_recording`.
     """
-    count, views = len(excess), recogniser.classifier.views
-    if not count:
+    if not len(excess):
         return Answer(_without_contact(recogniser))
-    if stop_at is None:
-        probabilities, used = recogniser.of_recording(excess, "subtracted")
-    else:
-        index = bisecting(np.unique(spread_frames(count, views)))
-        probabilities, used = recogniser.predict_sequential(excess[index], stop_at, "subtracted")
-    return Answer(probabilities, used, count, stop_at or 0.0)
+    probabilities, used = recogniser.of_recording(excess, "subtracted")
+    return Answer(probabilities, used, len(excess))
 
 
 def _without_contact(recogniser: Recogniser) -> np.ndarray:
@@ -139,30 +117,20 @@ def _without_contact(recogniser: Recogniser) -> np.ndarray:
 def answer_together(recogniser: Recogniser, answers: list[Answer], name: str = "together") -> Answer:
     """The answer to one object that was recorded several times, from the answers to its recordings.
 
-    Their log-probabilities are added, and calibrated for one to three recordings, if the training had as many of an
-    object. Recordings without contact do not count.
+    Their log-probabilities are added. Recordings without contact do not count.
 
     Args:
         name: stands in the place of the recording's.
     """
     pressed, probabilities = [answer for answer in answers if answer.contact], _without_contact(recogniser)
     if pressed:
-        temperatures = (recogniser.calibration and recogniser.calibration.by_recordings) or [1.0]
-        first, last = temperatures[0], temperatures[min(len(pressed), len(temperatures)) - 1]
         shares = np.maximum([answer.probabilities for answer in pressed], np.finfo(np.float32).tiny)
-        probabilities = softmax(np.log(shares).sum(axis=0) * first / last)
+        probabilities = softmax(np.log(shares).sum(axis=0))
     return Answer(
         probabilities,
         used=sum(answer.used for answer in answers),
         contact=sum(answer.contact for answer in answers),
-        stop_at=max(answer.stop_at for answer in answers),
         frames=sum(answer.frames for answer in answers),
         recording=name,
         object=_common(answer.object for answer in answers),
     )
-
-
-def bisecting(index: np.ndarray) -> np.ndarray:
-    """The indices (n,) in an order whose first k, for every k, are spread over all of them: bit reversal."""
-    bits = max(1, (len(index) - 1).bit_length())
-    return index[np.argsort([int(f"{place:0{bits}b}"[::-1], 2) for place in range(len(index))], kind="stable")]

@@ -1,25 +1,87 @@
-"""The choice of a recogniser on the sensors, by cross-validation on the training recordings.
+"""The choice of a classifier on the sensors, and its calibration, by training recordings that are left out of its fits.
 
 A candidate is one member of `sensors` or several. Nothing is pretrained for them, so that a group can be left out of
 all that is fitted to labels.
 """
 
+import time
 from typing import NamedTuple
 
 import numpy as np
 
+from tactile_viewgcn.frames.split import fold_sides, spans_classes
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.recognition.left_out import LeftOut
+from tactile_viewgcn.recognition.calibration import fit_temperature
+from tactile_viewgcn.sensors.estimators import added, probabilities
+from tactile_viewgcn.sensors.examples import Examples, Points
+from tactile_viewgcn.sensors.representation import OF_FRAMES
+from tactile_viewgcn.tables.frames import TEST
 
-#: a later candidate is taken only if all earlier ones err more by more than a standard error
+#: what `model.members: auto` stands for: of an array a choice, of channels always the same
 ARRAY: list[list[str]] = [["kernel", "pooled_kernel"], ["svm"], ["convolutions"]]
-CHANNELS: list[list[str]] = [
-    ["trees", "svm", "convolutions"],
-    ["trees", "svm"],
-    ["trees"],
-    ["svm"],
-    ["convolutions"],
-]
+CHANNELS: list[list[str]] = [["trees", "svm", "convolutions"]]
+FOLDS = 5
+
+
+class LeftOut:
+    """Answers to training recordings by estimators that were fitted to other groups, a fifth left out at a time.
+
+    If a fold would remove a class from the training, that class's recordings are not left out.
+
+    Args:
+        groups: (R,) split group of each of the examples' recordings.
+
+    Attributes:
+        answered: bool (R,).
+        seconds: of each member's fits to recordings.
+    """
+
+    def __init__(self, examples: Examples, groups: np.ndarray, seed: int):
+        self.examples, self.groups, self._seed = examples, groups, seed
+        self._folds, label, across = list[np.ndarray](), examples.labels, spans_classes(groups, examples.labels)
+        for fold in range(FOLDS):
+            left = fold_sides(groups, label, folds=FOLDS, fold=fold, across=across) == TEST
+            left &= np.isin(label, label[~left])
+            if left.any():
+                self._folds.append(left)
+        self.answered = np.any(self._folds, axis=0) if self._folds else np.zeros(len(groups), dtype=bool)
+        self.seconds: dict[str, float] = {}
+        self._shares: dict[str, np.ndarray] = {}
+
+    def _answers(self, member: str, points: Points) -> np.ndarray:
+        """Probabilities (n, classes) by a member's points; those of recordings that were never left out are 0."""
+        shares = np.zeros((len(points.values), self.examples.classes), dtype=np.float32)
+        for left in self._folds:
+            estimator, rows = self.examples.fit(member, points, self._seed, ~left), left[points.recording]
+            shares[rows] = probabilities(estimator, points.values[rows], self.examples.classes)
+        return shares
+
+    def _of_recordings(self, member: str) -> np.ndarray:
+        """Probabilities (R, classes) of the recordings; those of `kernel` are the means of their frames'."""
+        if member not in self._shares:
+            points, begin = self.examples.of_recordings(member), time.perf_counter()
+            shares = self._answers(member, points)
+            self.seconds[member] = time.perf_counter() - begin
+            if member == OF_FRAMES:
+                shares = np.stack([shares[points.recording == each].mean(axis=0) for each in range(len(self.groups))])
+            self._shares[member] = shares
+        return self._shares[member]
+
+    def logits(self, members: list[str]) -> np.ndarray:
+        """Logits (n, classes) of the recordings that were left out."""
+        return added([self._of_recordings(name)[self.answered] for name in members])
+
+    def wrong(self, members: list[str]) -> np.ndarray:
+        """Share of wrong answers (G,) to the recordings of each group that was left out."""
+        place = np.unique(self.groups[self.answered], return_inverse=True)[1]
+        wrong = self.logits(members).argmax(axis=1) != self.examples.labels[self.answered]
+        return np.bincount(place, wrong) / np.bincount(place)
+
+    def temperature(self, members: list[str]) -> float | None:
+        """The temperature of a candidate, see `calibration`; None where nothing was left out."""
+        if not self.answered.any():
+            return None
+        return fit_temperature(self.logits(members), self.examples.labels[self.answered], int(self.answered.sum()))
 
 
 class Candidate(NamedTuple):
@@ -28,13 +90,12 @@ class Candidate(NamedTuple):
     Attributes:
         members: a value of `model.members`.
         wrong: (G,) share of wrong answers to the recordings of each group.
-        seconds: of all its fits; milliseconds: of one answer to a recording.
+        seconds: of all its fits.
     """
 
     members: list[str]
     wrong: np.ndarray
     seconds: float
-    milliseconds: float
 
 
 def choose(rows: list[Candidate]) -> Candidate:
@@ -54,12 +115,14 @@ def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> t
     """The members, and notes: the choice, and a table of the candidates up to the first that errs nowhere.
 
     The table begins with the chosen one; the others follow by their errors. A note of the table is a line that fits a
-    terminal of 80 columns: the error, the standard error of its difference from the lowest, and the costs. Its value
-    has the same facts for programs.
+    terminal of 80 columns; its value has the same facts for programs: the error, the standard error of its difference
+    from the lowest, and the seconds of all fits.
 
     Args:
         groups: number of all training groups.
     """
+    if len(candidates) == 1:
+        return candidates[0], [_choice(candidates[0], "for channels always these, whose answers are joined")]
     if not left.answered.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
         return candidates[0], [_choice(candidates[0], text)]
@@ -67,28 +130,20 @@ def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> t
     for members in candidates:
         if rows and not rows[-1].wrong.any():
             break
-        wrong, costs = left.wrong(members), (left.seconds, left.milliseconds)
-        rows.append(Candidate(members, wrong, *(sum(of[name] for name in members) for of in costs)))
-    best = choose(rows)
-    count = len(best.wrong)
-    compared = f"{count:,} of {groups:,}" if count < groups else f"{count:,}"
-    text = (
-        f"the first of {len(rows)} candidates whose error is within a standard error of the lowest; compared on "
-        f"{compared} training groups, each left out of the fits that answer it"
-    )
-    if len(rows) == 1 < len(candidates):
-        text = (
-            f"errs nowhere on {compared} training groups, each left out of the fits that answer it: no other is tried"
-        )
-    columns = f"{'err %':>5} {'±':>5} {'fit s':>6} {'ms':>5}"
-    notes = [_choice(best.members, text), Note(f"{columns}   of whole recordings; * taken", topic="candidates")]
-    lowest = min(rows, key=lambda row: row.wrong.mean())
+        rows.append(Candidate(members, left.wrong(members), sum(left.seconds[name] for name in members)))
+    best, lowest = choose(rows), min(rows, key=lambda row: row.wrong.mean())
+    compared = f"{len(best.wrong):,} of {groups:,} training groups, each left out of the fits that answer it"
+    text = f"the first of {len(rows)} candidates whose error is within a standard error of the lowest, on {compared}"
+    if len(rows) == 1:
+        text = f"errs nowhere on {compared}: no other is tried"
+    notes = [_choice(best.members, text)]
+    notes.append(Note(f"{'err %':>5} {'±':>5} {'fit s':>6}   of whole recordings; * taken", topic="candidates"))
     for row in sorted(rows, key=lambda row: (row is not best, row.wrong.mean())):
         error, above = float(row.wrong.mean()), standard_error(row, lowest)
-        text = f"{100 * error:5.1f} {100 * above:5.1f} {row.seconds:6.1f} {row.milliseconds:5.1f}"
-        text += f" {'*' if row is best else ' '} {'+'.join(row.members)}"
+        mark = "*" if row is best else " "
+        text = f"{100 * error:5.1f} {100 * above:5.1f} {row.seconds:6.1f} {mark} {'+'.join(row.members)}"
         value = {"members": row.members, "error": error, "standard_error": above, "taken": row is best}
-        value |= {"seconds": row.seconds, "milliseconds": row.milliseconds}
+        value |= {"seconds": row.seconds}
         notes.append(Note(text, topic="candidates", key="model.members", value=value))
     return best.members, notes
 

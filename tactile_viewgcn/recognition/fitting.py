@@ -1,40 +1,46 @@
 """One fit, from the table of frames to a calibrated classifier: choice of members, training, calibration."""
 
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, cast
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
-from tactile_viewgcn.recognition.calibration import calibrate, calibration_warning
-from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, choose_members
-from tactile_viewgcn.recognition.left_out import LeftOut
-from tactile_viewgcn.recognition.sequential import Calibration
-from tactile_viewgcn.sensors.examples import for_sets
-from tactile_viewgcn.sensors.features import is_array
+from tactile_viewgcn.randomness import by_turns, stream
+from tactile_viewgcn.recognition.calibration import calibration_warning, network_temperature
+from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
+from tactile_viewgcn.sensors.convolutions import SAMPLE
+from tactile_viewgcn.sensors.examples import Examples
+from tactile_viewgcn.sensors.features import every_few, is_array
+from tactile_viewgcn.sensors.representation import Representation, contact_unit, successive_noise
 from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import VALIDATION, Frames
+from tactile_viewgcn.tables.counts import evenly
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch
-from tactile_viewgcn.training.sensor_fitting import QUICK_RECORDINGS, sensor_examples, training_recordings
+from tactile_viewgcn.views.sampling import powers_of_two
+
+MOST_RECORDINGS, QUICK_RECORDINGS = 4000, 2500  # of a fit on the sensors, and of a comparison
+SCALE_FRAMES = 20_000  # by which readings are scaled
+THINNING_SEED = 0  # so that the same recordings are taken for every value of `seed`
 
 
 class Fitted(NamedTuple):
-    """A trained classifier and its model options without `auto`; without a `calibration` it takes V frames alone."""
+    """A trained classifier, its model options without `auto`, and the temperature of its answers to recordings."""
 
     classifier: Classifier
     model: Model
-    calibration: Calibration | None
+    temperature: float | None
     progress: Progress
     notes: list[Note]
 
@@ -48,42 +54,81 @@ def fit_classifier(
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
 ) -> Fitted:
-    """Train the classifier that `params.model` names, and calibrate it where it takes any number of views.
+    """Train the classifier that `params.model` names, and calibrate it where groups can be left out for that.
 
     A network is calibrated on the validation side, a system on the sensors by cross-validation on the training side.
     For the arguments see `finetune_classifier`.
     """
-    model, places, seed, num_views = params.model, views.viewpoints, params.seed, params.finetune.num_views
-    if on_sensors(model.system):
-        return _fit_sensors(table, places, model, num_views, seed)
+    if on_sensors(params.model.system):
+        return _fit_sensors(table, views.viewpoints, params)
     network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
-    calibration = None
-    if num_views == "random" and (table.anchor & (table.side == VALIDATION)).any():
-        calibration = calibrate(network, table, compute, seed)
-    notes = calibration_warning(calibration, "validation groups", "record objects more often, or raise finetune.epochs")
-    return Fitted(network, model, calibration, progress, notes)
+    temperature = network_temperature(network, table, compute) if len(table.on(VALIDATION)) else None
+    remedy = "record objects more often, or raise finetune.epochs"
+    notes = calibration_warning(temperature, "validation groups", remedy)
+    return Fitted(network, params.model, temperature, progress, notes)
 
 
-def _fit_sensors(table: Frames, places: np.ndarray, model: Model, num_views: str, seed: int) -> Fitted:
+def _fit_sensors(table: Frames, viewpoints: np.ndarray, params: Params) -> Fitted:
     """Choose the members where they are `auto`, fit them to the training recordings, and calibrate them."""
-    begin, asked = time.perf_counter(), model.members
+    begin, asked, seed, notes = time.perf_counter(), params.model.members, params.seed, list[Note]()
     auto = ARRAY if is_array(table.live) else CHANNELS
     candidates: list[list[str]] = auto if asked == "auto" else [[*asked]]
-    recordings, notes, calibration, left = training_recordings(table), list[Note](), None, None
-    members, compared, names = candidates[0], recordings.part(QUICK_RECORDINGS), dict.fromkeys(chain(*candidates))
-    names |= dict.fromkeys(chain(*(for_sets(members) for members in candidates)))
-    examples = sensor_examples(table, compared, names, len(places), num_views, seed)
-    if asked == "auto" or num_views == "random":
-        left = LeftOut(examples, compared.groups, seed)
-        if asked == "auto":
-            members, notes = choose_members(left, candidates, len(np.unique(recordings.groups)))
-        if num_views == "random":
-            calibration = left.calibration(members, len(places))
-    model = replace(model, members=cast(list[Member], members))
-    if len(compared.frames) < len(recordings.frames):
-        examples = sensor_examples(table, recordings, members, len(places), num_views, seed)
-    classifier = load_system(model.system).build(torch.from_numpy(places), len(table.classes), members)
+    views = len(viewpoints)
+    sizes = powers_of_two(views) if params.finetune.num_views == "random" else (views,)
+    recordings = thinned(training_recordings(table), table.label, MOST_RECORDINGS)
+    compared = thinned(recordings, table.label, QUICK_RECORDINGS)
+    examples = examples_of(table, compared, chain(*candidates), sizes, seed)
+    left, members = LeftOut(examples, table.group[first_frames(compared)], seed), candidates[0]
+    if asked == "auto":
+        groups = len(np.unique(table.group[first_frames(recordings)]))
+        members, notes = choose_members(left, candidates, groups)
+    temperature = left.temperature(members)
+    if len(compared) < len(recordings):
+        examples = examples_of(table, recordings, members, sizes, seed)
+    model = replace(params.model, members=cast(list[Member], members))
+    classifier = load_system(model.system).SensorClassifier(members, viewpoints, len(table.classes))
     classifier.fit(examples, seed)
-    notes += calibration_warning(calibration, "left-out training groups", "record each object more often")
-    progress = Progress(seconds=time.perf_counter() - begin)
-    return Fitted(classifier, model, calibration, progress, notes)
+    notes += calibration_warning(temperature, "left-out training groups", "record each object more often")
+    return Fitted(classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes)
+
+
+def training_recordings(table: Frames) -> list[np.ndarray]:
+    """Indices of the frames of each recording of the training side.
+
+    A recording of several objects or split groups is one of each.
+    """
+    train = table.on(TRAIN)
+    columns = np.stack([table.label[train], table.group[train], table.recording[train]])
+    recording, sizes = np.unique(columns, axis=1, return_inverse=True, return_counts=True)[1:]
+    return np.split(train[np.argsort(recording.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
+
+
+def first_frames(recordings: list[np.ndarray]) -> np.ndarray:
+    """(R,) the first of each recording's frames, which has its label and its group."""
+    return np.array([index[0] for index in recordings])
+
+
+def thinned(recordings: list[np.ndarray], label: np.ndarray, most: int) -> list[np.ndarray]:
+    """At most that many of the recordings, drawn at random, in turn from every class by `label` (n,) of the frames."""
+    if len(recordings) <= most:
+        return recordings
+    order = by_turns(label[first_frames(recordings)].astype(np.int64), stream(THINNING_SEED, "thinned"))
+    return [recordings[number] for number in np.sort(order[:most])]
+
+
+def examples_of(
+    table: Frames, recordings: list[np.ndarray], members: Iterable[str], sizes: tuple[int, ...], seed: int
+) -> Examples:
+    """The examples of training recordings, whole and as view sets of the given numbers of frames."""
+
+    def read(number: int) -> np.ndarray:
+        return table.inputs(every_few(recordings[number]), "counts")[:, table.live]
+
+    sample = table.inputs(evenly(table.on(TRAIN), SCALE_FRAMES), "counts")[:, table.live]
+    noise = successive_noise(table.counts, table.recording, table.on(TRAIN), table.live)
+    representation = Representation(table.live).fit(sample, contact_unit(sample, noise))
+    if "convolutions" in members:
+        drawn = np.random.default_rng(seed).permutation(len(recordings))[:SAMPLE]
+        representation.convolutions.fit([representation.scaled(read(number)) for number in drawn.tolist()], seed)
+    labels = table.label[first_frames(recordings)].astype(np.int64)
+    return Examples(read, labels, representation, sizes, len(table.classes), seed)

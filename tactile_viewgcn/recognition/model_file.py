@@ -8,6 +8,7 @@ import hashlib
 import io
 import math
 import zipfile
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal, Self
@@ -21,7 +22,7 @@ from torch import Tensor
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import MAX_NUMBER, MAX_SIDE, Model, PreprocessSection
-from tactile_viewgcn.recognition.sequential import Calibration
+from tactile_viewgcn.recognition.calibration import Temperature
 from tactile_viewgcn.schema import Unique
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames
@@ -100,7 +101,7 @@ class Content(BaseModel):
     transform: Literal["clip", "log", "counts"]
     scale: Unit
     precision: Literal["float32", "bfloat16"]
-    calibration: Calibration | None
+    temperature: Temperature | None
     preprocessing: FittedPreprocessing
 
     @model_validator(mode="after")
@@ -115,7 +116,6 @@ class Content(BaseModel):
             "noise": _real(fitted.noise, shape) and (fitted.noise >= 0).all(),
             "baselines": all(_real(each, shape) and np.abs(each).max() <= most for each in fitted.baselines.values()),
             "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),
-            "calibration": self.calibration is None or len(self.calibration.by_frames) == views,
         }
         if wrong := [name for name, right in rules.items() if not right]:
             raise ValueError(f"{', '.join(wrong)}: out of range, or of a different shape than the rest")
@@ -132,7 +132,7 @@ def save_classifier(
     model: Model,
     frames: Frames,
     precision: str = "float32",
-    calibration: Calibration | None = None,
+    temperature: float | None = None,
 ) -> None:
     """Write a classifier to a file, with what a `Recogniser` needs to use it on raw counts.
 
@@ -140,25 +140,31 @@ def save_classifier(
         model: the options that the classifier was built with.
         frames: the classifier's training data.
         precision: of the training.
-        calibration: with it the classifier takes any number of views up to V.
+        temperature: of its answers to recordings, if it is calibrated.
     """
-    learnt = classifier.state_dict()
-    if isinstance(classifier, torch.nn.Module):  # of any device, in channels-last order
-        learnt = {name: weights.cpu().contiguous() for name, weights in learnt.items()}
+    learnt = _converted(classifier.state_dict(), np.ndarray, torch.from_numpy)
+    learnt = _converted(learnt, Tensor, lambda weights: weights.cpu().contiguous())  # of any device and order
     values = {
         "learnt": learnt,
-        "viewpoints": classifier.viewpoints.cpu(),
+        "viewpoints": torch.as_tensor(classifier.viewpoints).cpu(),
         "model": model,
         "classes": frames.classes,
         "transform": classifier.transform or frames.transform,
         "scale": frames.scale,
         "precision": precision,
-        "calibration": calibration,
+        "temperature": temperature,
         "preprocessing": FittedPreprocessing.of(frames),
     }
     with atomic_write(path) as part:
         torch.save(Content.model_validate(values).model_dump(), part)
         seal(part)
+
+
+def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
+    """Nested mappings with their values of that kind converted."""
+    if isinstance(state, dict):
+        return {name: _converted(each, kind, convert) for name, each in state.items()}
+    return convert(state) if isinstance(state, kind) else state
 
 
 def seal(path: Path) -> None:
@@ -242,7 +248,7 @@ def _built(content: Content) -> Classifier:
     with torch.device("meta"):  # where weights take no memory and no random numbers
         classifier = build_classifier(content.viewpoints, len(content.classes), content.model, (height, width))
     if not isinstance(classifier, torch.nn.Module):
-        classifier.load_state_dict(learnt, live)
+        classifier.load_state_dict(_converted(learnt, Tensor, Tensor.numpy), live)
         return classifier
     expected, weights = (
         {name: (each.shape, each.dtype) for name, each in state.items()} for state in (classifier.state_dict(), learnt)

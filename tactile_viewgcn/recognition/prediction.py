@@ -11,7 +11,6 @@ from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.answer import Answer, answer_table, answer_together
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.sensors.classifier import SensorClassifier
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.tables.remarks import without_frames
 
@@ -26,7 +25,6 @@ def predict(
     source: str,
     form: Form,
     *,
-    stop_at: float | None,
     together: bool,
     csv_path: Path | None,
     echo: Callable[..., None],
@@ -35,7 +33,6 @@ def predict(
 
     Args:
         form: as which the source is read; a shape of `auto` is the model's.
-        stop_at: see `answer_table`.
         together: also answer the recordings of each folder together, as of one object, or each object of the folder
             where recordings are labelled.
         echo: prints lines.
@@ -46,10 +43,8 @@ def predict(
     if csv_path:
         check_outputs([(csv_path, "recording,answer,class_1,")], [Path(model), Path(source)])
     recogniser = load_model(model)
-    classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.calibration is not None
-    frames = f"{'up to ' * (calibrated and views > 1)}{several(views, 'frame')}"
-    if isinstance(recogniser.classifier, SensorClassifier):
-        frames = "whole recordings"
+    classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.temperature is not None
+    frames = "whole recordings" if recogniser.classifier.answers_recordings else several(views, "frame")
     echo(
         f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}, {frames}; "
         f"probabilities are {'' if calibrated else 'not '}calibrated"
@@ -57,7 +52,7 @@ def predict(
     form = replace(form, shape=recogniser.shape if form.shape == "auto" else form.shape, labelled=False)
     with recordings_of(source, form) as recordings:
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
-        answers, more = answer_table(recogniser, recordings, stop_at=stop_at)
+        answers, more = answer_table(recogniser, recordings)
     records = [_record(answer, classes) for answer in answers]
     joined = [_record(answer, classes, together=True) for answer in _joined(recogniser, answers) if together]
     echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
@@ -117,7 +112,6 @@ def _record(answer: Answer, classes: list[str], *, together: bool = False) -> di
     return values | {
         "object": answer.object or None,
         "right": right,
-        "grasp_again": answer.grasp_again,
         "together": together,
     }
 
@@ -129,8 +123,7 @@ def _line(record: dict[str, Any]) -> str:
     best = [(record[f"class_{number}"], record[f"probability_{number}"]) for number in range(1, TOP + 1)]
     shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in best if name)
     frames = f"{record['frames_used']}/{record['frames_in_contact']}"
-    again = "; grasp it again" if record["grasp_again"] else ""
-    return f"{name:<{NAME_WIDTH}} {frames:>{FRAMES_WIDTH}}  {shares or NO_CONTACT}{again}"
+    return f"{name:<{NAME_WIDTH}} {frames:>{FRAMES_WIDTH}}  {shares or NO_CONTACT}"
 
 
 def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:

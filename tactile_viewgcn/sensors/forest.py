@@ -28,12 +28,12 @@ class Forest(Estimator):
         shares: (L, K) share of each class in the training points of a leaf, in the order of nodes.
     """
 
-    roots: Annotated[np.ndarray, np.int64, "T", "N"]
-    left: Annotated[np.ndarray, np.int64, "N", "N"]
-    right: Annotated[np.ndarray, np.int64, "N", "N"]
-    feature: Annotated[np.ndarray, np.int64, "N", "F"]
-    threshold: Annotated[np.ndarray, np.float64, "N"]
-    shares: Annotated[np.ndarray, np.float32, "LK"]
+    roots: Annotated[np.ndarray, np.int64]
+    left: Annotated[np.ndarray, np.int64]
+    right: Annotated[np.ndarray, np.int64]
+    feature: Annotated[np.ndarray, np.int64]
+    threshold: Annotated[np.ndarray, np.float64]
+    shares: Annotated[np.ndarray, np.float32]
 
     def __init__(self, trees: int = TREES):
         self._trees = trees
@@ -64,17 +64,13 @@ class Forest(Estimator):
         )
 
     def take(self, **arrays: Any) -> Self:
+        """See `Arrays.take`; a ValueError for a tree in which a walk down may never end."""
         super().take(**arrays)
-        self._leaf = np.cumsum(self.left == np.arange(len(self.left))) - 1  # row of shares
-        return self
-
-    def check(self, features: int) -> None:
         node = np.arange(len(self.left))
-        leaf = self.left == node
-        if (self.left < node).any() or (self.right < node).any() or (leaf != (self.right == node)).any():
-            raise ValueError("a tree's node has a child that is not below it")
-        if not len(self.roots) or len(self.shares) != leaf.sum():
-            raise ValueError("there are no trees, or their leaves have too few or too many shares")
+        if (self.left < node).any() or (self.right < node).any():
+            raise ValueError("a tree's node has a child above it")
+        self._leaf = np.cumsum(self.left == node) - 1  # row of shares
+        return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         points, total = np.ascontiguousarray(points, dtype=np.float32), np.zeros((len(points), len(self.classes)))

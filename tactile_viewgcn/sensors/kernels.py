@@ -24,10 +24,10 @@ class Kernel(Estimator):
         half_squares: (M,) half of their squared lengths.
     """
 
-    scale: Annotated[np.ndarray, np.float32, ""]
-    centre: Annotated[np.ndarray, np.float32, "F"]
-    points: Annotated[np.ndarray, np.float32, "MF"]
-    half_squares: Annotated[np.ndarray, np.float32, "M"]
+    scale: Annotated[np.ndarray, np.float32]
+    centre: Annotated[np.ndarray, np.float32]
+    points: Annotated[np.ndarray, np.float32]
+    half_squares: Annotated[np.ndarray, np.float32]
 
     def centred(self, points: np.ndarray, gamma: float) -> Self:
         """Set the points (M, F) that others are compared with."""
@@ -58,7 +58,7 @@ class KernelRidge(Kernel):
         weights: (M, K) of the kernel's values.
     """
 
-    weights: Annotated[np.ndarray, np.float32, "MK"]
+    weights: Annotated[np.ndarray, np.float32]
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         points, labels = sampled(points, labels, seed)
@@ -85,9 +85,9 @@ class SupportVectors(Kernel):
         offsets: (K (K - 1) / 2,) of the pairs of classes: (0, 1), (0, 2) and so on.
     """
 
-    class_of: Annotated[np.ndarray, np.int64, "M", "K"]
-    weights: Annotated[np.ndarray, np.float32, "MO"]
-    offsets: Annotated[np.ndarray, np.float32, "Q"]
+    class_of: Annotated[np.ndarray, np.int64]
+    weights: Annotated[np.ndarray, np.float32]
+    offsets: Annotated[np.ndarray, np.float32]
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         from sklearn.svm import SVC
@@ -105,11 +105,6 @@ class SupportVectors(Kernel):
             "offsets": machines.intercept_,
         }
         return self.take(**fitted)
-
-    def check(self, features: int) -> None:
-        others = len(self.classes) - 1
-        if (self.weights.shape[1], len(self.offsets)) != (others, (others + 1) * others // 2):
-            raise ValueError("support vectors are of different classes")
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         count = max(1, -(-len(points) * len(self.classes) ** 2 // MOST_VALUES))  # parts that fit memory
@@ -144,14 +139,9 @@ class NormalisedVectors(SupportVectors):
         mean, spread: (F,) over all points; within: (F,) spread within classes, after squashing.
     """
 
-    mean: Annotated[np.ndarray, np.float64, "F"]
-    spread: Annotated[np.ndarray, np.float64, "F"]
-    within: Annotated[np.ndarray, np.float64, "F"]
-
-    def check(self, features: int) -> None:
-        super().check(features)
-        if not ((self.spread > 0) & (self.within > 0)).all():
-            raise ValueError("a feature's spread is not above 0")
+    mean: Annotated[np.ndarray, np.float64]
+    spread: Annotated[np.ndarray, np.float64]
+    within: Annotated[np.ndarray, np.float64]
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         points, labels = sampled(points, labels, seed)

@@ -1,6 +1,7 @@
-"""What the members of a classifier on the sensors make of readings; it is fitted without labels."""
+"""What the members of a classifier on the sensors read: scaled readings, and points; it is fitted without labels."""
 
-from typing import Annotated, Self
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 
@@ -20,14 +21,23 @@ from tactile_viewgcn.sensors.features import (
 from tactile_viewgcn.sensors.forest import FEWEST_TREES, TREES, Forest
 from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
 
-#: members that answer single frames, whose probabilities are averaged; and those that take whole recordings alone
-OF_FRAMES, OF_RECORDINGS = "kernel", "convolutions"
+if TYPE_CHECKING:
+    from tactile_viewgcn.tables.counts import Counts
+
+OF_FRAMES = "kernel"  # the member that answers single frames; its probabilities are averaged
+OF_SETS = (OF_FRAMES, "pooled_kernel", "svm")  # members that also answer view sets, for which no order counts
 FARTHEST = 1e15  # scaled reading: its square is in the range of single precision
+PRESSED_SHARE = 0.1  # of the readings in contact are above PRESSED_UNITS; with STAG's glove these are four counts
+PRESSED_UNITS = 4.0
+NOISE_UNITS = 1.5  # standard deviations of noise that a unit has at most, so that the dead zone has up to three
+LEAST = 0.1  # of the unit by the readings, below which the noise does not lower it
+MOST_PAIRS = 1000  # pairs of successive frames that are compared
+MEDIAN_SD = 0.6745  # median distance from the mean of a normal distribution, in standard deviations
 
 
-def reads(member: str) -> str:
-    """The member whose points a member reads: `pooled_kernel` reads those of `svm`, all others their own."""
-    return "svm" if member == "pooled_kernel" else member
+def for_sets(members: Sequence[str]) -> list[str]:
+    """The members that answer view sets; `svm` does so for others."""
+    return [name for name in members if name in OF_SETS] or ["svm"]
 
 
 class Representation(Arrays):
@@ -37,17 +47,17 @@ class Representation(Arrays):
         live: bool (H, W).
 
     Attributes:
-        centre, spread: (F,) of each live sensor: mean and standard deviation of a channel; 0 and the unit of an array.
-        convolutions: features of the member of this name; None until they are fitted.
+        centre, spread: (S,) of each live sensor: mean and standard deviation of a channel; 0 and the unit of an array.
+        convolutions: features of the member of this name, where there is one.
     """
 
-    centre: Annotated[np.ndarray, np.float32, "F"]
-    spread: Annotated[np.ndarray, np.float32, "F"]
+    centre: Annotated[np.ndarray, np.float32]
+    spread: Annotated[np.ndarray, np.float32]
 
     def __init__(self, live: np.ndarray):
         self.live, self.is_array = live, is_array(live)
         self.blocks = block_weights(live) if self.is_array else np.zeros((int(live.sum()), 0), dtype=np.float32)
-        self.convolutions: Convolutions | None = None
+        self.convolutions = Convolutions(zeros=not self.is_array)
 
     def fit(self, sample: np.ndarray, unit: float) -> Self:
         """Measure the scale of channels on a sample of frames, counts (n, S); `unit` is that of an array."""
@@ -56,32 +66,68 @@ class Representation(Arrays):
         centre, spread = sample.mean(axis=0, dtype=np.float64), sample.std(axis=0, dtype=np.float64)
         return self.take(centre=centre, spread=np.where(spread > 0, spread, 1))
 
-    def check(self, features: int) -> None:
-        if not (self.spread > 0).all():
-            raise ValueError("a sensor's spread is not above 0")
-
     def scaled(self, counts: np.ndarray) -> np.ndarray:
-        """Readings float32 (n, S) of frames, from counts (n, S) above baseline."""
+        """Readings float32 (..., S) of frames, from counts (..., S) above baseline."""
         readings = np.divide(counts - self.centre, self.spread, dtype=np.float64)
         return np.clip(readings, -FARTHEST, FARTHEST).astype(np.float32)
 
-    def points(self, member: str, readings: np.ndarray, *, whole: bool) -> np.ndarray:
-        """The member's points (B, F) of scaled readings (B, T, S): whole recordings in time order, or view sets."""
-        if member == OF_FRAMES:
-            return with_blocks(pressed(readings[:, 0]), self.blocks) if self.is_array else readings[:, 0]
-        if member == OF_RECORDINGS:
-            assert self.convolutions
+    def of_frames(self, readings: np.ndarray) -> np.ndarray:
+        """Points (n, F) of single frames' readings (n, S), for the member `kernel`."""
+        return with_blocks(pressed(readings), self.blocks) if self.is_array else readings
+
+    def of_sets(self, readings: np.ndarray) -> np.ndarray:
+        """Points (B, F) of view sets' readings (B, k, S), for `svm` and `pooled_kernel`; no order counts."""
+        return array_maps(readings, self.blocks) if self.is_array else unordered(readings.astype(np.float64))
+
+    def of_recordings(self, member: str, readings: np.ndarray) -> np.ndarray:
+        """A member's points (B, F) of whole recordings' readings (B, T, S), in the order of time."""
+        if member == "convolutions":
             return np.stack([self.convolutions.features(each) for each in readings])
         if self.is_array:
             return array_statistics(readings) if member == "trees" else array_maps(readings, self.blocks)
-        readings = readings.astype(np.float64)
-        if not whole:
-            return unordered(readings)
-        return in_time(readings) if member == "trees" else in_windows(readings)
+        return (in_time if member == "trees" else in_windows)(readings.astype(np.float64))
 
     def estimator(self, member: str, *, quick: bool = False) -> Estimator:
         """The member's estimator, not fitted yet; a quick one has fewer trees."""
         if member == "trees":
             return Forest(FEWEST_TREES if quick else TREES)
         vectors = SupportVectors if self.is_array else NormalisedVectors
-        return {"svm": vectors, OF_RECORDINGS: Ridge}.get(member, KernelRidge)()
+        return {"svm": vectors, "convolutions": Ridge}.get(member, KernelRidge)()
+
+
+def contact_unit(frames: np.ndarray, noise: float = np.inf) -> float:
+    """The unit of a glove, in counts: one in ten readings (n, S) of frames in contact is above four units.
+
+    It is about one count for STAG's glove, as is its noise. Where more sensors are pressed, the noise limits the unit.
+    Where fewer than one in ten readings are positive, half of the positive ones are above four units.
+
+    Args:
+        noise: standard deviation of the readings in counts; infinite where it is unknown.
+    """
+    pressed = float(np.quantile(frames, 1 - PRESSED_SHARE))
+    if pressed <= 0:
+        positive = frames[frames > 0]
+        pressed = float(np.median(positive)) if len(positive) else PRESSED_UNITS
+    unit = pressed / PRESSED_UNITS
+    return max(min(unit, NOISE_UNITS * noise), LEAST * unit)
+
+
+def successive_noise(counts: "Counts", recording: np.ndarray, index: np.ndarray, live: np.ndarray) -> float:
+    """Standard deviation of the sensors' noise in counts, from the differences of successive frames.
+
+    The median of the differences is used, which contact does not change while it changes fewer than half of the
+    readings. The noise is infinite, for unknown, where it is below the steps of the counts, or no frames are
+    successive.
+
+    Args:
+        counts: (n, H, W).
+        recording: (n,) recording of each frame.
+        index: rising indices of the frames that are compared.
+        live: bool (H, W) sensors.
+    """
+    pairs = index[:-1][(np.diff(index) == 1) & (np.diff(recording[index]) == 0)]
+    if not len(pairs):
+        return np.inf
+    pairs = pairs[np.unique(np.linspace(0, len(pairs) - 1, MOST_PAIRS).astype(int))]
+    change = counts[pairs + 1].astype(np.float64) - counts[pairs]
+    return float(np.median(np.abs(change[:, live]))) / (MEDIAN_SD * 2**0.5) or np.inf

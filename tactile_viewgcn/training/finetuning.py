@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.nn.network import ViewNetwork
+from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator, torch_seed
 from tactile_viewgcn.systems import system_class
@@ -161,8 +162,8 @@ def _train(
             return {}
         network.eval()
         with compute.autocast():
-            features = network.frame_values(validation.frames)
-        logits = network.logits(features, validation_sets.to(compute.device))
+            features = extract_features(network.backbone, validation.frames)
+        logits = view_set_logits(network.head, features, validation_sets.to(compute.device))
         return {"validation_error": error_rate(logits, validation.frames.labels[validation.anchors])}
 
     steps = num_batches(len(train.anchors), config.batch)

@@ -26,14 +26,11 @@ def pool_ids(table: Frames, index: np.ndarray, scope: str) -> np.ndarray:
     """Pool int64 (n,) of each frame in `index` (n,), counted from 0.
 
     Args:
-        scope: of a pool's frames: `object`: one class on one side; `recording`: also one recording and one split group;
-            `grasp`: also one grasp, which has the number 0 where grasps are not numbered.
+        scope: of a pool's frames: `object`: one class on one side; `recording`: also one recording and one split group.
     """
     keys = [table.side, table.label]
-    if scope != "object":
+    if scope == "recording":
         keys += [table.recording, table.group]
-    if scope == "grasp":
-        keys.append(table.grasp)
     return np.unique(np.stack(keys, axis=1)[index], axis=0, return_inverse=True)[1].ravel()
 
 

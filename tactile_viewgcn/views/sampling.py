@@ -1,7 +1,7 @@
 """Drawing view sets: V frames that are classified together, one from each cluster of a pool.
 
-A pool is the frames of one object, recording or grasp, divided into V clusters. A view set is drawn around an anchor,
-which represents its cluster. A view set that joins several pools takes equally many frames of each, or one fewer.
+A pool is the frames of one object or recording, divided into V clusters. A view set is drawn around an anchor, which
+represents its cluster.
 """
 
 import numpy as np
@@ -20,26 +20,6 @@ def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> n
     cluster = np.empty(len(pool), dtype=np.int64)
     cluster[order] = rank % views
     return cluster
-
-
-def joined_pools(
-    pool: np.ndarray, labels: np.ndarray, anchors: np.ndarray, count: int, rng: np.random.Generator
-) -> np.ndarray:
-    """Pools int64 (A, count) that view sets join: the anchor's pool, then others of its class at random.
-
-    Args:
-        pool, labels: (n,) of each frame; a pool is of one class, and each class has at least `count` pools.
-        anchors: (A,) frame indices.
-    """
-    pools = np.repeat(pool[anchors][:, None], count, axis=1)
-    if count == 1:
-        return pools
-    for label in np.unique(labels[anchors]):
-        rows, of_class = np.flatnonzero(labels[anchors] == label), np.unique(pool[labels == label])
-        key = rng.random((len(rows), len(of_class)))
-        key[of_class == pools[rows, :1]] = -1
-        pools[rows] = of_class[np.argsort(key, axis=1)[:, :count]]
-    return pools
 
 
 class ViewSets:
@@ -67,14 +47,7 @@ class ViewSets:
         self._start = np.where(self.empty, start[:, :1], start)
         self._count = np.where(self.empty, count.sum(axis=1, keepdims=True), count)
 
-    def draw(
-        self,
-        anchors: np.ndarray,
-        rng: np.random.Generator,
-        assignment: str = "index",
-        pools: np.ndarray | None = None,
-        views: int | None = None,
-    ) -> np.ndarray:
+    def draw(self, anchors: np.ndarray, rng: np.random.Generator, assignment: str = "index") -> np.ndarray:
         """View sets int64 (A, V) of frame indices, one for each anchor (A,).
 
         Args:
@@ -82,15 +55,10 @@ class ViewSets:
             rng: for the draw.
             assignment: `anchor` (released code): the anchor first, frames of the other clusters in random order;
                 `random`: all in random order; otherwise column i holds a frame of cluster i, as in the paper.
-            pools: (A, G) that each view set joins, the anchor's pool first; None: the anchor's pool alone. Column i is
-                of pool i modulo G and its cluster i // G, so that a pool needs only V / G clusters, rounded up.
-            views: number of frames in a view set, if it is not the number of clusters.
         """
-        pools = self._pool[anchors][:, None] if pools is None else pools
-        cluster, place = np.divmod(np.arange(views or self.views), pools.shape[1])
-        pool = pools[:, place]
-        pick = self._start[pool, cluster] + (rng.random(pool.shape) * self._count[pool, cluster]).astype(np.int64)
-        sets, anchor_column = self._members[pick], self._cluster[anchors] * pools.shape[1]
+        start, count = self._start[self._pool[anchors]], self._count[self._pool[anchors]]
+        sets = self._members[start + (rng.random(start.shape) * count).astype(np.int64)]
+        anchor_column = self._cluster[anchors]
         rows = np.arange(len(anchors))
         sets[rows, anchor_column] = anchors
         if assignment in ("anchor", "random"):
@@ -106,11 +74,6 @@ def anchor_first(sets: np.ndarray, anchors: np.ndarray, rng: np.random.Generator
     key = rng.random(sets.shape)
     key[np.arange(len(sets)), (sets == anchors[:, None]).argmax(axis=1)] = -1
     return np.argsort(key, axis=1)
-
-
-def spread_frames(count: int, views: int) -> np.ndarray:
-    """Indices int64 (views,) into `count` frames, evenly spread; they repeat where there are fewer than `views`."""
-    return ((np.arange(views) + 0.5) * count / views).astype(np.int64)
 
 
 def powers_of_two(views: int) -> tuple[int, ...]:

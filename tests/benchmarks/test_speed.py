@@ -7,6 +7,7 @@ from click.testing import CliRunner
 from benchmarks.speed import __main__ as module
 from benchmarks.trained import CLASSIFIER, FRAMES
 from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import TEST, save_table
 from tests.glove_data import CPU, recipe, table, trained
@@ -17,7 +18,7 @@ def test_the_plain_network_answers_as_the_pipeline_does():
     features = extract_features(trained().backbone, CPU.frames(frames.squeeze(1)))
     with torch.inference_mode():
         plain = module.plain_answer(module.plain_network(trained()), frames, sets)[0]
-        fast = trained().logits(features, sets)
+        fast = view_set_logits(trained().head, features, sets)
     torch.testing.assert_close(fast, plain, rtol=1e-4, atol=1e-5 * float(plain.abs().max()))
 
 

@@ -2,36 +2,39 @@
 
 import numpy as np
 
+from tactile_viewgcn.sensors.examples import Points
+
 
 class Answers:
-    """Recordings of three classes, with one view set of one frame and one of four each.
+    """Recordings of three classes, whose points are their numbers.
 
     An estimator is right about the groups that it was fitted to and wrong about all others, or the other way round.
 
     Args:
         knows: it is right about the groups that it was fitted to.
-        share: of the class that is answered, by member and size; 0.98 where none is given.
+        share: of the class that is answered, by member; 0.98 where none is given.
     """
 
     def __init__(self, labels, groups, *, knows, share=None):
-        self.labels, self.classes, self.members = labels, 3, ["trees", "svm"]
-        self.sets, self._groups, self._knows, self._share = {1: None, 4: None}, groups, knows, share or {}
+        self.labels, self.classes, self._groups, self.knows, self._share = labels, 3, groups, knows, share or {}
 
-    def recording_of(self, size):
-        return np.arange(len(self.labels))
+    def of_recordings(self, member):
+        return Points(np.arange(len(self.labels)), np.arange(len(self.labels)))
 
-    def points(self, member, size):
-        return None
-
-    def fit(self, member, size, seed, used):
+    def fit(self, member, points, seed, used):
         assert set(self.labels[~used]) <= set(self.labels[used])
-        return np.isin(self._groups, self._groups[used])
+        return _Estimator(self, np.isin(self._groups, self._groups[used]), self._share.get(member, 0.98))
 
-    def answers(self, member, size, estimator, asked):
-        share = self._share.get((member, size), 0.98)
-        shares = np.full((len(self.labels), 3), (1 - share) / 2, dtype=np.float32)
-        shares[np.arange(len(shares)), (self.labels + (estimator != self._knows)) % 3] = share
-        return np.where(asked[:, None], shares, np.nan)
 
-    def milliseconds(self, member, estimator):
-        return 1.0
+class _Estimator:
+    """An estimator that was fitted to the recordings `used`, bool (R,)."""
+
+    classes = np.arange(3)
+
+    def __init__(self, examples, used, share):
+        self._labels, self._wrong, self._share = examples.labels, used != examples.knows, share
+
+    def predict_proba(self, numbers):
+        shares = np.full((len(numbers), 3), (1 - self._share) / 2)
+        shares[np.arange(len(numbers)), (self._labels + self._wrong)[numbers] % 3] = self._share
+        return shares

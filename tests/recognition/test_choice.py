@@ -6,12 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, Candidate, choose, choose_members
-from tactile_viewgcn.recognition.fitting import fit_classifier
-from tactile_viewgcn.recognition.left_out import LeftOut
-from tactile_viewgcn.sensors.examples import WHOLE
+from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, Candidate, LeftOut, choose, choose_members
+from tactile_viewgcn.recognition.fitting import examples_of, first_frames, fit_classifier, training_recordings
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tactile_viewgcn.training.sensor_fitting import sensor_examples, training_recordings
 from tests.glove_data import CPU, recipe, table, views_of
 from tests.recognition.answers import Answers
 
@@ -30,7 +27,7 @@ CANDIDATES = [["kernel"], ["svm"], ["trees", "svm"]]
     ],
 )
 def test_a_later_candidate_is_taken_where_the_first_errs_by_more_than_a_standard_error_more(first, second, taken):
-    rows = [Candidate([], np.asarray(wrong, dtype=float), 1, 1) for wrong in (first, second, np.add(first, 1))]
+    rows = [Candidate([], np.asarray(wrong, dtype=float), 1) for wrong in (first, second, np.add(first, 1))]
     assert choose(rows) is rows[taken]
 
 
@@ -39,7 +36,7 @@ def compared(*wrong, answered=True):
     of = dict(zip(map(tuple, CANDIDATES), map(np.asarray, wrong), strict=False))
     costs = dict(zip(("kernel", "trees", "svm"), (1.0, 20.0, 4.0), strict=True))
     left = SimpleNamespace(answered=np.array([answered]), wrong=lambda members: of[tuple(members)])
-    left.seconds = left.milliseconds = costs
+    left.seconds = costs
     return choose_members(left, CANDIDATES, 5)
 
 
@@ -49,12 +46,11 @@ def test_the_chosen_candidate_stands_first_and_the_others_by_what_decides():
     assert (choice.level, choice.key, choice.value) == ("choice", "model.members", members)
     assert "4 of 5 training groups" in choice.text and (head.topic, head.value) == ("candidates", None)
     assert all(note.key == "model.members" and len(str(note)) <= 78 for note in notes)
-    keys = "members", "taken", "error", "standard_error", "seconds", "milliseconds"
+    keys = "members", "taken", "error", "standard_error", "seconds"
     assert [tuple(note.value[key] for key in keys) for note in notes] == [
-        (CANDIDATES[1], True, 0.5, 0.25, 4, 4), (CANDIDATES[2], False, 0.25, 0, 24, 24),
-        (CANDIDATES[0], False, 1, 0.25, 1, 1),
+        (CANDIDATES[1], True, 0.5, 0.25, 4), (CANDIDATES[2], False, 0.25, 0, 24), (CANDIDATES[0], False, 1, 0.25, 1)
     ]  # fmt: skip
-    assert str(notes[0]).split()[1:] == ["50.0", "25.0", "4.0", "4.0", "*", "svm"]
+    assert str(notes[0]).split()[1:] == ["50.0", "25.0", "4.0", "*", "svm"]
     members, notes = compared(*[[0.5, 0.5]] * 3)  # that err alike stand in their order
     assert members == CANDIDATES[0] and [note.value["members"] for note in notes[2:]] == CANDIDATES
 
@@ -92,42 +88,65 @@ def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
     assert spanning.answered.tolist() == [True] * 4 + [False]
     assert not left_out([0, 1], [0, 1], knows=False).answered.any()
     left = left_out([0, 0, 0, 1, 1, 1], [0, 0, 1, 2, 3, 3], knows=True)
-    left._shares["svm", WHOLE] = np.eye(3)[[1, 0, 0, 0, 1, 1]]
+    left._shares["svm"] = np.eye(3)[[1, 0, 0, 0, 1, 1]]
     assert left.wrong(["svm"]).tolist() == [0.5, 0, 1, 0]
 
 
-def examples_of(frames, members, views=4):
+def left_out_of(frames, members):
+    """Answers by members to the recordings of the table's training side."""
     recordings = training_recordings(frames)
-    return sensor_examples(frames, recordings, members, views, "random", 0), recordings
+    return LeftOut(examples_of(frames, recordings, members, (4,), 0), frames.group[first_frames(recordings)], 0)
+
+
+def dealt(frames):
+    """The table with labels that are dealt at random to its recordings."""
+    labels = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
+    return replace(frames, label=labels[frames.recording].astype(frames.label.dtype))
 
 
 def test_errors_are_those_of_fits_to_other_recordings():
     """Labels dealt at random to the recordings: every fit is wrong about the groups that were left out."""
-    frames = table("split.folds=6")
-    dealt = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
-    shuffled = replace(frames, label=dealt[frames.recording].astype(frames.label.dtype))
-    members = ["kernel", "pooled_kernel", "svm", "trees", "convolutions"]
-    for one, least, most in ((shuffled, 0.5, 1), (frames, 0, 0.4)):
-        examples, recordings = examples_of(one, members)
-        left = LeftOut(examples, recordings.groups, 0)
+    frames, members = table("split.folds=6"), ["kernel", "pooled_kernel", "svm", "trees", "convolutions"]
+    for one, least, most in ((dealt(frames), 0.5, 1), (frames, 0, 0.4)):
+        left = left_out_of(one, members)
         assert len(left.wrong(members)) == len(np.unique(frames.group[frames.side == TRAIN]))
-        assert all(least <= left.wrong([name]).mean() <= most for name in members)
-        assert all(left.seconds[name] > 0 < left.milliseconds[name] for name in members)
+        assert all(least <= left.wrong([name]).mean() <= most and left.seconds[name] > 0 for name in members)
 
 
-def test_the_candidates_are_those_of_an_array_or_of_channels_and_the_test_side_changes_nothing(monkeypatch):
+def test_answers_that_are_random_are_made_unsure():
+    """Answers to left-out groups are at chance, and so is confidence."""
+    frames = table("split.folds=6")
+    random, true = (left_out_of(one, ["kernel"]).temperature(["kernel"]) for one in (dealt(frames), frames))
+    assert random > 2 * true and np.isfinite(random)
+    one_group = replace(frames, group=frames.label.astype(np.int64))  # of each class
+    assert left_out_of(one_group, ["kernel"]).temperature(["kernel"]) is None
+
+
+def test_the_temperature_is_that_of_the_members_answers():
+    """All of 12 answers are right, so that by Laplace's rule 13 in 14 should be, each twice as often as both others."""
+    left = left_out(np.arange(12) // 4, np.arange(12), knows=False, share={"svm": 0.8, "trees": 0.9})
+
+    def temperature(*shares, floor=0.01):
+        return sum(np.log((one + floor) / ((1 - one) / 2 + floor)) for one in shares) / np.log(2 * 13)
+
+    assert left.temperature(["trees", "svm"]) == pytest.approx(temperature(0.8, 0.9), rel=1e-3)
+    assert left.temperature(["svm"]) == pytest.approx(temperature(0.8, floor=0), rel=1e-3)
+
+
+def test_an_array_is_compared_on_training_groups_alone_and_channels_have_one_recipe(monkeypatch):
     calls = []
 
     def choose_spy(left, candidates, groups):
-        calls.append((candidates, [left.wrong(members).tolist() for members in candidates[1:2]], groups))
-        return candidates[1], []
+        calls.append((candidates, left.wrong(candidates[0]).tolist(), groups))
+        return choose_members(left, candidates, groups)
 
     monkeypatch.setattr("tactile_viewgcn.recognition.fitting.choose_members", choose_spy)
     frames, few = table("split.folds=6"), np.zeros((12, 12), dtype=bool)
     few[:3] = table().live[:3]
     changed = np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype)
-    params = recipe("model.system=sensors", "model.members=auto", "finetune.num_views=random")
+    params = recipe("model.system=sensors", "model.members=auto")
     for one in (frames, replace(frames, label=changed), replace(frames, live=few)):
-        members = fit_classifier(one, views_of(one, params), {}, params, CPU).model.members
-        assert members == calls[-1][0][1]
-    assert calls[0] == calls[1] and calls[0][0] == ARRAY and calls[2][0] == CHANNELS and calls[0][2] == 20
+        fitted = fit_classifier(one, views_of(one, params), {}, params, CPU)
+        assert fitted.temperature > 0 and fitted.model.members in calls[-1][0]
+    assert calls[0] == calls[1] and (calls[0][0], calls[0][2]) == (ARRAY, 20) and calls[2][0] == CHANNELS
+    assert fitted.model.members == ["trees", "svm", "convolutions"] and len(fitted.notes) == 1

@@ -69,15 +69,6 @@ def test_the_recordings_of_a_folder_or_of_a_labelled_object_are_answered_togethe
     assert sorted(keys.format(**answer) for answer in joined) == expected
 
 
-def test_where_the_confidence_is_not_reached_another_grasp_is_asked_for(place):
-    write(place / "new" / "4.h5", (recording("pen", 87) + recording("cup", 88)) // 2)  # as if both were in the hand
-    lines = call(place / "classifier.pt", place / "new", "--stop-at", "0.8", "--csv", place / "answers.csv")
-    expected = [False, False, False, True]
-    assert [line.endswith("; grasp it again") for line in lines[2:6]] == expected
-    assert [row["grasp_again"] for row in answers_in(place / "answers.csv")] == list(map(str, expected))
-    assert call(place / "classifier.pt", place / "new", "--together", "--stop-at", "1")[-3].endswith("; grasp it again")
-
-
 def test_arrays_of_cells_have_the_models_layout(place):
     folder = place / "arrays" / "pen"
     folder.mkdir(parents=True)
@@ -119,11 +110,9 @@ def test_right_answers_are_counted_and_of_more_than_three_classes_also_those_amo
     assert _summary([record], list(classes))[-1] == right
 
 
-def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated(place):
-    path = model_file(place / "full.pt", "finetune.num_views=full")
-    assert "whole recordings; probabilities are not calibrated" in call(path, place / "new")[0]
-    with pytest.raises(UserError, match="takes 8 views"):
-        call(path, place / "new", "--stop-at", 0.9)
+def test_a_network_without_validation_groups_says_that_its_probabilities_are_not_calibrated(place):
+    path = model_file(place / "full.pt", "model.system=mvcnn")
+    assert "8 frames; probabilities are not calibrated" in call(path, place / "new")[0]
 
 
 @pytest.mark.parametrize(
@@ -135,7 +124,6 @@ def test_a_model_of_v_views_alone_says_that_its_probabilities_are_not_calibrated
         ("new/0.h5 new", UserError, "0.h5: no classifier"),
         ("classifier.pt classifier.pt", UserError, "classifier.pt: no recordings"),
         ("classifier.pt other", UserError, r"8, 9\).*frames, 8, 10"),
-        ("classifier.pt new --stop-at 1.5", UserError, "threshold is 1.5"),
         ("classifier.pt new --csv new/0.csv", UserError, "0.csv: .*read as a recording"),
         ("classifier.pt new --csv other/1.h5", UserError, "1.h5: exists"),
     ],

@@ -3,13 +3,12 @@
 from unittest.mock import patch
 
 import numpy as np
-import torch
+from scipy.special import softmax
 
 from tactile_viewgcn.sensors import representation
-from tactile_viewgcn.sensors.classifier import SensorClassifier
-from tactile_viewgcn.sensors.examples import Examples, for_sets
-from tactile_viewgcn.sensors.representation import Representation
-from tactile_viewgcn.sensors.unit import contact_unit
+from tactile_viewgcn.sensors.examples import Examples
+from tactile_viewgcn.sensors.representation import Representation, contact_unit
+from tactile_viewgcn.systems.sensors import SensorClassifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 CHANNELS, ARRAY = np.ones((1, 2), dtype=bool), np.ones((8, 8), dtype=bool)
@@ -30,23 +29,28 @@ def recordings(seeds=range(8), names=NAMES, **how):
     return [recording(name, seed, **how) for seed in seeds for name in names], np.tile(range(len(names)), len(seeds))
 
 
-def fitted(members, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), classes=None):
-    """A classifier of recordings in their glove's unit, with its examples as an attribute."""
-    frames, names, count = np.concatenate(made), {*members, *for_sets(members)}, classes or max(labels) + 1
+def examples_of(made, labels, members=(), *, live=CHANNELS, sizes=(1, 2, 4)):
+    """The examples of recordings in their glove's unit."""
+    frames = np.concatenate(made)
     read = Representation(live).fit(frames, contact_unit(frames))
-    classifier = SensorClassifier(members, torch.from_numpy(viewpoints(sizes[-1])), count)
-    classifier.examples = Examples(made, labels, read, sorted(names), sizes, count, 0)
+    if "convolutions" in members:
+        read.convolutions.fit([read.scaled(each) for each in made], 0)
+    return Examples(made.__getitem__, labels, read, sizes, max(labels) + 1, 0)
+
+
+def fitted(members, made, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
+    """A classifier of recordings."""
+    classifier = SensorClassifier(members, viewpoints(sizes[-1]), max(labels) + 1)
     with patch.multiple(representation, TREES=60, FEWEST_TREES=20):  # quicker, and enough for small recordings
-        classifier.fit(classifier.examples, 0)
+        classifier.fit(examples_of(made, labels, members, live=live, sizes=sizes), 0)
     return classifier
 
 
 def values(classifier, counts):
     """What the classifier keeps of the frames of counts (T, S)."""
-    return classifier.frame_values(torch.from_numpy(counts).reshape(-1, 1, *classifier.representation.live.shape))
+    return classifier.frame_values(counts.reshape(-1, *classifier.representation.live.shape))
 
 
 def answers(classifier, made):
-    """Probabilities (R, classes) of whole recordings."""
-    logits = [classifier.recording_logits(values(classifier, each)) for each in made]
-    return torch.cat(logits).softmax(dim=1).numpy()
+    """Probabilities (R, classes) of recordings."""
+    return softmax([classifier.recording(values(classifier, each)) for each in made], axis=1)

@@ -13,7 +13,7 @@ from sklearn.svm import SVC
 
 from tactile_viewgcn.sensors import estimators, forest, kernels
 from tactile_viewgcn.sensors.convolutions import Ridge
-from tactile_viewgcn.sensors.examples import probabilities
+from tactile_viewgcn.sensors.estimators import probabilities
 from tactile_viewgcn.sensors.forest import Forest
 from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
 
@@ -73,7 +73,7 @@ def test_answers_are_those_of_scikit_learn(classes):
 def test_kept_arrays_answer_equally_and_a_class_without_examples_has_probability_0(monkeypatch, estimator):
     points, labels, asked = data(3)
     fitted = estimator().fit(points, labels, 0)
-    answers = probabilities(estimator().load_state_dict(fitted.state_dict(), 5, 6), asked, 6)
+    answers = probabilities(estimator().take(**fitted.state_dict()), asked, 6)
     assert (answers == probabilities(fitted, asked, 6)).all() and (answers[:, 1::2] == 0).all()
     np.testing.assert_allclose(answers.sum(axis=1), 1, atol=1e-6)
     monkeypatch.setattr(forest, "MOST_PATHS", 100)  # in parts that fit memory

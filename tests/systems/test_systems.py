@@ -9,6 +9,7 @@ from typing import get_args
 import pytest
 import torch
 
+from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.system import shape_classifier
 from tactile_viewgcn.params import System
 from tests.systems.small_systems import built, fill, some_views
@@ -40,7 +41,7 @@ def test_the_order_of_the_views_matters_where_it_should_and_those_in_time_order_
     shuffled = rising[:, [2, 0, 3, 1]]
     with torch.inference_mode():
         expected, moved = (network.head(features[sets])[0] for sets in (rising, shuffled))
-        direct, sorted_or_not = (network.logits(features, sets) for sets in (rising, shuffled))
+        direct, sorted_or_not = (view_set_logits(network.head, features, sets) for sets in (rising, shuffled))
     torch.testing.assert_close(direct, expected)
     torch.testing.assert_close(sorted_or_not, expected if name in IN_TIME else moved)
     assert (moved - expected).abs().max() < 1e-5 if name in ORDERLESS else (moved - expected).abs().max() > 1e-3

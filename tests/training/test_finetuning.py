@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.recognition.sequential import sequential_trials
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tactile_viewgcn.training.finetuning import SideViewSets, first_places, sort_by_time
-from tactile_viewgcn.views.sampling import ViewSets
+from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
 from tests.training.small_trainings import finetune
 
@@ -111,9 +110,10 @@ def test_a_classifier_of_any_number_of_views_is_better_than_chance_with_each():
     classifier, _ = finetune("finetune.num_views=random", "finetune.epochs=3", VALIDATED)
     frames = table()
     index = frames.on(TEST)
-    with torch.inference_mode():
-        features = classifier.eval().backbone(CPU.frames(torch.from_numpy(frames.inputs(index))))
-    anchors, rngs = np.arange(len(index)), [np.random.default_rng(0)]
-    columns = frames.label[index], frames.recording[index]
-    trials = sequential_trials(classifier, [1.0] * 4, features, *columns, anchors, rngs)
-    assert (trials.correct.mean(axis=(0, 2)) > 0.5).all()  # chance: 0.25
+    classifier.prepare(CPU)
+    values, recording = classifier.frame_values(frames.inputs(index)), frames.recording[index]
+    sets = ViewSets(random_clusters(recording, 4, rng := np.random.default_rng(0)), recording, 4)
+    drawn = sets.draw(np.arange(len(index)), rng, "anchor")
+    for count in (1, 2, 3, 4):
+        answers = classifier.view_sets(values, np.ascontiguousarray(drawn[:, :count])).argmax(axis=1)
+        assert (answers == frames.label[index]).mean() > 0.5  # chance: 0.25

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn.tables.frames import load_table, save_table
 from tactile_viewgcn.tables.views import NO_CLUSTER, Views
-from tactile_viewgcn.views.sampling import ViewSets, joined_pools, random_clusters, sets_of
+from tactile_viewgcn.views.sampling import ViewSets, random_clusters, sets_of
 
 DRAWS = 6000
 
@@ -40,34 +40,6 @@ def test_each_column_is_of_its_cluster_the_anchor_in_its_own_and_other_assignmen
     np.testing.assert_array_equal(by_anchor[:, 0], anchors)
     for other in (by_anchor, at_random):
         np.testing.assert_array_equal(np.sort(other, axis=1), np.sort(sets, axis=1))
-
-
-@pytest.mark.parametrize(("views", "count"), [(8, 1), (8, 2), (8, 3), (4, 3), (3, 3)])
-def test_a_joined_set_has_as_many_frames_of_each_pool_or_one_fewer_and_its_anchor_in_its_cluster(views, count):
-    rng, clusters = np.random.default_rng(0), -(-views // count)
-    label, pool = np.repeat([0, 1], 60), np.repeat(np.arange(10), 12)
-    cluster = random_clusters(pool, clusters, rng)
-    drawn, anchors = ViewSets(cluster, pool, clusters), np.arange(0, 120, 3)
-    pools = joined_pools(pool, label, anchors, count, rng)
-    assert pools.shape == (40, count) and (pools[:, 0] == pool[anchors]).all()
-    assert (label[12 * pools] == label[anchors, None]).all()
-    assert all(len(set(row)) == count for row in pools.tolist())
-    sets = drawn.draw(anchors, rng, "index", pools, views)
-    column = np.arange(views)
-    np.testing.assert_array_equal(pool[sets], pools[:, column % count])
-    np.testing.assert_array_equal(cluster[sets], np.tile(column // count, (40, 1)))
-    np.testing.assert_array_equal(sets[np.arange(40), count * cluster[anchors]], anchors)
-    first = drawn.draw(anchors, rng, "anchor", pools, views)
-    np.testing.assert_array_equal(first[:, 0], anchors)
-    sizes = np.array([np.sort(np.unique(row, return_counts=True)[1]) for row in pool[first]])
-    assert sizes.shape == (40, count) and (sizes.max(axis=1) - sizes.min(axis=1) <= 1).all()
-
-
-def test_every_other_pool_of_the_class_is_joined_equally_often():
-    pool, label = np.array([3, 0, 1, 2, 4]), np.array([0, 0, 0, 0, 1])
-    pools = joined_pools(pool, label, np.zeros(DRAWS, dtype=int), 3, np.random.default_rng(0))
-    assert (pools[:, 0] == 3).all()
-    np.testing.assert_allclose(np.bincount(pools[:, 1:].ravel(), minlength=5) / DRAWS, [2 / 3] * 3 + [0, 0], atol=0.02)
 
 
 def test_the_random_assignment_puts_the_anchor_in_every_column_equally_often():

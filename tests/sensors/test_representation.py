@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.sensors.unit import contact_unit, successive_noise
+from tactile_viewgcn.sensors.representation import contact_unit, successive_noise
 
 
 def test_one_reading_in_ten_is_above_four_units_and_a_glove_that_is_hardly_touched_has_a_unit_too():

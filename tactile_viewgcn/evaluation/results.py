@@ -49,7 +49,7 @@ def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: flo
 
 def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
     """The numbers that runs are compared by: errors as fractions, seconds of all stages, ms per answer."""
-    scores = {name: metrics[name] for name in ("recording", "object", "sequential") if name in metrics}
+    scores = {name: metrics[name] for name in ("recording", "object")}
     return {
         **{f"error.{name}": score["error"]["mean"] for name, score in scores.items()},
         **{f"top3_error.{name}": score["top3_error"] for name, score in scores.items() if "top3_error" in score},
@@ -108,7 +108,7 @@ def row_tags_and_parameters(metrics: dict[str, Any], records: Records) -> tuple[
     counts = {name: value for record in records.values() for name, value in record.counts.items()}
     scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
     tags = {f"stage.{name}": record.run_id for name, record in records.items() if record.run_id}
-    tags |= {f"error.{name}.percent": error_text(score["error"]) + joined_text(score) for name, score in scores.items()}
+    tags |= {f"error.{name}.percent": error_text(score["error"]) for name, score in scores.items()}
     tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
     weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
     return tags, flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | weights
@@ -133,18 +133,12 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
         top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if "top3_error" in score else ""
         whole = ", whole recordings" if "frames" in score else ""
         lines.append(
-            f"  {protocol} protocol{joined_text(score)}{whole}: error {error_text(score['error'])} %, std over trials "
+            f"  {protocol} protocol{whole}: error {error_text(score['error'])} %, std over trials "
             f"{100 * score['error']['std']:.1f}{top3}"
         )
     if "by_views" in score:  # of the last protocol, which is the user's
         errors = ", ".join(f"{count}: {100 * error['mean']:.1f}" for count, error in score["by_views"].items())
         lines.append(f"  by views ({protocol}): {errors} %")
-    if "sequential" in metrics:
-        score = metrics["sequential"]
-        lines.append(
-            f"  sequential: error {error_text(score['error'])} % at a mean of {score['frames']:.2f} frames, "
-            f"stopping at {score['confidence_threshold']:g}"
-        )
     times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
     return [
         *lines,
@@ -153,11 +147,6 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
         f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches; "
         f"peak memory {timing['peak_mb']:,.0f} MB",
     ]
-
-
-def joined_text(score: dict[str, Any]) -> str:
-    """The words ` of 2 grasps` for a score of metrics.json whose view sets join as many; else nothing."""
-    return "".join(f" of {several(count, unit)}" for unit, count in score.get("joined", {}).items())
 
 
 def error_text(error: dict[str, Any]) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation, scores_of
 from tactile_viewgcn.evaluation.predictions import Predictions
-from tactile_viewgcn.evaluation.report import (
+from tactile_viewgcn.evaluation.results import (
     costs,
     dataset,
     read_records,
@@ -118,21 +118,15 @@ def test_the_lines_and_tags_have_errors_with_their_intervals_and_what_auto_chose
     assert tags["error.object.percent"] == text and tags["resolved.model.members"] == "svm + trees"
     assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (4, 4, 7)
     assert not parameters.keys() & row_metrics(metrics, timing).keys()
-    metrics["recording"]["joined"] = {"grasp": 2}
-    assert "  recording protocol of 2 grasps: error 62.5" in "\n".join(summary_lines(metrics, timing))
-    assert row_tags_and_parameters(metrics, RECORDS)[0]["error.recording.percent"].endswith(") of 2 grasps")
 
 
-def test_the_printed_lines_of_a_sequential_run_on_the_validation_side(evaluation, timing):
-    error = {"mean": 0.25, "low": 0.125, "high": 0.5}
-    sequential = {"error": error, "frames": 2.5, "confidence_threshold": 0.9}
+def test_the_printed_lines_of_a_run_on_the_validation_side(evaluation, timing):
     sides = {"frames": {"train": 9, "validation": 1}, "groups": {"validation": 1}, "trials": 1}
-    metrics = evaluation.metrics | sides | {"sequential": sequential}
+    metrics = evaluation.metrics | sides
     timing |= {"seconds": {"ingest": 0.0125, "total": 1296.846}}
     lines = summary_lines(metrics, timing)
     assert lines[:1] + lines[4:] == [
         "evaluate: 1 view set of 4, 4 classes, 1 trial, 1 group of the validation side",
-        "  sequential: error 25.0 (12.5 to 50.0) % at a mean of 2.50 frames, stopping at 0.9",
         "  time: ingest 0.0 s, total 1,296.8 s; the trials 7.7 s",
         "  per answer: 1.50 ms alone (95th percentile 2.25), 0.50 ms in batches; peak memory 1,300 MB",
     ]
@@ -157,8 +151,4 @@ def test_three_classes_have_no_error_of_the_first_three(evaluation, timing):
 
 def test_the_dataset_is_the_source_that_ingest_read():
     source = {"path": "data/stag", "md5": "0123456789abcdef"}
-    assert dataset({"ingest": replace(RECORD, inputs={"source": source})}, "frames", "ff") == (
-        "data/stag",
-        "01234567",
-    )
-    assert dataset({}, "frames", "fedcba9876543210") == ("frames", "fedcba98")
+    assert dataset(replace(RECORD, inputs={"source": source})) == ("data/stag", "01234567")
