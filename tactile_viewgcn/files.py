@@ -1,17 +1,13 @@
-"""Files that are written whole or not at all, and files to read: which there are, their locks and their md5."""
+"""Files that are written whole or not at all, and files to read: which there are, and their md5."""
 
 import errno
 import hashlib
 import os
 import shutil
-import socket
-import sys
 from collections.abc import Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
-
-from filelock import FileLock, Timeout
 
 from tactile_viewgcn.messages import UserError
 
@@ -208,24 +204,6 @@ def check_is_file(path: Path) -> None:
     """Raise a UserError for a folder, and for a named pipe, socket or device, whose reading may never end."""
     if path.exists() and not path.is_file():
         raise UserError(f"{path}: a folder, named pipe, socket or device; expected a file")
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold a lock file, whose text names the process that holds it; a process that has to wait prints that text."""
-    lock = FileLock(path)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        holder = path.read_text(errors="replace").strip() or "another process"
-        remedy = "end that process if a killed run has left it behind"
-        print(f"waits for {holder}, which holds {path}; {remedy}", file=sys.stderr, flush=True)
-        lock.acquire()
-    try:
-        path.write_text(f"process {os.getpid()} on {socket.gethostname()} ({' '.join(sys.orig_argv[1:])[:200]})\n")
-        yield
-    finally:
-        lock.release()
 
 
 def md5(path: str | Path) -> str:

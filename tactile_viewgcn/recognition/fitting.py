@@ -25,9 +25,8 @@ from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.views import Views
-from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.loop import OnEpoch
+from tactile_viewgcn.training.loop import OnEpoch, Progress
 from tactile_viewgcn.views.sampling import powers_of_two
 
 MOST_RECORDINGS, QUICK_RECORDINGS = 4000, 2500  # of a fit on the sensors, and of a comparison

@@ -6,23 +6,41 @@ finite.
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from tqdm import tqdm
 
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Finetune, Pretrain
-from tactile_viewgcn.training.checkpoint import Progress, restore, save
+from tactile_viewgcn.training.checkpoint import restore, save
 from tactile_viewgcn.training.optim import lr_lambda
+from tactile_viewgcn.training.replay import Replay
 
 MAX_LOSS = 10.0  # largest mean of an epoch, times the first loss or 1, the larger of them
 CHECK_EVERY = 16  # steps between checks of the loss, each of which waits for the device
 
 OnEpoch = Callable[[int, dict[str, float]], None]
+
+
+@dataclass
+class Progress:
+    """How far a training has come."""
+
+    epoch: int = 0  # number of epochs done
+    curves: dict[str, list[float]] = field(default_factory=dict)  # a value per epoch
+    seconds: float = 0.0
+    first_loss: float | None = None  # of the very first batch; later losses are compared with it
+    resumed: tuple[int, float] = (0, 0.0)  # epochs and seconds before the last interruption
+
+    def __str__(self) -> str:
+        before = f" ({self.resumed[0]} of them before an interruption)" if self.resumed[0] else ""
+        last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
+        return f"{several(self.epoch, 'epoch')}{before}" + (f", at the end {last}," if last else "")
 
 
 def error_rate(logits: Tensor, labels: Tensor) -> float:
@@ -31,61 +49,69 @@ def error_rate(logits: Tensor, labels: Tensor) -> float:
 
 
 def fit(
-    name: str,
+    stage: str,
     config: Pretrain | Finetune,
     steps: int,
+    loss: nn.Module,
     optimiser: torch.optim.Optimizer,
-    loss_of: Callable[..., Tensor],
     batches: Callable[[int], Iterable[tuple[Tensor, ...]]],
     validate: Callable[[], dict[str, float]],
-    parts: dict[str, Any],
+    generators: Sequence[torch.Generator | np.random.Generator],
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
 ) -> Progress:
     """Run the epochs: a step down the loss of each batch, at the learning rates of the schedule.
 
     Args:
-        name: of the stage; config: its epochs and schedule; steps: number of batches in an epoch.
-        loss_of: the loss of a batch's arguments; batches: epoch -> the arguments of each batch.
+        config: its epochs and schedule; steps: number of batches in an epoch.
+        loss: the loss of a batch's arguments; batches: epoch -> the arguments of each batch.
         validate: values of an epoch besides the mean loss.
-        parts: state besides the optimiser's that a checkpoint keeps, see `save`.
+        generators: those of `batches` that a checkpoint keeps, besides torch's default ones.
         checkpoint_path: file for the state after every epoch; a saved training is continued.
         on_epoch: called with the number, from 1, and the values of every epoch, those of the checkpoint too.
 
     Raises:
-        UserError: it diverges.
+        UserError: it diverges, or the checkpoint is damaged.
     """
-    epochs, factor = config.epochs, lr_lambda(config)
+    epochs, factor, loss_of = config.epochs, lr_lambda(config), Replay(loss, loss.parameters())
     rates = [group["lr"] for group in optimiser.param_groups]
-    parts = parts | {"optimiser": optimiser}
-    progress = restore(checkpoint_path, parts)
+    parts = [loss, optimiser, *generators, torch.default_generator]
+    if torch.cuda.is_initialized():
+        parts.append(torch.cuda.default_generators[torch.cuda.current_device()])
+    progress = Progress(**restore(checkpoint_path, parts) if checkpoint_path else {})
+    progress.resumed = progress.epoch, progress.seconds
     begin = time.perf_counter() - progress.seconds
     on_epoch = on_epoch or (lambda *_: None)
     for epoch in range(progress.epoch):
         on_epoch(epoch + 1, {name: line[epoch] for name, line in progress.curves.items()})
-    with tqdm(total=epochs * steps, initial=progress.epoch * steps, desc=name, unit="batch", disable=None) as bar:
+    with tqdm(total=epochs * steps, initial=progress.epoch * steps, desc=stage, unit="batch", disable=None) as bar:
         for epoch in range(progress.epoch, epochs):
             for group, rate in zip(optimiser.param_groups, rates, strict=True):
                 group["lr"] = rate * factor(epoch)
-            bar.set_description(f"{name} epoch {epoch + 1}/{epochs}")
-            loss = _run_epoch(loss_of, batches(epoch), optimiser, progress, bar)
-            weights = (weight for group in optimiser.param_groups for weight in group["params"])
-            finite = all(weight.isfinite().all() for weight in weights)  # no loss follows the last step
-            if not finite or not math.isfinite(loss) or loss > MAX_LOSS * max(1.0, progress.first_loss or 1.0):
-                at = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
-                reason = f"the loss is {loss:g}" + ("" if finite else ", and a weight is not finite")
-                raise UserError(
-                    f"{name} diverged in epoch {epoch + 1} at a learning rate of {at}: {reason}; lower {name}.lr"
-                )
-            values = {"loss": loss} | validate()
+            bar.set_description(f"{stage} epoch {epoch + 1}/{epochs}")
+            mean = _run_epoch(loss_of, batches(epoch), optimiser, progress, bar)
+            _check_converges(stage, epoch + 1, mean, progress, optimiser)
+            values = {"loss": mean} | validate()
             for key, value in values.items():
                 progress.curves.setdefault(key, []).append(value)
             progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
-            save(checkpoint_path, parts, progress)
+            if checkpoint_path:
+                save(checkpoint_path, parts, vars(progress))
             bar.set_postfix({key: f"{value:.3f}" for key, value in values.items()})
             on_epoch(progress.epoch, values)
     progress.seconds = time.perf_counter() - begin
     return progress
+
+
+def _check_converges(stage: str, epoch: int, mean: float, progress: Progress, optimiser: torch.optim.Optimizer) -> None:
+    """Raise a UserError if the training has diverged at the end of an epoch with this mean loss."""
+    weights = (weight for group in optimiser.param_groups for weight in group["params"])
+    finite = all(weight.isfinite().all() for weight in weights)  # no loss follows the last step
+    if finite and math.isfinite(mean) and mean <= MAX_LOSS * max(1.0, progress.first_loss or 1.0):
+        return
+    rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
+    reason = f"the loss is {mean:g}" + ("" if finite else ", and a weight is not finite")
+    raise UserError(f"{stage} diverged in epoch {epoch} at a learning rate of {rates}: {reason}; lower {stage}.lr")
 
 
 def _run_epoch(

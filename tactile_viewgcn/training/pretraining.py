@@ -13,11 +13,9 @@ from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_featur
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
-from tactile_viewgcn.training.checkpoint import Progress
 from tactile_viewgcn.training.inputs import FrameInputs, Noise
-from tactile_viewgcn.training.loop import OnEpoch, error_rate, fit
+from tactile_viewgcn.training.loop import OnEpoch, Progress, error_rate, fit
 from tactile_viewgcn.training.optim import build_optimiser, num_batches
-from tactile_viewgcn.training.replay import Replay
 
 
 class FrameLoss(nn.Module):
@@ -44,8 +42,7 @@ def pretrain_backbone(
     """The backbone and its linear classifier, trained on the anchor frames of the training side.
 
     Args:
-        checkpoint_path: where the training is saved after every epoch; a saved one is continued.
-        on_epoch: see `fit`.
+        checkpoint_path, on_epoch: see `fit`.
 
     Returns:
         backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
@@ -63,10 +60,7 @@ def pretrain_backbone(
     order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
     noise = Noise(config.noise * full_scale(table.transform, table.scale), on_device)
     loss, steps = FrameLoss(backbone, classifier, compute), num_batches(len(train), config.batch)
-    weights = list(loss.parameters())
-    loss_of = Replay(loss, weights)
-    optimiser = build_optimiser(config, [{"params": weights}])
-    parts = {"backbone": backbone, "classifier": classifier, "order": order, "noise": on_device}
+    optimiser = build_optimiser(config, [{"params": loss.parameters()}])
 
     def batches(_: int) -> Iterator[tuple[Tensor, Tensor]]:
         backbone.train()
@@ -80,5 +74,6 @@ def pretrain_backbone(
             features = extract_features(backbone, validation)
         return {"validation_error": error_rate(classifier(features), validation.labels)}
 
-    progress = fit("pretrain", config, steps, optimiser, loss_of, batches, validate, parts, checkpoint_path, on_epoch)
+    generators = (order, on_device)
+    progress = fit("pretrain", config, steps, loss, optimiser, batches, validate, generators, checkpoint_path, on_epoch)
     return backbone, classifier, progress

@@ -1,9 +1,6 @@
 """A training that was interrupted ends as one that was not."""
 
-import os
 import re
-import time
-from threading import Thread
 
 import pytest
 import torch
@@ -11,7 +8,7 @@ import torch
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training import loop
-from tactile_viewgcn.training.checkpoint import Progress, checkpoint_path, restore, save, training_checkpoint
+from tactile_viewgcn.training.checkpoint import restore, save, training_checkpoint
 from tests.glove_data import CPU
 from tests.training.small_trainings import equal_weights, finetune, pretrain
 
@@ -38,7 +35,7 @@ def interrupt(monkeypatch, after):
 
     def saved(path, parts, progress):
         save(path, parts, progress)
-        if path is not None and progress.epoch == after:
+        if progress["epoch"] == after:
             raise Interrupted
 
     monkeypatch.setattr(loop, "save", saved)
@@ -69,52 +66,45 @@ def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch,
     assert again.resumed[0] == after and again.seconds >= again.resumed[1] > 0
 
 
-def test_a_continued_training_has_as_many_threads_as_before(tmp_path, monkeypatch):
-    save(tmp_path / "training.pt", {}, Progress(epoch=1))
+def test_a_continued_training_has_as_many_threads_as_before(tmp_path):
+    save(tmp_path / "training.pt", [], {})
     before = torch.get_num_threads()
     torch.set_num_threads(before + 1)  # another process, with one core more idle
-    restore(tmp_path / "training.pt", {})
+    restore(tmp_path / "training.pt", [])
     assert torch.get_num_threads() == before
-    path = checkpoint_path("pretrain", "key", CPU)
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    assert checkpoint_path("pretrain", "key", CPU) != path
 
 
 def test_a_damaged_checkpoint_is_refused(tmp_path):
     path = tmp_path / "training.pt"
     path.write_bytes(b"no checkpoint")
     with pytest.raises(UserError, match=r"training\.pt: damaged.*delete it"):
-        restore(path, {})
+        restore(path, [])
+
+
+def path_of(*training):
+    with training_checkpoint(*training) as path:
+        return path
 
 
 def test_another_stage_key_or_machine_has_another_file_in_the_original_repository(tmp_path, monkeypatch):
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
     machines = [CPU, Compute(torch.device("cpu"), "bfloat16"), Compute(torch.device("cuda"), "float32")]
     cases = [("finetune", "b", CPU), ("pretrain", "a", CPU), *(("finetune", "a", machine) for machine in machines)]
-    paths = [checkpoint_path(*case) for case in cases]
-    assert len(set(paths)) == 5 and checkpoint_path(*cases[0]) == paths[0]
+    paths = [path_of(*case) for case in cases]
+    assert len(set(paths)) == 5 and path_of(*cases[0]) == paths[0]
     assert {path.parent for path in paths} == {tmp_path / "checkpoints"}
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    assert path_of(*cases[0]) not in paths
 
 
-def test_of_two_processes_with_one_training_one_waits_and_says_for_whom(tmp_path, monkeypatch, capsys):
+def test_of_two_processes_with_one_training_the_second_keeps_no_checkpoint(tmp_path, monkeypatch):
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    training = ("pretrain", "key", CPU)
-    order = []
-
-    def second():
-        with training_checkpoint(*training) as path:
-            order.append("second")
-            assert not path.exists()  # the first is done with it
-
-    with training_checkpoint(*training) as path:
+    with training_checkpoint("pretrain", "key", CPU) as path:
         path.write_bytes(b"under way")
-        thread = Thread(target=second)
-        thread.start()
-        time.sleep(0.2)
-        order.append("first")
-    thread.join(timeout=30)
-    assert order == ["first", "second"]
-    assert f"waits for process {os.getpid()} on " in capsys.readouterr().err
+        with training_checkpoint("pretrain", "key", CPU) as second:
+            assert second is None
+        assert path.read_bytes() == b"under way"
+    assert not path.exists() and path_of("pretrain", "key", CPU) == path
 
 
 def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
@@ -127,7 +117,7 @@ def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
 
 def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch):
     path = tmp_path / "training.pt"
-    save(path, {}, Progress(epoch=3))
+    save(path, [], {"epoch": 3})
 
     def half(content, part):
         part.write_bytes(b"half of it")
@@ -135,5 +125,5 @@ def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, mo
 
     monkeypatch.setattr(torch, "save", half)
     with pytest.raises(Interrupted):
-        save(path, {}, Progress(epoch=4))
-    assert restore(path, {}).epoch == 3
+        save(path, [], {"epoch": 4})
+    assert restore(path, []) == {"epoch": 3}

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
-from tactile_viewgcn.training.finetuning import SideViewSets, first_places, sort_by_time
+from tactile_viewgcn.training.view_sets import SideViewSets, first_places, sort_by_time
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters
 from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
 from tests.training.small_trainings import finetune

@@ -11,6 +11,17 @@ from tactile_viewgcn.training.loop import CHECK_EVERY, error_rate, fit
 from tests.glove_data import recipe
 
 
+class Loss(nn.Module):
+    """A loss of a batch (epoch, step) by a function."""
+
+    def __init__(self, function):
+        super().__init__()
+        self.function = function
+
+    def forward(self, epoch, step):
+        return self.function(int(epoch), int(step))
+
+
 def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, schedule="constant"):
     """A training whose batches are pairs of epoch and step: its progress or its error, and the batches it took."""
     changes = f"epochs={epochs}", f"schedule={schedule}", "step_size=1"
@@ -19,11 +30,11 @@ def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, sched
     def batches(epoch):
         for step in range(steps):
             taken.append((epoch, step))
-            yield epoch, step
+            yield torch.tensor(epoch), torch.tensor(step)
 
     optimiser, on_epoch = torch.optim.SGD(parameters, rate), lambda *values: calls.append(values)
     try:
-        progress = fit("loop", config, steps, optimiser, loss_of, batches, validate, {}, on_epoch=on_epoch)
+        progress = fit("loop", config, steps, Loss(loss_of), optimiser, batches, validate, [], on_epoch=on_epoch)
     except UserError as error:
         return str(error), taken
     curves = progress.curves.items()

@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from tactile_viewgcn.tables.frames import TRAIN
-from tactile_viewgcn.training.finetuning import SideViewSets, finetune_classifier
+from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.moments import measure_moments
+from tactile_viewgcn.training.view_sets import SideViewSets
 from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
 
 

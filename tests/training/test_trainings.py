@@ -9,7 +9,7 @@ from torch.nn.functional import cross_entropy
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.training import finetuning, pretraining
-from tactile_viewgcn.training.checkpoint import Progress
+from tactile_viewgcn.training.loop import Progress
 from tests.glove_data import CPU, fewer_anchors, table
 from tests.training.small_trainings import equal_weights, finetune, pretrain
 
@@ -41,7 +41,7 @@ def fitted(monkeypatch):
     """The arguments of the loop over epochs, which then does nothing."""
     arguments = {}
 
-    def fit(name, config, steps, optimiser, loss_of, batches, *_):
+    def fit(stage, config, steps, loss, optimiser, batches, *_):
         arguments.update(config=config, groups=optimiser.param_groups, batches=batches(0))
         return Progress()
 

@@ -8,7 +8,7 @@ from torch import nn
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.training.inputs import Noise
-from tactile_viewgcn.training.set_loss import FeatureBank, SetLoss
+from tactile_viewgcn.training.view_sets import FeatureBank, SetLoss
 from tests.glove_data import CPU
 
 LABELS = torch.arange(12) % 3
@@ -71,7 +71,7 @@ def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fr
     bank = filled_bank(torch.arange(12.0).view(12, 1, 1, 1))
     features = torch.tensor([[[100.0], [101]], [[102], [103]]], requires_grad=True)
     sets, fresh = torch.tensor([[4, 1, 7], [0, 4, 9]]), torch.tensor([[0, 2], [1, 2]])
-    nodes = bank.nodes(sets, fresh, features, first=torch.tensor([0, 1, 0, 3]))
+    nodes = bank(features, sets, fresh, first=torch.tensor([0, 1, 0, 3]))
     assert nodes.squeeze(-1).tolist() == [[100, 1, 101], [0, 102, 103]]
     nodes.square().sum().backward()
     assert torch.equal(features.grad, 2 * features.detach())
