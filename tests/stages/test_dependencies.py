@@ -71,7 +71,7 @@ def test_every_dep_is_there_and_imported(name):
         ("tactile_viewgcn/sensors/kernels.py", {"finetune", "evaluate"}),
         ("tactile_viewgcn/sensors/features.py", {"preprocess", "finetune", "evaluate"}),
         ("tactile_viewgcn/nn/backbone.py", {"pretrain", "finetune", "evaluate"}),
-        ("tactile_viewgcn/evaluation/report.py", {"evaluate"}),
+        ("tactile_viewgcn/evaluation/results.py", {"evaluate"}),
         ("tactile_viewgcn/readers/hdf5.py", {"ingest", "preprocess"}),
         ("tactile_viewgcn/frames/baseline.py", {"preprocess"}),
         ("tactile_viewgcn/glove/contact.py", {"simulate"}),
