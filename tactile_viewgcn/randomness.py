@@ -13,8 +13,8 @@ def stream(seed: int, purpose: str, *numbers: int) -> np.random.Generator:
     """Generator for one purpose, and with `numbers` for one trial or fold of it, independent of all others.
 
     The purpose comes first and the numbers count from 1, because NumPy pads a list of seeds with zeros: [7], [7, 0] and
-    [7, 0, 0] give the same stream. A purpose keeps its text when the code's words change ("touches.trial" is for
-    sequential trials), since a different text gives different numbers.
+    [7, 0, 0] give the same stream. A purpose keeps its text when the code's words change, since a different text gives
+    different numbers.
     """
     return np.random.default_rng([crc32(purpose.encode()), seed, *(1 + number for number in numbers)])
 

@@ -20,13 +20,13 @@ from benchmarks.command import markdown
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.files import atomic_write
 
-SEED, MOST_FRAMES, ERROR, SECONDS = 0, 20_000, "{}, error, %", "{}, s"
+SEED, ERROR, SECONDS = 0, "{}, error, %", "{}, s"
 SIMPLE = {  # on statistics of a recording
     "trees": lambda: ExtraTreesClassifier(300, random_state=SEED),
     "svc": lambda: make_pipeline(StandardScaler(), SVC(C=10)),
     "logistic": lambda: make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000)),
 }
-METHODS = ["ours", *SIMPLE, "frames", "minirocket"]  # the last where aeon is installed
+METHODS = ["ours", *SIMPLE]
 COLUMNS = ["set", "channels", "recordings", "classes", *(text.format(m) for m in METHODS for text in (ERROR, SECONDS))]
 
 
@@ -81,16 +81,6 @@ def answers(name: str, learnt: list, labels: np.ndarray, groups: np.ndarray, ask
     """Labels that a method gives to recordings."""
     if name == "ours":
         return TactileClassifier().fit(learnt, labels, groups).predict(asked)
-    if name == "frames":  # the frames of a recording vote
-        rows, label = np.concatenate(learnt), np.repeat(labels, [len(x) for x in learnt])
-        drawn = np.random.default_rng(SEED).permutation(len(rows))[:MOST_FRAMES]
-        model = SIMPLE["trees"]().fit(rows[drawn].reshape(len(drawn), -1), label[drawn])
-        return model.classes_[[model.predict_proba(x.reshape(len(x), -1)).mean(axis=0).argmax() for x in asked]]
-    if name == "minirocket":
-        from aeon.classification.convolution_based import MiniRocketClassifier
-
-        length, model = int(np.median([len(x) for x in learnt])), MiniRocketClassifier(random_state=SEED)
-        return model.fit(resampled(learnt, length), labels).predict(resampled(asked, length))
     return SIMPLE[name]().fit(statistics(learnt), labels).predict(statistics(asked))
 
 
@@ -98,12 +88,6 @@ def statistics(recordings: list) -> np.ndarray:
     """Mean, standard deviation, minimum, maximum and median (n, 5C) of each channel over all frames."""
     kinds = (np.mean, np.std, np.min, np.max, np.median)
     return np.array([np.concatenate([kind(x, axis=0).ravel() for kind in kinds]) for x in recordings])
-
-
-def resampled(recordings: list, length: int) -> np.ndarray:
-    """Channels (n, C, length), linear between frames."""
-    rows = [x.reshape(len(x), -1).T for x in recordings]
-    return np.array([[np.interp(np.linspace(0, len(c) - 1, length), np.arange(len(c)), c) for c in x] for x in rows])
 
 
 if __name__ == "__main__":

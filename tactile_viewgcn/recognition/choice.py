@@ -1,4 +1,4 @@
-"""The choice of a classifier on the sensors, and its calibration, by training recordings that are left out of its fits.
+"""The choice of a classifier on the sensors, and its calibration, by recordings that are left out of its fits.
 
 A candidate is one member of `sensors` or several. Nothing is pretrained for them, so that a group can be left out of
 all that is fitted to labels.
@@ -24,7 +24,7 @@ FOLDS = 5
 
 
 class LeftOut:
-    """Answers to training recordings by estimators that were fitted to other groups, a fifth left out at a time.
+    """Answers to training recordings by estimators that were fitted to other groups; a fifth is left out at a time.
 
     If a fold would remove a class from the training, that class's recordings are not left out.
 
@@ -112,14 +112,15 @@ def standard_error(row: Candidate, best: Candidate) -> float:
 
 
 def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> tuple[list[str], list[Note]]:
-    """The members, and notes: the choice, and a table of the candidates up to the first that errs nowhere.
-
-    The table begins with the chosen one; the others follow by their errors. A note of the table is a line that fits a
-    terminal of 80 columns; its value has the same facts for programs: the error, the standard error of its difference
-    from the lowest, and the seconds of all fits.
+    """Compare the candidates, up to the first that errs nowhere.
 
     Args:
         groups: number of all training groups.
+
+    Returns:
+        The chosen members, and notes: the choice, then a table with the chosen candidate first and the others by their
+        errors. A note of the table is a line for a terminal of 80 columns; its value has the error, the standard error
+        of its difference from the lowest, and the seconds of all fits.
     """
     if not left.answered.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
