@@ -41,7 +41,7 @@ def inspection_page(overview: Overview) -> str:
 
 def _excess(overview: Overview, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Counts (n, S) above the baseline of the frames in an index (n,), and which of them are in contact."""
-    recordings, baseline = overview.recordings, overview.choice.baseline
+    recordings, baseline = overview.recordings, overview.baseline
     excess = overview.hand.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
     return excess, overview.hand.contact[index] & ~of_empty_hand(recordings)[index]
 

@@ -13,18 +13,17 @@ from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
-from tactile_viewgcn.pages.source_inspection import GAP, SATURATED, Overview
+from tactile_viewgcn.pages.source_inspection import SATURATED, Overview
 from tactile_viewgcn.params import MAX_SIDE, everywhere
 from tactile_viewgcn.readers.source import FRAMES_LAST, listed
 from tactile_viewgcn.schema import as_change
 
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name
-EVERY_SOURCE = ("object", "recording", "session", "frame", "time")  # the columns that are not optional
 MANY_GAPS = 0.01  # of the frames
-LARGEST = f"at the largest reading in more than {100 * SATURATED:g} % of the frames"
 TWICE = "Record each object at least twice, better five times in two sessions."
-LESS = "errors will say less about touch than they seem to"
+LESS = "errors say less about touch than they seem to. Record in several sessions, in another order in each."
+FIRMLY = "Record more of each, held firmly; or are sessions taken for objects? See the objects below."
 
 
 class Table(NamedTuple):
@@ -52,93 +51,68 @@ def inspection_lines(overview: Overview) -> list[str]:
 
 def facts(overview: Overview) -> list[tuple[str, str]]:
     """Pairs of a figure and a text, which read as one sentence."""
-    table, counts = overview.recordings, overview.counts
-    (height, width), frames = table.shape, counts["frames"]
+    table, frames, hand = overview.recordings, overview.counts["frames"], overview.hand
+    (height, width), low, high = table.shape, frames.min(), frames.max()
     objects = several(len(np.unique(overview.label)), "object")
     sessions = several(len(np.unique(overview.session)), "session")
-    low, middle, high = np.percentile(frames, [0, 50, 100])
-    lengths = f"{low:g} to {high:g} frames, median {middle:g}" if low < high else f"{several(int(low), 'frame')} each"
-    pressed = f"{overview.hand.sensors} or more sensors are pressed"
-    pressed = "all are, even the quietest" if overview.hand.all_contact else pressed
-    faults = {"hardly": overview.stuck.sum(), f"are {LARGEST}": overview.saturated.sum()}
-    faulty = "".join(f"; {number} {fault}" for fault, number in faults.items() if number)
-    rate, times = "no times", "of frames in the recordings, so no frame rate"
-    if overview.interval:
-        gaps = f"{several(overview.gaps, 'gap')} of more than {GAP} intervals"
-        rate = f"{1 / overview.interval:.4g} Hz"
-        times = f"is the frame rate; {gaps}, {np.median(overview.seconds):.3g} s a recording"
+    lengths = f"{low} to {high} frames" if low < high else f"{several(int(low), 'frame')} each"
+    pressed = "even in the quietest" if hand.all_contact else f"{hand.sensors} or more sensors are pressed"
     rows = [
-        _counted(frames.sum(), "frame", f" of {height} x {width}, kept as {table.dtype}"),
-        _counted(len(frames), "recording", f" of {objects} in {sessions}: {lengths}"),
-        (f"{100 * counts['in contact'].sum() / frames.sum():.0f} %", f"of the frames are in contact: {pressed}"),
-        (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary{faulty}"),
-        (rate, times),
+        (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.dtype}"),
+        (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {lengths}"),
+        (f"{overview.counts['in contact'].sum() / frames.sum():.0%}", f"of the frames are in contact: {pressed}"),
+        (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary"),
+        ("no times", "of frames in the recordings, so no frame rate"),
     ]
-    if optional := [name for name in table.columns if name not in EVERY_SOURCE]:
-        rows.append(_counted(len(optional), "optional column", f": {', '.join(optional)}"))
-    for note in overview.remarks:
-        if note.level == "info":
-            figure, _, text = note.text.partition(" ")
-            rows.append((figure, text))
-    is_table = table.channel_names or not arrays_below(table.path)
-    if low == high and overview.form.shape == "auto" and not is_table:  # the axes may mean something else
-        if height == 1 and 1 < high <= MAX_SIDE:
-            text = f"cells in each file: if that is one frame, --shape {high:g} {width}"
-            if width > high:
-                text += f"; if it is {high:g} cells in {width} frames, --set data.shape={FRAMES_LAST}"
-            rows.append((f"{high:g} x {width}", text))
-        if high == height != width and height > 1:
-            text = "in each file, taken as frames, rows, columns; where frames come last: np.moveaxis(array, -1, 0)"
-            rows.append((f"{high:g} x {height} x {width}", text))
-    return rows
-
-
-def _counted(count: int, thing: str, rest: str) -> tuple[str, str]:
-    """A number of things as a figure and a text."""
-    figure, _, things = several(count, thing).partition(" ")
-    return figure, things + rest
+    if overview.interval:
+        seconds = np.median(overview.seconds)
+        rows[-1] = (f"{1 / overview.interval:.4g} Hz", f"is the frame rate, {seconds:.3g} s a recording")
+    arrays = not table.channel_names and arrays_below(table.path)
+    if arrays and overview.form.shape == "auto" and height == 1 and 1 < low == high <= MAX_SIDE:
+        other = (
+            f"--shape {high} {width} if a file is one frame, --set data.shape={FRAMES_LAST} if its columns are frames"
+        )
+        rows.append((f"{high} x {width}", f"numbers in each file, taken as frames of a row: {other}"))
+    remarks = [note.text.partition(" ") for note in overview.remarks if note.level == "info"]
+    return [*rows, *((figure, text) for figure, _, text in remarks)]
 
 
 def tables(overview: Overview) -> list[Table]:
     """Objects, sessions, and the measurements of baselines, the chosen one marked."""
     label, counts, recordings = overview.label, overview.counts, overview.recordings
+    of_objects = {one: [f"{count[label == one].sum():,}" for count in counts.values()] for one in np.unique(label)}
     flagged = "; flagged: by the recordings themselves" if "flagged" in counts else ""
+    of_sessions = [
+        [recordings.sessions[one], f"{(overview.session == one).sum():,}", f"{overview.empty[one]:,}", f"{noise:.3g}"]
+        for one in np.unique(overview.session)
+        for noise in [np.median(overview.hand.noise[one])]
+    ]
     every_table = [
         Table(
             "Objects",
             f"Frames of each kind{flagged}.",
             ["object", *counts],
-            [
-                [recordings.objects[one], *(f"{count[label == one].sum():,}" for count in counts.values())]
-                for one in np.unique(label)
-            ],
+            [[recordings.objects[one], *row] for one, row in of_objects.items()],
         ),
         Table(
             "Sessions",
             f"Frames of the empty hand; noise of the median sensor, in {overview.unit}.",
             ["session", "recordings", "empty hand", "noise"],
-            [_session(overview, number) for number in np.unique(overview.session)],
+            of_sessions,
         ),
         _measured(overview),
     ]
     return [table for table in every_table if table.rows]
 
 
-def _session(overview: Overview, number: int) -> list[str]:
-    number_of, noise = (overview.session == number).sum(), np.median(overview.hand.noise[number])
-    return [overview.recordings.sessions[number], f"{number_of:,}", f"{overview.empty[number]:,}", f"{noise:.3g}"]
-
-
 def _measured(overview: Overview) -> Table:
     errors, leaks, taken = overview.choice.errors, overview.choice.leaks, overview.choice.params.baseline
     remark = (
-        "Errors of a quick classifier on held-out groups, with a standard error. Without contact: on frames of the "
-        "open hand, or on the first frame of a recording; an error below chance there is a leak. All recordings: of "
-        "both sides, above the baseline that is taken."
+        "Errors of a quick classifier on held-out groups, with a standard error. Without contact, on the open hand or "
+        "the first frame of a recording, an error below chance is a leak."
     )
     if errors:
-        by = overview.setting("split.by")
-        remark += f" The one marked * was chosen on the training side of split.by {by} alone, as preprocess does."
+        remark += " The one marked * was chosen on the training side alone, as preprocess does."
     measured: list[tuple[str, QuickError | None, QuickError | None]] = [
         *((kind + " *" * (kind == taken), error, leaks.get(kind)) for kind, error in errors.items()),
         ("all recordings", overview.error, overview.leak),
@@ -162,36 +136,22 @@ def warnings(overview: Overview) -> list[Note]:
     by, stuck, saturated = overview.setting("split.by"), int(overview.stuck.sum()), int(overview.saturated.sum())
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
-    notes = warnings_of(overview.remarks)
-
-    def warn(topic: str, text: str) -> None:
-        notes.append(Note(text, "warning", topic))
-
-    if untouched:
-        warn("contact", f"Never in contact: {untouched}. Record these objects again, held firmly.")
-    if overview.leak and overview.leak.beats_chance:
-        leak = f"The object can be recognised before it is touched (baseline {overview.choice.params.baseline})"
-        warn("leak", f"{leak}: {LESS}. Record each object in several sessions, in another order in each.")
-    if overview.first_frame and overview.first_frame.beats_chance:
-        leak = "The first frame of a recording, before the hand holds anything, already predicts the object"
-        warn("first frame", f"{leak}: {LESS}. Record the objects in another order in each session.")
-    if overview.error and not overview.error.beats_chance:
-        guessing = "A quick classifier predicts the objects no better than guessing."
-        exchanged = overview.session_error and overview.session_error.beats_chance
-        swapped = "It predicts the sessions: are these the objects? Then name what is a session session1, session2, ..."
-        warn("error", f"{guessing} {swapped if exchanged else 'Record more of each, held firmly.'}")
-    if single:
-        once = f"{'Grasped' if by == 'grasp' else 'Recorded'} once: {single}."
-        warn("split", f"{once} Nothing is left to test with. {TWICE}")
-    if overview.gaps > MANY_GAPS * overview.counts["frames"].sum():
-        remedy = "Look at the cable, and at the program that records."
-        warn("time", f"Frames are missing at {several(overview.gaps, 'place')}. {remedy}")
-    if stuck:
-        warn("stuck", f"{several(stuck, 'sensor')} hardly {'varies' if stuck == 1 else 'vary'}. Check their wiring.")
-    if saturated:
-        sensors = f"{several(saturated, 'sensor')} {'is' if saturated == 1 else 'are'} {LARGEST}."
-        warn("saturated", f"{sensors} Lower the gain of the electronics, or grip less.")
-    return notes
+    gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
+    error, leak, first = overview.error, overview.leak, overview.first_frame
+    guessing = error and not error.beats_chance
+    found = {
+        "contact": untouched and f"Never in contact: {untouched}. Record these objects again, held firmly.",
+        "leak": leak and leak.beats_chance and f"The object can be recognised before it is touched: {LESS}",
+        "first frame": first and first.beats_chance and f"The first frame already predicts the object: {LESS}",
+        "error": guessing and f"A quick classifier predicts the objects no better than guessing. {FIRMLY}",
+        "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
+        "time": gaps and f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable and the logger.",
+        "stuck": stuck and f"Sensors that hardly vary: {stuck}. Check their wiring.",
+        "saturated": saturated
+        and f"Sensors at the largest reading in more than {SATURATED:.0%} of the frames: "
+        f"{saturated}. Lower the gain of the electronics, or grip less.",
+    }
+    return warnings_of(overview.remarks) + [Note(text, "warning", topic) for topic, text in found.items() if text]
 
 
 def verdict(overview: Overview, warned: list[Note]) -> Verdict:

@@ -1,16 +1,18 @@
 """What an inspection shows: a rehearsal of `preprocess`, recommended settings, and further facts of the recordings."""
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, of_empty_hand
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, of_empty_hand
 from tactile_viewgcn.frames.choose import Choice, choose, measure, measure_baseline
 from tactile_viewgcn.frames.contact import SENSORS_IN_CONTACT
 from tactile_viewgcn.frames.leak import check_first_frames
 from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
+from tactile_viewgcn.frames.quick_error import QuickError
 from tactile_viewgcn.frames.sides import deal, has_published_split
 from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
 from tactile_viewgcn.messages import Note, UserError, several
@@ -29,43 +31,27 @@ MOST_FOLDS = 5
 FEW_FRAMES = 50_000  # of contact
 
 
-def inspect_source(path: str | Path, form: Form = AUTO) -> "Overview":
-    """Inspect a source in any form that `ingest` reads, see `open_source`.
-
-    Raises:
-        UserError: lists the mistakes of the source.
-        FileNotFoundError: nothing at that path.
-    """
-    with recordings_of(path, form) as recordings:
-        return Overview(recordings, PreprocessSection(), form)
-
-
+@dataclass
 class Overview:
     """What an inspection shows of R recordings with frames, of O objects.
 
-    Split and settings are those that `preprocess` takes with the recommended ones.
-
-    Args:
-        recordings: the table of raw counts.
-        asked: settings of `preprocess`; `auto` where this chooses.
-        form: as which the source was read.
-
     Attributes:
         recordings: the table; its frames stay mapped after its file is gone.
+        form: as which the source was read.
         settings: recommended values with reasons, of level `choice`.
-        choice: what `preprocess` chooses with the recommended split; hand: its frames of the open hand and of contact.
+        choice: what `preprocess` chooses with the recommended split, on the training side alone.
+        hand, baseline: the same of all recordings, with the chosen values.
+        remarks: notes on the source and its table, see `tables.remarks`.
+        groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         label, session: (R,) index of each recording's object and session.
         counts: (R,) number of each recording's frames by kind: `frames`, `in contact`, `open hand` and, where the
             source flags that an object is held, `flagged`; `recordings` are ones.
         empty: (sessions,) frames of the empty hand.
-        remarks: notes on the source and its table, see `tables.remarks`.
-        groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
             where no two objects have two groups.
-        session_error: of recognising the session, measured only where the object cannot be.
         first_frame: error on the first frame of each recording; None where all frames are contact.
-        seconds: (R,) from first to last frame; NaN where the source has no time.
         interval: median seconds between frames, or None; gaps: number of intervals of more than 2.5 times that.
+        seconds: (R,) from first to last frame; NaN where the source has no time.
         stuck: bool (H, W) sensors whose noise and variation are below a tenth of the median sensor's noise; none where
             there is no open hand, in which an idle sensor has its noise and a faulty one has none.
         saturated: bool (H, W) sensors that read the largest number that any does in more than 1 % of the frames; none
@@ -74,55 +60,28 @@ class Overview:
             noise_pairs: number of pairs of open-hand frames that show it, 0 where the changes are of all frames.
     """
 
-    def __init__(self, recordings: Recordings, asked: PreprocessSection, form: Form = AUTO):
-        columns, empty, recorded = recordings.columns, of_empty_hand(recordings), frames_by_recording(recordings)
-        first, everything = np.array([index[0] for index in recorded]), np.ones(len(recordings), dtype=bool)
-        self.form = form
-        self.label, self.session = columns["object"][first], columns["session"][first]
-        original = originals(recordings)
-        self.groups = _groups(recordings, original, empty)
-        settings = split_settings(self.groups)
-        split = Split(**{note.key.removeprefix("split."): note.value for note in settings})
-        rng = stream(SPLIT_SEED, "preprocess")
-        sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class)
-        choice = choose(recordings, asked, sides)
-        assert choice.hand  # all is `auto`
-        self.recordings = recordings
-        self.remarks = remarks(recordings, original)
-        hand = find_open_hand(recordings, choice.hand.sensors, all_contact=choice.hand.all_contact)
-        kind = choice.params.baseline
-        baseline = measure_baseline(recordings, kind, hand, choice.params.zero)
-        self.hand, self.choice = hand, (choice := replace(choice, hand=hand, baseline=baseline))
-        self.settings = [*preprocess_settings(recordings, choice), *settings]
-        errors, leaks = measure(recordings, hand, {kind: baseline}, sides.group)
-        self.error, self.leak, self.session_error = errors.get(kind), leaks.get(kind), None
-        if self.error and not self.error.beats_chance:
-            of_sessions, _ = measure(recordings, hand, {kind: baseline}, sides.group, column="session")
-            self.session_error = of_sessions.get(kind)
-        self.first_frame = None if hand.all_contact else check_first_frames(recordings, hand)
-
-        kinds = {"frames": everything, "in contact": hand.contact, "open hand": hand.open}
-        if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
-            kinds["flagged"] = flags[0]
-        self.counts = {"recordings": np.ones(len(recorded), dtype=np.int64)}
-        self.counts |= {name: np.array([mask[index].sum() for index in recorded]) for name, mask in kinds.items()}
-        self.empty = np.bincount(columns["session"][empty], minlength=len(recordings.sessions))
-        self.interval, self.gaps, self.seconds = _sampling([columns["time"][index] for index in recorded])
-
-        sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
-        largest = max(hand.counts[index].max() for index in recorded)
-        at_largest = np.sum([(hand.counts[index] == largest).sum(axis=0) for index in recorded], axis=0)
-        noise = np.median(hand.noise[np.unique(self.session)], axis=0)
-        saturated = (at_largest / len(recordings) > SATURATED) & (at_largest.sum() > 1)
-        open_noise, self.noise_pairs = _open_noise(hand, recorded)
-        stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
-        if self.noise_pairs:  # all sensors are idle then: what lacks the others' noise is no sensor
-            stuck &= open_noise < STUCK * np.median(open_noise)
-        else:
-            stuck[:] = False
-        layouts = np.zeros((3, *recordings.shape))
-        layouts[:, recordings.live] = stuck, saturated, open_noise if self.noise_pairs else noise
-        self.stuck, self.saturated, self.noise = layouts[0] > 0, layouts[1] > 0, layouts[2]
+    recordings: Recordings
+    form: Form
+    settings: list[Note]
+    choice: Choice
+    hand: OpenHand
+    baseline: Baseline
+    remarks: list[Note]
+    groups: dict[str, np.ndarray]
+    label: np.ndarray
+    session: np.ndarray
+    counts: dict[str, np.ndarray]
+    empty: np.ndarray
+    error: QuickError | None
+    leak: QuickError | None
+    first_frame: QuickError | None
+    interval: float | None
+    gaps: int
+    seconds: np.ndarray
+    stuck: np.ndarray
+    saturated: np.ndarray
+    noise: np.ndarray
+    noise_pairs: int
 
     @property
     def unit(self) -> str:
@@ -134,9 +93,90 @@ class Overview:
         return next(str(note.value) for note in self.settings if note.key == key)
 
 
-def _groups(recordings: Recordings, original: np.ndarray, empty: np.ndarray) -> dict[str, np.ndarray]:
+def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
+    """Inspect a source in any form that `ingest` reads, see `open_source`.
+
+    Raises:
+        UserError: lists the mistakes of the source.
+        FileNotFoundError: nothing at that path.
+    """
+    with recordings_of(path, form) as recordings:
+        return inspect_table(recordings, PreprocessSection(), form)
+
+
+def inspect_table(recordings: Recordings, asked: PreprocessSection, form: Form = AUTO) -> Overview:
+    """Inspect a table of raw counts: choose as `preprocess` does, then measure all recordings with what was chosen.
+
+    Args:
+        asked: settings of `preprocess`; `auto` where this chooses.
+        form: as which the source was read.
+    """
+    columns, original, recorded = recordings.columns, originals(recordings), frames_by_recording(recordings)
+    groups, first = _groups(recordings, original), np.array([index[0] for index in recorded])
+    split = split_settings(groups)
+    values = {note.key.removeprefix("split."): note.value for note in split}
+    rng = stream(SPLIT_SEED, "preprocess")
+    sides = deal(recordings, Split(**values), rng, empty_hand_class=asked.empty_hand_class)
+    choice = choose(recordings, asked, sides)
+    assert choice.hand  # all is `auto`
+    hand = find_open_hand(recordings, choice.hand.sensors, all_contact=choice.hand.all_contact)
+    kind = choice.params.baseline
+    baseline = measure_baseline(recordings, kind, hand, choice.params.zero)
+    errors, leaks = measure(recordings, hand, {kind: baseline}, sides.group)
+    interval, gaps, seconds = _sampling([columns["time"][index] for index in recorded])
+    return Overview(
+        recordings=recordings,
+        form=form,
+        settings=[*preprocess_settings(recordings, choice, hand), *split],
+        choice=choice,
+        hand=hand,
+        baseline=baseline,
+        remarks=remarks(recordings, original),
+        groups=groups,
+        label=columns["object"][first],
+        session=columns["session"][first],
+        counts=_counts(columns, hand, recorded),
+        empty=np.bincount(columns["session"][of_empty_hand(recordings)], minlength=len(recordings.sessions)),
+        error=errors.get(kind),
+        leak=leaks.get(kind),
+        first_frame=None if hand.all_contact else check_first_frames(recordings, hand),
+        interval=interval,
+        gaps=gaps,
+        seconds=seconds,
+        **_sensors(recordings, hand, recorded),
+    )
+
+
+def _counts(columns: dict[str, np.ndarray], hand: OpenHand, recorded: list[np.ndarray]) -> dict[str, np.ndarray]:
+    """See `Overview.counts`."""
+    kinds = {"frames": np.ones_like(hand.open), "in contact": hand.contact, "open hand": hand.open}
+    if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
+        kinds["flagged"] = flags[0]
+    counts = {name: np.array([mask[index].sum() for index in recorded]) for name, mask in kinds.items()}
+    return {"recordings": np.ones(len(recorded), dtype=np.int64)} | counts
+
+
+def _sensors(recordings: Recordings, hand: OpenHand, recorded: list[np.ndarray]) -> dict[str, Any]:
+    """`stuck`, `saturated`, `noise` and `noise_pairs` of an `Overview`."""
+    sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
+    largest = max(hand.counts[index].max() for index in recorded)
+    at_largest = np.sum([(hand.counts[index] == largest).sum(axis=0) for index in recorded], axis=0)
+    sessions = np.unique(recordings.columns["session"])
+    noise, (open_noise, pairs) = np.median(hand.noise[sessions], axis=0), _open_noise(hand, recorded)
+    stuck = np.zeros_like(noise, dtype=bool)
+    if pairs:  # all sensors are idle then: what lacks the others' noise is no sensor
+        stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
+        stuck, noise = stuck & (open_noise < STUCK * np.median(open_noise)), open_noise
+    saturated = (at_largest / len(recordings) > SATURATED) & (at_largest.sum() > 1)
+    layouts = np.zeros((3, *recordings.shape))
+    layouts[:, recordings.live] = stuck, saturated, noise
+    return {"stuck": layouts[0] > 0, "saturated": layouts[1] > 0, "noise": layouts[2], "noise_pairs": pairs}
+
+
+def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarray]:
     """See `Overview.groups`; of `source` the groups are its two sides."""
-    columns = {name: values[~empty] for name, values in recordings.columns.items()}
+    of_object = ~of_empty_hand(recordings)
+    columns = {name: values[of_object] for name, values in recordings.columns.items()}
     columns["recording"], groups = original[columns["recording"]], {}
     for by in ("source", "recording", "grasp"):
         with suppress(UserError):  # no such column
@@ -192,10 +232,9 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
     ]
 
 
-def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
+def preprocess_settings(recordings: Recordings, choice: Choice, hand: OpenHand) -> list[Note]:
     """What `auto` becomes, number of views and preset, but no setting that the preset does not read."""
-    hand, settings = choice.hand, list(choice.notes)
-    assert hand
+    settings = list(choice.notes)
     if hand.sensors == SENSORS_IN_CONTACT or hand.all_contact:
         settings = [note for note in settings if note.key != "preprocess.contact_sensors"]
     if len(np.unique(recordings.columns["recording"])) == len(recordings):

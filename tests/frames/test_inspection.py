@@ -13,7 +13,7 @@ from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.pages.inspection_text import WIDTH, command_lines, facts, inspection_lines, verdict, warnings
-from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
+from tactile_viewgcn.pages.source_inspection import inspect_source, inspect_table
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import Form
@@ -44,7 +44,7 @@ def recommended(page):
 
 def inspected(recordings, *changes):
     """The inspection of a table of recordings; contact is of five sensors."""
-    return Overview(recordings, load(FILE, ("preprocess.contact_sensors=5", *changes)).preprocess)
+    return inspect_table(recordings, load(FILE, ("preprocess.contact_sensors=5", *changes)).preprocess)
 
 
 def preprocessed(recordings, *changes):
@@ -115,7 +115,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
         assert page.recordings.sessions == ["Übung 1", "Übung 2"]
         assert page.interval == pytest.approx(0.05) and page.gaps == 0
         assert np.median(page.hand.noise) == pytest.approx(0.015, rel=0.4)
-        np.testing.assert_allclose(page.choice.baseline.mean, 0.05, atol=0.03)
+        np.testing.assert_allclose(page.baseline.mean, 0.05, atol=0.03)
     Path("my glöve.dvc").touch()
     assert "  -S 'data.source=\"my glöve\"' \\" in inspection_lines(page)  # a source that DVC tracks, as typed
 
@@ -235,5 +235,4 @@ def test_objects_that_lie_where_sessions_are_expected_are_noticed(tmp_path, inne
     page = inspect_source(tmp_path, Form(layout="SESSION/OBJECT/FILE" if inner == "hand" else "auto"))
     assert sorted(page.recordings.objects) == sorted(OBJECTS) or inner == "hand"
     assert [note.topic for note in warnings(page)] == ["error"] * (inner == "hand")
-    assert bool(page.session_error and page.session_error.beats_chance) == (inner == "hand")
     assert any(figure == "folders" and "/FILE" in text for figure, text in facts(page))
