@@ -1,106 +1,120 @@
-"""Reading files of recordings in a child process, with limits on memory and time.
+"""Reading files of recordings in a separate process, with limits on memory and time.
 
 A damaged file may crash SciPy or HDF5, make them take all memory or keep them busy for ever. That ends the child alone.
+The child gets its request as JSON and prints JSON: the file that it reads, and the error that ended it.
 """
 
-import faulthandler
+import json
 import os
-import pickle
 import signal
+import subprocess
+import sys
+import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from multiprocessing import current_process, get_context
-from multiprocessing.connection import Connection
 from pathlib import Path
-from traceback import format_exc
+from typing import Any, TextIO
 
-from tactile_viewgcn.files import READ, check_is_file, files_below, in_one_line, stag_files
+from tactile_viewgcn.files import check_is_file, in_one_line
 from tactile_viewgcn.messages import UserError
 
 MEMORY, MEMORY_TIMES = 2**30, 20  # bytes on top of the program's own; and on top of these, times the source's size
 SECONDS, SECONDS_PER_MB = 10, 2  # of processor time; for each MB of the source, on top
-_parents: list[Connection] = []  # in the child: the connection to its parent
+PACKAGES = Path(__file__).parents[2]  # where the child finds this package
+_parents: list[TextIO] = []  # in the child: the stream to its parent
 
 
-def run_apart(work: Callable[[], None], path: Path) -> None:
-    """Run `work`, which reads the file or folder `path`, in a child process; where none can be forked, in this one.
+def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
+    """Run `python -m module`, which calls `serve` and reads the file or folder `path`.
+
+    Args:
+        request: plain values for the function that the module serves.
 
     Raises:
-        UserError: as `work`; or it crashed, or took more memory or time than a source of that size needs.
+        UserError: as that function; or it crashed, or took more memory or time than a source of that size needs.
+        OSError: as that function.
+        RuntimeError: any other exception, with its traceback as text.
     """
-    if not hasattr(os, "fork") or current_process().daemon:
-        work()
-        return
-    context = get_context("fork")
-    receiver, sender = context.Pipe(duplex=False)
-    child = context.Process(target=_limited, args=(work, stored_bytes(path), sender), daemon=True)
-    child.start()
-    sender.close()
+    words = json.dumps(request | {"memory": MEMORY, "seconds": SECONDS})
+    places = os.pathsep.join([str(PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
+    child = subprocess.Popen(
+        [sys.executable, "-P", "-m", module, words],  # -P: a user's folder may hold files called like modules
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": places},
+    )
+    message: dict[str, Any] = {}
+    with child:
+        try:
+            for line in child.stdout or ():
+                message = json.loads(line)
+                path = Path(message.get("file", path))
+            child.wait()
+        finally:
+            child.kill()
+    error = str(message.get("error", ""))
+    match message.get("kind"):
+        case "done":
+            return
+        case "UserError":
+            raise UserError(error)
+        case "MemoryError":
+            remedy = "save it uncompressed"
+            raise UserError(f"{path}: reading it takes more memory than a file of its size may ({error}); {remedy}")
+        case "OSError":
+            raise OSError(*message["args"])
+        case "fault":
+            raise RuntimeError(error)
+    what = "took too long" if child.returncode == -getattr(signal, "SIGXCPU", 0) else "crashed"
+    raise UserError(f"{path}: reading it {what}; record or download again what is damaged")
+
+
+def serve(work: Callable[[dict[str, Any]], None]) -> None:
+    """In the child: call `work` with the request, and tell the parent how it ended."""
+    parent, sys.stdout = sys.stdout, sys.stderr
+    _parents.append(parent)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_DFL)
+    message: dict[str, Any] = {"kind": "done"}
     try:
-        while isinstance(message := receiver.recv(), Path):
-            path = message
-    except EOFError:
-        child.join()
-        what = "took too long" if child.exitcode == -signal.SIGXCPU else "crashed"
-        message = UserError(f"{path}: reading it {what}; record or download again what is damaged")
-    finally:
-        child.kill()
-        child.join()
-    if isinstance(message, MemoryError):
-        message = UserError(
-            f"{path}: reading it takes more memory than a file of its size may ({message}); save it uncompressed"
-        )
-    if message is not None:
-        raise message
+        work(json.loads(sys.argv[1]))
+    except (UserError, MemoryError) as error:
+        message = {"kind": type(error).__name__, "error": str(error)}
+    except OSError as error:
+        has_place = error.errno is None or error.filename is not None
+        message = {"kind": "OSError", "args": [str(error)] if has_place else [error.errno, error.strerror]}
+    except Exception:
+        message = {"kind": "fault", "error": traceback.format_exc()}
+    print(json.dumps(message), file=parent, flush=True)
+
+
+def limit(request: dict[str, Any], stored: int) -> None:
+    """In the child: set the limits of a request for a source of `stored` bytes, where the system has such limits."""
+    try:
+        import resource  # here, since Windows has none
+    except ImportError:
+        return
+    used = int(time.process_time())
+    limits = {resource.RLIMIT_CPU: used + request["seconds"] + SECONDS_PER_MB * stored // 10**6}
+    if (status := Path("/proc/self/statm")).exists():  # on Linux; other systems do not keep the limit
+        in_use = int(status.read_text().split()[0]) * resource.getpagesize()
+        limits[resource.RLIMIT_AS] = in_use + request["memory"] + MEMORY_TIMES * stored
+    for kind, most in limits.items():
+        lower = [old for old in resource.getrlimit(kind) if old != resource.RLIM_INFINITY]
+        resource.setrlimit(kind, (min([most, *lower]), resource.getrlimit(kind)[1]))
 
 
 @contextmanager
 def reading(file: Path) -> Iterator[None]:
-    """Context for reading a file of recordings: errors of libraries, and a crash of the process, name the file.
+    """Context for reading a file of recordings: errors of libraries, and a crash of the child, name the file.
 
     Raises:
         UserError: it is not a regular file, or it is damaged.
     """
     for parent in _parents:
-        parent.send(file)
+        print(json.dumps({"file": str(file)}), file=parent, flush=True)
     check_is_file(file)
     with in_one_line(file, "damaged, cut short or of another form", "record, save or download it again"):
         yield
-
-
-def _limited(work: Callable[[], None], stored: int, parent: Connection) -> None:
-    """Run `work` within the limits for `stored` bytes, and send the parent the exception that ended it, or None."""
-    import resource  # here, since Windows has none
-
-    _parents.append(parent)
-    faulthandler.disable()  # the parent reports a crash in one line
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, signal.SIG_DFL)
-    limits = {resource.RLIMIT_CPU: SECONDS + SECONDS_PER_MB * stored // 10**6}
-    if (status := Path("/proc/self/statm")).exists():  # on Linux; other systems do not keep the limit
-        in_use = int(status.read_text().split()[0]) * resource.getpagesize()
-        limits[resource.RLIMIT_AS] = in_use + MEMORY + MEMORY_TIMES * stored
-    for kind, limit in limits.items():
-        lower = [old for old in resource.getrlimit(kind) if old != resource.RLIM_INFINITY]
-        resource.setrlimit(kind, (min([limit, *lower]), resource.getrlimit(kind)[1]))
-    try:
-        work()
-    except Exception as error:
-        error.add_note(format_exc())
-        parent.send(_sendable(error))
-    else:
-        parent.send(None)
-
-
-def _sendable(error: Exception) -> Exception:
-    """The error itself, or a RuntimeError with its text where it cannot be pickled."""
-    try:
-        return pickle.loads(pickle.dumps(error))
-    except Exception:
-        return RuntimeError(f"{type(error).__name__}: {error}")
-
-
-def stored_bytes(path: Path) -> int:
-    """Size of a file, or of all recordings below a folder, in bytes."""
-    files = [path] if path.is_file() else {*files_below(path, READ), *stag_files(path)}
-    return sum(file.stat().st_size for file in files if file.is_file())

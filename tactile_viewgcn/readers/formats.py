@@ -5,41 +5,72 @@ columns of a frame) it may also be one frame; without one, (frames, cells) are f
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from tactile_viewgcn.files import ARRAYS, HDF5, TEXTS, all_below, arrays_below, files_below, stag_files
-from tactile_viewgcn.messages import Note, UserError, several
+from tactile_viewgcn.files import all_below
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.readers.child import reading
-from tactile_viewgcn.readers.columns import Columns, columns_of, named, recordings_in, sensors_and_time
-from tactile_viewgcn.readers.folder import MANY, Names, joined
-from tactile_viewgcn.readers.hdf5 import open_hdf5, read_recording
-from tactile_viewgcn.readers.places import PLACES, Layout, layout_of, place_of
-from tactile_viewgcn.readers.source import AUTO, Form, Source, Values, framed, listed, pressure_name, side_of
-from tactile_viewgcn.readers.stag import matlab_fields, matlab_names, read_folder, read_metadata
+from tactile_viewgcn.readers.hdf5 import read_recording
+from tactile_viewgcn.readers.source import (
+    AUTO,
+    MANY,
+    SPLITS,
+    Form,
+    Recording,
+    Source,
+    framed,
+    joined,
+    listed,
+    no_array,
+    setting,
+    side_of,
+)
+from tactile_viewgcn.readers.stag import is_raw, matlab_fields, read_folder, read_metadata
 from tactile_viewgcn.readers.text import Table, read_table
 
+TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
+HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".mat")
+COLUMN_BYTES = 32  # of all columns, for each frame
+DISK, DISK_TIMES = 2**30, 200  # largest table: bytes, plus this many times the bytes of its source
+PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 EXPECTED = (
-    f"expected a STAG metadata.mat, a STAG folder, a folder of {PLACES}.npy, .npz, .mat, .csv, .txt or .h5, or a .csv "
-    "with a column `object` (see the manual's page on data)"
+    f"expected a STAG metadata.mat, a STAG folder, a folder of {PLACES} with .npy, .npz, .mat, .csv, .txt or .h5, or a "
+    ".csv with a column `object` (see the manual's page on data)"
 )
-SOME = 5  # tables whose names are compared
 
 
-def open_source(path: str | Path, form: Form = AUTO) -> Source:
+def files_of(path: Path) -> list[Path]:
+    """A file itself, or all files below a folder, see `all_below`."""
+    return all_below(path) if path.is_dir() else [path]
+
+
+def arrays_among(files: Sequence[Path]) -> list[Path]:
+    """Arrays and tables among files; .txt are tables if they are more than all other recordings, else descriptions."""
+    texts, others = _ending(files, (".txt",)), _ending(files, (*ARRAYS, *TEXTS[:-1]))
+    return sorted(others + texts) if len(texts) > len(others + _ending(files, HDF5)) else others
+
+
+def _ending(files: Sequence[Path], endings: tuple[str, ...]) -> list[Path]:
+    return [file for file in files if file.name.lower().endswith(endings)]
+
+
+def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | None = None) -> Source:
     """The source at a path: STAG's metadata.mat or folder, or recordings in HDF5, arrays and tables.
 
     A damaged file may crash this process; `read_source` uses a separate one.
 
     Args:
         form: of recordings that are not STAG's.
+        files: see `files_of`; found here if not given.
 
     Raises:
         FileNotFoundError: nothing is at that path.
@@ -48,25 +79,36 @@ def open_source(path: str | Path, form: Form = AUTO) -> Source:
     path, is_hdf5 = Path(path), False
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
-    if stag_files(path):
-        return read_folder(path)
+    files = files_of(path) if files is None else files
+    if raw := [file for file in files if is_raw(file, path)]:
+        return read_folder(path, raw)
     if not path.is_dir():
         with reading(path):
             is_hdf5, is_stag = h5py.is_hdf5(path), path.name == "metadata.mat"
             if is_stag or ((is_hdf5 or path.suffix.lower() == ".mat") and matlab_fields(path, ("objectId",))):
                 return read_metadata(path)
-    arrays, hdf5 = ([], [path]) if is_hdf5 else (arrays_below(path), files_below(path, HDF5))
+    arrays, hdf5 = ([], [path]) if is_hdf5 else (arrays_among(files), _ending(files, HDF5))
     few, many = sorted((arrays, hdf5), key=len)
     if few and len(few) * MANY > len(many):
         raise UserError(f"{path}: HDF5 recordings and arrays, {few[0]} and {many[0]}; keep one form elsewhere")
-    if many:
-        source = read_files(path, many, form)
-        if few:
-            text = f"{several(len(few), 'file')} of a different form left out beside {len(many):,}: "
-            source.notes.append(Note(text + listed(list(map(str, few))), "warning", "files"))
-        return source
-    endings = sorted({file.suffix for file in (all_below(path) if path.is_dir() else [path])})
-    raise UserError(f"{path}: no recordings in it, only files of {listed(endings)}; {EXPECTED}")
+    if not many:
+        endings = listed(sorted({file.suffix for file in files}))
+        raise UserError(f"{path}: no recordings in it, only files of {endings}; {EXPECTED}")
+    source = read_files(path, many, form)
+    check_size(source, many)
+    if few:
+        text = f"{several(len(few), 'file')} of a different form left out beside {len(many):,}: "
+        source.notes.append(Note(text + listed(list(map(str, few))), "warning", "files"))
+    return source
+
+
+def check_size(source: Source, files: list[Path]) -> None:
+    """Raise a UserError for files that declare far more than they store; a table of it might fill the disk."""
+    size = source.frames * (math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES)
+    if size > DISK + DISK_TIMES * (stored := sum(file.stat().st_size for file in files)):
+        raise UserError(
+            f"{source.path}: declares {size / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
+        )
 
 
 def read_files(path: Path, files: list[Path], form: Form) -> Source:
@@ -75,70 +117,46 @@ def read_files(path: Path, files: list[Path], form: Form) -> Source:
     Folders name objects and sessions, see `layout_of`, but for those of HDF5 files with an attribute `object`.
 
     Raises:
-        UserError: as `joined`; or there is no column of a name that the form gives.
+        UserError: as `joined`.
     """
-    some = [columns_of(table, form) for table in islice(_tables(files, path), SOME)]
-    columns = max(some, key=lambda columns: [each.names for each in some].count(columns.names), default=None)
-    if columns and (missing := [name for name in form.columns.values() if name not in columns.names]):
-        texts = listed(columns.names) if columns.is_shown else "others"
-        raise UserError(f"{path}: no column {missing[0]!r}; found {texts}")
-    is_alone = len(files) == 1 and files[0].parent == (path if path.is_dir() else path.parent)
-    names = named(columns.names, form) if columns else {}
-    has_parts = columns and ("recording" in names or columns.restarts)
-    layout = cache(partial(layout_of, path, files, form))
-    if columns and is_alone and ("object" in names or (has_parts and not form.labelled)):
+    layout, table = cache(partial(layout_of, path, files, form)), cache(partial(read_table, form=form))
+    if len(files) == 1 and files[0].name.lower().endswith(TEXTS):
         with reading(files[0]):
-            parts = {
-                Path(f"{files[0]}, recording {number}"): part
-                for number, part in enumerate(recordings_in(read_table(files[0], path), columns, form), 1)
-            }
-        source = joined(path, list(parts), lambda part: nullcontext(parts[part]))
-    else:
-        if not any(file.suffix.lower() in HDF5 for file in files):  # which may name objects themselves
-            layout()
-        source = joined(path, files, partial(_opened, path=path, layout=layout, form=form, columns=columns))
-    if columns and len(columns.sensors) == math.prod(source.shape):
-        source.notes.extend(columns.notes)
-        source.channel_names.extend(columns.channel_names)
+            if (alone := table(files[0])).has_recordings(labelled=form.labelled):
+                named = enumerate(alone.recordings(form), 1)
+                parts = {Path(f"{files[0]}, recording {number}"): part for number, part in named}
+                return joined(path, list(parts), parts.__getitem__)
+    if not any(file.suffix.lower() in HDF5 for file in files):  # which may name objects themselves
+        layout()
+    source = joined(path, files, partial(_opened, path=path, layout=layout, table=table, form=form))
     if layout.cache_info().currsize:
-        with suppress(UserError):  # the file that is shown may be a stray one
-            source.notes.extend(layout().note(files[0]))
+        source.notes.extend(layout().notes)
     return source
 
 
-def _is_table(file: Path) -> bool:
-    return file.name.lower().endswith(TEXTS)
-
-
-def _tables(files: Sequence[Path], path: Path) -> Iterator[Table]:
-    """The tables in files, but for those that cannot be read, whose mistakes `joined` lists."""
-    for file in filter(_is_table, files):
-        with suppress(UserError), reading(file):
-            yield read_table(file, path)
-
-
-@contextmanager
 def _opened(
-    file: Path, path: Path, layout: Callable[[], Layout], form: Form, columns: Columns | None
-) -> Iterator[tuple[Names, Values]]:
-    is_array = file.name.lower().endswith((*ARRAYS, *TEXTS))
-    with nullcontext() if is_array else open_hdf5(file) as hdf5:
-        names, values = {"recording": place_of(file, path)}, dict[str, Any]()
-        if hdf5:
-            texts, values = read_recording(hdf5, form)
-            names |= texts
-        else:
-            values = sensors_and_time(read_table(file, path), columns, form) if _is_table(file) else _read(file, form)
-        values["pressure"] = framed(values["pressure"], form, str(file))
-        if is_array or (form.labelled and not names.get("object")):
-            names = layout().names(file, labelled=form.labelled) | names
-        if side := names.pop("split", ""):
-            values["split"] = np.full(len(values["pressure"]), side_of(side, str(file)))
-        yield names, values
+    file: Path, path: Path, layout: Callable[[], "Layout"], table: Callable[[Path], Table], form: Form
+) -> Recording:
+    """The recording in a file, with the names in its path."""
+    if is_text := file.name.lower().endswith(TEXTS):
+        read = table(file)
+        recording = Recording({}, read.values(form), read.channel_names, read.notes)
+    elif is_array := file.suffix.lower() in ARRAYS:
+        recording = Recording({}, _arrays(file, form))
+    else:
+        recording = read_recording(file, form)
+    names, values = recording.names, recording.values
+    values["pressure"] = framed(values["pressure"], form, str(file))
+    if is_text or is_array or (form.labelled and not names.get("object")):
+        names = layout().names(file, labelled=form.labelled) | names
+    names = {"recording": place_of(file, path)} | names
+    if side := names.pop("split", ""):
+        values["split"] = np.full(len(values["pressure"]), side_of(side, str(file)))
+    return Recording(names, values, recording.channel_names, recording.notes, recording.dropped)
 
 
-def _read(file: Path, form: Form) -> dict[str, Any]:
-    """`pressure`, and `time` where the form names it; .npy is memory-mapped. Nothing is unpickled."""
+def _arrays(file: Path, form: Form) -> dict[str, Any]:
+    """`pressure`, or the only array, and `time` if the form names it; .npy is memory-mapped. Nothing is unpickled."""
     if other := form.columns.keys() - {"pressure", "time"}:
         raise UserError(f"{file}: data.columns names {listed(sorted(other))}; an array has `pressure` and `time` alone")
     if file.suffix.lower() == ".npy":
@@ -146,14 +164,88 @@ def _read(file: Path, form: Form) -> dict[str, Any]:
         if array.offset + array.nbytes != file.stat().st_size:
             raise ValueError("there are more bytes after the array")
         return {"pressure": array}
-    if file.suffix.lower() == ".mat":
-        in_file = dict(form.columns) | {"pressure": pressure_name(matlab_names(file), form, str(file))}
-        arrays = {name: field[:] for name, field in matlab_fields(file, tuple(in_file.values())).items()}
-    else:
+    if file.suffix.lower() == ".npz":
         with np.load(file, allow_pickle=False) as stored:
-            in_file = dict(form.columns) | {"pressure": pressure_name(list(stored), form, str(file))}
-            arrays = {name: stored[name] for name in in_file.values() if name in stored}
-    if missing := [name for name in in_file.values() if name not in arrays]:
-        raise UserError(f"{file}: no array {missing[0]}")
-    values = {kind: np.asarray(arrays[name]) for kind, name in in_file.items()}
+            return _named(file, stored, list(stored), form)
+    arrays = matlab_fields(file)
+    large = [name for name, array in arrays.items() if sum(size > 1 for size in array.shape) > 1]
+    return _named(file, arrays, large, form)
+
+
+def _named(file: Path, arrays: Any, large: list[str], form: Form) -> dict[str, Any]:
+    """The arrays of the form's names; without a name for the pressure `pressure`, or the only one that is `large`."""
+    names = {"pressure": "pressure"} | dict(form.columns)
+    if "pressure" not in form.columns and len(large) == 1:
+        names["pressure"] = large[0]
+    if missing := [name for name in names.values() if name not in arrays]:
+        raise no_array(missing[0], large, str(file))
+    values = {kind: np.asarray(arrays[name][:]) for kind, name in names.items()}
     return {kind: array.ravel() if kind == "time" else array for kind, array in values.items()}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A pattern such as SESSION/OBJECT/FILE or OBJECT_FILE of the paths of files below a folder."""
+
+    root: Path
+    text: str
+    notes: tuple[Note, ...] = ()
+
+    def names(self, file: Path, *, labelled: bool) -> dict[str, str]:
+        """The names in a file's path, by `object`, `session` and `split`.
+
+        Raises:
+            UserError: the path is of a different pattern, or names no object where it is `labelled`.
+        """
+        recording = place_of(file, self.root)
+        pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(self.text))
+        pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
+        if not (match := re.fullmatch(pattern, recording)):
+            expected = f"expected {self.text} as for most files; in all, {PLACES}"
+            raise UserError(f"{file}: {expected}, or an attribute `object` in HDF5")
+        if labelled and "object" not in match.groupdict():
+            raise UserError(
+                f"{self.root}: {file.relative_to(self.root).as_posix()!r} names no object; expected {PLACES}, a table "
+                "with a column `object`, or an attribute `object` in HDF5; "
+                f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
+            )
+        return match.groupdict()
+
+
+def place_of(file: Path, path: Path) -> str:
+    """The path of a file below a folder, without its ending: the name of its recording; of a file alone its name."""
+    place = file.name if file == path else file.relative_to(path).as_posix()
+    return re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
+
+
+def layout_of(path: Path, files: Sequence[Path], form: Form) -> Layout:
+    """The layout of the files below a folder, or of one file: the given one, or by `auto` that of most files.
+
+    Folders that are all called as sides are the published split. Of the others the innermost is the object and the one
+    above it the session: a file train/monday/mug/1.npy is SPLIT/SESSION/OBJECT/FILE.
+
+    Raises:
+        UserError: most files lie deeper than that.
+    """
+    root = path if path.is_dir() else path.parent
+    if form.layout != "auto":
+        return Layout(root, form.layout)
+    places = [file.relative_to(root).parts[:-1] for file in files]
+    depth = Counter(map(len, places)).most_common(1)[0][0]
+    levels = list(zip(*(place for place in places if len(place) == depth), strict=True))
+    are_sides = [{name.lower() for name in level} <= SPLITS.keys() for level in levels]
+    count = are_sides.count(False)
+    if count > 2:
+        raise UserError(f"{root}: {'/'.join(files[0].relative_to(root).parts)!r} names no object; expected {PLACES}")
+    roles = iter(["SESSION", "OBJECT"][2 - count :])
+    order = ["SPLIT" if is_side else next(roles) for is_side in are_sides]
+    layout = Layout(root, "/".join([*order, "FILE"]))
+    if not levels:
+        return layout
+    text = f"folders are in the order {layout.text}: "
+    text += ", ".join(f"{level[0]} is the {role.lower()}" for level, role in zip(levels, order, strict=True))
+    if count < 2 or EMPTY_HAND in levels[order.index("OBJECT")]:
+        return Layout(root, layout.text, (Note(text, topic="folders"),))
+    other = "/".join({"SESSION": "OBJECT", "OBJECT": "SESSION"}.get(role, role) for role in order)
+    text += f". If not, {setting(f'data.layout={other}/FILE')}; else data.layout={layout.text}"
+    return Layout(root, layout.text, (Note(text, "warning", "folders"),))

@@ -11,33 +11,43 @@ A file may come from anybody: nothing in it leads to a different file.
 """
 
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.readers.source import NUMBERS, Form, listed, no_array
+from tactile_viewgcn.readers.source import NUMBERS, Form, Recording, listed, no_array
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
 ATTRIBUTES = ("object", "session", "recording", "split")
 CACHE = 64 * 2**20  # bytes of a chunk that is kept for the next block
 
 
-def read_recording(file: h5py.File, form: Form) -> tuple[dict[str, str], dict[str, Any]]:
-    """The names that attributes give a recording, its object, session and side, and its datasets, not read yet.
+def read_recording(path: Path, form: Form) -> Recording:
+    """The recording in a file; its datasets, which are read when they are sliced, keep it open.
+
+    Frames that read NaN are dropped if `valid` says that nothing is held.
 
     Raises:
-        UserError: there is no pressure, or it lacks a name that the form gives.
+        UserError: there is no pressure, or the file lacks a name that the form gives.
     """
+    file = open_hdf5(path)
     in_file = {name: form.columns.get(name, name) for name in (*DATASETS, *ATTRIBUTES)}
     values = {name: dataset(file, in_file[name], "numbers") for name in DATASETS if file.get(in_file[name]) is not None}
     if "pressure" not in values:
         raise no_array(in_file["pressure"], list(file), file.filename)
-    texts = {name: _attribute(file, in_file[name]) for name in ATTRIBUTES if in_file[name] in file.attrs}
-    if missing := form.columns.keys() - values.keys() - texts.keys():
+    names = {name: _attribute(file, in_file[name]) for name in ATTRIBUTES if in_file[name] in file.attrs}
+    if missing := form.columns.keys() - values.keys() - names.keys():
         raise UserError(f"{file.filename}: no {form.columns[missing.pop()]}; found {listed([*file, *file.attrs])}")
-    return texts, values
+    frames = values["pressure"].shape[:1]
+    if "valid" in values and values["pressure"].dtype.kind == "f" and values["valid"].shape == frames:
+        reads = ~np.isnan(values["pressure"][()]).reshape(*frames, -1).any(axis=1)
+        kept = np.flatnonzero((values["valid"][()] != 0) | reads)
+        if dropped := frames[0] - len(kept):
+            return Recording(
+                names, {name: each[()][kept] for name, each in values.items()} | {"frame": kept}, dropped=dropped
+            )
+    return Recording(names, values)
 
 
 def open_hdf5(path: Path) -> h5py.File:

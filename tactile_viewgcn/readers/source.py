@@ -1,14 +1,17 @@
-"""The form in which every reader returns recordings, and the checks that all of them pass."""
+"""The form in which every reader returns recordings, how those of several files become one, and their checks."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import MAX_SIDE
+from tactile_viewgcn.readers.child import reading
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
 TRAIN, TEST = 0, 1  # codes of the published split
@@ -22,6 +25,8 @@ MAX_LISTED = 10  # mistakes or names in one message
 MOST_NAMES = 2**15  # objects, recordings or sessions: ids are int16
 MOST_LETTERS = 1000  # of a name
 NUMBERS = "biuf"  # `kind` of the dtypes of numbers
+MANY = 10  # good files beside which one of a different kind is left out
+UNNAMED = {"object": UNLABELLED, "session": "session"}  # of a recording that names none
 
 #: Type of each column, one value per frame. Every source has the first five.
 COLUMNS = {
@@ -38,7 +43,7 @@ COLUMNS = {
 }
 FRAMES_LAST = "frames_last"
 Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames
-Values = Mapping[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or datasets that are read when sliced
+Values = dict[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or datasets that are read when sliced
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,25 @@ class Form:
 
 
 AUTO = Form()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a file says of its recording.
+
+    Attributes:
+        names: of the recording, and of its object and session where the file names them.
+        values: pressure and columns; times may begin at any value.
+        channel_names: see `Source`.
+        notes: what was taken for what.
+        dropped: number of frames that were left out.
+    """
+
+    names: dict[str, str]
+    values: Values
+    channel_names: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
+    dropped: int = 0
 
 
 @dataclass(frozen=True)
@@ -163,18 +187,6 @@ def side_of(name: str, where: str) -> int:
     return SPLITS[name.lower()]
 
 
-def pressure_name(names: list[str], form: Form, where: str) -> str:
-    """The name of the array that holds the pressure: `pressure`, that which the form gives, or the only one.
-
-    Raises:
-        UserError: there is none of the expected name, or there are several.
-    """
-    name = form.columns.get("pressure", "pressure")
-    if name in names or ("pressure" not in form.columns and len(names) == 1):
-        return name if name in names else names[0]
-    raise no_array(name, names, where)
-
-
 def no_array(name: str, names: list[str], where: str) -> UserError:
     """The error of a file with arrays or datasets of other names than the expected one."""
     remedy = setting("data.columns=[pressure:NAME]")
@@ -200,9 +212,128 @@ def raise_mistakes(mistakes: list[str]) -> None:
 
 def sliced(values: Values, frames: int) -> Iterator[Block]:
     """Pressure and columns in blocks; without a column of frames these are numbered, without one of times it is NaN."""
-    values = {"frame": np.arange(frames), "time": np.full(frames, np.nan), **values}
+    values = {"frame": np.arange(frames), "time": np.full(frames, np.nan)} | values
     for start in range(0, frames, BLOCK_FRAMES):
         yield {name: column[start : start + BLOCK_FRAMES] for name, column in values.items()}
+
+
+@dataclass(frozen=True)
+class _Header:
+    """A recording before its frames are read; `columns` are the names of all but pressure and frame."""
+
+    file: Path
+    names: dict[str, str]
+    frames: int
+    shape: tuple[int, int]
+    dtype: np.dtype
+    columns: list[str]
+    channels: list[str]
+    notes: list[Note]
+    dropped: int
+
+
+def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording]) -> Source:
+    """The source of recordings in the order of their files, one in memory at a time.
+
+    Files that cannot be read, or differ from most in shape, columns or names of sensors, are left out where there are
+    ten times as many others.
+
+    Args:
+        path: the source's path, for its errors.
+        opened: opens a file; it is called twice for each.
+
+    Raises:
+        UserError: lists the mistakes of all files, and where they differ, or share a name.
+    """
+    headers, strays = list[_Header](), dict[Path, str]()
+    for file in files:
+        try:
+            with reading(file):
+                headers.append(_header(file, opened(file)))
+        except UserError as error:
+            strays[file] = str(error)
+    strays |= _unlike(headers)
+    if are_few := len(strays) * MANY <= len(headers):
+        headers = [header for header in headers if header.file not in strays]
+    raise_mistakes([*dict.fromkeys(strays.values())] * (not are_few) + _of_one_name(headers))
+    notes, frames = list(headers[0].notes), sum(header.frames for header in headers)
+    if strays:
+        text = f"{several(len(strays), 'file')} left out beside {len(headers):,}: "
+        notes.append(Note(text + listed(list(strays.values()), "; "), "warning", "files"))
+    if dropped := sum(header.dropped for header in headers):
+        text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
+        notes.append(Note(text, topic="frames"))
+    ids = {
+        "object": numbered([header.names["object"] for header in headers]),
+        "recording": [header.names["recording"] for header in headers],
+        "session": sorted({header.names["session"] for header in headers}),
+    }
+
+    def blocks() -> Iterator[Block]:
+        for number, header in enumerate(headers):
+            with reading(header.file):
+                values = dict(opened(header.file).values)
+                if values["pressure"].shape[0] != header.frames:
+                    raise UserError(f"{header.file}: it changed during reading; read it again when it is complete")
+                id_of = {name: ids[name].index(header.names[name]) for name in UNNAMED} | {"recording": number}
+                values |= {name: np.full(header.frames, value) for name, value in id_of.items()}
+                if "time" in values and header.frames:
+                    time = values["time"][:].astype(np.float64)
+                    values["time"] = time - (0 if np.isinf(time[0]) else time[0])
+                yield from sliced(values, header.frames)
+
+    dtype, shape = np.result_type(*{header.dtype for header in headers}), headers[0].shape
+    channels = next((header.channels for header in headers if len(header.channels) == math.prod(shape)), [])
+    return Source(path, ids, shape, dtype, frames, blocks(), notes, channels)
+
+
+def _header(file: Path, recording: Recording) -> _Header:
+    values, pressure = recording.values, recording.values["pressure"]
+    shape, frames = check_shape(pressure.shape, str(file)), pressure.shape[0]
+    raise_mistakes(
+        [
+            f"{file}: {name} has shape {column.shape}; expected ({frames},), a value for each frame"
+            for name, column in values.items()
+            if name != "pressure" and column.shape != (frames,)
+        ]
+    )
+    return _Header(
+        file,
+        UNNAMED | recording.names,
+        frames,
+        shape,
+        storage_type(pressure.dtype, str(file)),
+        [name for name in values if name not in ("pressure", "frame")],
+        recording.channel_names,
+        recording.notes,
+        recording.dropped,
+    )
+
+
+def _unlike(headers: list[_Header]) -> dict[Path, str]:
+    """Mistakes, by file, of files that differ from most in shape, columns, or names of sensors if they name any."""
+    mistakes: dict[Path, str] = {}
+    for what in ("shape", "columns", "channels"):
+        values = {header.file: getattr(header, what) for header in headers if what != "channels" or header.channels}
+        texts = Counter(map(str, values.values()))
+        expected = texts.most_common(1)[0][0] if texts else ""
+        like = next((file for file, value in values.items() if str(value) == expected), "")
+        for file, value in values.items():
+            if str(value) != expected:
+                mistakes.setdefault(file, f"{file}: {what} {value}; expected {expected} as in {like}")
+    return mistakes
+
+
+def _of_one_name(headers: list[_Header]) -> list[str]:
+    """Mistakes of files that share a recording's name."""
+    mistakes, first = [], dict[str, Path]()
+    for header in headers:
+        if (other := first.setdefault(name := header.names["recording"], header.file)) != header.file:
+            mistakes.append(
+                f"{header.file}: recording {name!r}, as in {other}; expected a name for each: of its file without the "
+                "ending, or in HDF5 the attribute `recording`"
+            )
+    return mistakes
 
 
 def checked_blocks(source: Source) -> Iterator[Block]:

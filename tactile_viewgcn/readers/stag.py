@@ -8,26 +8,25 @@ arrays (1, K).
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from tactile_viewgcn.files import stag_files
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.readers.child import reading
-from tactile_viewgcn.readers.folder import Names, joined
 from tactile_viewgcn.readers.hdf5 import dataset, kind_of, open_hdf5
 from tactile_viewgcn.readers.source import (
     NUMBERS,
     SPLITS,
     Block,
+    Recording,
     Source,
     Values,
     check_shape,
+    joined,
     listed,
     sliced,
     storage_type,
@@ -51,23 +50,27 @@ COLUMN_OF_RAW_FIELD = {"tStamp": "time", "frame": "frame"}
 REQUIRED = ("pressure", *NAMES[:3], *list(COLUMN_OF_FIELD)[:3])
 
 
-def read_folder(path: Path) -> Source:
-    """A STAG folder `[batch]/[recording]/pressuredata.mat`, one recording in memory at a time.
+def is_raw(file: Path, folder: Path) -> bool:
+    """Whether a file below a folder is a raw recording of STAG, `[batch]/[recording]/pressuredata.mat`."""
+    return file.name == "pressuredata.mat" and len(file.relative_to(folder).parts) == 3
+
+
+def read_folder(path: Path, files: list[Path]) -> Source:
+    """The source of raw recordings in a STAG folder, one in memory at a time.
 
     A recording's object is its name without the number ("003-tea_box" holds tea_box). There are no flags, no split.
 
     Raises:
         UserError: lists the mistakes of all files.
     """
-    return joined(path, stag_files(path), _opened)
+    return joined(path, files, _opened)
 
 
-@contextmanager
-def _opened(file: Path) -> Iterator[tuple[Names, Values]]:
+def _opened(file: Path) -> Recording:
     session, name = file.parts[-3:-1]
     fields = matlab_fields(file, ("pressure", *COLUMN_OF_RAW_FIELD))
     names = {"object": re.sub(r"^\d+-", "", name), "recording": f"{session}/{name}", "session": session}
-    yield names, _values(fields, COLUMN_OF_RAW_FIELD, ("pressure",), file)
+    return Recording(names, _values(fields, COLUMN_OF_RAW_FIELD, ("pressure",), file))
 
 
 def read_metadata(path: Path) -> Source:
@@ -96,9 +99,7 @@ def read_metadata(path: Path) -> Source:
     return Source(path, names, shape, dtype, frames, blocks())
 
 
-def _values(
-    fields: dict[str, Any], columns: Mapping[str, str], required: tuple[str, ...], path: Path
-) -> dict[str, Any]:
+def _values(fields: dict[str, Any], columns: Mapping[str, str], required: Sequence[str], path: Path) -> Values:
     """Pressure (T, H, W) and columns (T,) from the fields of a file; a UserError for fields that do not match."""
     if missing := [name for name in required if name not in fields]:
         raise UserError(
@@ -130,39 +131,31 @@ class _Reversed:
         return self._values[..., at].T
 
 
-def matlab_fields(path: Path, names: Sequence[str]) -> dict[str, Any]:
+def matlab_fields(path: Path, names: Collection[str] = ()) -> dict[str, Any]:
     """Those of the named fields that a MAT-file has: numbers with MATLAB's axes; a cell array as a list of its texts.
 
-    A file of MATLAB 5 is read whole; numbers of MATLAB 7.3 are read when they are sliced.
+    Without names all fields of numbers. A file of MATLAB 5 is read whole; numbers of MATLAB 7.3 when they are sliced.
 
     Raises:
-        UserError: a field is neither, or its values lie outside the file.
+        UserError: a named field is neither, or its values lie outside the file.
     """
     if h5py.is_hdf5(path):
         file = open_hdf5(path)  # the fields keep it open
+        names = names or [name for name in file if _is_numbers(file.get(name))]
         return {name: _of_hdf5(file, name) for name in file if name in names}
     from scipy import io  # here, since it loads slowly
 
-    fields = io.loadmat(path, variable_names=names)
+    fields = io.loadmat(path, variable_names=names or None)
+    names = names or [
+        name for name, field in fields.items() if isinstance(field, np.ndarray) and field.dtype.kind in NUMBERS
+    ]
     return {name: _of_matlab5(fields[name], f"{path}: {name}") for name in names if name in fields}
 
 
-def matlab_names(path: Path) -> list[str]:
-    """Names of the variables of numbers in a MAT-file with more than one row and column."""
-    if h5py.is_hdf5(path):
-        with open_hdf5(path) as file:
-            datasets = {name: file[name] for name in file if isinstance(file.get(name), h5py.Dataset)}
-            shapes = {
-                name: values.shape or ()
-                for name, values in datasets.items()
-                if kind_of(values.dtype) == "numbers" and values.attrs.get("MATLAB_class", b"") != b"char"
-            }
-    else:
-        from scipy import io
-
-        kinds = ("int", "uint", "double", "single")
-        shapes = {name: shape for name, shape, kind in io.whosmat(path) if kind.startswith(kinds)}
-    return [name for name, shape in shapes.items() if sum(size > 1 for size in shape) > 1]
+def _is_numbers(field: Any) -> bool:
+    """Whether a field of MATLAB 7.3 holds numbers, and not the codes of letters."""
+    is_dataset = isinstance(field, h5py.Dataset) and field.shape is not None
+    return is_dataset and kind_of(field.dtype) == "numbers" and field.attrs.get("MATLAB_class", b"") != b"char"
 
 
 def _of_matlab5(value: Any, where: str) -> Any:

@@ -5,12 +5,10 @@ a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or r
 are (frame, row, column).
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import asdict
-from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,10 +16,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from tactile_viewgcn.files import TEXTS, arrays_below, atomic_write, readable
+from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.readers.child import run_apart, stored_bytes
-from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.child import limit, run_apart, serve
+from tactile_viewgcn.readers.formats import TEXTS, files_of, open_source
 from tactile_viewgcn.readers.source import (
     AUTO,
     BLOCK_FRAMES,
@@ -34,8 +32,6 @@ from tactile_viewgcn.readers.source import (
 from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
-COLUMN_BYTES = 32  # of all columns, for each frame
-DISK, DISK_TIMES = 2**30, 200  # largest table: bytes, plus this many times the bytes of its source
 
 
 def read_source(path: Path, out: Path, form: Form = AUTO) -> None:
@@ -44,18 +40,26 @@ def read_source(path: Path, out: Path, form: Form = AUTO) -> None:
     Raises:
         UserError: as `open_source` and `write_recordings`, or the child crashed; nothing is left behind.
     """
-    if any(file.name.lower().endswith(TEXTS) for file in arrays_below(path)):
-        import_module("pandas")  # here and once, not in every child within its limits
     with atomic_write(out, folder=True) as part:
-        run_apart(lambda: write_recordings(part, open_source(path, form)), path)
+        request = {"path": str(path), "out": str(part), "form": asdict(form)}
+        run_apart("tactile_viewgcn.tables.recordings", request, path)
+
+
+def _read_here(request: dict[str, Any]) -> None:
+    """In the child process: write the table that `read_source` asks for."""
+    path = Path(request["path"])
+    files = files_of(path)
+    if any(file.name.lower().endswith(TEXTS) for file in files):
+        import pandas  # noqa: F401  # before the limits: its code takes much of the address space
+    limit(request, sum(file.stat().st_size for file in files if file.is_file()))
+    write_recordings(Path(request["out"]), open_source(path, Form(**request["form"]), files))
 
 
 def write_recordings(folder: Path, source: Source) -> None:
     """Write the frames of a source to a table, block by block.
 
     Raises:
-        UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little; the
-            table is too large for its source.
+        UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little.
     """
     low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
     columns: dict[str, list[np.ndarray]] = {}
@@ -71,12 +75,7 @@ def write_recordings(folder: Path, source: Source) -> None:
             bar.update(len(pressure))
             yield pressure
 
-    size = source.frames * (math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES)
     bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
-    if size > DISK + DISK_TIMES * (stored := stored_bytes(source.path)):
-        raise UserError(
-            f"{source.path}: declares {size / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
-        )
     folder.mkdir(exist_ok=True)
     with bar:
         write_counts(folder, (source.frames, *source.shape), source.dtype, counts())
@@ -200,3 +199,7 @@ def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
     recording = recordings.columns["recording"]
     order = np.argsort(recording, kind="stable")
     return np.split(order, 1 + np.flatnonzero(np.diff(recording[order])))
+
+
+if __name__ == "__main__":
+    serve(_read_here)
