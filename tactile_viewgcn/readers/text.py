@@ -115,18 +115,23 @@ def read_table(file: Path, form: Form) -> Table:
     # texts of pandas, since those of Arrow need more memory than the child process may take
     with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"):
         warnings.simplefilter("ignore", DeprecationWarning)  # pandas 3.1 rounds as float_precision asks for by itself
-        cells = pd.read_csv(
-            io.StringIO(NOT_NUMBERS.sub("", text)),
-            sep=separator or r"\s+",
-            decimal=decimal,
-            header=None,
-            skiprows=above,
-            keep_default_na=False,
-            na_values=[""],
-            skipinitialspace=True,
-            float_precision="round_trip",
-            low_memory=False,
-        )
+        try:
+            cells = pd.read_csv(
+                io.StringIO(NOT_NUMBERS.sub("", text)),
+                sep=separator or r"\s+",
+                decimal=decimal,
+                header=None,
+                skiprows=above,
+                keep_default_na=False,
+                na_values=[""],
+                skipinitialspace=True,
+                float_precision="round_trip",
+                low_memory=False,
+            )
+        except pd.errors.ParserError as error:  # such as `Expected 2 fields in line 3, saw 4`
+            raise UserError(
+                f"{file}: {str(error).rpartition('error: ')[2].strip()}; correct or delete the line"
+            ) from None
     width = 1 + max(np.flatnonzero(cells.notna().any()), default=-1)
     names = next((row[:width] for row in rows if len(row) >= width and not any(row[width:])), [""] * width)
     if missing := [name for name in form.columns.values() if name not in names]:
@@ -242,8 +247,9 @@ def _labels(names: list[str], form: Form) -> dict[str, int]:
 def _kind(names: list[str], at: int, values: np.ndarray) -> str:
     """What a column holds by its name and its values (T,): `time`, a line number, or "" for a sensor."""
     words, steps = set(re.findall(r"[a-zµ]+|#", names[at].lower())), np.diff(values)
-    counts = len(steps) > 0 and np.median(steps) > 0 and (steps == np.median(steps)).mean() > MOSTLY
-    if counts and (words <= LINE_NUMBERS if names[at] else at == 0 and any(names)):  # a finger is called `index` too
+    counts = len(steps) > 1 and np.median(steps) > 0 and (steps == np.median(steps)).mean() > MOSTLY
+    is_index = at == 0 and not names[at] and any(names)  # of pandas
+    if counts and (is_index or (words and words <= LINE_NUMBERS)):  # a finger is called `index` too
         return "the line's number"
     is_time = words & TIMES and words <= TIMES | ABOUT_TIMES
     is_sensor = words == {"t"} and not (names[at].lower() == "t" and (steps > 0).mean() > MOSTLY)  # temperature, thumb
