@@ -22,8 +22,7 @@ from tactile_viewgcn.tables.frames import SIDES, Frames
 
 SECONDS = 1.0  # for each of the two measurements of latency
 MAX_REPEATS = 50
-MAX_BATCH = 256
-SHARE = 1 / 8  # of the seconds that a batch may take: slower hardware gets smaller batches
+BATCH = 64  # view sets
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, clas
 def latency(
     classifier: Classifier, inputs: Counts, *, whole: int = 0, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
-    """Milliseconds per answer from network input to logits, alone and in batches of `sets`.
+    """Milliseconds per answer from network input to logits, alone and in a batch of 64 view sets.
 
     Args:
         classifier: prepared for answers.
@@ -131,7 +130,7 @@ def latency(
         {"single": {"median", "p95"}, "batch": {"median", "p95", "sets"}}
     """
 
-    def timed(sets: int, seconds: float) -> np.ndarray:
+    def timed(sets: int) -> np.ndarray:
         """Milliseconds per answer of each repeat, one at least, until the seconds are spent."""
         index = classifier.frames_of(whole) if whole else np.arange(sets * classifier.views)
         frames, end = inputs[index % len(inputs)], time.perf_counter() + seconds
@@ -147,12 +146,8 @@ def latency(
             taken.append((time.perf_counter() - begin) * 1e3 / sets)
         return np.array(taken[1:])  # the first one warms up
 
-    alone, sets = timed(1, seconds), 1
-    milliseconds = np.median(alone)
-    while not whole and sets < MAX_BATCH and 2 * sets * milliseconds < SHARE * seconds * 1e3:
-        sets *= 2
-        milliseconds = timed(sets, 0)[0]
-    batch = alone if whole else timed(sets, seconds)
+    alone = timed(1)
+    batch, sets = (alone, 1) if whole else (timed(BATCH), BATCH)
     return {"single": median_and_p95(alone), "batch": median_and_p95(batch) | {"sets": sets}}
 
 

@@ -120,18 +120,6 @@ def test_the_lines_and_tags_have_errors_with_their_intervals_and_what_auto_chose
     assert not parameters.keys() & row_metrics(metrics, timing).keys()
 
 
-def test_the_printed_lines_of_a_run_on_the_validation_side(evaluation, timing):
-    sides = {"frames": {"train": 9, "validation": 1}, "groups": {"validation": 1}, "trials": 1}
-    metrics = evaluation.metrics | sides
-    timing |= {"seconds": {"ingest": 0.0125, "total": 1296.846}}
-    lines = summary_lines(metrics, timing)
-    assert lines[:1] + lines[4:] == [
-        "evaluate: 1 view set of 4, 4 classes, 1 trial, 1 group of the validation side",
-        "  time: ingest 0.0 s, total 1,296.8 s; the trials 7.7 s",
-        "  per answer: 1.50 ms alone (95th percentile 2.25), 0.50 ms in batches; peak memory 1,300 MB",
-    ]
-
-
 def test_the_row_has_errors_and_costs_as_metrics(evaluation, timing):
     errors = {"error.object": 3 / 8, "error.recording": 5 / 8}
     errors |= {"top3_error.object": 1 / 8, "top3_error.recording": 1 / 8}
