@@ -1,8 +1,8 @@
 """Commands and programs in README.md and docs/: each is run here, checked, or listed with the reason why not."""
 
-import importlib.util
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-import yaml
 
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
-from tactile_viewgcn.params import load
+from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tests import glove_data
 from tests.glove_data import recipe, table, trained
@@ -41,6 +40,7 @@ ELSEWHERE = {
     "export": "sets a variable",
     **dict.fromkeys(("ruff check", "mypy", "pytest", "mkdocs build", ".ci/run"), ".ci/run does it"),
 }
+SOURCES, LABELS = ("my_csv", "lab"), ("mug", "pen")
 
 
 def fences(language: str) -> list[tuple[str, str]]:
@@ -53,23 +53,19 @@ def fences(language: str) -> list[tuple[str, str]]:
     ]
 
 
-def commands() -> list[str]:
-    """Every command of the bash fences, once, without comments, continued lines joined."""
+def commands(kind: str) -> list[str]:
+    """The commands of the bash fences that are checked in this way, once, without comments, continued lines joined."""
     lines = [line for _, block in fences("bash") for line in block.replace("\\\n", " ").splitlines()]
-    stripped = [re.sub(r"\s+", " ", re.sub(r"\s+# .*$", "", line)).strip() for line in lines]
-    return list(dict.fromkeys(line for line in stripped if line))
+    stripped = dict.fromkeys(re.sub(r"\s+", " ", re.sub(r"\s+# .*$", "", line)).strip() for line in lines)
+    return [line for line in stripped if line and checked_by(line) == kind]
 
 
-def checked_by(command: str) -> str | None:
-    """How a command is checked here, by its first words; None where nobody does."""
+def checked_by(command: str) -> str:
+    """How a command is checked here, by its first words."""
     if any(command == start or command.startswith(f"{start} ") for start in ELSEWHERE):
         return "elsewhere"
     kinds = {"dvc exp run ": "changes", "python -m ": "module", "tactile-viewgcn ": "run"}
-    return next((kind for start, kind in kinds.items() if command.startswith(start)), None)
-
-
-def those(kind: str) -> list[str]:
-    return [command for command in commands() if checked_by(command) == kind]
+    return next((kind for start, kind in kinds.items() if command.startswith(start)), "nowhere")
 
 
 def call(*words: str, cwd: Path) -> str:
@@ -83,33 +79,30 @@ def call(*words: str, cwd: Path) -> str:
 
 
 def test_every_command_is_checked_or_listed_with_a_reason():
-    assert [command for command in commands() if checked_by(command) is None] == []
-    assert [start for start in ELSEWHERE if not any(one.startswith(start) for one in commands())] == [], "in no page"
+    assert commands("nowhere") == []
+    unused = [start for start in ELSEWHERE if not any(one.startswith(start) for one in commands("elsewhere"))]
+    assert unused == [], "in no page"
 
 
-@pytest.mark.parametrize("command", those("changes"))
+@pytest.mark.parametrize("command", commands("changes"))
 def test_the_changes_of_an_experiment_are_allowed(command):
-    """Each `-S key=value`, and each value of a sweep, is a change that params.yaml takes."""
-    words = shlex.split(re.sub(r"\$\(tactile-viewgcn preset (\w+)\)", lambda name: preset_options(name[1]), command))
-    sweeps = []
-    for flag, change in pairwise(words):
-        if flag == "-S":
-            key, _, value = change.partition("=")
-            values = value.split(",") if "--queue" in words and not value.startswith("[") else [value]
-            sweeps.append([f"{key}={one}" for one in values])
+    """Each `-S key=value`, each value of a sweep and each preset is a change that params.yaml takes."""
+    sweeps = [
+        [change] for name in re.findall(r"tactile-viewgcn preset (\w+)", command) for change in preset_changes(name)
+    ]
+    words = shlex.split(command)
+    for change in (change for flag, change in pairwise(words) if flag == "-S"):
+        key, _, value = change.partition("=")
+        values = value.split(",") if "--queue" in words and not value.startswith("[") else [value]
+        sweeps.append([f"{key}={one}" for one in values])
     assert sweeps
     for changes in product(*sweeps):
         load(ROOT / "params.yaml", changes)
 
 
-def preset_options(name: str) -> str:
-    return call("tactile_viewgcn", "preset", name, cwd=ROOT).strip()
-
-
-@pytest.mark.parametrize("command", those("module"))
+@pytest.mark.parametrize("command", commands("module"))
 def test_a_program_exists_and_takes_the_options_that_are_written(command):
     module, *words = shlex.split(command)[2:]
-    assert importlib.util.find_spec(module), f"no module {module}"
     usage = call(module, "--help", cwd=ROOT)
     assert [word for word in words if word.startswith("--") and word not in usage] == []
 
@@ -119,7 +112,8 @@ def place(tmp_path_factory) -> Path:
     """A folder with what the pages take for given: recordings, params.yaml, trained classifiers, counts."""
     folder = tmp_path_factory.mktemp("docs")
     shutil.copy(ROOT / "params.yaml", folder)
-    (folder / "models").mkdir()
+    for name in ("models", "data/my_glove/mug", *(f"data/{source}/{label}" for source in SOURCES for label in LABELS)):
+        (folder / name).mkdir(parents=True)
     save_classifier(folder / "models" / "classifier.pt", trained(), recipe().model, table())
     rng = np.random.default_rng(0)
     np.save(folder / "counts.npy", (514 + rng.poisson(3, (2, 4, 12, 12))).astype(np.int16))
@@ -127,51 +121,33 @@ def place(tmp_path_factory) -> Path:
     np.save(folder / "recording.npy", recording)
     glove_data.write(folder / "data" / "new" / "1.h5", recording)
     np.save(folder / "empty_hand.npy", (514 + rng.poisson(1, (20, 12, 12))).astype(np.int16))
-    run_program("mug_1.h5", folder)
-    for name in ("mug", "pen"):
-        (folder / "data" / "my_csv" / name).mkdir(parents=True)
-        np.savetxt(folder / "data" / "my_csv" / name / "1.csv", rng.random((20, 16 * 24)), delimiter=",")
-        (folder / "data" / "lab" / name).mkdir(parents=True)
-        (logged,) = (text for page, text in fences("text") if page == "docs/logger.md")
+    glove_data.write(folder / "data" / "my_glove" / "mug" / "1.h5", recording)
+    (logged,) = (text for page, text in fences("text") if page == "docs/logger.md")
+    for label in LABELS:
+        np.savetxt(folder / "data" / "my_csv" / label / "1.csv", rng.random((20, 16 * 24)), delimiter=",")
         for number in range(4):
-            (folder / "data" / "lab" / name / f"{number}.csv").write_text(logged)
-    (folder / "data" / "my_glove").mkdir(parents=True)
-    shutil.copy(folder / "mug_1.h5", folder / "data" / "my_glove")
+            (folder / "data" / "lab" / label / f"{number}.csv").write_text(logged)
     return folder
 
 
-def run_program(word: str, folder: Path) -> None:
-    """Run the one program of the pages that has this word, in this folder."""
-    (program,) = (block for _, block in fences("python") if word in block)
-    subprocess.run([sys.executable, "-c", program], cwd=folder, check=True)
-
-
-@pytest.mark.parametrize("command", those("run"))
+@pytest.mark.parametrize("command", commands("run"))
 def test_a_command_of_the_package_runs(command, place):
     assert call("tactile_viewgcn", *shlex.split(command)[1:], cwd=place).strip()
 
 
 @pytest.mark.parametrize("page, program", fences("python"))
-def test_a_program_runs(page, program, place, monkeypatch, capsys):
+def test_a_program_runs(page, program, place, monkeypatch, tmp_path):
     if "import mlflow" in program:
         pytest.skip("needs a model in an MLflow store; tests/recognition/test_mlflow_model.py loads one the same way")
     monkeypatch.chdir(place)
-    names: dict = {}
-    exec(compile(program, page, "exec"), names)
+    (tmp_path / "program.py").write_text(program)
+    names = runpy.run_path(str(tmp_path / "program.py"))
     for made in names.values():
         if isinstance(made, type) and issubclass(made, ViewSystem) and made is not ViewSystem:
             logits, aux = made(Sizes(torch.rand(4, 3), (6,), 3), recipe().model)(torch.rand(2, 4, 6))
             assert logits.shape == (2, 3) and aux == []
     if "probabilities" in names:
         np.testing.assert_allclose(np.sum(names["probabilities"], axis=-1), 1, rtol=1e-5)
-
-
-@pytest.mark.parametrize("page, text", fences("yaml"))
-def test_yaml_is_well_formed_and_a_study_s_changes_are_allowed(page, text):
-    tree = yaml.safe_load(text)
-    assert tree
-    for changes in tree.get("variants", {}).values():
-        load(ROOT / "params.yaml", [f"{key}={value}" for key, value in (tree.get("set", {}) | changes).items()])
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
