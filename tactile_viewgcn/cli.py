@@ -83,11 +83,8 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
     MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS.
     SOURCE is anything that `inspect` reads; HDF5 recordings and arrays need no object here.
     """
-    from tactile_viewgcn.pages.finished_run import unfinished
     from tactile_viewgcn.recognition import prediction
 
-    if warning := unfinished(Path(options["model"])):
-        click.echo(shown(warning), err=True)
     prediction.predict(echo=_say, form=_form(changes), **options)
 
 

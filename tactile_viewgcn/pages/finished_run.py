@@ -8,17 +8,15 @@ from hashlib import md5
 from io import BytesIO
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
 from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
-from tactile_viewgcn.files import check_is_file, readable
+from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.provenance import Record
 
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")
 REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
-MOST_TIMES = 200  # bytes that predictions may declare for each that they store
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 
 
@@ -82,9 +80,6 @@ def read_run(name: str = "") -> FinishedRun:
     predictions = read("results/predictions.npz")
     with readable(f"{where}: a file of runs/ or results/"):
         records = {stage: Record.read(content) for stage, content in contents.items()}
-        declared = sum(member.file_size for member in ZipFile(BytesIO(predictions)).infolist())
-        if declared > MOST_TIMES * len(predictions):
-            raise ValueError(f"predictions.npz declares {declared / 1e6:,.0f} MB")
         run = FinishedRun(
             name, json.loads(metrics), json.loads(timing), read_predictions(BytesIO(predictions)), records
         )
@@ -97,28 +92,10 @@ def read_run(name: str = "") -> FinishedRun:
     return run
 
 
-def unfinished(classifier: Path) -> str:
-    """A warning where a later run has failed, so that `models/classifier.pt` is of the run before; else "".
-
-    DVC removes what a stage writes before it starts the stage, and leaves the files of the stages after it.
-    """
-    runs = classifier.absolute().parent.parent / "runs"
-    if classifier.parent.name == "models" and runs.is_dir():
-        for path in (runs / f"{stage}.json" for stage in STAGES[:-1]):
-            if not path.exists():
-                return f"warning: {classifier} is of an earlier run: the last one has left no {path}; run `dvc repro`"
-    return ""
-
-
-def _read_file(path: str) -> bytes:
-    check_is_file(Path(path))
-    return Path(path).read_bytes()
-
-
 def _reader(name: str) -> Callable[[str], bytes]:
     """A function that reads a file of that run by its path in the workspace, or raises FileNotFoundError."""
     if not name:
-        return _read_file
+        return lambda path: Path(path).read_bytes()
     if MLFLOW_ID.fullmatch(name):
         from tactile_viewgcn.tracking import read_artifact
 

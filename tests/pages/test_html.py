@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tactile_viewgcn.pages.html import BEGIN, Verdict, duration, environment, svg
-from tactile_viewgcn.pages.outcome import Step
+from tactile_viewgcn.pages.run_page import Step
 
 NASTY = '<script>alert("x")</script> & "Öl" 気'
 EMPTY = {"meta", "img", "br"}  # elements without an end
@@ -66,7 +66,7 @@ def drawn(title="a"):
 
 
 def page_of(text):
-    content = {"verdict": Verdict("bad", text, [text]), "step": Step(text, text, text), "figure": drawn()}
+    content = {"verdict": Verdict("bad", text, [text]), "step": Step(text, text), "figure": drawn()}
     return environment().from_string(PAGE).render(title=text, text=text, **content)
 
 

@@ -5,7 +5,6 @@ import re
 import shutil
 import sys
 from pathlib import Path
-from zipfile import ZIP_DEFLATED, ZipFile
 
 import pytest
 
@@ -13,7 +12,7 @@ from tactile_viewgcn import cli
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.pages import html
-from tactile_viewgcn.pages.finished_run import read_run, unfinished
+from tactile_viewgcn.pages.finished_run import read_run
 from tactile_viewgcn.pages.run_page import run_page
 from tests.pages.test_html import parsed, text_of
 
@@ -101,14 +100,6 @@ def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(wor
         read_run()
 
 
-def test_the_classifier_that_a_failed_run_leaves_is_said_to_be_of_the_run_before(workspace):
-    model = Path("models/classifier.pt")
-    assert unfinished(model) == ""
-    Path("runs/preprocess.json").unlink()  # as DVC does before it starts the stage
-    assert "runs/preprocess.json" in unfinished(model)
-    assert unfinished(Path("models:/glove/1")) == unfinished(Path("classifier.pt")) == ""
-
-
 def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, monkeypatch, capsys):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
     monkeypatch.setattr(sys, "argv", ["tactile-viewgcn", "report", "--out", "new/page.html"])
@@ -130,11 +121,4 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
 def test_a_damaged_file_ends_in_one_line(workspace, path, content):
     Path(path).write_bytes(content)
     with pytest.raises(UserError, match="damaged, or not written by this version"):
-        read_run()
-
-
-def test_predictions_that_would_fill_the_memory_are_not_unpacked(workspace):
-    with ZipFile("results/predictions.npz", "w", ZIP_DEFLATED) as archive:
-        archive.writestr("labels.npy", bytes(80 * 2**20))
-    with pytest.raises(UserError, match=r"predictions.npz declares 84 MB"):
         read_run()
