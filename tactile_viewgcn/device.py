@@ -30,23 +30,12 @@ class Compute:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16")
 
     def frames(self, inputs: Tensor) -> Tensor:
-        """Frames (n, H, W) as (n, 1, H, W) in channels-last order, on the device if they fit into its memory."""
-        batch = self.layout(inputs)
-        return batch.to(self.device) if self.device.type != "cuda" or self.fits(batch.nbytes) else batch
+        """Frames (n, H, W) as float32 (n, 1, H, W) in channels-last order, on the device."""
+        return self.to_device(inputs.unsqueeze(1).to(torch.float32, memory_format=torch.channels_last))
 
     def fits(self, size: int) -> bool:
         """Whether `size` bytes take at most half of the CUDA device's free memory."""
         return size <= MAX_MEMORY_SHARE * torch.cuda.mem_get_info(self.device)[0]
-
-    def layout(self, inputs: Tensor) -> Tensor:
-        """Frames (n, H, W) as (n, 1, H, W) in channels-last order, on the device that holds them."""
-        return inputs.unsqueeze(1).to(torch.float32, memory_format=torch.channels_last)
-
-    def gather(self, values: Tensor, index: Tensor) -> Tensor:
-        """Rows `index` (k,), a tensor on the processor, of `values` (n, ...): on the device, without waiting for it."""
-        if values.device.type == self.device.type:  # device "cuda" holds tensors on "cuda:0"
-            return values[self.to_device(index)]
-        return self.to_device(values[index])
 
     def to_device(self, values: Tensor) -> Tensor:
         """`values` on the device: copied asynchronously from pinned memory, or the same tensor on the processor."""

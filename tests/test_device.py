@@ -109,12 +109,6 @@ def test_frames_fit_a_card_that_has_twice_their_bytes_free(machine):
     assert [Compute(CUDA, "float32").fits(size) for size in (99, 100, 101)] == [True, True, False]
 
 
-def test_rows_are_taken_by_index_and_nothing_is_copied_to_where_it_is():
-    values, compute = torch.arange(10.0).view(5, 2), Compute(CPU, "float32")
-    assert compute.gather(values, torch.tensor([3, 1])).tolist() == [[6, 7], [2, 3]]
-    assert compute.to_device(values) is values
-
-
 def test_frames_are_in_float32_in_channels_last_order():
     batch = Compute(CPU, "bfloat16").frames(torch.arange(24.0).view(2, 3, 4))
     assert batch.dtype == torch.float32 and batch.is_contiguous(memory_format=torch.channels_last)

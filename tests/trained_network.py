@@ -50,7 +50,7 @@ class Subject:
         backbone = backbone.to(compute.device, kind(precision), memory_format=torch.channels_last)
         frames = compute.frames(torch.from_numpy(np.ascontiguousarray(inputs))).to(kind(precision))
         with torch.inference_mode(), compute.autocast():
-            return extract_features(backbone, frames)
+            return extract_features(backbone, [frames])
 
     @torch.inference_mode()
     def head_logits(self, head: nn.Module, nodes: Tensor, sets: np.ndarray, precision: str) -> Tensor:

@@ -7,8 +7,7 @@ stages and dropout between them, as in the network of Sundaram et al. 2019, whic
 
 import math
 from collections.abc import Iterable
-from itertools import chain
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 import torch.nn.functional as functional
@@ -135,15 +134,8 @@ def build_backbone(options: BackboneParams, *, maps: bool = False) -> Backbone:
     return Backbone(options.width, options.dropout, readout=options.readout, maps=maps)
 
 
-class Batched(Protocol):
-    """A tensor (n, ...), or an object that splits into tensors as one does."""
-
-    def split(self, size: int, /) -> Iterable[Tensor]: ...
-
-
 @torch.no_grad()
-def extract_features(backbone: nn.Module, frames: Batched) -> Tensor:
-    """Features (n, C), or maps (n, C, H, W), of frames (n, 1, H, W), in evaluation mode and batches that fit memory."""
+def extract_features(backbone: nn.Module, batches: Iterable[Tensor]) -> Tensor:
+    """Features (n, C), or maps (n, C, H, W), in evaluation mode, of batches of frames (B, 1, H, W) on its device."""
     backbone.eval()
-    device = next(chain(backbone.parameters(), backbone.buffers())).device
-    return torch.cat([backbone(part.to(device)) for part in frames.split(INFERENCE_BATCH)])
+    return torch.cat([backbone(frames) for frames in batches])

@@ -1,6 +1,5 @@
 """A network on view sets: the backbone turns frames into features, the head turns view sets of them into logits."""
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +8,7 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.nn.backbone import build_backbone, extract_features
+from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, build_backbone, extract_features
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model
 
@@ -34,8 +33,7 @@ class ViewNetwork(nn.Module):
         viewpoints: (V, 3).
 
     Raises:
-        UserError: the system cannot be built for this number of views, or at these viewpoints; a coordinate is not
-            finite, or beyond `MAX_COORDINATE`.
+        UserError: a coordinate is not finite, or beyond `MAX_COORDINATE`.
     """
 
     transform: str | None = None  # of frames: the table's
@@ -51,12 +49,8 @@ class ViewNetwork(nn.Module):
         shape: tuple[int, int] = STAG_SHAPE,
     ):
         super().__init__()
-        outside = viewpoints[~(viewpoints.abs() < MAX_COORDINATE)]
-        if len(outside):
-            raise UserError(
-                f"viewpoints hold {float(outside[0]):g}; expected coordinates between "
-                f"-{MAX_COORDINATE:g} and {MAX_COORDINATE:g}"
-            )
+        if len(outside := viewpoints[~(viewpoints.abs() < MAX_COORDINATE)]):  # NaN too
+            raise UserError(f"viewpoints hold {float(outside[0]):g}; expected at most {MAX_COORDINATE:g}")
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         maps = system.takes == "maps"
         self.backbone = build_backbone(model.backbone, maps=maps)
@@ -81,8 +75,10 @@ class ViewNetwork(nn.Module):
     @torch.inference_mode()
     def frame_values(self, inputs: "Counts") -> Tensor:
         """Features (n, C), or maps (n, C, H, W), on the device, of network input (n, H, W)."""
+        starts = range(0, len(inputs), INFERENCE_BATCH)
+        parts = (torch.from_numpy(inputs[start : start + INFERENCE_BATCH]) for start in starts)
         with self._compute.autocast():
-            return extract_features(self.backbone, _Batches(inputs, self._compute))
+            return extract_features(self.backbone, map(self._compute.frames, parts))
 
     @torch.inference_mode()
     def view_sets(self, values: Tensor, sets: np.ndarray) -> np.ndarray:
@@ -96,18 +92,6 @@ class ViewNetwork(nn.Module):
     def recording(self, values: Tensor) -> np.ndarray:
         """Logits (classes,) of a recording from the values (k, ...) of its frames in the order of time."""
         return self.view_sets(values, np.arange(len(values))[None])[0]
-
-
-class _Batches:
-    """Network input (n, H, W) as it splits into frames (k, 1, H, W) on the device."""
-
-    def __init__(self, inputs: "Counts", compute: Compute):
-        self._inputs, self._compute = inputs, compute
-
-    def split(self, size: int) -> Iterator[Tensor]:
-        for start in range(0, len(self._inputs), size):
-            part = torch.from_numpy(self._inputs[start : start + size])
-            yield self._compute.to_device(self._compute.layout(part))
 
 
 def spread_frames(count: int, views: int) -> np.ndarray:

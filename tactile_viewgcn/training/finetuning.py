@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.nn.backbone import extract_features
+from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
 from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
@@ -98,7 +98,7 @@ def _train(
             return {}
         network.eval()
         with compute.autocast():
-            features = extract_features(network.backbone, validation.frames)
+            features = extract_features(network.backbone, validation.frames.split(INFERENCE_BATCH))
         logits = view_set_logits(network.head, features, validation_sets.to(compute.device))
         return {"validation_error": error_rate(logits, validation.frames.labels[validation.anchors])}
 

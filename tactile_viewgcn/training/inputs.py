@@ -12,25 +12,19 @@ from tactile_viewgcn.tables.frames import Frames
 
 
 class FrameInputs:
-    """Network input (n, 1, H, W) of frames, computed from their counts batch by batch.
+    """Network input (n, 1, H, W) of a table's frames `index` (n,), computed from their counts batch by batch.
 
     On CUDA all of it is computed once and kept on the device, where it fits.
-
-    Args:
-        index: (n,) of the frames in the table.
-        transform: in place of the table's.
 
     Attributes:
         labels: classes (n,), on the device.
     """
 
-    def __init__(self, table: Frames, index: np.ndarray, compute: Compute, transform: str | None = None):
-        self._table, self._index, self._compute, self._transform = table, index, compute, transform
+    def __init__(self, table: Frames, index: np.ndarray, compute: Compute):
+        self._table, self._index, self._compute = table, index, compute
         self.labels = compute.to_device(torch.from_numpy(table.label[index].astype(np.int64)))
-        self._on_device: Tensor | None = None
-        size = len(index) * table.live.size * torch.float32.itemsize
-        if compute.device.type == "cuda" and compute.fits(size):
-            self._on_device = compute.to_device(self._computed(index))
+        kept = compute.device.type == "cuda" and compute.fits(len(index) * table.live.size * torch.float32.itemsize)
+        self._on_device = self._computed(index) if kept else None
 
     def __len__(self) -> int:
         return len(self._index)
@@ -39,14 +33,14 @@ class FrameInputs:
         """Network input (k, 1, H, W), channels last, on the device, of the frames at indices (k,) on the processor."""
         if self._on_device is not None:
             return self._on_device[self._compute.to_device(at)]
-        return self._compute.to_device(self._computed(self._index[at.numpy()]))
+        return self._computed(self._index[at.numpy()])
 
     def split(self, size: int) -> Iterator[Tensor]:
         """All frames in order, `size` at a time."""
         return map(self.__getitem__, torch.arange(len(self)).split(size))
 
     def _computed(self, index: np.ndarray) -> Tensor:
-        return self._compute.layout(torch.from_numpy(self._table.inputs(index, self._transform)))
+        return self._compute.frames(torch.from_numpy(self._table.inputs(index)))
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,9 @@ def measure_moments(
     """
     with compute.autocast():
         _average_moments(network.backbone, len(frames), frames.__getitem__, order)
-        features = extract_features(network.backbone, frames)
+        features = extract_features(network.backbone, frames.split(INFERENCE_BATCH))
     sets = torch.from_numpy(np.sort(drawn, axis=1) if network.head.in_time_order else drawn)
-    _average_moments(network.head, len(sets), lambda index: compute.gather(features, sets[index]), order)
+    _average_moments(network.head, len(sets), lambda index: features[compute.to_device(sets[index])], order)
     network.eval()
 
 

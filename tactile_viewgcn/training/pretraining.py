@@ -9,7 +9,7 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.nn.backbone import Backbone, build_backbone, extract_features
+from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, Backbone, build_backbone, extract_features
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
@@ -65,13 +65,13 @@ def pretrain_backbone(
     def batches(_: int) -> Iterator[tuple[Tensor, Tensor]]:
         backbone.train()
         for index in torch.randperm(len(train), generator=order).tensor_split(steps):
-            yield noise(train[index]), compute.gather(train.labels, index)
+            yield noise(train[index]), train.labels[compute.to_device(index)]
 
     def validate() -> dict[str, float]:
         if not len(validation):
             return {}
         with compute.autocast():
-            features = extract_features(backbone, validation)
+            features = extract_features(backbone, validation.split(INFERENCE_BATCH))
         return {"validation_error": error_rate(classifier(features), validation.labels)}
 
     generators = (order, on_device)

@@ -77,7 +77,7 @@ class SideViewSets:
                 sets, fresh = sort_by_time(sets, fresh)
             passing = np.take_along_axis(sets, fresh, axis=1).ravel()
             frames = noise(self.frames[torch.from_numpy(passing)])
-            labels = self._compute.gather(self.frames.labels, torch.from_numpy(sets[:, 0]))
+            labels = self.frames.labels[self._compute.to_device(torch.from_numpy(sets[:, 0]))]
             parts = (sets, fresh, first_places(passing))
             yield Batch(frames, labels, *(self._compute.to_device(torch.from_numpy(part)) for part in parts))
 

@@ -15,7 +15,7 @@ from tests.glove_data import CPU, recipe, table, trained
 
 def test_the_plain_network_answers_as_the_pipeline_does():
     frames, sets = torch.from_numpy(table().inputs(table().on(TEST))).unsqueeze(1), torch.arange(80).view(20, 4) % 64
-    features = extract_features(trained().backbone, CPU.frames(frames.squeeze(1)))
+    features = extract_features(trained().backbone, [CPU.frames(frames.squeeze(1))])
     with torch.inference_mode():
         plain = module.plain_answer(module.plain_network(trained()), frames, sets)[0]
         fast = view_set_logits(trained().head, features, sets)

@@ -87,7 +87,7 @@ def test_maps_are_those_that_the_average_reads_out_and_map_shape_names_their_sha
     maps, features = maps_and_features(backbone, frames)
     assert torch.equal(whole(frames), maps)
     assert backbone.map_shape(shape) == whole.map_shape(shape) == maps.shape[1:]
-    torch.testing.assert_close(extract_features(whole, frames).mean(dim=(2, 3)), features)
+    torch.testing.assert_close(extract_features(whole, [frames]).mean(dim=(2, 3)), features)
 
 
 @pytest.mark.parametrize("readout", ["average", "grid"])

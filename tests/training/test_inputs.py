@@ -30,8 +30,6 @@ def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutio
     parts = list(frames.split(50))
     assert [len(part) for part in parts] == [50] * (len(index) // 50) + [len(index) % 50]
     np.testing.assert_array_equal(torch.cat(parts)[:, 0], expected)
-    logarithms = FrameInputs(both[1], index, CPU, "log")
-    np.testing.assert_array_equal(logarithms[torch.arange(4)][:, 0], both[0].inputs(index[:4], "log"))
 
 
 @pytest.mark.parametrize("fits", [True, False])
