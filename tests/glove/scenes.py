@@ -144,16 +144,6 @@ def forces(mechanics: Mechanics, states: np.ndarray) -> np.ndarray:
     return out
 
 
-def energies(mechanics: Mechanics, y: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """(B, T + 1) J: U - drive . y of the start (B, n) and of the frames (B, T, n)."""
-    path, rows = np.concatenate([y[:, None], states], axis=1), np.arange(len(y))
-    energy = [
-        mechanics.evaluate(rows, np.full(len(y), float(t)), path[:, t], palm=mechanics.motion).energy
-        for t in range(path.shape[1])
-    ]
-    return np.stack(energy, axis=1)
-
-
 def radau(mechanics: Mechanics, y: np.ndarray, frames: int, *, frame: float = FRAME, rtol: float = RTOL) -> np.ndarray:
     """States (1, frames, n) of the first hand from y (1, n)."""
     states, _ = integrate_with_scipy("Radau", mechanics, 0, y[0], frames, frame, rtol=rtol, max_evaluations=MOST)
@@ -195,21 +185,6 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
         exact.append(depth)
     force = np.array(exact)[:, None] * np.where(carry, per_area * hand.area, 0.0)
     return mechanics, np.concatenate([mechanics.drive.posture[:, 0].reshape(1, 10), start], axis=1), force[None]
-
-
-def repeated_grasp(*, hands: int, grasps: int) -> tuple[Mechanics, int]:
-    """Hands with every eighth sensor grasp a ball again and again, each at its own position; and a grasp's frames."""
-    hand, period = stag_hand(), 20
-    names = ("row", "column", "patch", "local", "normal", "area")
-    fewer = Hand(*(getattr(hand, name)[::8] for name in names), hand.bases, hand.links)
-    position = [0.075, 0, 0.034] + np.random.default_rng(0).normal(0, 0.002, (hands, 3)) * [1, 1, 0.1]
-    knots = grasps * period + 1
-    mechanics = scene([[sphere(0.03)]], position, posture=OPEN, knots=knots, hands=[fewer] * hands, load=(0, 0, -0.5))
-    phase = np.arange(knots) % period
-    closed = np.clip(np.minimum(phase - 3, period - 3 - phase) / 4, 0, 1)
-    mechanics.drive.posture[:] += 0.6 * closed[:, None, None]
-    mechanics.drive.squeeze[:] = 0.1 * (closed == 1)[:, None]
-    return mechanics, period
 
 
 def points(hand: Hand, pose: Pose, row: int) -> np.ndarray:

@@ -10,9 +10,8 @@ import pytest
 import torch
 
 from tactile_viewgcn.nn.network import view_set_logits
-from tactile_viewgcn.nn.system import shape_classifier
 from tactile_viewgcn.params import System
-from tests.systems.small_systems import built, fill, some_views
+from tests.systems.small_systems import built, some_views
 
 ROOT = Path(__file__).parents[2]
 NETWORKS = [name for name in get_args(System) if name != "sensors"]
@@ -78,12 +77,3 @@ def test_a_view_that_is_not_finite_makes_the_logits_of_its_set_alone_nan_and_so_
     logits, aux = network.head(views)
     assert logits[[0, 2]].isfinite().all() and logits[1].isnan().all()
     assert network.head.loss(logits, aux, torch.tensor([0, 1, 2])).isnan()
-
-
-def test_the_shape_classifier_by_hand():
-    classifier = shape_classifier(2, 2, 1).eval()
-    fill(classifier[0].weight, [[1, 1], [1, -1]])
-    fill(classifier[0].bias, [0, -3])
-    fill(classifier[3].weight, [1, 10])
-    fill(classifier[3].bias, [1])
-    assert classifier(torch.tensor([[2.0, 4]])).item() == pytest.approx(6 + 10 * 0.2 * -5 + 1)

@@ -113,17 +113,3 @@ def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
         path.write_bytes(b"under way")
         raise Interrupted
     assert path.read_bytes() == b"under way"
-
-
-def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(tmp_path, monkeypatch):
-    path = tmp_path / "training.pt"
-    save(path, [], {"epoch": 3})
-
-    def half(content, part):
-        part.write_bytes(b"half of it")
-        raise Interrupted
-
-    monkeypatch.setattr(torch, "save", half)
-    with pytest.raises(Interrupted):
-        save(path, [], {"epoch": 4})
-    assert restore(path, []) == {"epoch": 3}

@@ -84,17 +84,6 @@ def test_clusters_do_not_depend_on_the_unit(row):
         row(f"clusters, {scale:g} times", share_different(labels, expected))
 
 
-@pytest.mark.stability("ties")
-def test_points_with_several_nearest_centres_have_the_same_clusters_each_time(row):
-    corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 5)).reshape(5, -1).T
-    labels, again = (kmeans(corners, 4, restarts=5, seed=3) for _ in range(2))
-    row("clusters a second time", share_different(again, labels))
-    centres = np.stack([corners[labels == number].mean(axis=0) for number in np.unique(labels)])
-    squared = ((corners[:, None] - centres) ** 2).sum(axis=-1)
-    to_centre = squared[np.arange(len(corners)), np.unique(labels, return_inverse=True)[1]]
-    row("squared distance beyond the nearest centre's", (to_centre - squared.min(axis=1)).max(), DIGITS)
-
-
 @pytest.mark.stability("numbers of threads")
 def test_clusters_do_not_depend_on_the_number_of_threads(row):
     clusters = []
