@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import os
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.files import all_below, atomic_write, md5
+from tactile_viewgcn.files import all_below, atomic_write, check_output, md5
 from tactile_viewgcn.messages import UserError
 from tests.full_disk import room_for
 
@@ -135,6 +136,14 @@ def test_files_of_the_user_are_never_in_the_way(tmp_path):
     with atomic_write(tmp_path / "runs", folder=True) as part:
         (part / "a").write_text("1")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["runs", "runs.csv", "runs.old", "runs.part"]
+
+
+@pytest.mark.parametrize("old, kept", [("", False), ("<p>old", False), ("<", True), ("PK", True)], ids=repr)
+def test_a_file_of_another_kind_is_not_replaced(tmp_path, old, kept):
+    (path := tmp_path / "page.html").write_text(old)
+    with pytest.raises(UserError, match=r"page\.html") if kept else nullcontext():
+        check_output(path, "<p>")
+    assert path.read_text() == old
 
 
 def test_hidden_files_are_left_out(tmp_path):

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.files import atomic_write, check_output
 from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.answer import Answer, answer_table, answer_together
@@ -40,6 +40,8 @@ def predict(
     Raises:
         UserError, OSError: a mistake of the user.
     """
+    if csv_path:
+        check_output(csv_path, "recording,answer,class_1,")
     recogniser = load_model(model)
     classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.temperature is not None
     frames = "whole recordings" if recogniser.classifier.answers_recordings else several(views, "frame")

@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from tactile_viewgcn.messages import EMPTY_HAND, Note, several
+from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.frames import sensor_names
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
@@ -15,7 +15,7 @@ SLOW = 1.0  # median seconds between frames; those of a clock in milliseconds ar
 
 
 def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
-    """The reader's notes, and warnings of recordings without frames, copies, labels, ramps, sessions and times.
+    """The reader's notes, and warnings of recordings without frames, copies, labels, ramps and times.
 
     Args:
         original: see `originals`.
@@ -26,7 +26,6 @@ def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
         *_copies(recordings, original),
         *_labels(recordings),
         *_ramps(recordings),
-        *_sessions(recordings),
         *_times(recordings),
     ]
 
@@ -99,17 +98,6 @@ def _ramps(recordings: Recordings) -> list[Note]:
     text = _listed_sensors(recordings, ramps, "rising or falling evenly in every recording")
     remedy = "Remove a clock: by it alone recordings can be told from earlier ones."
     return [Note(f"{text}. {remedy}", "warning", "ramps")]
-
-
-def _sessions(recordings: Recordings) -> list[Note]:
-    """A warning where there are several sessions, and each has one object besides the empty hand."""
-    objects = [number for number, name in enumerate(recordings.objects) if name != EMPTY_HAND]
-    with_object = np.isin(recordings.columns["object"], objects)
-    pairs = np.unique(np.stack([recordings.columns[name][with_object] for name in ("session", "object")]), axis=1)
-    if len(pairs.T) > len(np.unique(pairs[0])) or len(np.unique(pairs[1])) < 2:
-        return []
-    text = "Each session has a single object: whatever changes between sessions looks like the object. "
-    return [Note(f"{text}Record several objects in each session.", "warning", "sessions")]
 
 
 def _times(recordings: Recordings) -> list[Note]:

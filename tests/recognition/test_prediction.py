@@ -120,11 +120,10 @@ def test_a_network_without_validation_groups_says_that_its_probabilities_are_not
     [
         ("nowhere.pt new", FileNotFoundError, "nowhere.pt: .*models/classifier.pt"),
         ("new new", FileNotFoundError, "new: a folder; .*models/classifier.pt"),
-        ("classifier.pt nowhere", FileNotFoundError, "nowhere: no such file"),
+        ("classifier.pt nowhere", OSError, "nowhere: no such file"),
         ("new/0.h5 new", UserError, "0.h5: no classifier"),
         ("classifier.pt classifier.pt", UserError, "classifier.pt: no recordings"),
         ("classifier.pt other", UserError, r"8, 9\).*frames, 8, 10"),
-        ("classifier.pt new --csv new/0.csv", UserError, "0.csv: .*read as a recording"),
         ("classifier.pt new --csv other/1.h5", UserError, "1.h5: exists"),
     ],
 )

@@ -25,8 +25,6 @@ SECONDS = 0.1 * np.arange(60)
         (COUNTS, {"recordings": [*"abcdef", "lost"]}, {"no frames": "1 recording|lost"}),
         (COUNTS, {"objects": ["empty_hand", "mug", "pen", "gone"]}, {"no frames": "gone"}),
         (COPIED, {}, {"copies": "2 recordings|recording3 repeats recording2|recording4 repeats recording2"}),
-        (COUNTS, {"session": NUMBER // 2}, {"sessions": "single object"}),
-        (COUNTS, {"session": NUMBER % 2}, {}),
         (COUNTS, {"time": np.where(NUMBER == 4, 7.0, SECONDS)}, {"time": "9 places|recording4"}),
         (COUNTS, {"time": np.where(np.arange(60) == 25, 0, SECONDS)}, {"time": "1 place|recording2"}),
         (COUNTS, {"time": 1000 * SECONDS}, {"time": "100 s|1,000"}),
@@ -35,7 +33,7 @@ SECONDS = 0.1 * np.arange(60)
         (RAMPED, {}, {"ramps": "1 sensor|row 1, column 1"}),
         (TICKING, {}, {"ramps": "1 sensor|row 1, column 1"}),
     ],
-    ids=["sound", "empty recording", "lost object", "copies", "an object a session", "two sessions", "times repeat",
+    ids=["sound", "empty recording", "lost object", "copies", "times repeat",
          "times fall", "milliseconds", "no times", "labels", "jittering clock", "clock"],
 )  # fmt: skip
 def test_what_spoils_a_result_is_said_of_the_table(tmp_path, counts, changes, warned):
