@@ -94,7 +94,7 @@ class Run:
         self._log(lambda mlflow: mlflow.log_figure(figure, name))
 
     def model(self, checkpoint: Path, metadata: dict[str, Any]) -> str | None:
-        """Log the classifier as an MLflow model, from view sets of raw counts (n, V, H, W) to a column for each class.
+        """Log the classifier as an MLflow model, from recordings of raw counts to a column for each class.
 
         Args:
             metadata: stored with the model; its `classes` name the columns.
@@ -104,12 +104,11 @@ class Run:
         """
 
         def log(mlflow: Any) -> str:
-            from mlflow.types import ColSpec, ParamSchema, ParamSpec, Schema, TensorSpec
+            from mlflow.types import ColSpec, Schema, TensorSpec
 
             signature = mlflow.models.ModelSignature(
-                Schema([TensorSpec(np.dtype(object), (-1,), "counts")]),  # as int16 the server would cut fractions off
+                Schema([TensorSpec(np.dtype(object), (-1,), "recordings")]),  # of any length; no fraction is cut off
                 Schema([ColSpec("float", name) for name in metadata["classes"]]),
-                ParamSchema([ParamSpec("session", "string", ""), ParamSpec("baseline", "double", [], shape=(-1,))]),
             )
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", message=".*input example")  # that would copy frames of the data set

@@ -1,4 +1,4 @@
-"""scikit-learn's interface: a classifier of arrays, which are recordings, view sets, or rows of sensors."""
+"""scikit-learn's interface: a classifier of recordings that are given as arrays."""
 
 import io
 import warnings
@@ -11,53 +11,37 @@ import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets
-from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d, validate_data
+from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.preprocessing import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
-from tactile_viewgcn.params import MAX_SIDE, Member, Params, default_params, preset_changes
+from tactile_viewgcn.params import Member, Params, default_params, preset_changes
 from tactile_viewgcn.readers.source import FRAMES_LAST
-from tactile_viewgcn.recognition.array_input import RECORDINGS, ROWS, checked_arrays, form_of, recordings_by_row
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import ArrayRecordings
-
-#: parameters for view sets and rows, which are frames in contact, above baseline
-CHOSEN = {
-    "preprocess.baseline": "none",
-    "preprocess.zero": 0,
-    "preprocess.filter": "none",
-    "preprocess.contact_sensors": 1,
-    "cluster.scope": "recording",
-}
 
 
 class TactileClassifier(ClassifierMixin, BaseEstimator):
     """A classifier of objects in tactile recordings: any system or preset of the pipeline, trained in memory.
 
-    X is one of
-
-    - a list of recordings, each raw counts (T_i, H, W): the baseline is subtracted and the frames in contact are found
-      as in the pipeline; a row may be a list of several recordings of one object, which are answered together;
-    - a list of channels over time (T_i, C); with the parameter `data.shape` `frames_last` (C, T_i), or an array
-      (n, C, T), as aeon and sktime have them;
-    - an array of view sets (n, V, H, W), counts above baseline of frames in contact;
-    - an array (n, S), or anything that scikit-learn turns into one: each row is a frame of 1 x S sensors in contact,
-      counts above baseline, up to 64 * 64 of them.
+    X holds recordings of raw counts, whose baseline is subtracted and whose frames in contact are found as in the
+    pipeline. It is a list of arrays (T_i, H, W), or of channels over time (T_i, C); or one array (n, T, H, W) or
+    (n, T, C). With the parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of aeon and
+    sktime.
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
         system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of the paper's recipe.
-        views: V, frames by which a recording is classified; an array of view sets has its own V.
+        views: V, the frames by which a network answers.
         params: values by dotted key of params.yaml, on top of all others, such as `{"preprocess.transform": "log"}`.
         random_state: source of every random choice: an integer, a `RandomState` of NumPy, or None.
 
     Attributes:
         classes_: (Y,) labels, sorted.
         params_: all parameters of the training.
-        notes_: what was chosen for the training data, what was left out, and why.
-        recogniser_: the trained `Recogniser`, which answers one view set or recording at a time.
-        n_features_in_: S, for rows alone.
+        notes_: what was chosen for the training data, what was left out, what spoils the result, and why.
+        recogniser_: the trained `Recogniser`, which answers one recording at a time.
     """
 
     def __init__(
@@ -76,64 +60,66 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         self.random_state = random_state
 
     def fit(self, X: Any, y: Any, groups: Any = None) -> "TactileClassifier":
-        """Train on rows of X and their labels y (n,).
+        """Train on recordings X and their labels y (n,).
+
+        What spoils the result is warned of as by the stages: recordings that are copies, channels that are labels, an
+        offset of a recording that predicts its object.
 
         Args:
-            groups: (n,) group of each row; a group is held out as a whole, for the choice of `best`, calibration and
-                `split.validation`. None: each row is a group.
+            groups: (n,) group of each recording; a group is held out as a whole, for the choice of `best`, calibration
+                and `split.validation`. None: each recording is a group.
 
         Raises:
             UserError, ValueError: a wrong argument, in one line.
         """
         from tactile_viewgcn.recognition.training import train
 
-        form = form_of(X, frames_last=self._frames_last)
-        if form == ROWS:
-            X, y = validate_data(self, X, y, dtype=(np.float64, np.float32))
-            if X.shape[1] > MAX_SIDE**2:
-                raise UserError(f"X has {X.shape[1]:,} columns; expected at most {MAX_SIDE**2:,} sensors")
-            arrays, row = list(X[:, None, None]), np.arange(len(X))
-        else:
-            arrays, row = checked_arrays(recordings_by_row(X, frames_last=self._frames_last))
-            y = column_or_1d(y, warn=True)
-            check_consistent_length(X, y)
+        arrays, y = self._arrays(X), column_or_1d(y, warn=True)
+        check_consistent_length(arrays, y)
+        for number, array in enumerate(arrays):
+            if array.shape[1:] != arrays[0].shape[1:]:
+                layout, expected = (" x ".join(map(str, each.shape[1:])) for each in (array, arrays[0]))
+                raise UserError(f"X[{number}] has frames of {layout}; expected {expected}, as X[0]")
         classes, labels = _distinct(y)
         groups = np.arange(len(y)) if groups is None else np.asarray(groups)
         if groups.shape != (len(y),):
-            raise UserError(f"groups has shape {groups.shape}; expected ({len(y)},), a group for each row of X")
-        group, params = np.unique(groups, return_inverse=True)[1][row], self._parameters(form, arrays)
-        session = np.zeros(len(arrays), dtype=int)
-        recordings = ArrayRecordings(arrays, list(map(str, classes)), labels[row], session)
+            raise UserError(f"groups has shape {groups.shape}; expected ({len(y)},), a group for each recording of X")
+        group, params, dtype = np.unique(groups, return_inverse=True)[1], self._parameters(), np.result_type(*arrays)
+        arrays = [array.astype(dtype, copy=False) for array in arrays]
+        recordings = ArrayRecordings(arrays, list(map(str, classes)), labels, np.zeros(len(arrays), dtype=int))
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
             notes = train(recordings, params, group[recordings.columns["recording"]], path)
             self._file = path.read_bytes()
-        self.classes_, self.params_, self.notes_, self._form = classes, params, notes, form
+        self.classes_, self.params_, self.notes_ = classes, params, notes
         self._load()
         for note in warnings_of(notes):
             warnings.warn(shown(note.text), stacklevel=2)
         return self
 
     def predict_proba(self, X: Any) -> np.ndarray:
-        """Class probabilities float32 (n, Y) of rows of X, a column for each of `classes_`.
+        """Class probabilities float32 (n, Y) of recordings X, a column for each of `classes_`.
+
+        A recording without contact is the empty hand; where that is no class, a warning says so.
 
         Raises:
             NotFittedError: before `fit`.
-            UserError, ValueError: X of a different form or layout than in training.
+            UserError: X of a different form or layout than in training.
         """
         check_is_fitted(self, "recogniser_")
-        if (form := form_of(X, frames_last=self._frames_last)) != self._form:
-            raise UserError(f"X holds {form}; expected {self._form}, as in training")
-        if form == ROWS:
-            X = validate_data(self, X, reset=False, dtype=(np.float64, np.float32))[:, None, None]
-        answers = self._of_recordings(X) if form == RECORDINGS else self.recogniser_.probabilities(np.asarray(X))
-        names = list(map(str, self.classes_))
-        probabilities = np.zeros((len(answers), len(names)), dtype=np.float32)
-        probabilities[:, [names.index(name) for name in self.recogniser_.classes]] = answers
+        recogniser, names = self.recogniser_, list(map(str, self.classes_))
+        arrays = self._arrays(X)
+        probabilities = np.zeros((len(arrays), len(names)), dtype=np.float32)
+        columns = [names.index(name) for name in recogniser.classes]
+        for number, counts in enumerate(arrays):
+            answer = recogniser.answer(counts, f"X[{number}]", any_scale=True)
+            if not answer.contact and EMPTY_HAND not in recogniser.classes:
+                warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=2)
+            probabilities[number, columns] = answer.probabilities
         return probabilities
 
     def predict(self, X: Any) -> np.ndarray:
-        """The most probable of `classes_` (n,) for rows of X; see `predict_proba`."""
+        """The most probable of `classes_` (n,) for recordings X; see `predict_proba`."""
         best = self.predict_proba(X).argmax(axis=1)
         return self.classes_[best]
 
@@ -163,57 +149,40 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
         self.recogniser_ = Recogniser(io.BytesIO(self._file))
 
-    @property
-    def _frames_last(self) -> bool:
-        return isinstance(self.params, Mapping) and self.params.get("data.shape") == FRAMES_LAST
+    def _arrays(self, X: Any) -> list[np.ndarray]:
+        """The recordings of X, (T_i, H, W) each, one or more."""
+        from tactile_viewgcn.recognition.recogniser import recording_array
 
-    def _parameters(self, form: str, arrays: list[np.ndarray]) -> Params:
-        """All parameters for rows of this form."""
+        rows = [*X] if isinstance(X, list | tuple) or (isinstance(X, np.ndarray) and X.ndim) else []
+        if not rows:
+            raise UserError(
+                f"X is of type {type(X).__name__} and holds no recordings; expected a list of arrays, each "
+                "(frames, rows, columns) or (frames, channels)"
+            )
+        last = isinstance(self.params, Mapping) and self.params.get("data.shape") == FRAMES_LAST
+        return [recording_array(recording, f"X[{number}]", frames_last=last) for number, recording in enumerate(rows)]
+
+    def _parameters(self) -> Params:
+        """All parameters of the training."""
         if not isinstance(self.params, Mapping | None):
             raise UserError(f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, or None")
-        seed, chosen = self.random_state, {} if form == RECORDINGS else CHOSEN
+        seed = self.random_state
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
-        changes = {"seed": seed, "views": len(arrays[0]) if chosen else self.views}
+        changes = {"seed": seed, "views": self.views}
         if self.system in get_args(Member):
             changes |= {"model.system": "sensors", "model.members": [self.system]}
         elif self.system is not None:
             changes["model.system"] = self.system
-        if chosen:
-            changes |= chosen | {"preprocess.scale": _strongest(arrays)}
         changes |= self.params or {}
         plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in changes.items()}
         preset = "best" if self.preset is None and self.system is None else self.preset
         texts = preset_changes(preset) if preset is not None else []
-        params = default_params((*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
-        for key in ("preprocess.baseline", "preprocess.filter"):
-            value = getattr(params.preprocess, key.removeprefix("preprocess."))
-            if chosen and value != chosen[key]:
-                raise UserError(
-                    f"{key} is {value}, and X holds {form}, frames in contact above baseline: expected {chosen[key]}, "
-                    "or a list of recordings"
-                )
-        return params
-
-    def _of_recordings(self, X: Any) -> np.ndarray:
-        """Probabilities (n, classes) of rows by their recordings of raw counts.
-
-        A row without contact is the empty hand; where that is no class, a warning says so.
-        """
-        from tactile_viewgcn.recognition.answer import answer_recording, answer_together
-
-        recogniser, of_rows = self.recogniser_, []
-        for number, recordings in enumerate(recordings_by_row(X, frames_last=self._frames_last)):
-            answers = [answer_recording(recogniser, counts, name=f"X[{number}]") for counts in recordings]
-            answer = answer_together(recogniser, answers) if len(answers) > 1 else answers[0]
-            if not answer.contact and EMPTY_HAND not in recogniser.classes:
-                warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=3)
-            of_rows.append(answer.probabilities)
-        return np.stack(of_rows)
+        return default_params((*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
 
 
 def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct labels (Y,), sorted, and the index (n,) of each row's label."""
+    """Distinct labels (Y,), sorted, and the index (n,) of each recording's label."""
     try:
         check_classification_targets(y)
         classes, labels = np.unique(y, return_inverse=True)
@@ -222,9 +191,3 @@ def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
     if len(classes) < 2:
         raise UserError(one_class(classes[0], "y has"))
     return classes, labels
-
-
-def _strongest(arrays: list[np.ndarray]) -> float:
-    """Full scale of frames in contact: the reading, to two digits, that one in a hundred positive readings exceeds."""
-    readings = np.concatenate([array[array > 0] for array in arrays])
-    return float(f"{np.percentile(readings, 99):.2g}") if len(readings) else 1.0

@@ -1,14 +1,11 @@
 """The recogniser as an MLflow model: MLflow calls `_load_pyfunc` on its file and then `predict`."""
 
-import reprlib
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.readers.source import MAX_PRESSURE
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tracking import bad_request
 
@@ -17,51 +14,40 @@ if TYPE_CHECKING:
 
 
 class RecogniserModel:
-    """Raw counts (n, V, H, W) to class probabilities: a table with a row for each view set and a column for each class.
+    """Recordings of raw counts to class probabilities: a row for each recording and a column for each class.
 
-    Parameters of `predict`: `session`, a session of the training, whose baseline is subtracted; or `baseline`, the
-    caller's mean empty hand, H * W counts row by row. Without either, the mean over the training's sessions is taken.
+    A recording is answered as by the command `predict`, from its own frames alone.
     """
 
     def __init__(self, recogniser: Recogniser):
         self.recogniser = recogniser
 
     def predict(self, model_input: dict[str, np.ndarray], params: dict[str, Any] | None = None) -> "DataFrame":
-        """Class probabilities of `model_input["counts"]`.
+        """Class probabilities of `model_input["recordings"]`, a recording a row.
+
+        Each is an array or nested lists of (frames, rows, columns) or (frames, channels).
 
         Raises:
             MlflowException: has the recogniser's one line; MLflow's server answers with it and status 400.
         """
         from pandas import DataFrame  # comes with MLflow
 
+        recogniser, rows = self.recogniser, model_input["recordings"]
         try:
-            counts, baseline = _numbers(model_input["counts"]), self._baseline(params or {})
-            return DataFrame(self.recogniser.probabilities(counts, baseline), columns=self.recogniser.classes)
+            counts = [_numbers(row, f"recording {number}") for number, row in enumerate(rows)]
+            answers = [recogniser.answer(row, f"recording {number}") for number, row in enumerate(counts)]
         except UserError as error:
             raise bad_request(str(error)) from None
-
-    def _baseline(self, params: dict[str, Any]) -> np.ndarray:
-        session, baseline = params.get("session", ""), np.asarray(params.get("baseline", ()), dtype=np.float64)
-        if session and baseline.size:
-            raise UserError(f"both session {session!r} and a baseline; expected one of the two")
-        if not baseline.size:
-            return self.recogniser.baseline(session)
-        shape = self.recogniser.shape
-        return baseline.reshape(shape) if baseline.size == np.prod(shape) else baseline  # which the recogniser refuses
+        shares = [answer.probabilities for answer in answers]
+        return DataFrame(np.reshape(shares, (-1, len(recogniser.classes))), columns=recogniser.classes)
 
 
-def _numbers(counts: np.ndarray) -> np.ndarray:
-    """Counts as numbers: MLflow turns nested lists of JSON into an array of objects."""
-    if counts.dtype != object:
-        return counts
-    kinds = set(map(type, counts.ravel()))  # NumPy would turn true and "515" into numbers
-    if wrong := {kind for kind in kinds if kind is bool or not issubclass(kind, Real)}:
-        value = next(value for value in counts.ravel() if type(value) in wrong)
-        raise UserError(f"counts holds {reprlib.repr(value)}; expected numbers, in nested lists of equal lengths")
-    try:
-        return counts.astype(np.float64)
-    except OverflowError:
-        raise UserError(f"counts holds an integer of 309 digits or more; expected up to {MAX_PRESSURE:g}") from None
+def _numbers(row: Any, name: str) -> Any:
+    """A recording as numbers, from lists or an array of objects as the server parses them; true and "515" are none."""
+    values = np.array(row, dtype=object) if isinstance(row, list) else np.asarray(row)
+    if values.dtype == object and any(isinstance(value, bool | str) for value in values.ravel()):
+        raise UserError(f"{name} holds true, false or a text; expected numbers, in nested lists of equal lengths")
+    return values.tolist() if values.dtype == object else values
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:

@@ -1,7 +1,9 @@
 """The file of a trained classifier: what it has learnt, and all that is needed to use it on raw counts.
 
-It holds tensors and plain values, read with `weights_only=True`: loading runs no code and checks every value. Its last
-bytes are a digest of all others, so that damage anywhere is noticed: an archive's checksums leave out its headers.
+It holds tensors and plain values, read with `weights_only=True`: loading runs no code. Its last bytes are a digest of
+all others, so that damage anywhere is noticed. It also holds a few recordings of the training and the answers to them,
+which must come out again when it is loaded: so a file whose values were altered, or which this version's code reads
+differently, is refused.
 """
 
 import hashlib
@@ -19,26 +21,33 @@ from annotated_types import Interval, MaxLen, MinLen
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer, ValidationError, model_validator
 from torch import Tensor
 
+from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
-from tactile_viewgcn.params import MAX_NUMBER, MAX_SIDE, Model, PreprocessSection
-from tactile_viewgcn.recognition.calibration import Temperature
+from tactile_viewgcn.nn.network import spread_frames
+from tactile_viewgcn.params import MAX_NUMBER, Model, PreprocessSection
+from tactile_viewgcn.recognition.calibration import Temperature, recording_answer
 from tactile_viewgcn.schema import Unique
 from tactile_viewgcn.systems.classifier import Classifier, build_classifier
-from tactile_viewgcn.tables.frames import TRAIN, Frames
+from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
 
 REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"
+EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
+MOST_FRAMES = 2**14  # of an example whose frames are repeated
+CLOSE = {"float32": 1e-3, "bfloat16": 0.1}  # by precision, difference of probabilities between two processors
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
 MOST_VIEWS = 1000  # as params.yaml allows
 DIGEST = hashlib.sha256().digest_size
+
+
 #: an array in memory, a tensor in a model file
 Array = Annotated[
     np.ndarray,
     BeforeValidator(lambda value: value.numpy() if isinstance(value, Tensor) else value),
     PlainSerializer(torch.from_numpy),
 ]
-Unit = Annotated[float, Interval(gt=0, le=1e31)]  # counts
+Scale = Annotated[float, Interval(gt=0, le=MAX_NUMBER)]
 CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
@@ -63,6 +72,20 @@ class FittedPreprocessing(BaseModel):
     live: Array
     noise: Array
     baselines: Annotated[dict[str, Array], MinLen(1)]
+
+    @model_validator(mode="after")
+    def _goes_together(self) -> Self:
+        of_sensors, (weakest, strongest) = [self.noise, *self.baselines.values()], self.strong_readings
+        rules = {
+            "params": "auto" not in vars(self.params).values(),
+            "live": self.live.ndim == 2 and self.live.dtype == bool and self.live.any(),
+            "noise and baselines": all(each.shape == self.live.shape and each.dtype.kind == "f" for each in of_sensors)
+            and (self.noise >= 0).all(),
+            "strong_readings": weakest <= strongest,
+        }
+        if wrong := [name for name, right in rules.items() if not right]:
+            raise ValueError(f"{', '.join(wrong)}: out of range, or of a different shape than the rest")
+        return self
 
     @classmethod
     def of(cls, frames: Frames) -> Self:
@@ -90,40 +113,43 @@ class FittedPreprocessing(BaseModel):
 
 
 class Content(BaseModel):
-    """What a file holds, each value in its range; see `save_classifier`."""
+    """What a file holds, see `save_classifier`.
+
+    Attributes:
+        examples: counts (R, T, H, W) of frames in contact of a few training recordings.
+        answers: (R, classes) class probabilities of the examples, above the training's mean baseline.
+    """
 
     model_config = CHECKED
-    format: Literal[12] = 12  # add 1 when the content of a file changes
+    format: Literal[13] = 13  # add 1 when the content of a file changes
     learnt: dict[str, Any]
     viewpoints: Tensor
     model: Model
     classes: Annotated[list[str], MinLen(2), MaxLen(2**15), Unique]
     transform: Literal["clip", "log", "counts"]
-    scale: Unit
+    scale: Scale
     precision: Literal["float32", "bfloat16"]
     temperature: Temperature | None
     preprocessing: FittedPreprocessing
+    examples: Array
+    answers: Array
 
-    @model_validator(mode="after")
-    def _goes_together(self) -> Self:
-        views, fitted = len(self.viewpoints), self.preprocessing
-        shape, live = fitted.live.shape, fitted.live
-        most = max(np.iinfo(fitted.dtype).max + 1, abs(fitted.params.zero)) if "int" in fitted.dtype else MAX_NUMBER
-        rules = {
-            "params": "auto" not in vars(fitted.params).values(),
-            "viewpoints": 1 <= views <= MOST_VIEWS and self.viewpoints.shape == (views, 3),
-            "live": len(shape) == 2 and live.size <= MAX_SIDE**2 and live.dtype == bool and live.any(),
-            "noise": _real(fitted.noise, shape) and (fitted.noise >= 0).all(),
-            "baselines": all(_real(each, shape) and np.abs(each).max() <= most for each in fitted.baselines.values()),
-            "strong_readings": fitted.strong_readings == sorted(fitted.strong_readings),
-        }
-        if wrong := [name for name, right in rules.items() if not right]:
-            raise ValueError(f"{', '.join(wrong)}: out of range, or of a different shape than the rest")
-        return self
+    def answer(self, classifier: Classifier, excess: np.ndarray) -> tuple[np.ndarray, int]:
+        """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""
 
+        def values_of(index: np.ndarray) -> Any:
+            return classifier.frame_values(network_input(excess[index], self.transform, self.scale))
 
-def _real(array: np.ndarray, shape: tuple[int, ...]) -> bool:
-    return array.dtype.kind == "f" and array.shape == shape
+        return recording_answer(classifier, self.temperature, values_of, len(excess))
+
+    def answers_now(self, classifier: Classifier) -> np.ndarray:
+        """The classifier's `answers` to the examples, whose frames are repeated until they are a whole recording."""
+        count = EXAMPLE_FRAMES
+        while count < min(getattr(classifier, "short", 0), MOST_FRAMES):
+            count *= 2
+        frames = self.examples[:, spread_frames(EXAMPLE_FRAMES, count)]
+        excess = frames - self.preprocessing.mean_baseline()
+        return np.exp([self.answer(classifier, each)[0] for each in excess])
 
 
 def save_classifier(
@@ -154,9 +180,13 @@ def save_classifier(
         "precision": precision,
         "temperature": temperature,
         "preprocessing": FittedPreprocessing.of(frames),
+        "examples": _examples(frames),
+        "answers": np.zeros(0),
     }
+    content = Content.model_validate(values)
+    content.answers = content.answers_now(_built(content))
     with atomic_write(path) as part:
-        torch.save(Content.model_validate(values).model_dump(), part)
+        torch.save(content.model_dump(), part)
         seal(part)
 
 
@@ -165,6 +195,14 @@ def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
     if isinstance(state, dict):
         return {name: _converted(each, kind, convert) for name, each in state.items()}
     return convert(state) if isinstance(state, kind) else state
+
+
+def _examples(frames: Frames) -> np.ndarray:
+    """Counts (3, 8, H, W) of recordings that are evenly spread over the training side, and of frames over each."""
+    train = frames.on(TRAIN)
+    numbers = np.unique(frames.recording[train])
+    rows = (train[frames.recording[train] == number] for number in numbers[spread_frames(len(numbers), EXAMPLES)])
+    return np.stack([frames.counts[index[spread_frames(len(index), EXAMPLE_FRAMES)]] for index in rows])
 
 
 def seal(path: Path) -> None:
@@ -215,7 +253,11 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
             content = Content.model_validate(values)
         except ValidationError as error:
             raise ValueError(str(error).partition(" [type=")[0]) from None  # the rest repeats the file's values
-        return _built(content), content
+        classifier = _built(content)
+        difference = np.abs(content.answers_now(classifier) - content.answers).max()
+        if not difference <= CLOSE[content.precision]:
+            raise ValueError("the answers to its own recordings do not come out again")
+        return classifier, content
 
 
 def _check(value: Any, containers: set[int]) -> None:
@@ -242,18 +284,19 @@ def _check(value: Any, containers: set[int]) -> None:
 
 
 def _built(content: Content) -> Classifier:
-    """The classifier with what it has learnt; a ValueError for weights of a different network."""
-    live, learnt = content.preprocessing.live, content.learnt
-    height, width = live.shape
+    """The classifier with what it has learnt, ready for answers.
+
+    Raises:
+        ValueError, RuntimeError: parts that do not go together.
+    """
+    live, (height, width) = content.preprocessing.live, content.preprocessing.live.shape
+    if not 1 <= len(content.viewpoints) <= MOST_VIEWS:
+        raise ValueError(f"{len(content.viewpoints)} viewpoints; expected 1 to {MOST_VIEWS:,}")
     with torch.device("meta"):  # where weights take no memory and no random numbers
         classifier = build_classifier(content.viewpoints, len(content.classes), content.model, (height, width))
     if not isinstance(classifier, torch.nn.Module):
-        classifier.load_state_dict(_converted(learnt, Tensor, Tensor.numpy), live)
-        return classifier
-    expected, weights = (
-        {name: (each.shape, each.dtype) for name, each in state.items()} for state in (classifier.state_dict(), learnt)
-    )
-    if weights != expected:
-        raise ValueError("its weights are those of a different network")
-    classifier.load_state_dict(learnt, assign=True)
-    return classifier.eval()
+        classifier.load_state_dict(_converted(content.learnt, Tensor, Tensor.numpy), live)
+    else:
+        classifier.load_state_dict(content.learnt, assign=True)
+    classifier.prepare(select_device("cpu", content.precision))
+    return classifier

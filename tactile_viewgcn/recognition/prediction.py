@@ -9,8 +9,7 @@ from typing import Any
 from tactile_viewgcn.files import atomic_write, check_output
 from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
 from tactile_viewgcn.readers.source import Form
-from tactile_viewgcn.recognition.answer import Answer, answer_table, answer_together
-from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.recognition.recogniser import Answer, Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.tables.remarks import without_frames
 
@@ -43,7 +42,7 @@ def predict(
     if csv_path:
         check_output(csv_path, "recording,answer,class_1,")
     recogniser = load_model(model)
-    classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.temperature is not None
+    classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.calibrated
     frames = "whole recordings" if recogniser.classifier.answers_recordings else several(views, "frame")
     echo(
         f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}, {frames}; "
@@ -52,7 +51,7 @@ def predict(
     form = replace(form, shape=recogniser.shape if form.shape == "auto" else form.shape, labelled=False)
     with recordings_of(source, form) as recordings:
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
-        answers, more = answer_table(recogniser, recordings)
+        answers, more = recogniser.answer_table(recordings)
     records = [_record(answer, classes) for answer in answers]
     joined = [_record(answer, classes, together=True) for answer in _joined(recogniser, answers) if together]
     echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
@@ -92,7 +91,7 @@ def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
     joined = []
     for (folder, label), part in parts.items():
         within = label if label != folder.rpartition("/")[2] else ""
-        joined.append(answer_together(recogniser, part, "/".join(filter(None, [folder, within])) or "together"))
+        joined.append(recogniser.answer_together(part, "/".join(filter(None, [folder, within])) or "together"))
     return joined
 
 
@@ -109,11 +108,7 @@ def _record(answer: Answer, classes: list[str], *, together: bool = False) -> di
         values |= {f"class_{place}": name, f"probability_{place}": share}
     values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
     right = _place(values | {"object": answer.object}) == 1 if answer.object in {*classes, EMPTY_HAND} else None
-    return values | {
-        "object": answer.object or None,
-        "right": right,
-        "together": together,
-    }
+    return values | {"object": answer.object or None, "right": right, "together": together}
 
 
 def _line(record: dict[str, Any]) -> str:

@@ -21,20 +21,17 @@ MOST_TIMES = 4.0  # factor by which readings may be weaker or stronger than all 
 ALL_KEPT = 0.99  # share of the training's frames that the filter kept, from which recordings count as all contact
 
 
-def check_counts(fitted: FittedPreprocessing, counts: np.ndarray, where: str, *, raw: bool = True) -> None:
+def check_counts(fitted: FittedPreprocessing, counts: np.ndarray, where: str) -> None:
     """Raise a UserError, whose message begins with `where`, for counts (..., H, W) that the model does not take.
 
     These are frames of a different layout, and raw counts that the training's integer type cannot hold. Whether counts
-    are finite is checked where they come in, see `check_finite` and `checked_blocks`.
-
-    Args:
-        raw: the baseline is not subtracted yet.
+    are finite is checked where they come in, see `recording_array` and `checked_blocks`.
     """
     if counts.shape[-2:] != fitted.live.shape:
         layout, expected = (" x ".join(map(str, shape)) for shape in (counts.shape[-2:], fitted.live.shape))
         raise UserError(f"{where}: frames of {layout}; expected {expected}, as the model was trained on")
     dtype = np.dtype(fitted.dtype)
-    if raw and dtype.kind == "i" and counts.dtype != dtype:
+    if dtype.kind == "i" and counts.dtype != dtype:
         least, most = np.iinfo(dtype).min, np.iinfo(dtype).max
         unfit = counts[(counts % 1 != 0) | (counts < least) | (counts > most)]
         if unfit.size:

@@ -1,31 +1,43 @@
-"""The trained recogniser: class probabilities of raw counts."""
+"""The trained recogniser: the object in the hand, from the raw counts of one recording or of a table of recordings."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO
 
 import numpy as np
-from scipy.special import softmax
 
-from tactile_viewgcn.device import select_device
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.params import on_sensors
-from tactile_viewgcn.recognition.array_input import check_finite
-from tactile_viewgcn.recognition.calibration import recording_answer
+from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, check_shape, storage_type
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.recognition.preprocessing import check_counts
-from tactile_viewgcn.tables.frames import network_input
+from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
+from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
 
-MOST_FRAMES = 1024  # frames that are classified at once; a request may hold any number
-Baseline = np.ndarray | Literal["subtracted"] | None
+
+@dataclass(frozen=True)
+class Answer:
+    """The object in a recording.
+
+    Attributes:
+        probabilities: float32 (classes,). Without a frame in contact it is the class `empty_hand`, or where there is
+            none, all are equally probable.
+        used: number of frames that were classified.
+        contact: number of frames in contact; frames: number of all frames.
+        recording: its name; object: its label, UNLABELLED without one.
+    """
+
+    probabilities: np.ndarray
+    used: int = 0
+    contact: int = 0
+    frames: int = 0
+    recording: str = ""
+    object: str = UNLABELLED
 
 
 class Recogniser:
-    """A trained classifier for raw counts.
-
-    Methods take raw counts and a baseline: (H, W) counts of the empty hand in the same session; None for the mean of
-    the training's sessions; or "subtracted" where they are above their baseline, and in the model's units, already.
-    They raise a UserError for counts or a baseline of a different shape, for values that are not finite or too large,
-    and for raw counts that the training's integer type cannot hold.
+    """A trained classifier of recordings.
 
     Args:
         path: a file that `save_classifier` wrote, or that file open for reading.
@@ -33,78 +45,126 @@ class Recogniser:
     Attributes:
         classes: names.
         shape: (H, W) of a frame.
-        temperature: of answers to recordings; None where the classifier is not calibrated.
         system: name of the system, or of the members of `sensors`.
+        calibrated: whether the probabilities are.
         preprocessing: that of the training.
     """
 
     def __init__(self, path: str | Path | BinaryIO):
-        self.classifier, content = load_classifier(path)
-        model, self.preprocessing = content.model, content.preprocessing
-        self.classes, self.temperature = content.classes, content.temperature
+        self.classifier, self.content = load_classifier(path)
+        model, self.preprocessing = self.content.model, self.content.preprocessing
+        self.classes, self.calibrated = self.content.classes, self.content.temperature is not None
         self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
         self.shape = self.preprocessing.live.shape
-        self._transform, self._scale = content.transform, content.scale
-        self.classifier.prepare(select_device("cpu", content.precision))
 
-    def baseline(self, name: str = "") -> np.ndarray:
-        """Baseline (H, W) in counts of a session of the training; without a name, the mean over its sessions.
+    def answer(self, counts: Any, name: str = "counts", *, any_scale: bool = False) -> Answer:
+        """The answer to one recording of raw counts (T, H, W), or of channels (T, C), in the order of time.
 
-        Where the baseline drifts, give the mean of your own open-hand frames right before the grasp instead.
+        Baseline and frames in contact are found as in the training, from these frames alone.
+
+        Args:
+            name: of the counts, in errors.
+            any_scale: see `answer_table`.
 
         Raises:
-            UserError: an unknown session.
+            UserError: see `recording_array` and `answer_table`.
         """
-        baselines = self.preprocessing.baselines
-        if name and name not in baselines:
-            raise UserError(
-                f"session is {name!r}; expected one of {', '.join(baselines)}, or give the empty hand's baseline itself"
-            )
-        return baselines[name] if name else self.preprocessing.mean_baseline()
+        one = np.zeros(1, dtype=int)
+        recordings = ArrayRecordings([recording_array(counts, name)], [UNLABELLED], one, one)
+        recordings.path = Path(name)
+        return self.answer_table(recordings, any_scale=any_scale)[0][0]
 
-    def probabilities(self, counts: np.ndarray, baseline: Baseline = None) -> np.ndarray:
-        """Class probabilities float32 (B, classes), a column for each of `classes`.
+    def answer_table(self, recordings: Recordings, *, any_scale: bool = False) -> tuple[list[Answer], list[Note]]:
+        """The answers to the recordings of a table, and notes on baselines that could not be measured.
 
         Args:
-            counts: (B, V, H, W) of B view sets. Frame i of a set stands at viewpoint i; the systems that read frames
-                in the order of time (cnn_lstm, conv_lstm) take the earliest first.
+            any_scale: allow readings in contact that are much stronger or weaker than the training's.
+
+        Raises:
+            UserError: recordings unlike the training's in form or scale.
         """
-        views, parts = self.classifier.views, [np.empty((0, len(self.classes)), dtype=np.float32)]
-        if counts.ndim != 4 or counts.shape[1:] != (views, *self.shape):
-            raise UserError(
-                f"counts has shape {counts.shape}; expected (sets, views, rows, columns) = "
-                f"(any, {views}, {', '.join(map(str, self.shape))})"
+        fitted, columns = self.preprocessing, recordings.columns
+        for _, counts in recordings.blocks():
+            check_counts(fitted, counts, str(recordings.path))
+        recordings = recordings.part(np.arange(len(recordings)), fitted.live)
+        answers, classified = [], []
+        baseline, contact = find_contact(fitted, recordings)
+        for index in frames_by_recording(recordings):
+            pressed = index[contact[index]]
+            excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
+            classified.append(excess[spread_frames(len(pressed), self.classifier.views)] if len(pressed) else excess)
+            answer = replace(
+                self.answer_contact(excess),
+                frames=len(index),
+                recording=recordings.recordings[columns["recording"][index[0]]],
+                object=_common(recordings.objects[number] for number in columns["object"][index]),
             )
-        step = max(1, MOST_FRAMES // views)
-        for start in range(0, len(counts), step):
-            parts.append(self._of_sets(self._values(counts[start : start + step], baseline), views))
-        return np.concatenate(parts)
+            answers.append(answer)
+        if not any_scale:
+            check_strength(fitted, np.concatenate(classified), str(recordings.path))
+        return answers, baseline.notes
 
-    def of_recording(self, counts: np.ndarray, baseline: Baseline = None) -> tuple[np.ndarray, int]:
-        """Class probabilities (classes,) of a whole recording, and the number of distinct frames that were used.
+    def answer_contact(self, excess: np.ndarray) -> Answer:
+        """The answer to a recording by its n frames in contact, counts (n, H, W) above baseline."""
+        if not len(excess):
+            return Answer(self._without_contact())
+        logarithms, used = self.content.answer(self.classifier, excess)
+        return Answer(np.exp(logarithms), used, len(excess))
 
-        Args:
-            counts: (n, H, W) of its frames in contact, in the order of time.
+    def answer_together(self, answers: list[Answer], name: str) -> Answer:
+        """The answer to one object that was recorded several times, from the answers to its recordings.
+
+        Their log-probabilities are added, as of independent recordings. Recordings without contact do not count.
         """
-        asked = self.classifier, self.temperature, lambda index: self._values(counts[index], baseline), len(counts)
-        logarithms, used = recording_answer(*asked)
-        return np.exp(logarithms), used
+        pressed, probabilities = [answer for answer in answers if answer.contact], self._without_contact()
+        if pressed:
+            shares = np.maximum([answer.probabilities for answer in pressed], np.finfo(np.float32).tiny)
+            logarithms = np.log(shares, dtype=np.float64).sum(axis=0)
+            powers = np.exp(logarithms - logarithms.max())
+            probabilities = (powers / powers.sum()).astype(np.float32)
+        used, contact, frames = (
+            sum(getattr(answer, count) for answer in answers) for count in ("used", "contact", "frames")
+        )
+        return Answer(probabilities, used, contact, frames, name, _common(answer.object for answer in answers))
 
-    def _values(self, counts: np.ndarray, baseline: Baseline) -> Any:
-        """The classifier's values (n, ...) of the n frames in counts (..., H, W)."""
-        if isinstance(baseline, str) and baseline != "subtracted":
-            raise UserError(f"baseline is {baseline!r}; expected an array, None or 'subtracted'")
-        check_finite(counts, "counts")
-        check_counts(self.preprocessing, counts, "counts", raw=not isinstance(baseline, str))
-        if not isinstance(baseline, str):
-            baseline = self.baseline() if baseline is None else baseline
-            if baseline.shape != self.shape:
-                raise UserError(f"baseline has shape {baseline.shape}; expected {self.shape}")
-            check_finite(baseline, "baseline")
-            counts = np.subtract(counts, baseline, dtype=np.float64)
-        inputs = network_input(counts.reshape(-1, *self.shape), self._transform, self._scale)
-        return self.classifier.frame_values(inputs)
+    def _without_contact(self) -> np.ndarray:
+        """Probabilities (classes,) of the empty hand, or of all classes alike where it is none."""
+        empty = np.array([name == EMPTY_HAND for name in self.classes], dtype=np.float32)
+        return empty if empty.any() else np.full(len(empty), 1 / len(empty), dtype=np.float32)
 
-    def _of_sets(self, values: Any, views: int) -> np.ndarray:
-        """Class probabilities (B, classes) of view sets, from the values (B `views`, ...) of their frames in order."""
-        return softmax(self.classifier.view_sets(values, np.arange(len(values)).reshape(-1, views)), axis=1)
+
+def _common(objects: Iterable[str]) -> str:
+    """The one object's name that all have, else UNLABELLED."""
+    names = set(objects)
+    return names.pop() if len(names) == 1 else UNLABELLED
+
+
+def recording_array(recording: Any, name: str, *, frames_last: bool = False) -> np.ndarray:
+    """One recording as counts (T, H, W) of the type in which pressure is stored; channels (T, C) as frames of one row.
+
+    Args:
+        frames_last: time is the last axis instead of the first.
+
+    Raises:
+        UserError: begins with `name`; other axes or types, no frames, or values that the type cannot hold.
+    """
+    try:
+        array = np.asarray(recording)
+    except ValueError:
+        raise UserError(f"{name} is ragged; expected frames of equal size, (frames, rows, columns)") from None
+    if frames_last and array.ndim:
+        array = np.moveaxis(array, -1, 0)
+    array = array[:, None] if array.ndim == 2 else array
+    check_shape(array.shape, name)
+    if array.dtype.kind not in "iuf":
+        raise UserError(f"{name} is of type {array.dtype}; expected integer counts or real numbers")
+    unfit = np.argwhere(~(np.abs(array) <= np.float64(MAX_PRESSURE)))  # float16 has no such number
+    if len(unfit):
+        place = "frame {}, row {}, column {}".format(*unfit[0])
+        raise UserError(f"{name} holds {array[tuple(unfit[0])]:g} in {place}; expected numbers up to {MAX_PRESSURE:g}")
+    if not len(array):
+        raise UserError(f"{name} has no frames; expected one or more")
+    dtype = storage_type(array.dtype, name)
+    if dtype.kind == "i" and (array.min() < np.iinfo(dtype).min or array.max() > np.iinfo(dtype).max):
+        raise UserError(f"{name} holds counts from {array.min()} to {array.max()}; expected them in {dtype}")
+    return array.astype(dtype, copy=False)

@@ -34,6 +34,11 @@ def first(value):
     return lambda array: array.index_fill(0, torch.tensor([0]), value)
 
 
+def leaves_have_children(right):
+    """Each leaf, which is its own child, gets the next node as its right child; but the last."""
+    return (right + (right == torch.arange(len(right)))).clamp(max=len(right) - 1)
+
+
 def nested(depth: int) -> list:
     """A list that stands twice in a list that stands twice, and so on: few bytes of a pickle."""
     lists: list = [0]
@@ -42,14 +47,30 @@ def nested(depth: int) -> list:
     return lists
 
 
-#: what is altered: its place, its new value or a function of the old one, what the line names; in a file of `trees`
+#: what is altered: its place, its new value or a function of the old one, what the line names; in a file of `trees`.
+#: What the answers are computed by has no checks of its own.
 ALTERED = {
     "a pickle": ("weights", Code(), "UnpicklingError"),
     "a pickle as an array": (f"{ESTIMATOR}/left", Code(), "UnpicklingError"),
     "a tree that loops": (f"{ESTIMATOR}/right", lambda right: right.clamp(max=1), "child"),
-    "a child below 0": (f"{ESTIMATOR}/left", first(-1), "child"),
+    "a leaf with a child": (f"{ESTIMATOR}/right", leaves_have_children, "altered"),
+    "a child outside": (f"{ESTIMATOR}/right", first(10**9), "altered"),
+    "a child below 0": (f"{ESTIMATOR}/left", first(-1), "altered"),
+    "a feature outside": (f"{ESTIMATOR}/feature", first(240), "altered"),
+    "a root outside": (f"{ESTIMATOR}/roots", first(10**9), "altered"),
+    "no root": (f"{ESTIMATOR}/roots", lambda roots: roots[:0], "altered"),
+    "a class outside": (f"{ESTIMATOR}/classes", first(7), "altered"),
+    "fewer nodes": (f"{ESTIMATOR}/threshold", lambda threshold: threshold[:-1], "altered"),
+    "leaves without shares": (f"{ESTIMATOR}/shares", lambda shares: shares[:-1], "altered"),
+    "leaves of fewer classes": (f"{ESTIMATOR}/shares", lambda shares: shares[:, :2], "altered"),
     "a leaf that is no number": (f"{ESTIMATOR}/shares", lambda shares: shares * np.nan, "finite"),
     "an array missing": (f"{ESTIMATOR}/roots", ABSENT, "roots"),
+    "a text as an array": (f"{ESTIMATOR}/roots", "0", "altered"),
+    "no estimator": ("learnt/whole/trees", {}, "altered"),
+    "no member": ("learnt/whole", {}, "altered"),
+    "a unit of 0": ("learnt/representation/spread", first(0.0), "altered"),
+    "a sensor less": ("learnt/representation/centre", lambda centre: centre[1:], "altered"),
+    "other sensors": ("preprocessing/live", torch.eye(*SHAPE, dtype=torch.bool), "altered"),
     "an earlier version": ("format", 7, "format"),
     "a key missing": ("scale", ABSENT, "scale"),
     "a key too many": ("code", "x", "code"),
@@ -61,7 +82,7 @@ ALTERED = {
     "a baseline that is no number": ("preprocessing/baselines", {"": torch.full(SHAPE, np.nan)}, "finite"),
     "a baseline of complex numbers": ("preprocessing/baselines", {"": torch.zeros(SHAPE) * 1j}, "baselines"),
     "a baseline of flags": ("preprocessing/baselines", {"": torch.zeros(SHAPE) > 1}, "baselines"),
-    "a baseline that no count reaches": ("preprocessing/baselines", {"": torch.full(SHAPE, -1e30)}, "baselines"),
+    "a baseline that no count reaches": ("preprocessing/baselines", {"": torch.full(SHAPE, -1e30)}, "come out again"),
     "a noise below 0": ("preprocessing/noise", torch.full(SHAPE, -1.0), "noise"),
     "noise of complex numbers": ("preprocessing/noise", torch.zeros(SHAPE) * 1j, "noise"),
     "a baseline of a different layout": ("preprocessing/baselines", {"": torch.zeros(2, 2)}, "baselines"),
@@ -80,8 +101,12 @@ ALTERED = {
 }
 #: the same in files of other systems
 OF_SYSTEMS = {
-    "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "weights"),
-    "weights of a different type": ("mvcnn", "learnt/head.classifier.3.bias", torch.Tensor.double, "weights"),
+    "a vector of a different size": ("svm", "learnt/whole/svm/centre", lambda centre: centre[1:], "altered"),
+    "fewer weights of a vector": ("svm", "learnt/whole/svm/weights", lambda weights: weights[:, 1:], "altered"),
+    "a different member": ("kernel", "model/members", ["trees"], "altered"),
+    "frames 0 apart": ("convolutions", "learnt/convolutions/dilations", first(0), "altered"),
+    "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "1000000"),
+    "weights of a different type": ("mvcnn", "learnt/head.classifier.3.bias", torch.Tensor.double, "Double"),
     "a weight that is no number": ("mvcnn", "learnt/head.classifier.3.bias", lambda bias: bias * np.nan, "finite"),
 }
 CASES = {name: ("trees", *case) for name, case in ALTERED.items()} | OF_SYSTEMS
@@ -111,6 +136,36 @@ def refused(path: Path) -> str:
     line = str(error.value)
     assert line.startswith(f"{path}: ") and len(line.splitlines()) == 1
     return line
+
+
+#: finite values of the wrong size
+ABSURD = (lambda array: 0 * array), (lambda array: array + 1e20), (lambda array: -array)
+
+
+def places_of(part, place=""):
+    """The places of all tensors of real numbers in a file's content."""
+    if isinstance(part, torch.Tensor):
+        return [place] * part.is_floating_point()
+    return [found for key in part for found in places_of(part[key], f"{place}/{key}")] if isinstance(part, dict) else []
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+@pytest.mark.parametrize(("system", "most"), [("kernel", 0.05), ("svm", 0.05), ("mvcnn", 0.2)])  # a network of an epoch
+def test_absurd_numbers_are_refused_in_one_line_where_they_change_answers(tmp_path, system, most):
+    """All arrays that its whole recordings are answered by, one after another; contact is not found by the examples."""
+    path = tmp_path / "classifier.pt"
+    places = places_of(torch.load(altered(path, system, "precision", "float32"), weights_only=True))
+    expected, wrong = Recogniser(path).answer(recording("cup", 81)).probabilities, []
+    for place in set(places) - {"/preprocessing/noise"}:
+        for number, change in enumerate(ABSURD):
+            altered(path, system, place.removeprefix("/"), change)
+            try:
+                answer = Recogniser(path).answer(recording("cup", 81))
+            except UserError as error:
+                assert len(str(error).splitlines()) == 1
+            else:
+                wrong += [(place, number)] if np.abs(answer.probabilities - expected).max() > most else []
+    assert wrong == []
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)

@@ -1,4 +1,4 @@
-"""scikit-learn's interface: the pipeline's own training, answers of the right form, and files that others read."""
+"""scikit-learn's interface: the pipeline's training and guards, answers of the right form, files that others read."""
 
 import pickle
 import subprocess
@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from sklearn.base import clone
 from sklearn.exceptions import DataConversionWarning
-from sklearn.utils.estimator_checks import parametrize_with_checks
+from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
 
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.answer import answer_recording, answer_together
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.schema import parse
@@ -21,9 +21,8 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.glove_data import CPU, OBJECTS, ROOT, SMALL, recipe, recording, table
+from tests.glove_data import CPU, OBJECTS, ROOT, SHAPE, SMALL, recipe, recording, table
 
-ROUNDED = "in single precision the last digit may depend on a row's place in a product of matrices"
 RAW = {
     "preprocess.baseline": "grasp",
     "preprocess.filter": "contact",
@@ -42,15 +41,6 @@ NETWORK = {
 OPEN = 8  # frames of the open hand at the beginning of a recording
 
 
-@pytest.mark.filterwarnings("ignore:answers to recordings")  # some checks have labels at random
-@parametrize_with_checks(
-    [TactileClassifier("kernels"), TactileClassifier(system="svm")],
-    expected_failed_checks=lambda _: {"check_methods_sample_order_invariance": ROUNDED},
-)
-def test_scikit_learn_s_own_checks(estimator, check):
-    check(estimator)
-
-
 def test_channels_are_taken_with_their_frames_first_or_last():
     """As aeon and sktime give them, an array (n, C, T); as a list of (T, C) the answers are the same."""
     label = np.repeat(["a", "b"], 8)
@@ -58,7 +48,9 @@ def test_channels_are_taken_with_their_frames_first_or_last():
     last = TactileClassifier(system="svm", params={"data.shape": "frames_last"}).fit(X, label)
     first = TactileClassifier(system="svm").fit(list(X.swapaxes(1, 2)), label)
     assert last.recogniser_.shape == (1, 4) and last.score(X, label) == 1
-    np.testing.assert_array_equal(last.predict_proba(list(X)), first.predict_proba(list(X.swapaxes(1, 2))))
+    expected = first.predict_proba(list(X.swapaxes(1, 2)))
+    np.testing.assert_array_equal(last.predict_proba(list(X)), expected)
+    np.testing.assert_array_equal(first.predict_proba(X.swapaxes(1, 2)), expected)  # one array (n, T, C)
 
 
 def grasps(per_object: int = 5, *, seed: int = 0):
@@ -70,11 +62,6 @@ def grasps(per_object: int = 5, *, seed: int = 0):
         for name in OBJECTS
     ]
     return recordings, np.array(OBJECTS * per_object)
-
-
-def last(recordings) -> np.ndarray:
-    """The last four frames of each recording, above its baseline: view sets (n, 4, 8, 10)."""
-    return np.stack([counts[-4:] - np.rint(counts[:OPEN].mean(axis=0)) for counts in recordings])
 
 
 def made(params=None, **arguments) -> TactileClassifier:
@@ -94,29 +81,6 @@ def test_recordings_of_different_lengths_are_distinguished(system):
     probabilities = classifier.predict_proba(new)
     assert probabilities.shape == (6, 3)
     np.testing.assert_allclose(probabilities.sum(axis=1), 1, rtol=1e-5)
-
-
-def test_several_recordings_of_a_row_are_answered_together_and_left_out_as_one_group():
-    recordings, _ = grasps()
-    rows = [recordings[0::6] + recordings[3::6], *([each] for each in recordings[1::3]), *recordings[2::3]]
-    several = TactileClassifier("kernels", params=RAW).fit(rows, ["ball"] + ["cup"] * 5 + ["pen"] * 5)
-    pairs = [[recordings[place], recordings[place + 3]] for place in range(3)]
-    for model in (several, fitted()):
-        assert model.predict(pairs).tolist() == list(OBJECTS)
-        parts = [answer_recording(model.recogniser_, each) for each in pairs[0]]
-        expected = answer_together(model.recogniser_, parts).probabilities
-        np.testing.assert_allclose(model.predict_proba(pairs)[0], expected, atol=1e-6)
-
-
-@pytest.mark.parametrize("system", [None, "view_gcn"])
-def test_an_array_of_view_sets_has_its_own_number_of_views(system):
-    X, y = grasps()
-    new, truth = grasps(2, seed=1)
-    preset, params = (None, NETWORK) if system else ("kernels", None)
-    classifier = TactileClassifier(preset, system, params=params).fit(last(X), y)
-    assert classifier.params_.views == 4
-    assert classifier.score(last(new), truth) == 1
-    assert (classifier.recogniser_.temperature is not None) == (system is None)  # the preset is calibrated
 
 
 @pytest.mark.parametrize("system", ["sensors", "view_gcn"])
@@ -148,12 +112,6 @@ def test_its_answers_are_those_of_the_stages(system):
     assert (first == second).all()
 
 
-def test_rows_may_have_more_sensors_than_a_frame_has_columns():
-    X, y = np.random.default_rng(0).normal(0, 1, (12, 1400)), np.repeat([0, 1, 2], 4)
-    X[np.arange(12), 300 * y] += 200
-    assert (TactileClassifier(system="kernel").fit(X, y).predict(X) == y).all()
-
-
 def test_a_classifier_that_is_pickled_or_saved_answers_alike(tmp_path):
     X, _ = grasps(2, seed=1)
     expected = fitted().predict_proba(X)
@@ -162,7 +120,7 @@ def test_a_classifier_that_is_pickled_or_saved_answers_alike(tmp_path):
     fitted().save(tmp_path / "classifier.pt")
     recogniser = Recogniser(tmp_path / "classifier.pt")
     assert recogniser.classes == list(OBJECTS)
-    assert (np.stack([answer_recording(recogniser, counts).probabilities for counts in X]) == expected).all()
+    assert (np.stack([recogniser.answer(counts).probabilities for counts in X]) == expected).all()
 
 
 def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_path):
@@ -175,12 +133,14 @@ def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_pa
     assert (torch.get_rng_state() == before).all()
 
 
-@pytest.mark.parametrize(("reading", "scale"), [(20, 20), (-20, 1)])
-def test_the_scale_of_rows_is_of_positive_readings_and_a_random_state_gives_any_seed(reading, scale):
-    X, states = reading * np.eye(4, 548), [np.random.RandomState(number) for number in range(2)]  # as many as STAG's
-    fits = [TactileClassifier(system="svm", random_state=state).fit(X, [0, 0, 1, 1]).params_ for state in states]
-    assert [params.preprocess.scale for params in fits] == [scale] * 2
-    assert len({params.seed // 2**16 for params in fits}) == 2
+def test_a_random_state_gives_any_seed_and_scikit_learn_clones_and_searches():
+    X, y = grasps(3)
+    states = [np.random.RandomState(number) for number in range(2)]
+    seeds = {made(system="svm", random_state=state).fit(X, y).params_.seed // 2**16 for state in states}
+    assert len(seeds) == 2
+    search = GridSearchCV(made(system="svm"), {"system": ["svm", "kernel"]}, cv=StratifiedGroupKFold(3))
+    search.fit(X, y, groups=np.arange(9) // 3)
+    assert search.best_score_ == 1 and clone(search.best_estimator_).get_params() == search.best_estimator_.get_params()
 
 
 def test_a_class_without_contact_has_a_warning_and_probability_0():
@@ -218,7 +178,38 @@ def test_importing_it_loads_no_torch_and_fitting_needs_neither_dvc_nor_mlflow():
         "import sys; sys.modules |= {'dvc': None, 'mlflow': None}\n"
         "from tactile_viewgcn import TactileClassifier\n"
         "assert 'torch' not in sys.modules\n"
-        "print(TactileClassifier().fit([[0, 9], [0, 8], [9, 0], [8, 0]], [1, 1, 2, 2]).predict([[0, 9], [9, 0]]))\n"
+        "X = [[[at * sign] for at in range(9)] for sign in (1, -1, 1.1, -1.2)]\n"
+        "print(TactileClassifier(system='svm').fit(X, [1, 2, 1, 2]).predict(X[:2]))\n"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=ROOT)
     assert result.stdout == "[1 2]\n", result.stderr
+
+
+def two_objects(rng):
+    """Sixteen recordings (30, 3) of two objects that differ in every channel."""
+    y = np.repeat(["a", "b"], 8)
+    return [rng.normal(0, 1, (30, 3)) + 3.0 * (name == "b") for name in y], y
+
+
+def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
+    X, y = two_objects(np.random.default_rng(0))
+    X = [np.hstack([counts, np.full((30, 1), float(name == "b"))]) for counts, name in zip(X, y, strict=True)]
+    X[3] = X[2].copy()
+    with pytest.warns(UserWarning) as warned:
+        classifier = TactileClassifier(system="svm").fit(X, y)
+    texts = [str(warning.message) for warning in warned]
+    assert any("one reading for each object" in text for text in texts)
+    assert any("X[3] repeats X[2]" in text for text in texts)
+    topics = {note.topic for note in classifier.notes_ if note.level == "warning"}
+    assert topics >= {"labels", "copies"}
+
+
+def test_an_offset_that_predicts_the_object_is_warned_of_as_by_preprocess():
+    """Each object's recordings have an offset of their own, also while the hand is open."""
+    X, y = grasps(6)
+    offsets = {name: np.random.default_rng(number).integers(-30, 30, SHAPE) for number, name in enumerate(OBJECTS)}
+    shifted = [(counts + offsets[name]).astype(np.int16) for counts, name in zip(X, y, strict=True)]
+    empty = [counts[:OPEN] for counts in X[::3]]
+    with pytest.warns(UserWarning, match="without contact"):
+        classifier = made({"preprocess.baseline": "empty_hand"}).fit([*shifted, *empty], [*y, *["empty_hand"] * 6])
+    assert any(note.topic == "leak check" and note.level == "warning" for note in classifier.notes_)

@@ -1,7 +1,5 @@
 """What a user of the estimator can get wrong: one line each that names it, and nothing trained."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 from sklearn.exceptions import NotFittedError
@@ -9,6 +7,7 @@ from sklearn.exceptions import NotFittedError
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.messages import UserError
 
+pytestmark = pytest.mark.filterwarnings("ignore:answers to recordings")  # the labels are at random
 CHOSEN = {"preprocess.baseline": "none", "preprocess.zero": 0, "preprocess.filter": "none"}
 Y = ["a", "a", "b", "b"]
 
@@ -30,11 +29,12 @@ def changed(value: float, dtype: type = float) -> np.ndarray:
 
 #: an argument of `fit` or of the classifier, its value, and what the line names
 IN_FIT = {
-    "no recordings": ("X", [], "X holds no recordings"),
-    "a text": ("X", "data/recordings", "str with 0 axes"),
-    "nothing": ("X", None, "NoneType with 0 axes"),
-    "one recording, not in a list": ("X", recordings()[0], "with 3 axes.*is \\[recording\\]"),
-    "ragged rows": ("X", [[1, 2], [3]], "X is ragged"),
+    "no recordings": ("X", [], "list and holds no recordings"),
+    "a text": ("X", "data/recordings", "str and holds no recordings"),
+    "nothing": ("X", None, "NoneType and holds no recordings"),
+    "one recording, not in a list": ("X", recordings()[0], r"\[5, 4\]"),
+    "ragged rows": ("X", [[1, 2], [3]], r"X\[0\].*\(frames, rows, columns\)"),
+    "rows of sensors": ("X", np.ones((4, 9)), r"X\[0\].*\(9,\).*\(frames, rows, columns\)"),
     "a ragged frame": ("X", with_third([[[1, 2], [3]]]), r"X\[2\] is ragged"),
     "an axis too few": ("X", with_third(np.ones((4, 4))), r"X\[2\] has frames of 1 x 4; expected 4 x 4"),
     "a different layout": ("X", [*recordings(1), *[np.ones((5, 4, 3))] * 3], r"X\[1\].*4 x 3.*4 x 4"),
@@ -44,7 +44,6 @@ IN_FIT = {
     "NaN": ("X", with_third(changed(np.nan)), r"X\[2\] holds nan in frame 1, row 2, column 3"),
     "counts too large": ("X", with_third(changed(2**40, np.int64)), r"X\[2\].* 1 to 1099511627776"),
     "texts": ("X", with_third(np.full((5, 4, 4), "1")), r"X\[2\].*<U1"),
-    "too many columns": ("X", np.ones((4, 65537)), "65,537 columns.*65,536"),
     "no sensor varies": ("X", [np.ones((5, 4, 4))] * 4, "no sensor varies"),
     "labels of a different length": ("y", ["a", "b"], r"\[4, 2\]"),
     "one class": ("y", ["a"] * 4, "y has one class, a"),
@@ -80,29 +79,14 @@ def test_a_mistake_in_fit_ends_in_one_line(argument, value, line):
 
 def test_options_that_do_not_go_together_end_in_one_line():
     one_line("needs all views", TactileClassifier("best", "stag").fit, recordings(), Y)
-    sets = TactileClassifier(params={"preprocess.baseline": "grasp"})
-    one_line("preprocess.baseline is grasp, and X holds view sets", sets.fit, np.ones((4, 2, 3, 3)), Y)
 
 
-@cache
-def fitted(form: str) -> TactileClassifier:
-    X = {"recordings": recordings(), "view sets": np.stack(recordings()), "rows": np.arange(16).reshape(4, 4)}[form]
-    return TactileClassifier(system="svm", params=CHOSEN).fit(X, Y)
-
-
-IN_PREDICT = {
-    "a different layout": ("recordings", [np.ones((5, 4, 3))], r"X\[0\].*4 x 3.*4 x 4"),
-    "no recordings": ("recordings", [], "X holds no recordings"),
-    "view sets for recordings": ("recordings", np.ones((2, 5, 4, 4)), "X holds view sets; expected recordings"),
-    "recordings for view sets": ("view sets", recordings(), "X holds recordings; expected view sets"),
-    "too many views": ("view sets", np.ones((2, 6, 4, 4), int), r"\(2, 6, 4, 4\)"),
-    "rows of other sensors": ("rows", np.ones((2, 3)), "X has 3 features.*4"),
-}
-
-
-@pytest.mark.parametrize("form, X, line", IN_PREDICT.values(), ids=IN_PREDICT)
-def test_a_mistake_in_predict_ends_in_one_line(form, X, line):
-    one_line(line, fitted(form).predict, X)
+@pytest.mark.parametrize(
+    "X, line",
+    [([np.ones((5, 4, 3))], r"X\[0\].*4 x 3.*4 x 4"), ([], "holds no recordings"), (np.ones((2, 3)), r"X\[0\]")],
+)
+def test_a_mistake_in_predict_ends_in_one_line(X, line):
+    one_line(line, TactileClassifier(system="svm", params=CHOSEN).fit(recordings(), Y).predict, X)
 
 
 def test_nothing_is_predicted_or_saved_before_fit(tmp_path):

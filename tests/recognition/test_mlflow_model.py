@@ -27,7 +27,7 @@ from tests.mlflow_stores import runs_of
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
 CLASSES = ["empty_hand", "object1", "object2", "object3"]
 METADATA = {"classes": CLASSES, "views": 4, "shape": [12, 12], "dtype": "int16"}
-COUNTS = 514 + np.random.default_rng(0).poisson(3, (2, 4, 12, 12))  # two view sets
+RECORDINGS = [(514 + np.random.default_rng(0).poisson(3, (count, 12, 12))) for count in (6, 4)]
 
 
 @pytest.fixture(scope="module")
@@ -38,32 +38,34 @@ def checkpoint(tmp_path_factory) -> Path:
 
 
 def changed(value) -> list:
-    """The counts as nested lists, with a different value in one place."""
-    counts = COUNTS.tolist()
+    """The recordings as nested lists, with a different value in one place."""
+    counts = [recording.tolist() for recording in RECORDINGS]
     counts[1][2][3][4] = value
     return counts
 
 
-#: inputs, params, and what the line of the answer names
+#: inputs, and what the line of the answer names
 MISTAKES = {
-    "unknown session": (COUNTS.tolist(), {"session": "monday"}, ["'monday'", "000"]),
-    "length of the baseline": (COUNTS.tolist(), {"baseline": [514.0] * 3}, ["baseline", "(3,)", "(12, 12)"]),
-    "session and baseline": (COUNTS.tolist(), {"session": "000", "baseline": [514.0] * 144}, ["'000'", "baseline"]),
-    "shape of a frame": (np.zeros((1, 4, 12, 11), int).tolist(), {}, ["(1, 4, 12, 11)", "(any, 4, 12, 12)"]),
-    "NaN": (changed(float("nan")), {}, ["nan", "1e+30"]),
-    "a number that int16 does not hold": (changed(-40_000), {}, ["-40000", "-32768 to 32767"]),
-    "an integer of many digits": (changed(10**400), {}, ["309 digits", "1e+30"]),
-    "true": (changed(True), {}, ["counts holds True"]),
-    "an object": (changed({"a": 1}), {}, ["counts holds {'a': 1}"]),
-    "a fraction": (changed(1.25), {}, ["counts holds 1.25"]),
-    "a number as text": (changed("515"), {}, ["counts holds '515'"]),
-    "lists too deep": (np.zeros((1,) * 40).tolist(), {}, ["1, 1, 1", "(any, 4, 12, 12)"]),
-    "nothing": ([], {}, ["(0,)", "(any, 4, 12, 12)"]),
-    "a row missing": ([[COUNTS[0, 0].tolist()[:-1], *COUNTS[0, 1:].tolist()]], {}, ["counts holds [", "equal lengths"]),
+    "shape of a frame": (np.zeros((1, 4, 12, 11), int).tolist(), ["recording 0", "12 x 11", "12 x 12"]),
+    "NaN": (changed(float("nan")), ["recording 1", "nan", "1e+30"]),
+    "a number that int16 does not hold": (changed(-40_000), ["-40000", "-32768 to 32767"]),
+    "an integer of many digits": (changed(10**400), ["type object", "real numbers"]),
+    "true": (changed(True), ["recording 1", "true"]),
+    "an object": (changed({"a": 1}), ["type object"]),
+    "a fraction": (changed(1.25), ["recording 1 holds 1.25"]),
+    "a number as text": (changed("515"), ["recording 1", "text"]),
+    "a row missing": ([[RECORDINGS[0][0].tolist()[:-1], *RECORDINGS[0][1:].tolist()]], ["recording 0 is ragged"]),
+    "lists too deep": (np.zeros((1,) * 40).tolist(), ["(1, 1, 1", "(frames, rows, columns)"]),
+    "no list": ([1, 2], ["recording 0", "(frames, rows, columns)"]),
 }
 
 
-def test_the_logged_model_gives_the_recogniser_s_probabilities_in_a_column_for_each_class(checkpoint, store, client):
+def objects(recordings: list) -> np.ndarray:
+    """Recordings as an array of objects, as MLflow's server gives them."""
+    return np.array(recordings, dtype=object)
+
+
+def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_class(checkpoint, store, client):
     with tracking.stage_run("evaluate") as run:
         address = run.model(checkpoint, METADATA)
         assert runs_of(client)[0].info.status == "RUNNING"  # the stage goes on
@@ -73,26 +75,26 @@ def test_the_logged_model_gives_the_recogniser_s_probabilities_in_a_column_for_e
     mlflow.set_tracking_uri(f"sqlite:///{store / 'mlflow.db'}")
     loaded, recogniser = mlflow.pyfunc.load_model(address), Recogniser(checkpoint)
     assert loaded.metadata.metadata == METADATA
-    assert loaded.metadata.get_output_schema().input_names() == list(loaded.predict(COUNTS).columns) == CLASSES
-    empty = np.arange(144.0) + 400
-    for params, baseline in (
-        ({}, None),
-        ({"session": "000"}, recogniser.baseline("000")),
-        ({"baseline": empty.tolist()}, empty.reshape(12, 12)),
-    ):
-        scalars = np.array(list(COUNTS.ravel()), dtype=object).reshape(COUNTS.shape)  # of NumPy's own type
-        for numbers in COUNTS, COUNTS.astype(float), scalars:  # whole numbers may be written as floats
-            expected = recogniser.probabilities(COUNTS, baseline)
-            np.testing.assert_array_equal(loaded.predict(numbers, params=params), expected)
+    assert loaded.metadata.get_output_schema().input_names() == CLASSES
+    expected = [recogniser.answer(recording).probabilities for recording in RECORDINGS]
+    lists = objects([recording.tolist() for recording in RECORDINGS])
+    for numbers in (lists, objects(RECORDINGS), {"recordings": objects(RECORDINGS)}):
+        table = loaded.predict(numbers)
+        assert list(table.columns) == CLASSES
+        np.testing.assert_array_equal(table, expected)
+    first = RECORDINGS[0][None]
+    for numbers in (first, first.astype(float), first.astype(object)):  # whole numbers may be written as floats
+        np.testing.assert_array_equal(loaded.predict(numbers), expected[:1])
+    assert loaded.predict(first[:0]).shape == (0, 4)
     needs = Path(mlflow.pyfunc.get_model_dependencies(address)).read_text().split()
     assert f"torch=={version('torch').partition('+')[0]}" in needs  # +cpu is in no package index
     assert not [need for need in needs if "==" not in need]
 
 
-@pytest.mark.parametrize("inputs, params, named", MISTAKES.values(), ids=MISTAKES)
-def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(checkpoint, inputs, params, named):
-    with pytest.raises(Exception, match="expected") as error:  # MLflow gives nested lists as an array of objects
-        RecogniserModel(Recogniser(checkpoint)).predict({"counts": np.array(inputs, dtype=object)}, params)
+@pytest.mark.parametrize("inputs, named", MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(checkpoint, inputs, named):
+    with pytest.raises(Exception, match="expected") as error:
+        RecogniserModel(Recogniser(checkpoint)).predict({"recordings": objects(inputs)})
     error.value.message = f"Failed to predict data '{inputs}'"  # as the server does
     line = json.loads(error.value.serialize_as_json())["message"]
     assert [name for name in named if name not in line] == [] and len(line.splitlines()) == 1
@@ -143,16 +145,15 @@ def test_a_registered_model_is_served(checkpoint, store, client):
     client.create_registered_model("glove")
     entry = client.create_model_version("glove", address, run.id)
     client.set_registered_model_alias("glove", "best", entry.version)
-    recogniser, params = Recogniser(checkpoint), {"params": {"session": "000"}}
-    expected, counts = recogniser.probabilities(COUNTS, recogniser.baseline("000")), COUNTS.tolist()
-    uri = f"sqlite:///{store / 'mlflow.db'}"
+    expected = [Recogniser(checkpoint).answer(recording).probabilities for recording in RECORDINGS]
+    counts, uri = [recording.tolist() for recording in RECORDINGS], f"sqlite:///{store / 'mlflow.db'}"
     with serve(store, "models:/glove@best", MLFLOW_TRACKING_URI=uri, PYTHONPATH="") as address:
-        for body in {"inputs": counts}, {"inputs": {"counts": counts}}, {"instances": counts}:
-            status, answer = ask(address, body | params)
+        for body in {"inputs": counts}, {"inputs": {"recordings": counts}}, {"instances": counts}:
+            status, answer = ask(address, body)
             assert status == 200 and [list(row) for row in answer["predictions"]] == [CLASSES, CLASSES]
             answered = [list(row.values()) for row in answer["predictions"]]
             np.testing.assert_allclose(answered, expected, rtol=1e-4)
-        for inputs, wrong, named in MISTAKES.values():
-            status, answer = ask(address, {"inputs": inputs, "params": wrong})
+        for inputs, named in MISTAKES.values():
+            status, answer = ask(address, {"inputs": inputs})
             assert status == 400 and [name for name in named if name not in answer["message"]] == []
             assert "stack_trace" not in answer

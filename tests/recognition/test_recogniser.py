@@ -1,4 +1,4 @@
-"""The trained recogniser: probabilities of raw counts, baselines, refusals."""
+"""The trained recogniser: answers to recordings by their frames in contact, and refusals."""
 
 from dataclasses import replace
 
@@ -8,97 +8,175 @@ import torch
 from scipy.special import softmax
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.recognition import recogniser as module
-from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.nn.network import spread_frames
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.source import Form
+from tactile_viewgcn.recognition.model_file import FittedPreprocessing, save_classifier
+from tactile_viewgcn.recognition.preprocessing import check_strength
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.tables.frames import TEST
+from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.glove_data import CPU, recipe, table, trained
+from tests.glove_data import CPU, HELD, SHAPE, empty_hand, recipe, recogniser, recording, table, write
 
 
-@pytest.fixture
-def saved(tmp_path):
-    """The trained classifier's file."""
-    path = tmp_path / "classifier.pt"
-    save_classifier(path, trained(), recipe().model, table())
-    return path
+def answered(model, path):
+    """Answers to the recordings at a path, by their names, and notes."""
+    with recordings_of(path, Form(labelled=False)) as recordings:
+        answers, notes = model.answer_table(recordings)
+    return {answer.recording: answer for answer in answers}, notes
 
 
-def some_sets(count=12):
-    """View sets (count, 4) of indices into the table, of any test frames."""
-    return np.random.default_rng(0).choice(table().on(TEST), (count, 4))
-
-
-def pipeline_logits(classifier, frames, sets):
-    """Logits (A, classes) of view sets of indices into the table, as evaluation has them."""
-    classifier.prepare(CPU)
-    values = classifier.frame_values(frames.inputs(sets.ravel()))
-    return classifier.view_sets(values, np.arange(sets.size).reshape(sets.shape))
-
-
-def test_many_view_sets_are_classified_a_few_at_a_time(saved, monkeypatch):
-    counts, recogniser = table().counts[some_sets()], Recogniser(saved)
-    whole = recogniser.probabilities(counts)
-    monkeypatch.setattr(module, "MOST_FRAMES", 20)  # five view sets
-    sizes, values = [], recogniser._values
-    monkeypatch.setattr(recogniser, "_values", lambda part, base: sizes.append(len(part)) or values(part, base))
-    np.testing.assert_allclose(recogniser.probabilities(counts), whole, rtol=1e-5)
-    assert sizes == [5, 5, 2]
-
-
-def test_an_offset_of_a_billion_costs_no_digits_of_the_excess(tmp_path):
-    frames = replace(table(), counts=table().counts[np.arange(len(table()))].astype(np.int32))
-    save_classifier(tmp_path / "c.pt", trained(), recipe().model, frames)
-    recogniser = Recogniser(tmp_path / "c.pt")
-    counts, baseline = frames.counts[some_sets()], np.rint(recogniser.baseline("000")).astype(np.int32)
-    moved = recogniser.probabilities(counts + 10**9, baseline + 10**9)
-    np.testing.assert_array_equal(moved, recogniser.probabilities(counts, baseline))
-
-
-def test_a_session_with_many_baselines_has_their_mean(tmp_path):
-    means = np.broadcast_to(np.array([514, 510, 520, 700], np.float32)[:, None, None], (4, 12, 12)).copy()
-    number = np.arange(len(table())) % 3  # two grasps in session one, one in session two; the fourth has no frames
-    many = replace(table(), session=(number == 2).astype(int), sessions=["one", "two", "none"], baseline=number)
-    save_classifier(tmp_path / "c.pt", trained(), recipe().model, replace(many, baseline_mean=means))
-    recogniser = Recogniser(tmp_path / "c.pt")
-    assert (recogniser.baseline("one") == 512).all() and (recogniser.baseline("two") == 520).all()
-    assert (recogniser.baseline() == 516).all()  # the session without frames does not count
-
-
-@pytest.mark.parametrize("shape", [(4, 12, 12), (2, 3, 12, 12), (2, 4, 12, 13), (2, 4, 12, 12, 1)])
-def test_counts_of_a_different_shape_are_refused_and_no_counts_have_no_probabilities(saved, shape):
-    with pytest.raises(UserError, match="counts") as error:
-        Recogniser(saved).probabilities(np.zeros(shape))
-    assert str(shape) in str(error.value) and "(any, 4, 12, 12)" in str(error.value)
-    assert Recogniser(saved).probabilities(np.zeros((0, 4, 12, 12))).shape == (0, 4)
+def best(answer):
+    return recogniser().classes[int(answer.probabilities.argmax())]
 
 
 @pytest.mark.parametrize(
-    ("baseline", "message"),
+    ("name", "held"),
+    [("ball", HELD), ("cup", HELD), ("pen", HELD), ("pen", 3), ("", 0)],
+)
+def test_a_recording_is_answered_by_all_its_frames_in_contact(name, held):
+    answer = recogniser().answer(recording(name, 50, held=held))
+    assert (answer.used, answer.contact, answer.probabilities.shape) == (held, held, (3,))
+    assert answer.probabilities.sum() == pytest.approx(1, abs=1e-5)
+    if held:
+        assert best(answer) == name
+    else:  # the empty hand is no class of this model
+        assert (answer.probabilities == np.float32(1 / 3)).all()
+
+
+@pytest.mark.parametrize(
+    ("indices", "expected"),
     [
-        (np.zeros(12), r"baseline.*\(12,\).*\(12, 12\)"),
-        (np.full((12, 12), np.nan), "baseline holds nan"),
-        ("monday", "baseline is 'monday'"),
+        (spread_frames(8, 4), [1, 3, 5, 7]),
+        (spread_frames(2, 4), [0, 0, 1, 1]),
+        (spread_frames(7, 1), [3]),
     ],
 )
-def test_wrong_baselines_are_refused(saved, baseline, message):
+def test_frames_are_spread_evenly(indices, expected):
+    np.testing.assert_array_equal(indices, expected)
+
+
+@pytest.mark.parametrize(
+    "counts, message",
+    [
+        (np.zeros((5, 8, 9), np.int16), "counts: .*8 x 9; expected 8 x 10"),
+        (np.full((5, *SHAPE), 0.5), "counts holds 0.5; .*-32768 to 32767"),
+        (np.full((5, *SHAPE), 40_000), "counts holds 40000; .*-32768 to 32767"),
+        (np.full((5, *SHAPE), 2**31, np.uint32), "counts holds counts from 2147483648"),
+        (np.full((5, *SHAPE), np.inf, np.float16), "counts holds inf in frame 0, row 0, column 0"),
+    ],
+)
+def test_a_different_layout_or_type_and_numbers_that_are_not_finite_are_refused(counts, message):
+    with pytest.raises(UserError, match=f"^{message}"):
+        recogniser().answer(counts)
+
+
+def test_whole_counts_of_any_type_have_the_same_answer(tmp_path):
+    counts = recording("pen", 54)
+    same = [recogniser().answer(counts.astype(kind)).probabilities for kind in (np.int16, np.uint16, float)]
+    np.testing.assert_allclose(same[1:], [same[0]] * 2, atol=1e-6)
+    write(tmp_path / "real.h5", counts.astype(float))
+    rows, _ = answered(recogniser(), tmp_path / "real.h5")
+    np.testing.assert_allclose(rows["real"].probabilities, same[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("fractions", lambda counts: counts + 0.25, r"fractions.h5 holds \d+.25"),
+        ("strong", lambda counts: 500 + (counts - 500) * 12, r"strong.h5: .* \d+ or more"),
+        ("weak", lambda counts: 500 + (counts - 500) // 6, r"weak.h5: .*above"),
+    ],
+)
+def test_a_file_of_fractions_or_of_a_different_scale_is_refused(tmp_path, name, change, message):
+    write(tmp_path / f"{name}.h5", change(recording("ball", 55)))
     with pytest.raises(UserError, match=message):
-        Recogniser(saved).probabilities(np.zeros((1, 4, 12, 12)), baseline)
-    with pytest.raises(UserError, match=r"'monday'.*000"):
-        Recogniser(saved).baseline("monday")
+        answered(recogniser(), tmp_path / f"{name}.h5")
+    if name != "fractions":  # the class allows any scale
+        assert recogniser().answer(change(recording("ball", 55)), any_scale=True).contact
+
+
+def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more():
+    fitted = recogniser().preprocessing
+    weakest, strongest = (value * times for value, times in zip(fitted.strong_readings, (1 / 4, 4), strict=True))
+    for reading, outside in (weakest, 0), (strongest, np.inf):
+        check_strength(fitted, np.full((3, *SHAPE), reading), "new")
+        with pytest.raises(UserError, match="new: "):
+            check_strength(fitted, np.full((3, *SHAPE), np.nextafter(reading, outside)), "new")
+
+
+def test_recordings_without_object_and_session_are_read_where_labels_are_not_needed(tmp_path):
+    write(tmp_path / "b" / "1.h5", recording("cup", 56))
+    write(tmp_path / "a.h5", recording("pen", 57), object="pen", session="monday")
+    rows, notes = answered(recogniser(), tmp_path)
+    expected = [("a", "pen", "pen", 60), ("b/1", "", "cup", 60)]
+    assert [(name, row.object, best(row), row.frames) for name, row in rows.items()] == expected and notes == []
+    with pytest.raises(UserError, match=r"1.h5.*object"):
+        open_source(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "others", "instead", "high"),
+    [
+        ([], {}, "the training's", 0),
+        ([], {"empty": empty_hand(63)}, "", 60),
+        (["preprocess.baseline=grasp"], {"open": recording("cup", 63)}, "their session's open hand", 20),
+        (["preprocess.baseline=grasp"], {"empty": empty_hand(63)}, "their session's empty hand", 20),
+        (["preprocess.baseline=grasp"], {}, "the training's baseline", 0),
+    ],
+)
+def test_a_recording_without_an_open_hand_has_the_baseline_of_its_session_or_of_the_training(
+    tmp_path, changes, others, instead, high
+):
+    """The counts may be higher than in the training; the other recordings keep their own baseline."""
+    model, offset = recogniser(*changes), np.int16(high)
+    write(tmp_path / "held.h5", recording("pen", 62, before=0, after=0) + offset)
+    for name, counts in others.items():
+        write(tmp_path / f"{name}.h5", counts + offset, **({"object": "empty_hand"} if name == "empty" else {}))
+    rows, notes = answered(model, tmp_path)
+    assert best(rows["held"]) == "pen" and rows["held"].contact == HELD
+    assert len(notes) == bool(instead) and all(instead in note.text for note in notes)
+    if "open" in rows:
+        alone = model.answer(recording("cup", 63) + offset)
+        np.testing.assert_allclose(rows["open"].probabilities, alone.probabilities, atol=1e-6)
+
+
+def test_recordings_of_one_object_are_answered_together_by_the_sum_of_log_probabilities():
+    model, nothing = recogniser(), recogniser().answer(empty_hand(72))
+    answers = [model.answer(recording("pen", seed, held=2)) for seed in (70, 71)]
+    answer = model.answer_together([*answers, nothing], "together")
+    product = answers[0].probabilities.astype(float) * answers[1].probabilities
+    np.testing.assert_allclose(answer.probabilities, product / product.sum(), atol=1e-6)
+    assert (best(answer), answer.used, answer.contact, answer.frames) == ("pen", 4, 4, 124)
+    alone = model.answer_together(answers[:1], "")
+    np.testing.assert_allclose(alone.probabilities, answers[0].probabilities, atol=1e-5)
+    together = model.answer_together([nothing], "")
+    assert not together.contact and (together.probabilities == nothing.probabilities).all()
+
+
+def test_a_session_with_many_baselines_has_their_mean():
+    means = np.broadcast_to(np.array([514, 510, 520, 700], np.float32)[:, None, None], (4, 12, 12)).copy()
+    number = np.arange(len(table())) % 3  # two grasps in session one, one in session two; the fourth has no frames
+    many = replace(table(), session=(number == 2).astype(int), sessions=["one", "two", "none"], baseline=number)
+    fitted = FittedPreprocessing.of(replace(many, baseline_mean=means))
+    assert (fitted.baselines["one"] == 512).all() and (fitted.baselines["two"] == 520).all()
+    assert (fitted.mean_baseline() == 516).all()  # the session without frames does not count
 
 
 @pytest.mark.parametrize("system", ["view_gcn", "stag", "cnn_lstm", "conv_lstm", "gvcnn"])
 @pytest.mark.parametrize("transform", ["clip", "log"])
-def test_a_saved_system_has_the_same_probabilities_as_in_the_evaluation(tmp_path, system, transform):
+def test_a_saved_network_answers_as_in_the_evaluation(tmp_path, system, transform):
     torch.manual_seed(0)
     params, frames = recipe(f"model.system={system}", "model.backbone.width=8"), replace(table(), transform=transform)
     classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, params.model, (12, 12)).eval()
     save_classifier(tmp_path / "classifier.pt", classifier, params.model, frames)
-    sets = some_sets(5)
-    expected = softmax(pipeline_logits(classifier, frames, np.sort(sets, axis=1)), axis=1)
-    recogniser = Recogniser(tmp_path / "classifier.pt")
-    baseline = frames.baseline_mean[frames.baseline[sets[0, 0]]]
-    probabilities = recogniser.probabilities(frames.counts[np.sort(sets, axis=1)], baseline)
-    np.testing.assert_allclose(probabilities, expected, atol=1e-5)
+    index = frames.on(TEST)[:12:3]
+    classifier.prepare(CPU)
+    (expected,) = softmax(
+        classifier.view_sets(classifier.frame_values(frames.inputs(index)), np.arange(4)[None]), axis=1
+    )
+    excess = frames.counts[index] - frames.baseline_mean[frames.baseline[index]]
+    answer = Recogniser(tmp_path / "classifier.pt").answer_contact(excess)
+    np.testing.assert_allclose(answer.probabilities, expected, atol=1e-5)
