@@ -116,11 +116,9 @@ def place(tmp_path_factory) -> Path:
         (folder / name).mkdir(parents=True)
     save_classifier(folder / "models" / "classifier.pt", trained(), recipe().model, table())
     rng = np.random.default_rng(0)
-    np.save(folder / "counts.npy", (514 + rng.poisson(3, (2, 4, 12, 12))).astype(np.int16))
     recording = (514 + rng.poisson(1, (30, 12, 12))).astype(np.int16)
     np.save(folder / "recording.npy", recording)
     glove_data.write(folder / "data" / "new" / "1.h5", recording)
-    np.save(folder / "empty_hand.npy", (514 + rng.poisson(1, (20, 12, 12))).astype(np.int16))
     glove_data.write(folder / "data" / "my_glove" / "mug" / "1.h5", recording)
     (logged,) = (text for page, text in fences("text") if page == "docs/logger.md")
     for label in LABELS:

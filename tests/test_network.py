@@ -91,8 +91,8 @@ def test_a_recogniser_whose_logits_are_all_raised_by_10_000(row, subject, tmp_pa
     counts = subject.table.counts[everything].astype(np.float32)  # fractions are refused where training read integers
     path, clipped = tmp_path / "raised.pt", replace(subject.table, counts=counts, transform="clip", scale=1.0)
     save_classifier(path, raised, subject.params.model, clipped)
-    inputs, baseline = np.clip(inputs, 0, 1), np.zeros(inputs.shape[1:])
-    p = Recogniser(path).probabilities(inputs[sets], baseline)
+    inputs, recogniser = np.clip(inputs, 0, 1), Recogniser(path)
+    p = np.stack([recogniser.answer_contact(inputs[index]).probabilities for index in sets])
     exact = subject.single_and_exact(inputs, sets)[1].softmax(dim=-1)
     row("probabilities", max_rel_error(p, exact), 2e-3, "logits of 1e4 come in steps of 1e-3")
     row("sum of the probabilities", max_rel_error(p.sum(axis=1), np.ones(len(p))), SINGLE)

@@ -117,7 +117,8 @@ def test_a_system_on_the_sensors_answers_recordings_as_its_recogniser_does(tmp_p
     for number in (recording := frames.recording[index]):
         rows = index[recording == number]
         (baseline,) = np.unique(frames.baseline[rows])
-        logarithms.append(np.log(recogniser.of_recording(frames.counts[rows], frames.baseline_mean[baseline])[0]))
+        excess = frames.counts[rows] - frames.baseline_mean[baseline]
+        logarithms.append(np.log(recogniser.answer_contact(excess).probabilities))
     seen, answer = [], trials.recording_answers
     monkeypatch.setattr(trials, "recording_answers", lambda *asked: seen.append(answer(*asked)) or seen[0])
     times, read = [], SensorClassifier.recording
