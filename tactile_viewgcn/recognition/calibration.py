@@ -32,11 +32,12 @@ def recording_answer(
         values_of: the classifier's values (k, ...) of the frames at indices (k,), see `systems.classifier`.
 
     Returns:
-        Logarithms of the class probabilities float32 (classes,), and the number of distinct frames that were read.
+        Logarithms of the class probabilities (classes,), in float64 so that no rounding makes classes equal, and the
+        number of distinct frames that were read.
     """
     index = classifier.frames_of(count)
     logits = classifier.recording(values_of(index))
-    return log_softmax(logits / np.float32(temperature or 1)), len(np.unique(index))
+    return log_softmax(logits.astype(np.float64) / (temperature or 1)), len(np.unique(index))
 
 
 def fit_temperature(logits: np.ndarray, labels: np.ndarray, recordings: int) -> float:
