@@ -94,13 +94,6 @@ def test_a_result_repeats_in_whatever_mode_the_classifier_comes_and_is_far_above
         assert first.metrics[protocol]["error"]["mean"] < 0.4  # chance: 0.75
 
 
-def test_the_metrics_are_of_the_side_that_is_evaluated():
-    whole = evaluated("evaluate.trials=4", frames=fewer_anchors(table(), 3), timed=True)
-    assert whole.metrics.keys() == {"views", "classes", "trials", "frames", "groups", "object", "recording"}
-    assert (whole.metrics["views"], whole.metrics["classes"], whole.metrics["trials"]) == (4, 4, 4)
-    assert whole.seconds > 0 and whole.latency_ms.keys() == {"single", "batch"}
-
-
 SENSORS = "model.system=sensors", "model.members=[convolutions, trees]", "finetune.num_views=random"
 
 

@@ -39,14 +39,6 @@ def test_statistics_of_recordings_by_naive_loops(frames):
     assert (features.in_time(READINGS[:, :frames]) == points[:, :27]).all()
 
 
-def test_backwards_the_slope_has_the_other_sign_and_the_tenths_change_places_and_sets_have_no_order():
-    forth, back = (features.in_time(each).reshape(2, 9, 3) for each in (READINGS, READINGS[:, ::-1]))
-    forth[:, 6] *= -1
-    np.testing.assert_allclose(back, forth[:, [0, 1, 2, 3, 4, 5, 6, 8, 7]], rtol=1e-9)
-    shuffled = READINGS[:, np.random.default_rng(1).permutation(43)]
-    np.testing.assert_allclose(features.unordered(shuffled), features.unordered(READINGS), rtol=1e-9)
-
-
 def test_points_of_an_array_by_hand():
     """Weak readings are noise. Of two sensors in two frames, log(1 + x - 2) is 0 and log 2, then 0 and log 8."""
     log2, expected = math.log(2), [-math.log(4), 0, 0, 0, math.log(2), math.log(4)]
