@@ -1,0 +1,83 @@
+"""One recording has one probability: by the command, the class, the served model and the evaluation."""
+
+import csv
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tactile_viewgcn import TactileClassifier
+from tactile_viewgcn.cli import cli
+from tactile_viewgcn.evaluation.trials import recording_answers
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.tables.recordings import ArrayRecordings
+from tests.glove_data import CPU, OBJECTS, recording, write
+
+ALL_CONTACT = {"preprocess.baseline": "none", "preprocess.zero": 500, "preprocess.filter": "none"}
+NETWORK = {
+    "precision": "float32",
+    "preprocess.scale": 60,
+    "model.backbone.width": 8,
+    "pretrain.epochs": 5,
+    "finetune.epochs": 2,
+}
+
+
+def rising_channels(seed: int) -> np.ndarray:
+    """Three channels (40, 1, 3) that rise, or fall for an even seed, between the same readings."""
+    rng = np.random.default_rng(seed)
+    return (np.linspace(-1, 1, 40)[:, None] * (1 if seed % 2 else -1) + rng.normal(0, 0.1, (40, 3)))[:, None]
+
+
+def grasp(seed: int) -> np.ndarray:
+    """A recording of one of three objects, in contact from its first frame to its last."""
+    return recording(OBJECTS[seed % 3], seed, before=0, held=12 + seed % 5, after=0)
+
+
+CASES = {
+    "system on the sensors": ("kernels", None, ALL_CONTACT, grasp, 3),
+    "channels that rise or fall": ("best", None, {}, rising_channels, 2),
+    "network": (None, "view_gcn", ALL_CONTACT | NETWORK, grasp, 3),
+}
+
+
+@pytest.mark.parametrize(("preset", "system", "params", "recorded", "objects"), CASES.values(), ids=CASES)
+def test_one_recording_has_one_probability_by_all_interfaces(tmp_path, preset, system, params, recorded, objects):
+    X, y = [recorded(seed) for seed in range(6 * objects)], np.arange(6 * objects) % objects
+    new = [recorded(100 * objects + seed) for seed in range(2 * objects)]
+    truth = np.arange(2 * objects) % objects
+    classifier = TactileClassifier(preset, system, views=4, params=params).fit(X, y)
+    by_class = classifier.predict_proba(new)
+    assert system or (by_class.argmax(axis=1) == truth).all()
+    classifier.save(tmp_path / "classifier.pt")
+
+    for number, counts in enumerate(new):
+        write(tmp_path / "new" / f"{number:02d}.h5", counts, session=str(number))
+    words = [str(tmp_path / name) for name in ("classifier.pt", "new", "answers.csv")]
+    result = CliRunner().invoke(cli, ["predict", *words[:2], "--csv", words[2]], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    rows = list(csv.DictReader((tmp_path / "answers.csv").read_text("utf-8").splitlines()))
+    by_command = [
+        {row[f"class_{place}"]: float(row[f"probability_{place}"]) for place in (1, 2, 3)[:objects]} for row in rows
+    ]
+    np.testing.assert_allclose([[row[str(name)] for name in range(objects)] for row in by_command], by_class, atol=1e-6)
+
+    recogniser = Recogniser(tmp_path / "classifier.pt")
+    lists = np.empty(len(new), dtype=object)
+    lists[:] = [counts.tolist() for counts in new]  # as the server parses a request
+    np.testing.assert_allclose(RecogniserModel(recogniser).predict({"recordings": lists}), by_class, atol=1e-6)
+
+    table = ArrayRecordings(
+        [*X, *new], list(map(str, range(objects))), np.concatenate([y, truth]), np.arange(len(X + new))
+    )
+    frames = preprocess_recordings(
+        table, recogniser.preprocessing.params, classifier.params_.split, groups=table.columns["recording"]
+    ).frames
+    trained, content = recogniser.classifier, recogniser.content
+    trained.prepare(CPU)
+    index = np.flatnonzero(frames.recording >= len(X))
+    values = trained.frame_values(frames.inputs(index, content.transform))
+    answers = recording_answers(trained, content.temperature, values, frames.recording[index] - len(X))
+    np.testing.assert_allclose(np.exp(answers), by_class, atol=1e-6)
