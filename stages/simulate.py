@@ -12,7 +12,7 @@ from tactile_viewgcn.glove.simulation import simulate as write_recordings
 def simulate(job: Job, out: Path) -> str:
     recipe = recipe_from_params(job.params.glove)
     cost = write_recordings(recipe, out, workers=cpu_count())
-    recordings = len(recipe.cells)
+    recordings = len(recipe.recordings)
     frames = recordings * recipe.frames
     job.counts = {
         "frames": frames,

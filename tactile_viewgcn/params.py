@@ -59,8 +59,10 @@ Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation nee
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Columns = Annotated[list[Annotated[StrictStr, StringConstraints(pattern=COLUMN)]], Strict(), Unique]
 Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
-Mechanics = Literal["motion", "weight", "shift", "tremor", "fit"]  # effects of the virtual glove
-Reading = Literal["bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects"]
+Effect = Literal[  # of the virtual glove
+    "motion", "weight", "shift", "tremor", "fit",
+    "bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects",
+]  # fmt: skip
 
 
 def everywhere(path: Path) -> Path:
@@ -136,7 +138,7 @@ class Pretrain:
 
 
 @dataclass(frozen=True, config=SECTION)
-class Backbone:
+class BackboneParams:
     width: Count = 64
     dropout: Share = 0.2
     readout: Literal["average", "grid"] = "average"
@@ -145,7 +147,7 @@ class Backbone:
 @dataclass(frozen=True, config=SECTION)
 class Model:
     system: System = "view_gcn"
-    backbone: Backbone = field(default_factory=Backbone)
+    backbone: BackboneParams = field(default_factory=BackboneParams)
     neighbours: Count | Annotated[list[Count], Strict(), MinLen(1), MaxLen(3)] = 4
     selector: Literal["per_view", "joint"] = "per_view"
     edge_distance: Literal["squared", "plain"] = "squared"
@@ -186,7 +188,7 @@ class Glove:
     grasp_frames: Count = 10
     objects: Literal["all"] | Annotated[list[StrictStr], Strict(), MinLen(1)] = "all"
     seed: Seed = 0
-    leave_out: Annotated[list[Literal[Mechanics, Reading]], Strict(), Unique] = field(default_factory=list)
+    leave_out: Annotated[list[Effect], Strict(), Unique] = field(default_factory=list)
 
 
 @dataclass(frozen=True, config=SECTION)

@@ -7,7 +7,7 @@ from tactile_viewgcn.glove.contact import Layer
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import OPENING
 from tactile_viewgcn.messages import UserError, several
-from tactile_viewgcn.params import Mechanics, Reading
+from tactile_viewgcn.params import Effect
 
 #: Version of the constants in this folder, an attribute of every file. They are set against published and measured
 #: facts of STAG alone, on glove seed 7, and frozen: a changed constant needs a new version.
@@ -15,12 +15,11 @@ VERSION = 2
 LAYER = Layer(stiffness=1e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
 RATE = 7.35  # frames a second, STAG's
 TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solver
-MECHANICS, READING = get_args(Mechanics), get_args(Reading)
-EFFECTS = MECHANICS + READING
+EFFECTS = get_args(Effect)
 TRAINING_SESSIONS = 2  # as in STAG; the others are the test side
 MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15  # of all sessions; recordings are numbered in 16 bits
 
-Cell = tuple[int, int]  # a recording: number of its session, number of its object
+SessionObject = tuple[int, int]  # the recording of a session's and an object's number
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class Recipe:
         return "train" if session < min(TRAINING_SESSIONS, self.sessions - 1) else "test"
 
     @property
-    def cells(self) -> list[Cell]:
+    def recordings(self) -> list[SessionObject]:
         """Every recording, session by session."""
         return [(session, number) for session in range(self.sessions) for number in range(len(self.objects))]
 

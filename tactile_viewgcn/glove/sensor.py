@@ -35,7 +35,7 @@ class Sensors:
         seed: seed of the glove and its sessions.
         sessions: (B,) session of each recording; gain, baseline and common mode differ between sessions.
         rngs: B generators of the noise.
-        effects: those of `recipe.READING` that are simulated.
+        effects: those of `recipe.EFFECTS` that are simulated.
 
     Attributes:
         gain: (B, S) relative to SENSITIVITY; 0 for a dead sensor.

@@ -15,7 +15,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.glove.contact import Drive, Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hand, Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.recipe import VERSION, Cell, Recipe
+from tactile_viewgcn.glove.recipe import VERSION, Recipe, SessionObject
 from tactile_viewgcn.glove.scene import HOLD, OPEN, plan, schedule
 from tactile_viewgcn.glove.sensor import Sensors
 from tactile_viewgcn.glove.shapes import Solids
@@ -27,7 +27,7 @@ SLIP_STD, SCALE_STD = 0.002, 0.02  # m, and share: the glove's shift and the han
 
 
 class Simulation:
-    """Simulates B recordings of a recipe side by side: all of them, or the `cells`.
+    """Simulates B recordings of a recipe side by side: all of them, or the `recordings`.
 
     Attributes:
         drive: prescribed motion and loads of the recordings.
@@ -35,11 +35,11 @@ class Simulation:
             contacts that compressed the layer by more than its thickness.
     """
 
-    def __init__(self, recipe: Recipe, cells: list[Cell] | None = None):
-        self.recipe, self.cells = recipe, recipe.cells if cells is None else cells
+    def __init__(self, recipe: Recipe, recordings: list[SessionObject] | None = None):
+        self.recipe, self.recordings = recipe, recipe.recordings if recordings is None else recordings
         fits = [self._fit(session) for session in range(recipe.sessions)]
-        self.hands = Hands([fits[session] for session, _ in self.cells])
-        objects = [recipe.objects[number] for _, number in self.cells]
+        self.hands = Hands([fits[session] for session, _ in self.recordings])
+        objects = [recipe.objects[number] for _, number in self.recordings]
         self.names = [one.name for one in objects]
         self.solids = Solids([list(one.parts) for one in objects])
         self.stiffness = np.array([one.stiffness for one in objects])
@@ -48,7 +48,7 @@ class Simulation:
             [stream(recipe.seed, f"glove habit {name}") for name in self.names], self._streams("scene"),
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
         )  # fmt: skip
-        sessions = [session for session, _ in self.cells]
+        sessions = [session for session, _ in self.recordings]
         self.sensors = Sensors(fits[0], recipe.seed, sessions, self._streams("noise"), recipe.effects)
         self.statistics: Counter[str] = Counter()
 
@@ -60,7 +60,7 @@ class Simulation:
         for start in range(0, recipe.frames, BLOCK):
             stop = min(start + BLOCK, recipe.frames)
             if not solves:
-                pressure = np.zeros((len(self.cells), stop - start, len(self.hands.patch)))
+                pressure = np.zeros((len(self.recordings), stop - start, len(self.hands.patch)))
                 yield self.sensors.read(pressure, np.zeros((1, 1, 1)))
                 continue
             mechanics = self.mechanics(start, stop)
@@ -110,7 +110,7 @@ class Simulation:
         """A generator for each recording, the same whatever other recordings there are."""
         return [
             stream(self.recipe.seed, f"glove {purpose} {name}", session, 0)
-            for name, (session, _) in zip(self.names, self.cells, strict=True)
+            for name, (session, _) in zip(self.names, self.recordings, strict=True)
         ]
 
 
@@ -126,39 +126,41 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter
     Raises:
         UserError: the grasps are too short for their phases.
     """
-    workers = max(1, min(workers, len(recipe.cells) // MIN_RECORDINGS_PER_WORKER))
+    workers = max(1, min(workers, len(recipe.recordings) // MIN_RECORDINGS_PER_WORKER))
     with atomic_write(folder, folder=True) as part:
         for session in range(recipe.sessions):
             (part / f"{session:03d}").mkdir()
-        shares = (recipe.cells[worker::workers] for worker in range(workers))
+        shares = (recipe.recordings[worker::workers] for worker in range(workers))
         write = delayed(_write)
-        costs = Parallel(n_jobs=workers)(write(recipe, cells, part, bar=not n) for n, cells in enumerate(shares))
+        costs = Parallel(n_jobs=workers)(
+            write(recipe, recordings, part, bar=not n) for n, recordings in enumerate(shares)
+        )
     return sum(costs, Counter())
 
 
-def _write(recipe: Recipe, cells: list[Cell], folder: Path, *, bar: bool) -> Counter[str]:
+def _write(recipe: Recipe, recordings: list[SessionObject], folder: Path, *, bar: bool) -> Counter[str]:
     """Simulate the recordings of one process into a folder of sessions; `bar` shows the progress on a terminal."""
-    simulation, start = Simulation(recipe, cells), 0
+    simulation, start = Simulation(recipe, recordings), 0
     progress = tqdm(total=recipe.frames, desc="simulate", unit="frame", disable=None if bar else True)
-    contents = [BytesIO() for _ in cells]  # in memory, since HDF5 may crash or say nothing where a disk is full
+    contents = [BytesIO() for _ in recordings]  # in memory, since HDF5 may crash or say nothing where a disk is full
     with ExitStack() as stack, progress:
         files = [stack.enter_context(h5py.File(content, "w")) for content in contents]
-        for file, cell in zip(files, cells, strict=True):
-            _describe(file, recipe, cell)
+        for file, recording in zip(files, recordings, strict=True):
+            _describe(file, recipe, recording)
         for block in simulation.blocks():
             for file, counts in zip(files, block, strict=True):
                 file["pressure"][start : start + len(counts)] = counts
             start += block.shape[1]
             progress.update(block.shape[1])
-    for (session, number), content in zip(cells, contents, strict=True):
+    for (session, number), content in zip(recordings, contents, strict=True):
         name = f"{number:03d}-{recipe.objects[number].name}"
         (folder / f"{session:03d}" / f"{name}.h5").write_bytes(content.getbuffer())
     return simulation.statistics
 
 
-def _describe(file: h5py.File, recipe: Recipe, cell: Cell) -> None:
+def _describe(file: h5py.File, recipe: Recipe, recording: SessionObject) -> None:
     """Write all of a recording's file but the counts."""
-    session, number = cell
+    session, number = recording
     grasp_object = recipe.objects[number]
     file.create_dataset(
         "pressure", (recipe.frames, 32, 32), np.int16, chunks=(min(BLOCK, recipe.frames), 32, 32),

@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from tactile_viewgcn.params import Backbone as BackboneParams
+from tactile_viewgcn.params import BackboneParams
 
 WIDTH = 64
 DROPOUT = 0.2

@@ -20,8 +20,8 @@ def test_parameters_become_a_recipe():
     assert one.layer.stiffness == 1e7 and one.layer.thickness == 4e-3
     assert one.effects == set(EFFECTS) - {"noise"}
     large = recipe_from_params(load(PARAMS, ("glove.grasps=79", "glove.grasp_frames=21")).glove)
-    assert large.cells[0] == (0, 0) and large.cells[-1] == (2, 26)
-    assert len(large.cells) * large.frames == 135_027  # as many frames as STAG
+    assert large.recordings[0] == (0, 0) and large.recordings[-1] == (2, 26)
+    assert len(large.recordings) * large.frames == 135_027  # as many frames as STAG
 
 
 @pytest.mark.parametrize(("sessions", "sides"), [(2, "RE"), (3, "RRE"), (4, "RREE")])

@@ -41,7 +41,7 @@ def test_empty_hands_alone_read_the_same_without_a_search_for_contacts(row, monk
     for module in (contact, scene):
         monkeypatch.setattr(module, "collisions", search)
     monkeypatch.setattr(Hands, "pose", search)
-    run = Simulation(one, [cell for cell in one.cells if cell[1] == 0])
+    run = Simulation(one, [each for each in one.recordings if each[1] == 0])
     alone = np.concatenate(list(run.blocks()), axis=1)[..., HAND.row, HAND.column]
     np.testing.assert_array_equal(alone, among_others[[0, 2]])
     if "bending" in without:
