@@ -14,7 +14,7 @@ from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import SATURATED, Overview
 from tactile_viewgcn.params import MAX_SIDE, everywhere
-from tactile_viewgcn.readers.formats import arrays_among, files_of
+from tactile_viewgcn.readers.formats import are_arrays
 from tactile_viewgcn.readers.source import FRAMES_LAST, listed
 from tactile_viewgcn.schema import as_change
 
@@ -67,7 +67,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     if overview.interval:
         seconds = np.median(overview.seconds)
         rows[-1] = (f"{1 / overview.interval:.4g} Hz", f"is the frame rate, {seconds:.3g} s a recording")
-    arrays = not table.channel_names and arrays_among(files_of(table.path))
+    arrays = not table.channel_names and are_arrays(table.path)
     if arrays and overview.form.shape == "auto" and height == 1 and 1 < low == high <= MAX_SIDE:
         other = (
             f"--shape {high} {width} if a file is one frame, --set data.shape={FRAMES_LAST} if its columns are frames"
@@ -185,7 +185,7 @@ def command_lines(overview: Overview) -> list[str]:
     if form.shape == FRAMES_LAST:
         shape: Any = FRAMES_LAST
     else:
-        shape = list(overview.recordings.shape) if arrays_among(files_of(path)) else "auto"
+        shape = list(overview.recordings.shape) if are_arrays(path) else "auto"
     values = {  # all of `data`: params.yaml may be set for other recordings
         "data.source": str(everywhere(path)),
         "data.shape": shape,

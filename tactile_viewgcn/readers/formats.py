@@ -17,12 +17,11 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import all_below
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import read_recording
 from tactile_viewgcn.readers.source import (
     AUTO,
-    MANY,
     SPLITS,
     Form,
     Recording,
@@ -53,10 +52,15 @@ def files_of(path: Path) -> list[Path]:
     return all_below(path) if path.is_dir() else [path]
 
 
-def arrays_among(files: Sequence[Path]) -> list[Path]:
-    """Arrays and tables among files; .txt are tables if they are more than all other recordings, else descriptions."""
-    texts, others = _ending(files, (".txt",)), _ending(files, (*ARRAYS, *TEXTS[:-1]))
-    return sorted(others + texts) if len(texts) > len(others + _ending(files, HDF5)) else others
+def recordings_among(files: Sequence[Path]) -> list[Path]:
+    """Files whose ending is that of recordings; .txt are tables if they are more than all others, else descriptions."""
+    texts, others = _ending(files, (".txt",)), _ending(files, (*HDF5, *ARRAYS, *TEXTS[:-1]))
+    return sorted(others + texts) if len(texts) > len(others) else others
+
+
+def are_arrays(path: Path) -> bool:
+    """Whether a path holds arrays or tables, whose shape the user may have to set."""
+    return bool(_ending(recordings_among(files_of(path)), (*ARRAYS, *TEXTS)))
 
 
 def _ending(files: Sequence[Path], endings: tuple[str, ...]) -> list[Path]:
@@ -87,18 +91,12 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
             is_hdf5, is_stag = h5py.is_hdf5(path), path.name == "metadata.mat"
             if is_stag or ((is_hdf5 or path.suffix.lower() == ".mat") and matlab_fields(path, ("objectId",))):
                 return read_metadata(path)
-    arrays, hdf5 = ([], [path]) if is_hdf5 else (arrays_among(files), _ending(files, HDF5))
-    few, many = sorted((arrays, hdf5), key=len)
-    if few and len(few) * MANY > len(many):
-        raise UserError(f"{path}: HDF5 recordings and arrays, {few[0]} and {many[0]}; keep one form elsewhere")
-    if not many:
+    recordings = [path] if is_hdf5 else recordings_among(files)
+    if not recordings:
         endings = listed(sorted({file.suffix for file in files}))
         raise UserError(f"{path}: no recordings in it, only files of {endings}; {EXPECTED}")
-    source = read_files(path, many, form)
-    check_size(source, many)
-    if few:
-        text = f"{several(len(few), 'file')} of a different form left out beside {len(many):,}: "
-        source.notes.append(Note(text + listed(list(map(str, few))), "warning", "files"))
+    source = read_files(path, recordings, form)
+    check_size(source, recordings)
     return source
 
 

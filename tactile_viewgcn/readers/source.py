@@ -117,10 +117,8 @@ class Source:
                 raise UserError(f"{self.path}: {len(names):,} {kind}s; expected at most {MOST_NAMES:,}")
             for name in names:
                 if len(name) > MOST_LETTERS or "\0" in name or name != name.encode(errors="ignore").decode():
-                    raise UserError(
-                        f"{self.path}: the name of {kind} {name[:MOST_LETTERS]!r} is no text; expected UTF-8 without "
-                        f"NUL, up to {MOST_LETTERS:,} letters"
-                    )
+                    text = f"{self.path}: the name of {kind} {name[:MOST_LETTERS]!r} is no text"
+                    raise UserError(f"{text}; expected UTF-8 without NUL, up to {MOST_LETTERS:,} letters")
         if len(set(objects := self.names["object"])) < len(objects):
             raise UserError(f"{self.path}: two objects have one name; expected each once: {listed(objects)}")
 
@@ -283,7 +281,7 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording]) -
                 yield from sliced(values, header.frames)
 
     dtype, shape = np.result_type(*{header.dtype for header in headers}), headers[0].shape
-    channels = next((header.channels for header in headers if len(header.channels) == math.prod(shape)), [])
+    channels = headers[0].channels if len(headers[0].channels) == math.prod(shape) else []
     return Source(path, ids, shape, dtype, frames, blocks(), notes, channels)
 
 
@@ -311,16 +309,15 @@ def _header(file: Path, recording: Recording) -> _Header:
 
 
 def _unlike(headers: list[_Header]) -> dict[Path, str]:
-    """Mistakes, by file, of files that differ from most in shape, columns, or names of sensors if they name any."""
+    """Mistakes, by file, of files that differ from most in shape, columns or names of sensors."""
     mistakes: dict[Path, str] = {}
-    for what in ("shape", "columns", "channels"):
-        values = {header.file: getattr(header, what) for header in headers if what != "channels" or header.channels}
-        texts = Counter(map(str, values.values()))
-        expected = texts.most_common(1)[0][0] if texts else ""
-        like = next((file for file, value in values.items() if str(value) == expected), "")
-        for file, value in values.items():
-            if str(value) != expected:
-                mistakes.setdefault(file, f"{file}: {what} {value}; expected {expected} as in {like}")
+    for what in ("shape", "columns", "channels") if headers else ():
+        texts = [str(getattr(header, what)) for header in headers]
+        expected = Counter(texts).most_common(1)[0][0]
+        like = headers[texts.index(expected)].file
+        for header, text in zip(headers, texts, strict=True):
+            if text != expected:
+                mistakes.setdefault(header.file, f"{header.file}: {what} {text}; expected {expected} as in {like}")
     return mistakes
 
 
@@ -337,62 +334,38 @@ def _of_one_name(headers: list[_Header]) -> list[str]:
 
 
 def checked_blocks(source: Source) -> Iterator[Block]:
-    """The blocks of a source, checked, without empty ones; none after the first mistake.
+    """The blocks of a source that hold frames, checked.
 
     Raises:
-        UserError: lists the mistakes of all blocks at the end: no frames, a damaged file, an id out of range, or
-            pressure that cannot be stored.
+        UserError: names the first id, column value or reading that is out of range.
     """
-    mistakes, is_empty = [], True
-    try:
-        for block in source.blocks:
-            if len(block["pressure"]):
-                is_empty = False
-                mistakes += _mistakes_of_block(block, source)
-                if not mistakes:
-                    yield block
-        if is_empty:
-            mistakes.append(f"{source.path}: no frames; expected at least one recording with frames in it")
-    except UserError as error:  # of the reader
-        mistakes.append(str(error))
-    raise_mistakes(mistakes)
+    for block in source.blocks:
+        if len(block["pressure"]):
+            for column, values in block.items():
+                _check(column, values, block, source)
+            yield block
 
 
-def _mistakes_of_block(block: Block, source: Source) -> list[str]:
-    """Ids, columns and pressure out of range."""
-    mistakes = []
-    for column, values in block.items():
-        kind = source.dtype if column == "pressure" else np.dtype(COLUMNS[column])
-        if column == "pressure" and kind.kind == "i" and np.can_cast(values.dtype, kind):
-            continue
-        low, high = _limits(column, kind, source)
-        inside = (values >= low) & (values <= high)
-        if kind.kind != "f":
-            inside &= values == np.floor(values)
-        elif column == "time":
-            inside |= np.isnan(values)  # an unknown time
-        if not inside.all():
-            at = int(inside.reshape(len(values), -1).all(axis=1).argmin())
-            number, value = block["recording"][at], np.extract(~inside[at], values[at])[0]
-            named = 0 <= number < len(names := source.names["recording"])
-            remedy = "; leave out frames without readings, or mark them in HDF5 as not held by `valid`"
-            mistakes.append(
-                f"{source.path}: {column} of frame {block['frame'][at]}"
-                f"{f' of recording {names[int(number)]}' if named else ''} is {value:.10g}; "
-                f"expected {'real' if kind.kind == 'f' else 'whole'} numbers from {low:.10g} to {high:.10g}"
-                f"{remedy if np.isnan(value) else ''}"
-            )
-    return mistakes
-
-
-def _limits(column: str, kind: np.dtype, source: Source) -> tuple[np.float64, np.float64]:
-    """Least and largest value of a column, or of pressure, stored as `kind`."""
-    low, high = 0.0, 1.0  # of flags
-    if column in source.names:
-        high = len(source.names[column]) - 1
-    elif kind.kind == "f":
-        high = MOST_SECONDS if column == "time" else MAX_PRESSURE
-        low = -high
-    elif kind.kind != "b":
-        low, high = float(np.iinfo(kind).min), float(np.iinfo(kind).max)
-    return np.float64(low), np.float64(high)  # in half precision they would be infinite
+def _check(column: str, values: np.ndarray, block: Block, source: Source) -> None:
+    kind = source.dtype if column == "pressure" else np.dtype(COLUMNS[column])
+    if column == "pressure" and kind.kind == "i" and np.can_cast(values.dtype, kind):
+        return
+    if kind.kind == "f":
+        high = np.float64(MOST_SECONDS if column == "time" else MAX_PRESSURE)  # in half precision it would be infinite
+        inside, low = np.abs(values) <= high, -high
+        inside |= np.isnan(values) & (column == "time")  # an unknown time
+    else:
+        ids, is_flag = source.names.get(column), kind.kind == "b"
+        low, high = (0, len(ids) - 1) if ids else (0, 1) if is_flag else (np.iinfo(kind).min, np.iinfo(kind).max)
+        inside = (values >= low) & (values <= high) & (values == np.floor(values))
+    if inside.all():
+        return
+    at = int(inside.reshape(len(values), -1).all(axis=1).argmin())
+    number, value = block["recording"][at], np.extract(~inside[at], values[at])[0]
+    name = dict(enumerate(source.names["recording"])).get(number)
+    remedy = "; leave out frames without readings, or mark them in HDF5 as not held by `valid`"
+    raise UserError(
+        f"{source.path}: {column} of frame {block['frame'][at]}{f' of recording {name}' if name else ''} is "
+        f"{value:.10g}; expected {'real' if kind.kind == 'f' else 'whole'} numbers from {low:.10g} to {high:.10g}"
+        f"{remedy if np.isnan(value) else ''}"
+    )

@@ -76,6 +76,8 @@ def write_recordings(folder: Path, source: Source) -> None:
             yield pressure
 
     bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
+    if not source.frames:
+        raise UserError(f"{source.path}: no frames; expected at least one recording with frames in it")
     folder.mkdir(exist_ok=True)
     with bar:
         write_counts(folder, (source.frames, *source.shape), source.dtype, counts())

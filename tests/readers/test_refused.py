@@ -101,7 +101,7 @@ SOURCES = {
     "zeros as MATLAB": (partial(saved, name="a.mat", content=bytes(2000), below=False), "a.mat: damaged"),
     "pictures": (partial(saved, name="photos/000000.jpg", content=b"\xff\xd8"), "STAG"),
     "a text": (partial(saved, name="table.json", content="time,pressure\n0,513\n", below=False), "table.json|STAG"),
-    "arrays beside HDF5": (both_forms, ".h5|1.npy"),
+    "arrays at other places beside HDF5": (both_forms, "mug/1.npy: expected FILE"),
     "an array without an object": (partial(saved, name="1.npy"), "'1.npy' names no object"),
     "an array below too many folders": (partial(saved, name="a/b/c/1.npy"), "1.npy' names no object"),
 }  # fmt: skip
