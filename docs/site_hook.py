@@ -8,10 +8,12 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("studies", "benchmarks")
+WORDS = "tactile_viewgcn/pages/templates/words.md"  # the glossary, which stands at the end of a report too
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add every studies/NAME/*.md and *.png, and those of benchmarks/, under the same path."""
+    """Add every studies/NAME/*.md and *.png, and those of benchmarks/, under the same path, and the glossary."""
+    files.append(File.generated(config, "words.md", abs_src_path=str(ROOT / WORDS)))
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).glob("*/*")):
             if path.suffix in (".md", ".png"):
@@ -30,4 +32,4 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         markdown = f"# {name.removesuffix('.md').replace('/', ': ')}\n\n{markdown}"
     for folder in FOLDERS:
         markdown = markdown.replace(f"](../{folder}/", f"]({folder}/")
-    return markdown
+    return markdown.replace(f"](../{WORDS})", "](words.md)")

@@ -20,7 +20,7 @@ from tactile_viewgcn.schema import as_change
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-GLOSSARY = "index.md"  # a link to the manual's first page
+GLOSSARY = "words.md"
 PIXELS = 96 / 72  # of a point
 BEGIN = """<!DOCTYPE html>
 <html lang="en">

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
+from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.html import BEGIN, Verdict, duration, environment, svg
 from tactile_viewgcn.pages.run_page import Step
 
@@ -87,7 +88,7 @@ def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
 
 def test_every_page_ends_with_the_manual_s_glossary():
     meanings = re.findall(r"<td><b>(.+?)</b></td><td>(.+?)</td>", page_of("Öl").partition('id="words"')[2])
-    manual = (Path(__file__).parents[2] / "docs" / "index.md").read_text()
+    manual = (Path(html.__file__).parent / "templates" / "words.md").read_text()
     assert len(meanings) > 15 and all(f"| {word} | {unescape(meaning)} |" in manual for word, meaning in meanings)
 
 
