@@ -131,9 +131,9 @@ def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out
     signal.signal(signal.SIGTERM, _end)
     try:
         params, entry = load(options["params"], options["set"]), stages()[name]
-        values, words = flatten(params), [params.model.system, f"V={params.views}"]
+        values = flatten(params)
         if not row:
-            prefixes, words = tuple(f"{key}." for key in entry["params"]), [name]
+            prefixes = tuple(f"{key}." for key in entry["params"])
             values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
         changed = changes_of(values, committed_params(options["params"]))
         paths = options | {"source": Path(params.data.source)}
@@ -148,7 +148,8 @@ def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out
         if "needs" in inputs:
             with readable(paths["needs"]):
                 job.needed = json.loads(paths["needs"].read_text())[name]
-        logged = stage_run(name, run_name(changed, *words), values, row=row) if job.needed else nullcontext(Run())
+        title = run_name(changed, params.model.system, f"V={params.views}") if row else f"{name} {run_name(changed)}"
+        logged = stage_run(name, title.rstrip(), values, row=row) if job.needed else nullcontext(Run())
         with logged as job.run:
             text = work(job, **{each: paths[each] for each in (*inputs, *outputs, *["after"] * row)})
             record = job.record({"values": values, "changed": changed})

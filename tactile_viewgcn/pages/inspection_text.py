@@ -60,7 +60,10 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     rows = [
         (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.dtype}"),
         (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {lengths}"),
-        (f"{overview.counts['in contact'].sum() / frames.sum():.0%}", f"of the frames are in contact: {pressed}"),
+        (
+            f"{100 * overview.counts['in contact'].sum() / frames.sum():.0f} %",
+            f"of the frames are in contact: {pressed}",
+        ),
         (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary"),
         ("no times", "of frames in the recordings, so no frame rate"),
     ]
@@ -148,7 +151,7 @@ def warnings(overview: Overview) -> list[Note]:
         "time": gaps and f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable and the logger.",
         "stuck": stuck and f"Sensors that hardly vary: {stuck}. Check their wiring.",
         "saturated": saturated
-        and f"Sensors at the largest reading in more than {SATURATED:.0%} of the frames: "
+        and f"Sensors at the largest reading in more than {100 * SATURATED:.0f} % of the frames: "
         f"{saturated}. Lower the gain of the electronics, or grip less.",
     }
     return warnings_of(overview.remarks) + [Note(text, "warning", topic) for topic, text in found.items() if text]
