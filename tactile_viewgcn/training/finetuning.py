@@ -36,7 +36,7 @@ def finetune_classifier(
 
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
-        checkpoint_path, on_epoch: see `fit`.
+        checkpoint_path: see `fit`; on_epoch too.
 
     Returns:
         network, and the progress: per epoch the loss and, where there is a validation side, its error.

@@ -42,7 +42,7 @@ def pretrain_backbone(
     """The backbone and its linear classifier, trained on the anchor frames of the training side.
 
     Args:
-        checkpoint_path, on_epoch: see `fit`.
+        checkpoint_path: see `fit`; on_epoch too.
 
     Returns:
         backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
