@@ -6,7 +6,6 @@ import torch
 
 from stages.command import Job, run
 from tactile_viewgcn.files import readable
-from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.fitting import fit_classifier
@@ -14,6 +13,7 @@ from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import load_table, read_frames
 from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.checkpoint import training_checkpoint
+from tactile_viewgcn.training.scale_check import scale_warnings
 
 
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> str:
@@ -22,7 +22,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     if not alone:
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
-        for note in noise_warnings(table, params.finetune.noise):
+        for note in scale_warnings(table, params.finetune.noise):
             job.note(note)
     key = job.checkpoint_key()
     with training_checkpoint("finetune", key, compute) as checkpoint_path:

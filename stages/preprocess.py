@@ -6,7 +6,7 @@ import numpy as np
 
 from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.leak import check_leak, leak_counts, leak_notes
+from tactile_viewgcn.frames.leak import leak_counts
 from tactile_viewgcn.frames.preprocessing import frame_counts, kept_rows, preprocess_recordings
 from tactile_viewgcn.messages import several, write_csv
 from tactile_viewgcn.tables.frames import SIDES, save_table
@@ -14,31 +14,25 @@ from tactile_viewgcn.tables.recordings import Recordings
 
 
 def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> str:
-    table, leak = Recordings(recordings), None
+    table = Recordings(recordings)
     made = preprocess_recordings(table, job.params.preprocess, job.params.split)
-    frames, choice, notes = made.frames, made.choice, made.notes
-    if choice.hand:
-        advised = choice.params.baseline != "grasp" and not choice.leaks  # else `auto` took the one that leaks least
-        leak = check_leak(choice.recordings, choice.baseline, choice.hand, choice.group)
-        notes = [*notes, *leak_notes(choice.recordings, choice.hand, leak, advised=advised)]
+    frames = made.frames
     save_table(out, frames)
     rows = kept_rows(table, made)
     with atomic_write(kept) as part, part.open("w", newline="") as file:
         write_csv(file, [rows[0], *(row.values() for row in rows)])
-    errors = leak_counts(leak) | {f"measured.baseline.{kind}": error.error for kind, error in choice.errors.items()}
-    errors |= {f"measured.leak.{kind}": error.error for kind, error in choice.leaks.items()}
     counts = frame_counts(frames)
     kept_of, classes = several(len(table), "frame"), several(len(frames.classes), "class", "classes")
     lines = [f"preprocess: {len(frames):,} of {kept_of} kept, {classes}"]
     for side in SIDES:
         texts = [several(counts[f"{what}s.{side}"], what) for what in ("frame", "group", "anchor")]
         lines.append("  {}: {} in {}, {}".format(side, *texts))
-    for note in notes:
+    for note in made.notes:
         job.note(note)
     job.counts = {"frames.kept": len(frames), "frames.dropped": len(table) - len(frames)}
     job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
-    chosen = {f"resolved.{note.key}": note.value for note in choice.notes}
-    job.counts |= counts | errors | chosen
+    chosen = {f"resolved.{note.key}": note.value for note in made.choice.notes if note.level == "choice"}
+    job.counts |= counts | leak_counts(made.choice.leak) | chosen
     return "\n".join(lines)
 
 

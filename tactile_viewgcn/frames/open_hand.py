@@ -3,19 +3,26 @@
 A baseline that a whole session shares shows contact everywhere once it has drifted by more than the signal. So each
 recording begins with its quietest frames, and the baseline follows the open hand from there. It stands still during a
 grasp, as in a capacitive touch sensor.
+
+It fails, and nothing says so, where a recording has no five successive frames without contact: a light grip is then
+taken for the open hand, and only what presses more than it is contact. It fails too where a sensor drifts within two
+frames by more than five standard deviations of its noise, which looks like contact to the end of the recording, and
+where all objects press more than three quarters of the sensors alike, which looks like drift. A flag of the source
+that an object is held always counts as contact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from tactile_viewgcn.frames.baseline import (
+from tactile_viewgcn.frames.empty_hand import (
     MIN_FRAMES,
     MOST_FRAMES,
-    noise_left,
+    SAMPLE,
     of_empty_hand,
     trimmed_moments,
+    visible_noise,
 )
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.counts import Counts, evenly
@@ -32,19 +39,19 @@ COMMON_SENSORS = 100  # enough to estimate what all sensors share, in a fifth of
 
 
 @dataclass(frozen=True)
-class OpenHand:
+class HandStates:
     """Which of T frames are without contact, and what that is computed from.
 
     Attributes:
         counts: (T, S) of the live sensors, an array or read from the recordings' file when indexed.
-        noise: (sessions, S) standard deviation in counts, see `noise_left`.
+        noise: (sessions, S) standard deviation in counts, see `visible_noise`.
         contact: bool (T,) enough sensors are in contact, or a flag of the source says that an object is held.
         open: bool (T,) the hand is open in this frame and in the two before and after it: at most one sensor is in
-            contact, few reach three fifths of that, and no flag says that an object is held. Frames that are neither
-            open nor in contact lie between the two, or in a grasp that hardly presses.
+            contact, few reach three fifths of that, and no flag says that an object is held. In other frames the hand
+            is closing or opening, or presses weakly.
         quietest: indices (5,) of the five quietest successive frames of each of R recordings with frames; all of a
             shorter one.
-        sensors: fewest that are pressed in a frame of contact.
+        contact_sensors: fewest sensors that are pressed in a frame of contact.
     """
 
     counts: Counts
@@ -52,12 +59,16 @@ class OpenHand:
     contact: np.ndarray
     open: np.ndarray
     quietest: list[np.ndarray]
-    sensors: int
+    contact_sensors: int
 
     @property
     def all_contact(self) -> bool:
         """Whether even the quietest frames are contact, so that no open hand gives a baseline."""
         return bool(self.contact.all())
+
+    def as_contact(self) -> "HandStates":
+        """The same with every frame in contact."""
+        return replace(self, contact=np.ones_like(self.contact), open=np.zeros_like(self.open))
 
     @property
     def quiet(self) -> np.ndarray:
@@ -65,26 +76,26 @@ class OpenHand:
         return np.stack([self.counts[index].mean(axis=0, dtype=np.float64) for index in self.quietest])
 
 
-def find_open_hand(
+def hand_states(
     recordings: Recordings,
-    sensors: int,
+    contact_sensors: int,
     trained: list[tuple[np.ndarray, np.ndarray]] | None = None,
     *,
     all_contact: bool = False,
-) -> OpenHand:
-    """Find the frames of the open hand.
+) -> HandStates:
+    """Find the frames of contact and those of the open hand.
 
     Args:
-        sensors: fewest that are pressed in a frame of contact.
+        contact_sensors: fewest sensors that are pressed in a frame of contact.
         trained: mean and noise (H, W) of each session from the training of a model, for sessions without enough frames
             of the empty hand.
         all_contact: the training side is contact from end to end, so every frame counts as contact.
     """
     counts = recordings.live_counts()
     session, empty = recordings.columns["session"], of_empty_hand(recordings)
-    of_session, left = [], noise_left(recordings)
+    of_session = []
     for number in range(len(recordings.sessions)):
-        mean, noise = _empty_hand(counts, np.flatnonzero(session == number), empty, left)
+        mean, noise = _empty_hand(counts, np.flatnonzero(session == number), empty)
         if mean is None and trained:
             mean, noise = (values[recordings.live] for values in trained[number])
         of_session.append((mean, noise))
@@ -94,32 +105,32 @@ def find_open_hand(
     quietest_of_all = []
     for index in frames_by_recording(recordings):
         mean, noise = of_session[session[index[0]]]
-        pressed, still, start = _pressed(counts[index].astype(np.float64), CONTACT_SIGMAS * noise, sensors, mean)
+        of_recording, threshold = counts[index].astype(np.float64), CONTACT_SIGMAS * noise
+        if all_contact:
+            start, contact[index] = quietest(of_recording), True
+        else:
+            pressed, still, start = _pressed(of_recording, threshold, contact_sensors, mean)
+            contact[index] = (pressed >= contact_sensors) | flagged[index]
+            opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
         quietest_of_all.append(index[start : start + MIN_FRAMES])
-        contact[index] = (pressed >= sensors) | flagged[index]
-        opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
-    if all_contact:
-        contact[:], opened[:] = True, False
     noises = np.stack([noise for _, noise in of_session])
-    return OpenHand(counts, noises, contact, opened, quietest_of_all, sensors)
+    return HandStates(counts, noises, contact, opened, quietest_of_all, contact_sensors)
 
 
-def _empty_hand(
-    counts: Counts, index: np.ndarray, empty: np.ndarray, left: float
-) -> tuple[np.ndarray | None, np.ndarray]:
+def _empty_hand(counts: Counts, index: np.ndarray, empty: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
     """Mean (S,) of the empty hand in a session, None without enough frames of it, and noise (S,).
 
     Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
     few of them. `index` (n,) is of the session's frames, `empty` bool (T,) marks those of the empty hand.
     """
-    of_empty = index[empty[index]]
-    if len(of_empty) >= MIN_FRAMES:
-        return trimmed_moments(counts[evenly(of_empty, MOST_FRAMES)], left)
     if len(index) < 2:
         return None, np.ones(counts.shape[1])
+    of_empty, visible = index[empty[index]], visible_noise(counts[evenly(index, SAMPLE)])
+    if len(of_empty) >= MIN_FRAMES:
+        return trimmed_moments(counts[evenly(of_empty, MOST_FRAMES)], visible)
     sample = evenly(np.arange(len(index) - 1), MAX_DIFFERENCES)
     changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
-    return None, trimmed_moments(changes, left)[1] / np.sqrt(2)
+    return None, trimmed_moments(changes, visible)[1] / np.sqrt(2)
 
 
 def _pressed(

@@ -4,20 +4,18 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import Baseline, of_empty_hand
-from tactile_viewgcn.frames.choose import Choice, choose, measure_baseline
-from tactile_viewgcn.frames.contact import passing
-from tactile_viewgcn.frames.open_hand import find_open_hand
-from tactile_viewgcn.frames.scale_check import clipping_warnings
-from tactile_viewgcn.frames.sides import Sides, deal, keep_testable, with_empty_hand
-from tactile_viewgcn.frames.split import SPLIT_SEED
-from tactile_viewgcn.messages import Note, UserError, several
+from tactile_viewgcn.frames.auto import Choice, choose
+from tactile_viewgcn.frames.baseline import Baseline, join_baselines, measure_baseline
+from tactile_viewgcn.frames.empty_hand import has_empty_hand, of_empty_hand, with_empty_hand
+from tactile_viewgcn.frames.filter import passing
+from tactile_viewgcn.frames.open_hand import hand_states
+from tactile_viewgcn.frames.sides import Sides, deal, has_published_split, keep_testable
+from tactile_viewgcn.frames.split import SPLIT_SEED, balanced_anchors, published_anchors
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import SIDES, TEST, VALIDATION, Frames
+from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.tables.recordings import Recordings
-
-MINIMUM = 100  # anchors that a class keeps at least; a class with fewer frames uses all of them
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class Preprocessed:
     Attributes:
         passed: bool (T,), frames that passed the filter.
         keep: bool (T,), frames of the table, in order: passed, of a class and a training group that are used.
-        notes: on what `auto` chose, on the baseline and on what was left out, and warnings.
+        notes: on what `auto` chose, on the baseline, the leak check and what was left out, and warnings.
     """
 
     frames: Frames
@@ -41,7 +39,10 @@ class Preprocessed:
 def preprocess_recordings(
     recordings: Recordings, asked: PreprocessSection, split: Split, *, groups: np.ndarray | None = None
 ) -> Preprocessed:
-    """Deal the sides, choose what is `auto`, filter the frames, and draw the anchors.
+    """Deal the sides, measure the baseline, filter the frames, draw the anchors, and make the table.
+
+    What is `auto` is decided on the training side. Each side's baseline is measured on that side alone, and on the
+    empty hand of its sessions, as a model measures that of new recordings.
 
     Args:
         groups: see `deal`.
@@ -50,103 +51,53 @@ def preprocess_recordings(
         UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
             classes left; an empty side.
     """
-    rng, objects, empty = stream(SPLIT_SEED, "preprocess"), recordings.columns["object"], of_empty_hand(recordings)
-    recorded = np.unique(objects if asked.empty_hand_class else objects[~empty])
-    if len(recorded) == 1:
-        raise UserError(one_class(recordings.objects[recorded[0]]))
+    rng, empty = stream(SPLIT_SEED, "preprocess"), of_empty_hand(recordings)
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
-    if not sides.training.any():
-        keep_testable(recordings, sides, np.ones(len(recordings), dtype=bool), split)  # raises
-    choice = choose(recordings, asked, sides)
-    recordings = recordings.part(np.arange(len(recordings)), choice.recordings.live)
-    baseline = _of_all_sides(recordings, choice, sides)
+    live = recordings.part(np.flatnonzero(sides.training)).live
+    recordings = recordings.part(np.arange(len(recordings)), live)
+
+    choice, baseline = _measure(recordings, asked, sides)
     passed, notes = passing(recordings, baseline, choice.params)
+
     keep = passed & (asked.empty_hand_class | ~empty)
     _require_classes(recordings, keep)
     if groups is None:
         keep, of_split = keep_testable(recordings, sides, keep, split)
         notes += of_split
         _require_classes(recordings, keep)
+
+    label, side = recordings.columns["object"][keep], sides.side[keep]
     published = groups is None and split.by == "source" and choice.params.filter == "flags"
     if published and "balanced" in recordings.columns:
-        anchors = published_anchors(recordings.columns["balanced"][keep], sides.side[keep])
+        anchors = published_anchors(recordings.columns["balanced"][keep], side)
         notes.append(Note("the source's balanced frames", topic="anchors"))
     else:
-        anchors, unequal = balanced_anchors(objects[keep], sides.side[keep], rng=rng)
+        anchors, unequal = balanced_anchors(label, side, rng=rng)
         notes += unequal
     anchors = anchors[~sides.surplus[keep]]  # after the draw: those of the other sides stay the same
     keep &= ~sides.surplus
+
     share = float(passed[sides.training].mean())
     frames = _table(recordings, choice, baseline, sides, keep, anchors, share)
-    notes = [*choice.notes, *baseline.notes, *notes]
-    if choice.hand and asked.scale != "auto":
-        notes += clipping_warnings(frames, choice.hand.noise)
-    return Preprocessed(frames, choice, sides, passed, keep, notes)
+    return Preprocessed(frames, choice, sides, passed, keep, [*choice.notes, *baseline.notes, *notes])
 
 
-def _of_all_sides(recordings: Recordings, choice: Choice, sides: Sides) -> Baseline:
-    """Baselines of all frames: each side's are measured on its frames and its sessions' empty hand, as on new ones."""
-    of_frame, measured = np.zeros(len(recordings), dtype=np.int32), list[Baseline]()
-    params, trained = choice.params, choice.hand
-    for name, frames in (
-        ("training", sides.training), ("validation", sides.side == VALIDATION), ("test", sides.side == TEST),
-        ("left out", sides.surplus),
-    ):  # fmt: skip
-        if not frames.any():
-            continue
-        rows, baseline = with_empty_hand(recordings, frames), choice.baseline
-        if measured:
-            part, hand = recordings.part(rows, recordings.live), None
-            if trained and params.baseline == "grasp":
-                hand = find_open_hand(part, trained.sensors, all_contact=trained.all_contact)
-            baseline = measure_baseline(part, params.baseline, hand, params.zero)
-            baseline.notes[:] = [replace(note, topic=f"{note.topic} ({name})") for note in baseline.notes]
-        of_frame[frames] = sum(len(before.names) for before in measured) + baseline.of_frame[frames[rows]]
-        measured.append(baseline)
-    names, notes = ([value for each in measured for value in getattr(each, name)] for name in ("names", "notes"))
-    mean, noise = (np.concatenate([getattr(each, name) for each in measured]) for name in ("mean", "noise"))
-    return Baseline(names, mean, noise, of_frame, notes)
-
-
-def published_anchors(balanced: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Copy of the source's balanced frames bool (n,), as anchors.
-
-    Raises:
-        UserError: a side (n,) without any.
-    """
-    for code in np.unique(side):
-        if not (balanced & (side == code)).any():
-            raise UserError(
-                f"the {SIDES[code]} side of split.by source has no balanced frames (isBalanced) that pass the "
-                "filter; expected some: set preprocess.filter to contact or choose another split.by"
-            )
-    return balanced.copy()
-
-
-def balanced_anchors(
-    labels: np.ndarray, side: np.ndarray, *, rng: np.random.Generator, minimum: int = MINIMUM
-) -> tuple[np.ndarray, list[Note]]:
-    """Anchors bool (T,), drawn at random, equally many of every class on a side; and notes on classes with fewer.
-
-    Their number is that of the smallest class's frames, but at least `minimum`, so that one small class does not reduce
-    all others to a handful. A class with fewer frames than that uses all of them.
-    """
-    anchor, notes = np.zeros(len(labels), dtype=bool), []
-    for code, name in enumerate(SIDES):
-        of_class = [np.flatnonzero((labels == label) & (side == code)) for label in np.unique(labels)]
-        sizes = [len(index) for index in of_class if len(index)]
-        if not sizes:
-            continue
-        count = max(min(sizes), minimum)
-        for index in of_class:
-            anchor[rng.permutation(index)[:count]] = True
-        if smaller := sum(size < count for size in sizes):
-            text = (
-                f"{smaller} of {several(len(sizes), 'class', 'classes')}: fewer than {several(count, 'anchor')}, so "
-                f"all frames are used, {min(sizes)} in the smallest"
-            )
-            notes.append(Note(text, topic=f"{'training' if name == 'train' else name} side"))
-    return anchor, notes
+def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> tuple[Choice, Baseline]:
+    """What is decided on the training side, and the baseline of all frames."""
+    empty_hand, published = has_empty_hand(recordings), has_published_split(recordings)
+    rows = with_empty_hand(recordings, sides.training)
+    part = recordings.part(rows, recordings.live)
+    choice = choose(part, asked, sides.group[rows], empty_hand=empty_hand, published=published)
+    parts, states = [(sides.training, rows, choice.baseline)], None
+    for name, frames in sides.others():
+        rows = with_empty_hand(recordings, frames)
+        part = recordings.part(rows, recordings.live)
+        if choice.params.baseline == "grasp":
+            states = hand_states(part, choice.states.contact_sensors, all_contact=choice.states.all_contact)
+        baseline = measure_baseline(part, choice.params, states)
+        baseline.notes[:] = [replace(note, topic=f"{note.topic} ({name})") for note in baseline.notes]
+        parts.append((frames, rows, baseline))
+    return choice, join_baselines(parts, len(recordings))
 
 
 def _table(
@@ -187,11 +138,6 @@ def _table(
         kept_share=share,
         channel_names=recordings.channel_names or None,
     )
-
-
-def one_class(name: str, where: str = "the recordings have") -> str:
-    """The sentence on a single class: there is nothing to choose between."""
-    return f"{where} one class, {name}; expected two or more"
 
 
 def _require_classes(recordings: Recordings, keep: np.ndarray) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import has_empty_hand, of_empty_hand
+from tactile_viewgcn.frames.empty_hand import of_empty_hand
 from tactile_viewgcn.frames.split import fold_sides, spans_classes, split_groups, surplus_groups, validation_sides
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import Split
@@ -34,11 +34,15 @@ class Sides:
         """bool (T,): frames that are trained on."""
         return (self.side == TRAIN) & ~self.surplus
 
+    def others(self) -> list[tuple[str, np.ndarray]]:
+        """Name and frames bool (T,) of each part that is not trained on and has frames."""
+        parts = ("validation", self.side == VALIDATION), ("test", self.side == TEST), ("left out", self.surplus)
+        return [(name, frames) for name, frames in parts if frames.any()]
 
-def with_empty_hand(recordings: Recordings, frames: np.ndarray) -> np.ndarray:
-    """Rising indices of `frames` bool (T,) and of the empty hand in their sessions, on whichever side that is."""
-    session = recordings.columns["session"]
-    return np.flatnonzero(frames | (of_empty_hand(recordings) & np.isin(session, session[frames])))
+
+def one_class(name: str, where: str = "the recordings have") -> str:
+    """The sentence on a single class: there is nothing to choose between."""
+    return f"{where} one class, {name}; expected two or more"
 
 
 def deal(
@@ -56,12 +60,15 @@ def deal(
             on the validation side. None: `split.by` names the groups and the test side.
 
     Raises:
-        UserError: `split.by` is `grasp` or `source`, and the recordings have no such column; or there are
-            `split.train_grasps`, and grasps are not numbered.
+        UserError: there is one class; `split.by` is `grasp` or `source`, and the recordings have no such column; there
+            are `split.train_grasps`, and grasps are not numbered; a side that is needed has no frames.
     """
     columns = recordings.columns
     surplus = of_empty_hand(recordings) & (not empty_hand_class)
     used = np.flatnonzero(~surplus)
+    recorded = np.unique(columns["object"][used])
+    if len(recorded) == 1:
+        raise UserError(one_class(recordings.objects[recorded[0]]))
     by, group = ("", groups) if groups is not None else (split.by, split_groups(columns, split.by))
     side = np.full(len(group), TRAIN, dtype=np.int8)
     label, of_used = columns["object"][used], group[used]
@@ -76,6 +83,8 @@ def deal(
     if split.train_grasps != "all":
         grasps = split_groups(columns, "grasp")
         surplus |= surplus_groups(side, grasps, split_groups(columns, "recording"), most=split.train_grasps)
+    if by:
+        _require_frames(side, ~surplus, split)
     return Sides(group, side, surplus)
 
 
@@ -109,15 +118,8 @@ def keep_testable(
         else:
             text = "has no training frames and is dropped"
         notes.append(Note(f"{name} {text}", topic="objects"))
-    needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
     for frames in (keep, left):  # before classes are dropped, so that the message names the side that was empty then
-        empty = [SIDES[code] for code in sorted(needed) if not (frames & (sides.side == code) & ~sides.surplus).any()]
-        if empty:
-            raise UserError(
-                f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has "
-                "no frames; expected some on each, so two groups of an object or more: record more, or choose another "
-                "split.by, folds or fold"
-            )
+        _require_frames(sides.side, frames & ~sides.surplus, split)
     return left, notes
 
 
@@ -132,6 +134,12 @@ def has_published_split(recordings: Recordings) -> bool:
     )
 
 
-def follows_paper(recordings: Recordings) -> bool:
-    """Whether there are an empty hand in every session, and a published split with every object on both sides."""
-    return has_empty_hand(recordings) and has_published_split(recordings)
+def _require_frames(side: np.ndarray, frames: np.ndarray, split: Split) -> None:
+    """Raise a UserError if a side that is needed has none of the frames bool (T,)."""
+    needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
+    if empty := [SIDES[code] for code in sorted(needed) if not (frames & (side == code)).any()]:
+        raise UserError(
+            f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has "
+            "no frames; expected some on each, so two groups of an object or more: record more, or choose another "
+            "split.by, folds or fold"
+        )

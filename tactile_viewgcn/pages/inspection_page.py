@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.frames.baseline import of_empty_hand
+from tactile_viewgcn.frames.empty_hand import of_empty_hand
 from tactile_viewgcn.pages import html, inspection_text
 from tactile_viewgcn.pages.source_inspection import Overview
 from tactile_viewgcn.params import VIRTUAL
@@ -41,9 +41,9 @@ def inspection_page(overview: Overview) -> str:
 
 def _excess(overview: Overview, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Counts (n, S) above the baseline of the frames in an index (n,), and which of them are in contact."""
-    recordings, baseline = overview.recordings, overview.baseline
-    excess = overview.hand.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
-    return excess, overview.hand.contact[index] & ~of_empty_hand(recordings)[index]
+    recordings, baseline = overview.recordings, overview.choice.baseline
+    excess = overview.states.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
+    return excess, overview.states.contact[index] & ~of_empty_hand(recordings)[index]
 
 
 def _mean_frames(overview: Overview) -> Figure:

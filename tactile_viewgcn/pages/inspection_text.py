@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tactile_viewgcn.frames.preprocessing import one_class
-from tactile_viewgcn.frames.quick_error import QuickError
+from tactile_viewgcn.frames.leak import QuickError
+from tactile_viewgcn.frames.sides import one_class
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
@@ -51,12 +51,12 @@ def inspection_lines(overview: Overview) -> list[str]:
 
 def facts(overview: Overview) -> list[tuple[str, str]]:
     """Pairs of a figure and a text, which read as one sentence."""
-    table, frames, hand = overview.recordings, overview.counts["frames"], overview.hand
+    table, frames, states = overview.recordings, overview.counts["frames"], overview.states
     (height, width), low, high = table.shape, frames.min(), frames.max()
     objects = several(len(np.unique(overview.label)), "object")
     sessions = several(len(np.unique(overview.session)), "session")
     lengths = f"{low} to {high} frames" if low < high else f"{several(int(low), 'frame')} each"
-    pressed = "even in the quietest" if hand.all_contact else f"{hand.sensors} or more sensors are pressed"
+    pressed = "even in the quietest" if states.all_contact else f"{states.contact_sensors} or more sensors are pressed"
     rows = [
         (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.dtype}"),
         (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {lengths}"),
@@ -88,7 +88,7 @@ def tables(overview: Overview) -> list[Table]:
     of_sessions = [
         [recordings.sessions[one], f"{(overview.session == one).sum():,}", f"{overview.empty[one]:,}", f"{noise:.3g}"]
         for one in np.unique(overview.session)
-        for noise in [np.median(overview.hand.noise[one])]
+        for noise in [np.median(overview.states.noise[one])]
     ]
     every_table = [
         Table(
@@ -109,29 +109,20 @@ def tables(overview: Overview) -> list[Table]:
 
 
 def _measured(overview: Overview) -> Table:
-    errors, leaks, taken = overview.choice.errors, overview.choice.leaks, overview.choice.params.baseline
     remark = (
-        "Errors of a quick classifier on held-out groups, with a standard error. Without contact, on the open hand or "
-        "the first frame of a recording, an error below chance is a leak."
+        "Errors of a quick classifier on held-out groups. Without contact, on the open hand or the first frame of a "
+        "recording, an error below chance is a leak."
     )
-    if errors:
-        remark += " The one marked * was chosen on the training side alone, as preprocess does."
-    measured: list[tuple[str, QuickError | None, QuickError | None]] = [
-        *((kind + " *" * (kind == taken), error, leaks.get(kind)) for kind, error in errors.items()),
-        ("all recordings", overview.error, overview.leak),
-        ("first frame", None, overview.first_frame),
-    ]
+    kind = overview.choice.params.baseline
+    measured = [(kind, overview.error, overview.leak), ("first frame", None, overview.first_frame)]
     rows = [[name, *_errors(error, leak)] for name, error, leak in measured if error or leak]
     return Table("Baseline", remark, ["", "error, %", "without contact, %", "chance, %", "leaks"], rows)
 
 
 def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
     """The cells of an error, and of one without contact."""
-    cells = [f"{100 * error.error:.1f} ± {100 * error.standard_error:.1f}" if error else "", "", "", ""]
-    if leak:
-        interval = percent_interval(leak.error, leak.low, leak.high)
-        cells[1:] = [interval, f"{100 * leak.chance:.1f}", "yes" if leak.beats_chance else "no"]
-    return cells
+    cells = [percent_interval(each.error, each.low, each.high) if each else "" for each in (error, leak)]
+    return cells + ([f"{100 * leak.chance:.1f}", "yes" if leak.beats_chance else "no"] if leak else ["", ""])
 
 
 def warnings(overview: Overview) -> list[Note]:

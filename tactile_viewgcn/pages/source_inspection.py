@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, of_empty_hand
-from tactile_viewgcn.frames.choose import Choice, choose, measure, measure_baseline
-from tactile_viewgcn.frames.contact import SENSORS_IN_CONTACT
-from tactile_viewgcn.frames.leak import check_first_frames
-from tactile_viewgcn.frames.open_hand import OpenHand, find_open_hand
-from tactile_viewgcn.frames.quick_error import QuickError
-from tactile_viewgcn.frames.sides import deal, has_published_split
-from tactile_viewgcn.frames.split import SPLIT_SEED, split_groups
+from tactile_viewgcn.frames.auto import Choice, choose
+from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, has_empty_hand, of_empty_hand
+from tactile_viewgcn.frames.filter import SENSORS_IN_CONTACT
+from tactile_viewgcn.frames.leak import QuickError, check_first_frames, quick_error
+from tactile_viewgcn.frames.open_hand import HandStates
+from tactile_viewgcn.frames.sides import has_published_split
+from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.messages import Note, UserError, several
-from tactile_viewgcn.params import PreprocessSection, Split
-from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.source import AUTO, Form
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
@@ -39,16 +37,14 @@ class Overview:
         recordings: the table; its frames stay mapped after its file is gone.
         form: as which the source was read.
         settings: recommended values with reasons, of level `choice`.
-        choice: what `preprocess` chooses with the recommended split, on the training side alone.
-        hand, baseline: the same of all recordings, with the chosen values.
+        choice: what `auto` becomes on all recordings, where `preprocess` looks at the training side alone.
         remarks: notes on the source and its table, see `tables.remarks`.
         groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         label, session: (R,) index of each recording's object and session.
         counts: (R,) number of each recording's frames by kind: `frames`, `in contact`, `open hand` and, where the
             source flags that an object is held, `flagged`; `recordings` are ones.
-        empty: (sessions,) frames of the empty hand.
-        error, leak: of the quick classifier on all recordings above that baseline, on contact and without it; None
-            where no two objects have two groups.
+        empty: (sessions,) frames of the empty states.
+        error: of the quick classifier on contact, above the chosen baseline; None where no two objects have two groups.
         first_frame: error on the first frame of each recording; None where all frames are contact.
         interval: median seconds between frames, or None; gaps: number of intervals of more than 2.5 times that.
         seconds: (R,) from first to last frame; NaN where the source has no time.
@@ -64,8 +60,6 @@ class Overview:
     form: Form
     settings: list[Note]
     choice: Choice
-    hand: OpenHand
-    baseline: Baseline
     remarks: list[Note]
     groups: dict[str, np.ndarray]
     label: np.ndarray
@@ -73,7 +67,6 @@ class Overview:
     counts: dict[str, np.ndarray]
     empty: np.ndarray
     error: QuickError | None
-    leak: QuickError | None
     first_frame: QuickError | None
     interval: float | None
     gaps: int
@@ -82,6 +75,16 @@ class Overview:
     saturated: np.ndarray
     noise: np.ndarray
     noise_pairs: int
+
+    @property
+    def states(self) -> HandStates:
+        """The frames of contact, and those of the open states."""
+        return self.choice.states
+
+    @property
+    def leak(self) -> QuickError | None:
+        """The leak check above the chosen baseline."""
+        return self.choice.leak
 
     @property
     def unit(self) -> str:
@@ -105,7 +108,7 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
 
 
 def inspect_table(recordings: Recordings, asked: PreprocessSection, form: Form = AUTO) -> Overview:
-    """Inspect a table of raw counts: choose as `preprocess` does, then measure all recordings with what was chosen.
+    """Inspect a table of raw counts: choose as `preprocess` does, but on all recordings.
 
     Args:
         asked: settings of `preprocess`; `auto` where this chooses.
@@ -114,55 +117,60 @@ def inspect_table(recordings: Recordings, asked: PreprocessSection, form: Form =
     columns, original, recorded = recordings.columns, originals(recordings), frames_by_recording(recordings)
     groups, first = _groups(recordings, original), np.array([index[0] for index in recorded])
     split = split_settings(groups)
-    values = {note.key.removeprefix("split."): note.value for note in split}
-    rng = stream(SPLIT_SEED, "preprocess")
-    sides = deal(recordings, Split(**values), rng, empty_hand_class=asked.empty_hand_class)
-    choice = choose(recordings, asked, sides)
-    assert choice.hand  # all is `auto`
-    hand = find_open_hand(recordings, choice.hand.sensors, all_contact=choice.hand.all_contact)
-    kind = choice.params.baseline
-    baseline = measure_baseline(recordings, kind, hand, choice.params.zero)
-    errors, leaks = measure(recordings, hand, {kind: baseline}, sides.group)
+    group = split_groups(columns, str(split[0].value))
+    empty_hand, published = has_empty_hand(recordings), has_published_split(recordings)
+    choice = choose(recordings, asked, group, empty_hand=empty_hand, published=published)
+    states = choice.states
     interval, gaps, seconds = _sampling([columns["time"][index] for index in recorded])
     return Overview(
         recordings=recordings,
         form=form,
-        settings=[*preprocess_settings(recordings, choice, hand), *split],
+        settings=[*preprocess_settings(recordings, choice), *split],
         choice=choice,
-        hand=hand,
-        baseline=baseline,
         remarks=remarks(recordings, original),
         groups=groups,
         label=columns["object"][first],
         session=columns["session"][first],
-        counts=_counts(columns, hand, recorded),
+        counts=_counts(columns, states, recorded),
         empty=np.bincount(columns["session"][of_empty_hand(recordings)], minlength=len(recordings.sessions)),
-        error=errors.get(kind),
-        leak=leaks.get(kind),
-        first_frame=None if hand.all_contact else check_first_frames(recordings, hand),
+        error=_contact_error(recordings, choice, group),
+        first_frame=None if states.all_contact else check_first_frames(recordings, states),
         interval=interval,
         gaps=gaps,
         seconds=seconds,
-        **_sensors(recordings, hand, recorded),
+        **_sensors(recordings, states, recorded),
     )
 
 
-def _counts(columns: dict[str, np.ndarray], hand: OpenHand, recorded: list[np.ndarray]) -> dict[str, np.ndarray]:
+def _contact_error(recordings: Recordings, choice: Choice, group: np.ndarray) -> QuickError | None:
+    """Error of recognising the objects on contact, by log(1 + excess) in units of the weakest contact."""
+    states, baseline = choice.states, choice.baseline
+    unit = CONTACT_SIGMAS * np.median(states.noise[np.unique(recordings.columns["session"])])
+
+    def readings(index: np.ndarray) -> np.ndarray:
+        excess = states.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
+        return np.log1p(np.maximum(excess / unit, 0))
+
+    usable = states.contact & ~of_empty_hand(recordings)
+    return quick_error("measurement", readings, usable, recordings.columns["object"], group)
+
+
+def _counts(columns: dict[str, np.ndarray], states: HandStates, recorded: list[np.ndarray]) -> dict[str, np.ndarray]:
     """See `Overview.counts`."""
-    kinds = {"frames": np.ones_like(hand.open), "in contact": hand.contact, "open hand": hand.open}
+    kinds = {"frames": np.ones_like(states.open), "in contact": states.contact, "open hand": states.open}
     if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
         kinds["flagged"] = flags[0]
     counts = {name: np.array([mask[index].sum() for index in recorded]) for name, mask in kinds.items()}
     return {"recordings": np.ones(len(recorded), dtype=np.int64)} | counts
 
 
-def _sensors(recordings: Recordings, hand: OpenHand, recorded: list[np.ndarray]) -> dict[str, Any]:
+def _sensors(recordings: Recordings, states: HandStates, recorded: list[np.ndarray]) -> dict[str, Any]:
     """`stuck`, `saturated`, `noise` and `noise_pairs` of an `Overview`."""
-    sample = hand.counts[evenly(np.arange(len(recordings)), SAMPLE)]
-    largest = max(hand.counts[index].max() for index in recorded)
-    at_largest = np.sum([(hand.counts[index] == largest).sum(axis=0) for index in recorded], axis=0)
+    sample = states.counts[evenly(np.arange(len(recordings)), SAMPLE)]
+    largest = max(states.counts[index].max() for index in recorded)
+    at_largest = np.sum([(states.counts[index] == largest).sum(axis=0) for index in recorded], axis=0)
     sessions = np.unique(recordings.columns["session"])
-    noise, (open_noise, pairs) = np.median(hand.noise[sessions], axis=0), _open_noise(hand, recorded)
+    noise, (open_noise, pairs) = np.median(states.noise[sessions], axis=0), _open_noise(states, recorded)
     stuck = np.zeros_like(noise, dtype=bool)
     if pairs:  # all sensors are idle then: what lacks the others' noise is no sensor
         stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
@@ -195,14 +203,14 @@ def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:
     return interval, int((steps > GAP * interval).sum()), seconds
 
 
-def _open_noise(hand: OpenHand, recorded: list[np.ndarray]) -> tuple[np.ndarray, int]:
+def _open_noise(states: HandStates, recorded: list[np.ndarray]) -> tuple[np.ndarray, int]:
     """Noise (S,) of the open hand, and the number of pairs of successive frames that it is measured on; 0 of too few.
 
     In all frames a light grip would count as noise.
     """
     before, after = (np.concatenate([index[part] for index in recorded]) for part in (slice(-1), slice(1, None)))
-    pairs = evenly(np.flatnonzero(hand.open[before] & hand.open[after]), SAMPLE)
-    changes = hand.counts[after[pairs]].astype(np.float64) - hand.counts[before[pairs]]
+    pairs = evenly(np.flatnonzero(states.open[before] & states.open[after]), SAMPLE)
+    changes = states.counts[after[pairs]].astype(np.float64) - states.counts[before[pairs]]
     return (changes.std(axis=0) / np.sqrt(2), len(pairs)) if len(pairs) >= MIN_FRAMES else (np.zeros(0), 0)
 
 
@@ -232,14 +240,14 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
     ]
 
 
-def preprocess_settings(recordings: Recordings, choice: Choice, hand: OpenHand) -> list[Note]:
+def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
     """What `auto` becomes, number of views and preset, but no setting that the preset does not read."""
-    settings = list(choice.notes)
-    if hand.sensors == SENSORS_IN_CONTACT or hand.all_contact:
+    settings, states = [note for note in choice.notes if note.level == "choice"], choice.states
+    if states.contact_sensors == SENSORS_IN_CONTACT or states.all_contact:
         settings = [note for note in settings if note.key != "preprocess.contact_sensors"]
     if len(np.unique(recordings.columns["recording"])) == len(recordings):
         settings.append(_choice("views", 1, "every recording is one frame"))
-    if not has_published_split(recordings) or hand.contact.sum() <= FEW_FRAMES:  # unlike STAG's `classification`
+    if not has_published_split(recordings) or states.contact.sum() <= FEW_FRAMES:  # unlike STAG's `classification`
         reason = (
             "it compares classifiers on your training recordings and takes the first within a standard error of the "
             "lowest"

@@ -12,7 +12,7 @@ from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, check_shape, storage_type
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.recognition.preprocessing import check_counts, check_strength, find_contact
+from tactile_viewgcn.recognition.raw_counts import check_counts, check_strength, find_contact
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
 
 

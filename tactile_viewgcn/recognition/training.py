@@ -8,9 +8,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import select_device
-from tactile_viewgcn.frames.leak import check_leak, leak_notes
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.frames.scale_check import noise_warnings
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Params, on_sensors
 from tactile_viewgcn.randomness import stream
@@ -19,6 +17,7 @@ from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.recordings import Recordings
 from tactile_viewgcn.tables.remarks import originals, remarks
 from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tactile_viewgcn.training.scale_check import scale_warnings
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 
@@ -43,18 +42,14 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
     with_backbone = not on_sensors(params.model.system)
     notes = remarks(recordings, originals(recordings))
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
-    frames, choice, notes = made.frames, made.choice, notes + made.notes
-    if choice.hand:
-        advised = choice.params.baseline != "grasp" and not choice.leaks
-        leak = check_leak(choice.recordings, choice.baseline, choice.hand, choice.group)
-        notes += leak_notes(choice.recordings, choice.hand, leak, advised=advised)
+    frames, notes = made.frames, notes + made.notes
     clustering = params.cluster if with_backbone else replace(params.cluster, method="none")
     places = viewpoints(params.views, params.viewpoints, seed)
     views = cluster_frames(frames, places, clustering, stream(seed, "cluster"))
     pretrained: dict[str, dict[str, Tensor]] = {}
     with torch.random.fork_rng():
         if with_backbone:
-            notes += noise_warnings(frames, params.finetune.noise)
+            notes += scale_warnings(frames, params.finetune.noise)
             backbone, linear, _ = pretrain_backbone(frames, params, compute)
             pretrained = {"backbone": backbone.cpu().state_dict(), "classifier": linear.cpu().state_dict()}
         fitted = fit_classifier(frames, views, pretrained, params, compute)

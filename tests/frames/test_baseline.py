@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.frames.baseline import MAX_PASSES, OUTLIER_SD, ROUNDING_SD, empty_hand_baseline, trimmed_moments
+from tactile_viewgcn.frames.baseline import measure_baseline
+from tactile_viewgcn.frames.empty_hand import MAX_PASSES, OUTLIER_SD, ROUNDING_SD, trimmed_moments
+from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import written
 
 SD = 0.95  # counts
@@ -24,7 +26,9 @@ def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_bel
     sessions, objects = (np.repeat(ids, 5000) for ids in zip(*parts, strict=True))
     counts[np.random.default_rng(1).random(counts.shape) < 0.01] += 20
     recordings = written(tmp_path / "t", counts, session=sessions, object=objects)
-    measured, alone = empty_hand_baseline(recordings), empty_hand_baseline(recordings.part(np.flatnonzero(sessions)))
+    second = recordings.part(np.flatnonzero(sessions))
+    kind = PreprocessSection(baseline="empty_hand")
+    measured, alone = measure_baseline(recordings, kind), measure_baseline(second, kind)
     assert measured.names == ["session0", "session1"]
     for one in (measured, alone):  # of two sessions, and of the second, to which the first adds nothing
         assert (one.mean.shape, one.mean.dtype, one.noise.dtype) == ((2, 1, 2), np.float32, np.float32)

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import leak as module
-from tactile_viewgcn.frames.choose import measure_baseline
-from tactile_viewgcn.frames.leak import check_first_frames, check_leak, leak_counts, leak_notes
-from tactile_viewgcn.frames.open_hand import find_open_hand
-from tactile_viewgcn.frames.quick_error import QuickError
+from tactile_viewgcn.frames.baseline import measure_baseline
+from tactile_viewgcn.frames.leak import QuickError, check_first_frames, check_leak, leak_counts, leak_notes, quick_error
+from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.split import split_groups
+from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import drifting, written
 
 
 def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
     """The leak check of recordings, and its notes; contact is of five sensors."""
-    hand = find_open_hand(recordings, 5)
-    measured = measure_baseline(recordings, baseline, hand, zero)
-    leak = check_leak(recordings, measured, hand, split_groups(recordings.columns, by))
-    return leak, leak_notes(recordings, hand, leak, advised=True)
+    states = hand_states(recordings, 5)
+    measured = measure_baseline(recordings, PreprocessSection(baseline=baseline, zero=zero), states)
+    leak = check_leak(recordings, measured, states, split_groups(recordings.columns, by))
+    return leak, leak_notes(recordings, states, leak, advised=True)
 
 
 @pytest.mark.parametrize("offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"])
@@ -61,7 +61,7 @@ def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
     rng, shift = np.random.default_rng(1), np.zeros((2, 5, 5, 8))
     shift[0, 1:, :2], shift[1, :4, 2:] = rng.normal(0, 4, (4, 2, 8)), rng.normal(0, 4, (4, 3, 8))
     glove.counts[:] = np.rint(glove.counts + shift[0, label] + shift[1, session])
-    leak, _ = checked(glove.table(tmp_path / "t", session=session), by="session", baseline="none", zero=514)
+    leak, _ = checked(glove.table(tmp_path / "t", session=session), by="session", baseline="none", zero=514.0)
     assert (leak.error, leak.groups) == (0, 4)
 
 
@@ -76,7 +76,7 @@ def test_of_a_recording_the_first_frame_counts_and_not_its_session(tmp_path, at)
     columns = {"object": label, "recording": 4 * label + number, "session": session}
     names = {"objects": [f"object{i}" for i in range(12)]}
     recordings = written(tmp_path / "t", np.rint(counts).astype(np.int16), **columns, **names)
-    leak = check_first_frames(recordings, find_open_hand(recordings, 5))
+    leak = check_first_frames(recordings, hand_states(recordings, 5))
     assert (leak.groups, leak.frames) == (48, 48)
     assert leak.beats_chance == (at == 0) and (leak.error > 0.75 if at else leak.error < 0.1)
 
@@ -100,7 +100,7 @@ def test_what_cannot_be_held_out_is_not_checked_and_the_note_counts_the_frames_w
 
 def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(tmp_path):
     recordings = drifting().table(tmp_path / "t")
-    hand = find_open_hand(recordings, 5)
+    states = hand_states(recordings, 5)
     leak = QuickError(np.zeros((20, 2), dtype=int), np.full(20, 0.05), 0.02, 0.08, 0.96, 2000, 1.0)
     assert leak.beats_chance and not replace(leak, high=0.96).beats_chance
     numbers = {"error": 0.05, "low": 0.02, "high": 0.08, "chance": 0.96, "groups": 1, "frames": 2000, "seconds": 1.0}
@@ -110,7 +110,21 @@ def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(tmp_path
         (0.08, False, [("info", "", None), ("warning", "", None)]),
         (0.97, True, [("info", "", None)]),
     ]:
-        notes = leak_notes(recordings, hand, replace(leak, high=high), advised=advised)
+        notes = leak_notes(recordings, states, replace(leak, high=high), advised=advised)
         assert [(note.level, note.key, note.value) for note in notes] == expected
         assert {note.topic for note in notes} == {"leak check"} and all(note.text for note in notes)
         assert f"(2.0 to {100 * high:.1f}), chance 96.0 %; 2,000 frames in 1 group, 1.0 s" in notes[0].text
+
+
+def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random_are_not():
+    rng = np.random.default_rng(0)
+    label, group = np.repeat([0, 1, 2], 60), np.repeat(np.arange(18), 10)
+    readings = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
+    usable = np.ones(180, dtype=bool)
+    apart = quick_error("test", lambda index: readings[index], usable, label, group)
+    assert (apart.error, apart.groups, apart.frames, apart.chance) == (0, 18, 180, pytest.approx(2 / 3))
+    by_group = rng.normal(0, 1, (18, 20))[group]  # a group is alike, an object is not
+    alike = quick_error("test", lambda index: by_group[index], usable, label, group)
+    assert alike.error > 0.4 and not alike.beats_chance and apart.beats_chance
+    once = np.where(label == 0, group, label)
+    assert quick_error("test", lambda index: readings[index], usable, label, once) is None

@@ -7,8 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames import contact, preprocessing
-from tactile_viewgcn.frames.preprocessing import balanced_anchors, preprocess_recordings
+from tactile_viewgcn.frames import filter, preprocessing
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.frames.split import balanced_anchors
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.tables.frames import TRAIN
 from tests.glove_data import drifting, recipe, views_of, written
@@ -38,12 +39,11 @@ def training_side(recordings, params):
     values |= {name: getattr(frames, name)[train] for name in ("label", "group", "anchor", "recording")}
     values |= {"rows": np.flatnonzero(made.keep)[train], "passed": made.passed[made.sides.training]}
     values |= {"above baseline": frames.inputs(train, "counts"), "input": frames.inputs(train)}
-    values |= {"choice": choice.params, "notes": choice.notes}
+    values |= {"choice": choice.params, "notes": [note for note in choice.notes if note.level == "choice"]}
     if params.preprocess.filter == "auto":  # clustering takes longest
         views = views_of(frames, params)
         values |= {"cluster": views.cluster[train], "pool": views.pool[train]}
-    values |= {f"error {kind}": error.wrong for kind, error in choice.errors.items()}
-    values |= {f"leak {kind}": error.wrong for kind, error in choice.leaks.items()}
+    values |= {"leak": choice.leak.wrong} if choice.leak else {}
     fitted = dict(FittedPreprocessing.of(frames))
     values |= fitted.pop("baselines") | {f"fitted {name}": value for name, value in fitted.items()}
     return values, ~made.sides.training
@@ -54,7 +54,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     tmp_path, glove, monkeypatch, by, baseline, filtered, empty
 ):
     """In test and validation frames each object presses other sensors, by far more, and the rest read 0."""
-    monkeypatch.setattr(contact, "CONTACT_SHARE", 0.042)  # 3 of 71 sensors, 4 of 72
+    monkeypatch.setattr(filter, "CONTACT_SHARE", 0.042)  # 3 of 71 sensors, 4 of 72
     monkeypatch.setattr(preprocessing, "balanced_anchors", partial(balanced_anchors, minimum=4))
     label, number, grasp = (glove.columns[name] for name in ("object", "recording", "grasp"))
     number = number % 4
@@ -100,14 +100,14 @@ def test_the_empty_hand_of_another_side_gives_baseline_and_noise_alone(tmp_path,
 def test_a_side_that_is_all_contact_does_not_make_another_one_so(tmp_path, monkeypatch):
     """Each side's open hand is looked for as on the training side, whatever the side before had."""
     made, asked = drifting(objects=2, recordings=4, grasps=2), []
-    find = preprocessing.find_open_hand
+    find = preprocessing.hand_states
 
     def watched(recordings, sensors, *, all_contact=False):
         asked.append(all_contact)
-        hand = find(recordings, sensors, all_contact=all_contact)
-        return replace(hand, contact=np.ones_like(hand.contact))  # as of a side without an open hand
+        states = find(recordings, sensors, all_contact=all_contact)
+        return replace(states, contact=np.ones_like(states.contact))  # as of a side without an open hand
 
-    monkeypatch.setattr(preprocessing, "find_open_hand", watched)
+    monkeypatch.setattr(preprocessing, "hand_states", watched)
     params = recipe("preprocess.baseline=grasp", "split.by=recording", "split.folds=4", "split.validation=0.3")
     preprocess_recordings(made.table(tmp_path / "t"), params.preprocess, params.split)
     assert asked == [False, False]

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import open_hand as module
-from tactile_viewgcn.frames.baseline import trimmed_moments
-from tactile_viewgcn.frames.grasp_baseline import grasp_baseline, grasps
-from tactile_viewgcn.frames.open_hand import MARGIN, find_open_hand
+from tactile_viewgcn.frames.baseline import grasps, measure_baseline
+from tactile_viewgcn.frames.empty_hand import trimmed_moments
+from tactile_viewgcn.frames.open_hand import MARGIN, hand_states
+from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting
 
 CONTACT = 5  # sensors
@@ -20,6 +21,11 @@ DRIFTS = {
     "each sensor within a recording": {"within": SIGNAL / 2},
     "everything": {"between": 2 * SIGNAL, "within": SIGNAL / 2, "common": 2 * SIGNAL},
 }
+
+
+def of_grasps(recordings, states, trained=None):
+    """The baseline of each grasp."""
+    return measure_baseline(recordings, PreprocessSection(baseline="grasp"), states, trained)
 
 
 def away(opened):
@@ -38,11 +44,11 @@ BETWEEN = "each sensor between recordings", "all sensors between recordings"
 )
 def test_the_open_hand_and_contact_are_detected_whatever_drifts(tmp_path, drift, first):
     glove = drifting(**DRIFTS[drift])
-    hand = find_open_hand(glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"]), CONTACT)
-    np.testing.assert_array_equal(hand.contact, ~glove.open)
-    assert (hand.open != away(glove.open)).mean() < 0.01  # drift during a grasp lifts sensors at its end
+    states = hand_states(glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"]), CONTACT)
+    np.testing.assert_array_equal(states.contact, ~glove.open)
+    assert (states.open != away(glove.open)).mean() < 0.01  # drift during a grasp lifts sensors at its end
     if first == "cloth":
-        np.testing.assert_allclose(hand.noise, np.full((1, 40), SD), atol=0.15)
+        np.testing.assert_allclose(states.noise, np.full((1, 40), SD), atol=0.15)
 
 
 @pytest.mark.parametrize("flag", ["valid", "grasp_valid"])
@@ -50,9 +56,9 @@ def test_a_flag_makes_contact_where_nothing_is_pressed_but_not_of_the_empty_hand
     glove = drifting()
     pressed = np.where(glove.open[:, None, None], glove.counts, np.rint(glove.baseline))
     flags = {flag: ~glove.open | (glove.columns["object"] == 0)}
-    hand = find_open_hand(replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags), CONTACT)
-    np.testing.assert_array_equal(hand.open, away(glove.open))
-    np.testing.assert_array_equal(hand.contact, ~glove.open)
+    states = hand_states(replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags), CONTACT)
+    np.testing.assert_array_equal(states.open, away(glove.open))
+    np.testing.assert_array_equal(states.contact, ~glove.open)
 
 
 NONE, UP, DOWN = 0.0, 12.0, -12.0
@@ -86,7 +92,7 @@ def test_a_grasp_begins_when_the_hand_opens_after_contact_and_frames_between_bel
 def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift):
     glove = drifting(**drift)
     recordings = glove.table(tmp_path / "t")
-    baseline = grasp_baseline(recordings, find_open_hand(recordings, CONTACT))
+    baseline = of_grasps(recordings, hand_states(recordings, CONTACT))
     assert baseline.notes == []
     assert len(baseline.names) == 1 + 4 * 6  # the empty hand never closes
     assert baseline.names[:3] == ["recording0, grasp 1", "recording1, grasp 1", "recording1, grasp 2"]
@@ -105,7 +111,7 @@ def test_the_noise_is_that_of_the_grasp_s_session(tmp_path):
     more = np.random.default_rng(1).normal(0, 4, glove.counts.shape) * (session == 1)[:, None, None]
     noisy = replace(glove, counts=glove.counts + np.rint(more).astype(np.int16))
     recordings = noisy.table(tmp_path / "t", session=session)
-    baseline = grasp_baseline(recordings, find_open_hand(recordings, CONTACT))
+    baseline = of_grasps(recordings, hand_states(recordings, CONTACT))
     for number, sd in enumerate((SD, np.hypot(SD, 4))):
         of_session = np.unique(baseline.of_frame[session == number])
         np.testing.assert_allclose(baseline.noise[of_session].mean(), sd, rtol=0.1)
@@ -116,7 +122,7 @@ def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording_and_a_
     recording, grasp = glove.columns["recording"], glove.columns["grasp"]
     brief = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & (np.arange(len(grasp)) % (OPEN + CLOSED) >= 6)
     recordings = glove.table(tmp_path / "t", ~brief)  # 4 and 3 open-hand frames are left
-    baseline = grasp_baseline(recordings, find_open_hand(recordings, CONTACT))
+    baseline = of_grasps(recordings, hand_states(recordings, CONTACT))
     last = dict(zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True))
     (note,) = baseline.notes
     assert note.topic == "baseline" and note.text.startswith("2 of 24 grasps")
@@ -140,14 +146,14 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     recording, session = glove.columns["recording"], glove.columns["recording"] % 2
     objects = ["empty_hand" if has_empty else "cloth", "mug", "pen", "ball"]
     recordings = glove.table(tmp_path / "t", session=session, objects=objects)
-    hand = find_open_hand(recordings, CONTACT)
-    hand = replace(hand, open=hand.open & ~np.isin(recording, [4, 5] if has_open else range(8)))
+    states = hand_states(recordings, CONTACT)
+    states = replace(states, open=states.open & ~np.isin(recording, [4, 5] if has_open else range(8)))
     trained = [(np.full((5, 8), 500.0 + number), np.ones((5, 8))) for number in range(2)]
-    baseline = grasp_baseline(recordings, hand, trained if has_trained else None)
+    baseline = of_grasps(recordings, states, trained if has_trained else None)
     for number in (4, 5):
         of_session = session == number % 2
-        used = of_session & (glove.columns["object"] == 0) if has_empty else of_session & hand.open
-        expected = trained[number % 2][0] if has_trained else hand.quiet[number].reshape(5, 8)
+        used = of_session & (glove.columns["object"] == 0) if has_empty else of_session & states.open
+        expected = trained[number % 2][0] if has_trained else states.quiet[number].reshape(5, 8)
         if has_open:
             expected = trimmed_moments(glove.counts[used])[0]
         (row,) = np.unique(baseline.of_frame[recording == number])

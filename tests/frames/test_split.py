@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.frames.preprocessing import balanced_anchors
-from tactile_viewgcn.frames.split import fold_sides, split_groups, surplus_groups, validation_sides
+from tactile_viewgcn.frames.split import balanced_anchors, fold_sides, split_groups, surplus_groups, validation_sides
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 

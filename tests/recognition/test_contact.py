@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES
+from tactile_viewgcn.frames.empty_hand import MIN_FRAMES
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.params import load
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing
-from tactile_viewgcn.recognition.preprocessing import find_contact
+from tactile_viewgcn.recognition.raw_counts import find_contact
 from tactile_viewgcn.tables.recordings import ArrayRecordings
 from tests.glove_data import FILE, empty_hand, recogniser, recording
 

@@ -1,19 +1,12 @@
-"""The preprocessing of a model's training, applied to new recordings: checks of counts, baseline, frames in contact."""
+"""Raw counts of new recordings: are they like the training's, what is their baseline, which frames are in contact?"""
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import (
-    MIN_FRAMES,
-    Baseline,
-    constant_baseline,
-    noise_left,
-    of_empty_hand,
-    trimmed_moments,
-)
-from tactile_viewgcn.frames.contact import flagged, pressed_frames
-from tactile_viewgcn.frames.grasp_baseline import grasp_baseline
-from tactile_viewgcn.frames.open_hand import find_open_hand
-from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
+from tactile_viewgcn.frames.empty_hand import sessions_with_empty_hand
+from tactile_viewgcn.frames.filter import flagged, pressed_frames
+from tactile_viewgcn.frames.open_hand import hand_states
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition.model_file import STRONG_SHARE, FittedPreprocessing
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -59,43 +52,33 @@ def check_strength(fitted: FittedPreprocessing, excess: np.ndarray, where: str) 
 def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[Baseline, np.ndarray]:
     """The baseline of new recordings, and whether each frame is in contact, bool (T,).
 
-    Every frame is where the training could not find contact. Names of objects are not used, but for the empty hand's,
-    whose frames give the baseline of their session.
-
-    Raises:
-        UserError: the baseline cannot be estimated.
+    A recording's baseline is its session's empty hand if that is among the recordings; else it depends on the recording
+    alone, whatever others are asked beside it. Every frame is in contact where the training could not find contact.
+    Names of objects are not used, but for the empty hand's.
     """
-    params, baseline = fitted.params, _baseline(fitted, recordings)
+    params, recordings = fitted.params, _apart(recordings)
+    sensors = int(params.contact_sensors)
+    trained, states = None, None
+    if params.baseline != "none":
+        average = fitted.mean_baseline()
+        trained = [(fitted.baselines.get(name, average), fitted.noise) for name in recordings.sessions]
+        states = hand_states(recordings, sensors, trained)
+    baseline = measure_baseline(recordings, params, states, trained)
     if params.filter == "flags" and {"valid", "grasp_valid"} & recordings.columns.keys():
         return baseline, flagged(recordings)
     if params.filter == "none" or (params.baseline == "none" and fitted.kept_share >= ALL_KEPT):
         return baseline, np.ones(len(recordings), dtype=bool)
     if np.isfinite(baseline.noise).all():
-        return baseline, pressed_frames(recordings, baseline, int(params.contact_sensors))
-    return baseline, find_open_hand(recordings, int(params.contact_sensors)).contact
+        return baseline, pressed_frames(recordings, baseline, sensors)
+    return baseline, hand_states(recordings, sensors).contact
 
 
-def _baseline(fitted: FittedPreprocessing, recordings: Recordings) -> Baseline:
-    """The baseline of the kind that the training had.
-
-    A session's is measured on its empty hand, else on the open hand in its recordings. Where there is neither, it is
-    the training's, and a note says so.
-    """
-    params = fitted.params
-    if params.baseline == "none":
-        return constant_baseline(recordings, params.zero)
-    average = fitted.mean_baseline()
-    trained = [(fitted.baselines.get(name, average), fitted.noise) for name in recordings.sessions]
-    hand = find_open_hand(recordings, int(params.contact_sensors), trained)
-    if params.baseline == "grasp":
-        return grasp_baseline(recordings, hand, trained)
-    session, moments, notes, left = recordings.columns["session"], [], [], noise_left(recordings)
-    for number, name in enumerate(recordings.sessions):
-        measured = [np.flatnonzero((session == number) & frames) for frames in (of_empty_hand(recordings), hand.open)]
-        enough = [index for index in measured if len(index) >= MIN_FRAMES]
-        moments.append(trimmed_moments(recordings.counts[enough[0]], left) if enough else trained[number])
-        if not enough:
-            text = f"session {name!r} has fewer than {MIN_FRAMES} frames of the open hand: the training's is used"
-            notes.append(Note(text, topic="baseline"))
-    means, noises = map(np.stack, zip(*moments, strict=True))
-    return Baseline(recordings.sessions, means, noises, session, notes)
+def _apart(recordings: Recordings) -> Recordings:
+    """The table in which a session without an empty hand becomes a session for each of its recordings."""
+    apart = recordings.part(np.arange(len(recordings)), recordings.live)
+    session, recording = recordings.columns["session"], recordings.columns["recording"]
+    together = sessions_with_empty_hand(recordings)[session]
+    pairs = np.stack([session, np.where(together, -1, recording)])
+    used, number = np.unique(pairs, axis=1, return_inverse=True)
+    apart.columns["session"], apart.sessions = number.ravel(), [recordings.sessions[each] for each in used[0]]
+    return apart

@@ -1,66 +1,23 @@
-"""Contact: how many sensors it presses, which frames it keeps, and whether recordings are contact from end to end."""
+"""Which frames pass `preprocess.filter`: those in contact, or those with a flag of the source."""
 
 import math
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, has_empty_hand, of_empty_hand
-from tactile_viewgcn.frames.open_hand import OpenHand
-from tactile_viewgcn.frames.quick_error import quick_error
+from tactile_viewgcn.frames.baseline import Baseline
+from tactile_viewgcn.frames.empty_hand import of_empty_hand
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.source import listed
-from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
+from tactile_viewgcn.tables.recordings import Recordings
 
 SENSORS_IN_CONTACT = 14  # fewest in a frame of contact, of STAG's 548
 CONTACT_SHARE = 1 / 40  # the same share of a smaller array
-NEAR_ZERO = 0.05  # of the range of readings
-SAMPLE = 2000  # frames whose readings are compared
 
 
 def sensors_in_contact(live: int) -> int:
     """Fewest sensors that are pressed in a frame of contact: 14 of STAG's 548, a fortieth of a smaller array's."""
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
-
-
-def smallest_reading(recordings: Recordings) -> float:
-    """The smallest reading of a live sensor in counts, to three digits; 0 where that is near 0."""
-    counts = recordings.live_counts()
-    low, high = np.percentile(counts[:: max(1, len(counts) // SAMPLE)], [0.1, 99])
-    return 0.0 if abs(low) <= NEAR_ZERO * (high - low) else float(f"{low:.3g}")
-
-
-def quietest_are_contact(recordings: Recordings, hand: OpenHand) -> bool:
-    """Whether even the quietest frames are contact, so that there is no open hand to take a baseline from.
-
-    They are not where every session has an empty hand. Else they are if hardly any frame is as quiet, or none reads
-    more; or if they differ between recordings by as much as contact and predict the objects. Drift alone does not
-    predict them: sessions are held out where possible, since no drift comes twice.
-    """
-    if has_empty_hand(recordings):
-        return False
-    recorded = frames_by_recording(recordings)
-    opened, contact = ([mask[index].sum() for index in recorded] for mask in (hand.open, hand.contact))
-    if np.median(opened) < MIN_FRAMES or np.median(contact) == 0:
-        return True
-    quietest = np.array([index[0] for index in hand.quietest])
-    label, session = recordings.columns["object"][quietest], recordings.columns["session"][quietest]
-    of_object, difference = ~of_empty_hand(recordings)[quietest], hand.quiet - session_medians(hand.quiet, session)
-    pressed = (np.abs(difference) > CONTACT_SIGMAS * hand.noise[session]).sum(axis=1)
-    if np.median(pressed) < hand.sensors:
-        return False
-    for group in (session, np.arange(len(label))):
-        if error := quick_error("all contact", lambda index: difference[index], of_object, label, group):
-            return error.beats_chance
-    return False
-
-
-def session_medians(values: np.ndarray, session: np.ndarray) -> np.ndarray:
-    """Median (R, S) over all recordings of each recording's session (R,), of values (R, S)."""
-    medians = np.empty_like(values)
-    for number in np.unique(session):
-        medians[session == number] = np.median(values[session == number], axis=0)
-    return medians
 
 
 def passing(recordings: Recordings, baseline: Baseline, preprocess: PreprocessSection) -> tuple[np.ndarray, list[Note]]:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.contact import flagged, passing, pressed_frames, smallest_reading
+from tactile_viewgcn.frames.filter import flagged, passing, pressed_frames
 from tactile_viewgcn.params import CONTACT_SIGMAS, load
 from tactile_viewgcn.tables import recordings as module
 from tests.glove_data import FILE, written
@@ -53,17 +53,6 @@ def test_pressed_sensors_lie_above_the_threshold_and_not_on_it(tmp_path):
     baseline = Baseline(["session"], 510 * entry, 2 * entry, np.zeros(4, dtype=np.int16))
     contact = pressed_frames(written(tmp_path / "t", counts, object=1), baseline, 2)
     assert contact.tolist() == [False, False, True, False]
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "smallest"), [(0, 100, 0), (5, 105, 0), (6, 106, 6), (-6, 94, -6), (1234, 9999, 1230)]
-)
-def test_the_smallest_reading_is_0_within_a_twentieth_of_the_range_and_not_that_of_a_single_spike(
-    tmp_path, low, high, smallest
-):
-    counts = np.where(np.arange(2000)[:, None, None] % 2, high, low) + np.zeros(SHAPE, dtype=np.int16)
-    counts[:2, 0, 0] = -30_000, 30_000
-    assert smallest_reading(written(tmp_path / "t", counts.astype(np.int16))) == smallest
 
 
 def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):

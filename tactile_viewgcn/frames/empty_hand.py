@@ -1,0 +1,81 @@
+"""The empty hand, and what sensors read without contact: mean and noise over frames in which nothing is touched."""
+
+import numpy as np
+
+from tactile_viewgcn.messages import EMPTY_HAND
+from tactile_viewgcn.tables.recordings import Recordings
+
+ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
+OUTLIER_SD = 3.0  # standard deviations; frames further away are left out, since the empty hand bumps into objects
+MAX_PASSES = 5  # over the frames, to leave out outliers
+MIN_FRAMES = 5  # for a mean
+MOST_FRAMES = 10_000  # for a mean, which then is exact to a hundredth of the noise
+CUT_OFF = 0.25  # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
+HALF_SD = 0.584  # standard deviation of a normal distribution cut off at its mean, relative to that of the whole
+SAMPLE = 2000  # frames that show whether noise is cut off
+
+
+def of_empty_hand(recordings: Recordings) -> np.ndarray:
+    """bool (T,): frames of recordings of the empty hand."""
+    number = recordings.objects.index(EMPTY_HAND) if EMPTY_HAND in recordings.objects else -1
+    return recordings.columns["object"] == number
+
+
+def with_empty_hand(recordings: Recordings, frames: np.ndarray) -> np.ndarray:
+    """Rising indices of `frames` bool (T,) and of the empty hand in their sessions, on whichever side that is."""
+    session = recordings.columns["session"]
+    return np.flatnonzero(frames | (of_empty_hand(recordings) & np.isin(session, session[frames])))
+
+
+def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
+    """bool (sessions,): sessions with enough frames of the empty hand for a baseline."""
+    frames = recordings.columns["session"][of_empty_hand(recordings)]
+    return np.bincount(frames, minlength=len(recordings.sessions)) >= MIN_FRAMES
+
+
+def has_empty_hand(recordings: Recordings) -> bool:
+    """Whether every session that has frames has enough of the empty hand for a baseline."""
+    return bool(sessions_with_empty_hand(recordings)[recordings.columns["session"]].all())
+
+
+def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (H, W) of each sensor over counts (T, H, W), without outliers.
+
+    Frames further than three standard deviations from the mean are left out. A median would be no finer than whole
+    counts, and the signal's median is one count. The standard deviation is divided by `visible`, see `visible_noise`,
+    and at least that of rounding, see `_step`. Differences from the first frame are summed, so that an offset costs no
+    digits.
+    """
+    dtype, first = np.result_type(counts.dtype, np.float32), counts[0].astype(np.float64)
+    rounding = ROUNDING_SD * _step(counts)
+    values = counts - first
+    inside = np.ones(values.shape, dtype=bool)
+    for _ in range(MAX_PASSES):
+        mean = values.mean(axis=0, where=inside)
+        spread = values.std(axis=0, where=inside)
+        tighter = np.abs(values - mean) <= OUTLIER_SD * np.maximum(spread, rounding)
+        if (tighter == inside).all():
+            break
+        inside = tighter
+    return (first + mean).astype(dtype), np.maximum(spread / visible, rounding).astype(dtype)
+
+
+def visible_noise(counts: np.ndarray) -> float:
+    """Share of the noise's standard deviation that counts (n, S) of live sensors show.
+
+    It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise is cut off there.
+    """
+    return HALF_SD if np.median((counts == counts.min()).mean(axis=0)) > CUT_OFF else 1.0
+
+
+def _step(counts: np.ndarray) -> float:
+    """Step that counts (T, H, W) are rounded to: 1 for integers, the smallest gap between real numbers.
+
+    Gaps below eight units of the last digit are rounding errors. If all counts are equal, the step is that unit.
+    """
+    if counts.dtype.kind in "iu":
+        return 1.0
+    last_digit = float(np.spacing(np.abs(counts).max()))
+    gaps = np.diff(np.unique(counts).astype(np.float64))
+    gaps = gaps[gaps > 8 * last_digit]
+    return float(gaps.min()) if len(gaps) else last_digit

@@ -1,0 +1,171 @@
+"""The values that `auto` becomes, by what was recorded and by readings of the training side."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.frames import auto as module
+from tactile_viewgcn.frames.auto import contact_readings, smallest_reading
+from tactile_viewgcn.frames.baseline import measure_baseline
+from tactile_viewgcn.frames.empty_hand import MIN_FRAMES
+from tactile_viewgcn.frames.filter import sensors_in_contact
+from tactile_viewgcn.frames.leak import QuickError
+from tactile_viewgcn.frames.open_hand import hand_states
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import PreprocessSection, load
+from tests.glove_data import FILE, drifting, written
+
+BY_RECORDING = ("split.by=recording", "split.folds=2")
+
+
+def chosen(recordings, *changes):
+    """What is chosen for recordings under changed parameters; contact is of five sensors."""
+    params = load(FILE, ("preprocess.contact_sensors=5", *changes))
+    return preprocess_recordings(recordings, params.preprocess, params.split).choice
+
+
+def values(choice):
+    """What was decided, by key."""
+    notes = [note for note in choice.notes if note.level == "choice"]
+    assert all(note.text for note in notes)
+    return {note.key.removeprefix("preprocess."): note.value for note in notes}
+
+
+@pytest.fixture(scope="module")
+def glove(tmp_path_factory):
+    """The empty hand and four objects, two recordings of two grasps each, in one session."""
+    return drifting(recordings=2, grasps=2).table(tmp_path_factory.mktemp("glove") / "t")
+
+
+def leak_of(error):
+    """A leak check with this error, of which chance is 0.9."""
+    return QuickError(np.zeros((20, 2), dtype=int), np.full(20, error), 0.0, error, 0.9, 100, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("grasp", "empty_hand", "expected"),
+    [
+        (None, None, "grasp"),  # not checked
+        (0.9, 0.1, "grasp"),
+        (0.5, 0.9, "empty_hand"),
+        (0.5, 0.4, "grasp"),  # the one that leaks least
+        (0.4, 0.5, "empty_hand"),
+        (0.5, None, "empty_hand"),
+    ],
+)
+def test_an_array_has_the_baseline_of_each_grasp_unless_the_empty_hand_s_leaks_less(
+    tmp_path, monkeypatch, grasp, empty_hand, expected
+):
+    errors = {"recording0, grasp 1": grasp, "session0": empty_hand}
+    leaks = {name: leak_of(error) if error else None for name, error in errors.items()}
+    monkeypatch.setattr(module, "check_leak", lambda _, baseline, *rest: leaks[baseline.names[0]])
+    recordings = drifting(recordings=2, grasps=2, shape=(8, 9)).table(tmp_path / "t")
+    choice = chosen(recordings, *BY_RECORDING)
+    assert choice.params.baseline == values(choice)["baseline"] == expected
+    assert choice.leak is leaks[choice.baseline.names[0]]
+
+
+#: Frames of the empty hand, form of the array, whether the split is published, and the baseline.
+RECORDED = [
+    (MIN_FRAMES, (8, 8), True, "empty_hand"),
+    (MIN_FRAMES, (8, 8), False, "grasp"),
+    (MIN_FRAMES - 1, (8, 8), True, "grasp"),
+    (MIN_FRAMES, (7, 9), False, "empty_hand"),
+    (MIN_FRAMES - 1, (7, 9), False, "none"),
+    (MIN_FRAMES - 1, (3, 30), False, "none"),
+]
+
+
+@pytest.mark.parametrize(("empty", "shape", "published", "baseline"), RECORDED)
+def test_the_baseline_is_of_what_was_recorded_and_few_sensors_are_taken_as_they_are(
+    tmp_path, empty, shape, published, baseline
+):
+    made = drifting(recordings=2, grasps=2, shape=shape)
+    kept = (made.columns["object"] > 0) | (np.cumsum(made.columns["object"] == 0) <= empty)
+    split = {"split": (made.columns["recording"] % 2).astype(np.int8)} if published else {}
+    choice = chosen(made.table(tmp_path / "t", kept, **split), *BY_RECORDING)
+    assert choice.params.baseline == baseline and ("zero" in values(choice)) == (baseline == "none")
+    assert choice.params.filter == ("none" if baseline == "none" else "contact")
+    assert choice.states.all_contact == (baseline == "none")
+
+
+@pytest.mark.parametrize(("baseline", "kept"), [("grasp", "contact"), ("none", "none")])
+def test_what_is_set_is_kept(glove, baseline, kept):
+    asked = f"preprocess.baseline={baseline}", "preprocess.scale=100", f"preprocess.filter={kept}"
+    choice = chosen(glove, *asked, *BY_RECORDING)
+    assert values(choice) == {} and choice.params.contact_sensors == 5
+    assert (choice.params.baseline, choice.params.filter, choice.params.scale) == (baseline, kept, 100.0)
+    if baseline == "none":
+        assert choice.baseline.mean.tolist() == [[[500.0] * 8] * 5]
+
+
+@pytest.mark.parametrize("of_object", [True, False])
+def test_recordings_are_all_contact_if_their_quietest_frames_predict_the_objects(tmp_path, of_object):
+    """A firm grasp, then a light, quietest one: of the object, or of the recording."""
+    rng, label, light = np.random.default_rng(0), np.repeat(np.arange(4), 6), np.arange(80) >= 40
+    firm = (rng.random((4, 8, 8)) < 0.4)[label]
+    gentle = firm if of_object else rng.random((24, 8, 8)) < 0.4
+    force = np.where(light[:, None, None], 60.0 * gentle[:, None], 160.0 * firm[:, None])
+    counts = np.rint(100 + force + rng.normal(0, 2, (24, 80, 8, 8))).astype(np.int16).reshape(-1, 8, 8)
+    columns = {"object": np.repeat(label, 80), "recording": np.repeat(np.arange(24), 80), "grasp": np.tile(light, 24)}
+    recordings = written(tmp_path / "t", counts, **columns, objects=["mug", "pen", "ball", "coin"])
+    assert chosen(recordings, "split.by=recording").states.all_contact == of_object
+
+
+@pytest.mark.parametrize(
+    ("flagged", "baseline", "expected"),
+    [
+        (lambda label: label > 0, "grasp", "flags"),  # none of the empty hand's
+        (lambda label: label > 1, "grasp", "contact"),  # none of one object's
+        (lambda label: label > 1, "none", "none"),
+    ],
+)
+def test_flags_are_taken_if_every_object_has_some(tmp_path, flagged, baseline, expected):
+    made = drifting(recordings=2, grasps=2)
+    valid = ~made.open & flagged(made.columns["object"])
+    recordings = made.table(tmp_path / "t", valid=valid)
+    assert values(chosen(recordings, f"preprocess.baseline={baseline}", *BY_RECORDING))["filter"] == expected
+
+
+@pytest.mark.parametrize(
+    ("reading", "scale"),
+    [
+        (15, 150), (150, 150), (14.9, 15), (163, 160), (0, 150),
+        (1e30, 1e30), (1.1e30, None), (1e-30, 1e-30), (9e-31, None),
+    ],
+)  # fmt: skip
+def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is_taken_that_params_refuses(
+    glove, reading, scale, monkeypatch
+):
+    readings = np.repeat([reading / 10, reading, 10 * reading], [900, 99, 1])  # one alone is stronger
+    monkeypatch.setattr(module, "contact_readings", lambda *_: readings[readings > 0])
+    if scale:
+        assert chosen(glove, *BY_RECORDING).params.scale == scale
+    else:
+        with pytest.raises(UserError, match="rescale"):
+            chosen(glove, *BY_RECORDING)
+
+
+def test_readings_in_contact_lie_above_five_standard_deviations_of_noise_and_not_on_them(glove):
+    states, constant = hand_states(glove, 5), PreprocessSection(baseline="none", zero=514.0)
+    states = replace(states, noise=np.full_like(states.noise, 6))
+    readings = contact_readings(glove, states, measure_baseline(glove, constant))
+    assert readings.min() == 31 and 32 <= np.percentile(readings, 99) < 35  # of a pressed sensor about 30
+
+
+def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
+    assert [sensors_in_contact(count) for count in (1, 16, 96, 384, 548, 1400)] == [2, 2, 3, 10, 14, 14]
+    assert chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).params.contact_sensors == 2  # of 40
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "smallest"), [(0, 100, 0), (5, 105, 0), (6, 106, 6), (-6, 94, -6), (1234, 9999, 1230)]
+)
+def test_the_smallest_reading_is_0_within_a_twentieth_of_the_range_and_not_that_of_a_single_spike(
+    tmp_path, low, high, smallest
+):
+    counts = np.where(np.arange(2000)[:, None, None] % 2, high, low) + np.zeros((3, 4), dtype=np.int16)
+    counts[:2, 0, 0] = -30_000, 30_000
+    assert smallest_reading(written(tmp_path / "t", counts.astype(np.int16))) == smallest
