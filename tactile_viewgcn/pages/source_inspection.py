@@ -44,7 +44,8 @@ class Overview:
         counts: (R,) number of each recording's frames by kind: `frames`, `in contact`, `open hand` and, where the
             source flags that an object is held, `flagged`; `recordings` are ones.
         empty: (sessions,) frames of the empty states.
-        error: of the quick classifier on contact, above the chosen baseline; None where no two objects have two groups.
+        error, leak: of the quick classifier above the chosen baseline, on contact and without it; None where no two
+            objects have two groups.
         first_frame: error on the first frame of each recording; None where all frames are contact.
         interval: median seconds between frames, or None; gaps: number of intervals of more than 2.5 times that.
         seconds: (R,) from first to last frame; NaN where the source has no time.
@@ -67,6 +68,7 @@ class Overview:
     counts: dict[str, np.ndarray]
     empty: np.ndarray
     error: QuickError | None
+    leak: QuickError | None
     first_frame: QuickError | None
     interval: float | None
     gaps: int
@@ -80,11 +82,6 @@ class Overview:
     def states(self) -> HandStates:
         """The frames of contact, and those of the open states."""
         return self.choice.states
-
-    @property
-    def leak(self) -> QuickError | None:
-        """The leak check above the chosen baseline."""
-        return self.choice.leak
 
     @property
     def unit(self) -> str:
@@ -134,6 +131,7 @@ def inspect_table(recordings: Recordings, asked: PreprocessSection, form: Form =
         counts=_counts(columns, states, recorded),
         empty=np.bincount(columns["session"][of_empty_hand(recordings)], minlength=len(recordings.sessions)),
         error=_contact_error(recordings, choice, group),
+        leak=choice.leak,
         first_frame=None if states.all_contact else check_first_frames(recordings, states),
         interval=interval,
         gaps=gaps,

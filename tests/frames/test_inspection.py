@@ -115,7 +115,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
         assert page.recordings.sessions == ["Übung 1", "Übung 2"]
         assert page.interval == pytest.approx(0.05) and page.gaps == 0
         assert np.median(page.states.noise) == pytest.approx(0.015, rel=0.4)
-        np.testing.assert_allclose(page.baseline.mean, 0.05, atol=0.03)
+        np.testing.assert_allclose(page.choice.baseline.mean, 0.05, atol=0.03)
     Path("my glöve.dvc").touch()
     assert "  -S 'data.source=\"my glöve\"' \\" in inspection_lines(page)  # a source that DVC tracks, as typed
 

@@ -56,8 +56,8 @@ def test_noise_is_that_of_the_open_hand_and_contact_adds_nothing(overview):
 def test_only_measured_baselines_have_a_table_and_only_flags_of_the_source_a_column(overview):
     titles = [table.title for table in tables(overview)]
     assert titles == ["Objects", "Sessions", "Baseline"]
-    choice, counts = replace(overview.choice, errors={}), overview.counts | {"flagged": overview.counts["frames"]}
-    unmeasured = changed(overview, choice=choice, error=None, leak=None, first_frame=None, counts=counts)
+    counts = overview.counts | {"flagged": overview.counts["frames"]}
+    unmeasured = changed(overview, error=None, leak=None, first_frame=None, counts=counts)
     assert [table.title for table in tables(unmeasured)] == titles[:2]
     for each, shown in ((overview, False), (unmeasured, True)):
         objects = tables(each)[0]
