@@ -58,14 +58,6 @@ def test_view_sets_all_alike_have_an_interval_of_no_width(row):
         row(name, max_rel_error(interval, (value, value)))
 
 
-@pytest.mark.stability("intervals")
-def test_the_interval_of_errors_mirrors_that_of_correct_answers(row):
-    correct, groups = np.random.default_rng(0).integers(0, 2, 60).astype(float), np.repeat(np.arange(12), 5)
-    low, high = group_interval(correct, groups, np.random.default_rng(1))
-    mirrored = group_interval(1 - correct, groups, np.random.default_rng(1))
-    row("errors are what is not right", max_rel_error(mirrored, (1 - high, 1 - low)), DIGITS)
-
-
 def test_the_same_generator_gives_the_same_interval_in_batches_too(monkeypatch):
     correct, groups = simulated(np.random.default_rng(2))
     first, again = (group_interval(correct, groups, np.random.default_rng(3)) for _ in range(2))
@@ -77,21 +69,13 @@ def test_the_same_generator_gives_the_same_interval_in_batches_too(monkeypatch):
 
 
 @pytest.mark.stability("intervals")
-@pytest.mark.parametrize("count", [2, 12, 400])
+@pytest.mark.parametrize("count", [2, 400])
 @pytest.mark.parametrize(("name", "share"), [("right", 1.0), ("wrong", 0.0)])
 def test_where_all_is_right_or_wrong_the_interval_is_clopper_and_pearsons_of_the_groups(row, name, share, count):
     groups = np.repeat(np.arange(count), 3)
     low, high = proportion_interval(np.full(len(groups), share), groups, np.random.default_rng(0))
     exact = (beta.ppf(0.025, count, 1), 1.0) if share else (0.0, beta.ppf(0.975, 1, count))
     row(f"all {name}, {count} groups", max_rel_error((low, high), exact), DIGITS, f"{low:.3f} to {high:.3f}")
-
-
-@pytest.mark.stability("intervals")
-def test_any_other_share_has_the_resampled_interval(row):
-    correct, groups = simulated(np.random.default_rng(3))
-    interval, expected = (f(correct, groups, np.random.default_rng(4)) for f in (proportion_interval, group_interval))
-    row("some right: the resampled interval", max_rel_error(interval, expected))
-    assert proportion_interval(np.full(9, 0.5), np.arange(9), np.random.default_rng(0)) == (0.5, 0.5)
 
 
 def test_one_wrong_view_set_does_not_narrow_the_interval_of_few_groups():

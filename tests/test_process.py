@@ -2,18 +2,11 @@
 
 import subprocess
 import sys
-import time
 
 import pytest
 
 from tactile_viewgcn import process
-from tactile_viewgcn.process import peak_mb, seconds_since_start
-
-
-def test_seconds_count_from_the_start_of_the_process_and_grow():
-    first = seconds_since_start()
-    time.sleep(0.05)
-    assert first > 0.1 and 0.03 < seconds_since_start() - first < 5
+from tactile_viewgcn.process import peak_mb
 
 
 def test_a_process_that_has_just_begun_is_a_few_tenths_of_a_second_old():
@@ -28,7 +21,6 @@ def test_a_process_that_has_just_begun_is_a_few_tenths_of_a_second_old():
     ("uptimes", "expected"),
     [
         (["9.0 100.0", "9.5 101.0"], 2.0),  # nobody else computes on two cores
-        (["9.0 100.0", "9.5 100.1"], 0.2),
         (["9.0 0.00", "9.5 0.00"], float("inf")),  # a sandbox that does not count
         ([], float("inf")),  # no such file
     ],
