@@ -1,24 +1,24 @@
 """Fine-tuning: the whole network is trained on view sets, from a pretrained backbone."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, extract_features
 from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
-from tactile_viewgcn.params import Params
+from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.systems import system_class
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.tables.views import Views
-from tactile_viewgcn.training.inputs import Noise
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, Progress, error_rate, fit
-from tactile_viewgcn.training.moments import measure_moments
 from tactile_viewgcn.training.optim import build_optimiser, num_batches
-from tactile_viewgcn.training.view_sets import Batch, FeatureBank, SetLoss, SideViewSets
+from tactile_viewgcn.training.view_sets import Batch, SetLoss, SideViewSets
 
 
 def finetune_classifier(
@@ -44,7 +44,7 @@ def finetune_classifier(
     Raises:
         UserError: the training diverges, or `model` does not fit the number of views.
     """
-    config, seed, assignment = params.finetune, params.seed, params.cluster.assignment
+    config, seed = params.finetune, params.seed
     torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
     viewpoints, (height, width) = torch.from_numpy(views.viewpoints), table.live.shape
     system = system_class(params.model.system)
@@ -55,12 +55,10 @@ def finetune_classifier(
         network.backbone.dropout.p = 0.0
     network.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     drawn_from, progress = views.unclustered() if config.draw == "random" else views, Progress()
-    train = SideViewSets(TRAIN, table, drawn_from, compute, seed, assignment)
+    train = SideViewSets(TRAIN, table, drawn_from, params, compute)
     if network.head.trainable:
-        validation = SideViewSets(VALIDATION, table, views, compute, seed, assignment)
-        on_device = torch_generator(seed, "finetune.noise", compute.device)
-        noise = Noise(config.noise * full_scale(table.transform, table.scale), on_device)
-        progress = _train(network, train, validation, noise, params, compute, checkpoint_path, on_epoch)
+        validation = SideViewSets(VALIDATION, table, views, params, compute)
+        progress = _train(network, train, validation, config, compute, checkpoint_path, on_epoch)
     if config.moments == "clean":
         measure_moments(network, train.frames, train.draw(), compute, torch_generator(seed, "finetune.moments"))
     return network, progress
@@ -70,27 +68,25 @@ def _train(
     network: ViewNetwork,
     train: SideViewSets,
     validation: SideViewSets,
-    noise: Noise,
-    params: Params,
+    config: Finetune,
     compute: Compute,
     checkpoint_path: Path | None,
     on_epoch: OnEpoch | None,
 ) -> Progress:
     """Train the network on the view sets of one side."""
-    config, first_sets = params.finetune, train.draw()
+    first_sets = train.draw()
     validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
-    reuse = config.feature_reuse > 1 and network.views > 1
-    bank = FeatureBank(len(train.frames), network.feature_shape, compute) if reuse else None
-    loss = SetLoss(network, bank, compute)
+    shares = config.feature_reuse > 1 and network.views > 1
+    loss = SetLoss(network, compute, bank_size=len(train.frames) if shares else 0)
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
     optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
 
     def batches(epoch: int) -> Iterator[Batch]:
         network.train()
-        if bank is not None and epoch == 0:
-            bank.fill(network.backbone, train.frames, batch=config.batch, noise=noise)
+        if shares and epoch == 0:
+            loss.fill_bank(train.frames, config.batch)
         drawn = first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
-        return train.batches(drawn, config, noise, in_time_order=network.head.in_time_order)
+        return train.batches(drawn, in_time_order=network.head.in_time_order)
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:
@@ -102,5 +98,49 @@ def _train(
         logits = view_set_logits(network.head, features, validation_sets.to(compute.device))
         return {"validation_error": error_rate(logits, validation.frames.labels[validation.anchors])}
 
-    steps, generators = num_batches(len(train.anchors), config.batch), (noise.rng, train.rng)
+    steps, generators = num_batches(len(train.anchors), config.batch), (train.noise_rng, train.rng)
     return fit("finetune", config, steps, loss, optimiser, batches, validate, generators, checkpoint_path, on_epoch)
+
+
+@torch.no_grad()
+def measure_moments(
+    network: ViewNetwork, frames: FrameInputs, drawn: np.ndarray, compute: Compute, order: torch.Generator
+) -> None:
+    """Replace the running moments of batch normalisation by those of frames as evaluation sees them.
+
+    Running moments are of frames with noise and dropout. A tactile frame is mostly zeros, so even weak noise changes
+    the moments of every map. First the backbone's are measured, then the head's, each as the mean over batches in
+    random order. The network is left in evaluation mode.
+
+    Args:
+        frames: (n, 1, H, W), of the training side.
+        drawn: view sets (A, V) of indices into them.
+        order: of the batches, on the processor.
+    """
+    with compute.autocast():
+        _average_moments(network.backbone, len(frames), frames.__getitem__, order)
+        features = extract_features(network.backbone, frames.split(INFERENCE_BATCH))
+    sets = torch.from_numpy(np.sort(drawn, axis=1) if network.head.in_time_order else drawn)
+    _average_moments(network.head, len(sets), lambda index: features[compute.to_device(sets[index])], order)
+    network.eval()
+
+
+def _average_moments(
+    module: nn.Module, count: int, batch_of: Callable[[Tensor], Tensor], order: torch.Generator
+) -> None:
+    """Replace a module's running moments by their mean over the batches that `batch_of` makes of indices."""
+    norms = [layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)]
+    if not norms:
+        return
+    momenta = [norm.momentum for norm in norms]
+    module.train()
+    for layer in module.modules():
+        if isinstance(layer, nn.modules.dropout._DropoutNd):
+            layer.eval()
+    batches = torch.randperm(count, generator=order).tensor_split(num_batches(count, INFERENCE_BATCH))
+    for number, index in enumerate(batches, start=1):
+        for norm in norms:
+            norm.momentum = 1 / number
+        module(batch_of(index))
+    for norm, momentum in zip(norms, momenta, strict=True):
+        norm.momentum = momentum

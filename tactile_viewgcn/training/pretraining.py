@@ -12,8 +12,8 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, Backbone, build_backbone, extract_features
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, full_scale
-from tactile_viewgcn.training.inputs import FrameInputs, Noise
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, Progress, error_rate, fit
 from tactile_viewgcn.training.optim import build_optimiser, num_batches
 
@@ -51,21 +51,20 @@ def pretrain_backbone(
         UserError: the training diverges.
     """
     config, seed = params.pretrain, params.seed
+    order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
     anchors = (np.flatnonzero(table.anchor & (table.side == side)) for side in (TRAIN, VALIDATION))
-    train, validation = (FrameInputs(table, index, compute) for index in anchors)
+    train, validation = (FrameInputs(table, index, compute, noise=config.noise, rng=on_device) for index in anchors)
     torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
     backbone = build_backbone(params.model.backbone)
     backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     classifier = nn.Linear(backbone.features, len(table.classes), device=compute.device)
-    order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
-    noise = Noise(config.noise * full_scale(table.transform, table.scale), on_device)
     loss, steps = FrameLoss(backbone, classifier, compute), num_batches(len(train), config.batch)
     optimiser = build_optimiser(config, [{"params": loss.parameters()}])
 
     def batches(_: int) -> Iterator[tuple[Tensor, Tensor]]:
         backbone.train()
         for index in torch.randperm(len(train), generator=order).tensor_split(steps):
-            yield noise(train[index]), train.labels[compute.to_device(index)]
+            yield train.noisy(index), train.labels[compute.to_device(index)]
 
     def validate() -> dict[str, float]:
         if not len(validation):

@@ -13,11 +13,11 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.params import Finetune
-from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.params import Finetune, Params
+from tactile_viewgcn.randomness import stream, torch_generator
 from tactile_viewgcn.tables.frames import Frames
 from tactile_viewgcn.tables.views import Views
-from tactile_viewgcn.training.inputs import FrameInputs, Noise
+from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 from tactile_viewgcn.views.sampling import anchor_first, sets_of
 
@@ -50,33 +50,33 @@ class Batch(NamedTuple):
 
 
 class SideViewSets:
-    """The frames of one side, and the view sets drawn from their clusters `views`."""
+    """The frames of one side, with the noise of fine-tuning, and the view sets drawn from their clusters `views`."""
 
-    def __init__(self, side: int, table: Frames, views: Views, compute: Compute, seed: int, assignment: str):
-        self._index, self._views, self._assignment, self._compute = table.on(side), views, assignment, compute
-        self.rng = stream(seed, "finetune.draw", side)
+    def __init__(self, side: int, table: Frames, views: Views, params: Params, compute: Compute):
+        self._index, self._views, self._params, self._compute = table.on(side), views, params, compute
+        self.rng = stream(params.seed, "finetune.draw", side)
+        self.noise_rng = torch_generator(params.seed, "finetune.noise", compute.device)
         self.anchors = np.flatnonzero(table.anchor[self._index])
-        self.frames = FrameInputs(table, self._index, compute)
+        self.frames = FrameInputs(table, self._index, compute, noise=params.finetune.noise, rng=self.noise_rng)
 
     def draw(self) -> np.ndarray:
         """View sets (A, V) of indices into `frames`, one per anchor."""
-        return sets_of(self._views, self._index, self.rng).draw(self.anchors, self.rng, self._assignment)
+        sets = sets_of(self._views, self._index, self.rng)
+        return sets.draw(self.anchors, self.rng, self._params.cluster.assignment)
 
-    def batches(
-        self, drawn: np.ndarray, config: Finetune, noise: Noise, *, in_time_order: bool = False
-    ) -> Iterator[Batch]:
+    def batches(self, drawn: np.ndarray, *, in_time_order: bool = False) -> Iterator[Batch]:
         """Batches of the drawn view sets (A, V) in random order; their sizes differ by one at most.
 
         Args:
             in_time_order: frames of a set are sorted; they are numbered in the order of time inside a recording.
         """
-        order = self.rng.permutation(len(drawn))
+        config, order = self._params.finetune, self.rng.permutation(len(drawn))
         for index in np.array_split(order, num_batches(len(order), config.batch)):
             sets, fresh = choose_fresh(drawn[index], self.anchors[index], config, self.rng)
             if in_time_order:
                 sets, fresh = sort_by_time(sets, fresh)
             passing = np.take_along_axis(sets, fresh, axis=1).ravel()
-            frames = noise(self.frames[torch.from_numpy(passing)])
+            frames = self.frames.noisy(torch.from_numpy(passing))
             labels = self.frames.labels[self._compute.to_device(torch.from_numpy(sets[:, 0]))]
             parts = (sets, fresh, first_places(passing))
             yield Batch(frames, labels, *(self._compute.to_device(torch.from_numpy(part)) for part in parts))
@@ -110,56 +110,46 @@ def sort_by_time(sets: np.ndarray, fresh: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.take_along_axis(sets, order, axis=1), np.sort(np.take_along_axis(place, fresh, axis=1), axis=1)
 
 
-class FeatureBank(nn.Module):
-    """The latest feature, or maps, of each training frame, from training mode, with noise and dropout.
+class SetLoss(nn.Module):
+    """A network's loss of a batch of view sets, with a bank of the latest features, or maps, of training frames.
+
+    The bank's features are from training mode, with noise and dropout.
 
     Args:
-        frames: their number.
-        feature_shape: of a frame, (C,) or (C, H, W).
+        bank_size: number of training frames; 0: no bank, all frames of a set pass through the backbone.
     """
 
-    values: Tensor
+    bank: Tensor
 
-    def __init__(self, frames: int, feature_shape: tuple[int, ...], compute: Compute):
+    def __init__(self, network: ViewNetwork, compute: Compute, bank_size: int = 0):
         super().__init__()
-        self._compute = compute
-        dtype = torch.bfloat16 if len(feature_shape) > 1 and compute.precision == "bfloat16" else torch.float32
-        self.register_buffer("values", torch.zeros((frames, *feature_shape), dtype=dtype, device=compute.device))
+        self.network, self.compute, shape = network, compute, network.feature_shape
+        dtype = torch.bfloat16 if len(shape) > 1 and compute.precision == "bfloat16" else torch.float32
+        self.register_buffer("bank", torch.zeros((bank_size, *shape), dtype=dtype, device=compute.device))
 
     @torch.no_grad()
-    def fill(self, backbone: nn.Module, frames: FrameInputs, *, batch: int, noise: Noise) -> None:
-        """Store the features of all frames (n, 1, H, W), in batches in random order, from torch's default generator.
+    def fill_bank(self, frames: FrameInputs, batch: int) -> None:
+        """Store the features of all frames, in batches in random order, from torch's default generator.
 
         The backbone is left in training mode, and the running moments of its batch normalisation are updated.
         """
-        backbone.train()
-        with self._compute.autocast():
+        self.network.backbone.train()
+        with self.compute.autocast():
             for index in torch.randperm(len(frames)).tensor_split(num_batches(len(frames), batch)):
-                self.values[self._compute.to_device(index)] = backbone(noise(frames[index]))
-
-    def forward(self, features: Tensor, sets: Tensor, fresh: Tensor, first: Tensor) -> Tensor:
-        """Features (B, k, ...) of view sets: `features` (B, f, ...) in the fresh columns, stored ones in the others.
-
-        The new features are stored; for `sets`, `fresh` and `first` see `Batch`.
-        """
-        rows = torch.arange(len(sets), device=sets.device)[:, None].expand_as(fresh)
-        nodes = self.values[sets].index_put((rows, fresh), features)
-        self.values[sets.gather(1, fresh).flatten()] = features.detach().flatten(0, 1)[first]
-        return nodes
-
-
-class SetLoss(nn.Module):
-    """A network's loss of a batch of view sets; without a bank all their frames pass through the backbone."""
-
-    def __init__(self, network: ViewNetwork, bank: FeatureBank | None, compute: Compute):
-        super().__init__()
-        self.network, self.bank, self.compute = network, bank, compute
+                self.bank[self.compute.to_device(index)] = self.network.backbone(frames.noisy(index))
 
     def forward(self, frames: Tensor, labels: Tensor, sets: Tensor, fresh: Tensor, first: Tensor) -> Tensor:
-        """The loss of a `Batch`, a scalar."""
+        """The loss of a `Batch`, a scalar; the features of its frames are stored."""
         with self.compute.autocast():
-            nodes = self.network.backbone(frames).unflatten(0, fresh.shape)
-        if self.bank is not None:
-            nodes = self.bank(nodes, sets, fresh, first)
-        logits, aux = self.network.head(nodes)
+            views = self.network.backbone(frames).unflatten(0, fresh.shape)
+        if len(self.bank):
+            views = self.with_bank(views, sets, fresh, first)
+        logits, aux = self.network.head(views)
         return self.network.head.loss(logits, aux, labels)
+
+    def with_bank(self, features: Tensor, sets: Tensor, fresh: Tensor, first: Tensor) -> Tensor:
+        """Features (B, k, ...) of view sets: `features` (B, f, ...) in the fresh columns, stored ones in the others."""
+        rows = torch.arange(len(sets), device=sets.device)[:, None].expand_as(fresh)
+        views = self.bank[sets].index_put((rows, fresh), features)
+        self.bank[sets.gather(1, fresh).flatten()] = features.detach().flatten(0, 1)[first]
+        return views

@@ -38,7 +38,7 @@ def test_view_sets_are_redrawn_every_epoch_and_the_validation_side_s_stay_the_sa
 
 def test_a_side_draws_one_set_around_each_of_its_anchors():
     frames = fewer_anchors(table(VALIDATED), 3)
-    side = SideViewSets(VALIDATION, frames, views_of(frames, recipe()), CPU, 0, "anchor")
+    side = SideViewSets(VALIDATION, frames, views_of(frames, recipe()), recipe("cluster.assignment=anchor"), CPU)
     index = frames.on(VALIDATION)
     np.testing.assert_array_equal(side.frames.labels, frames.label[index])
     np.testing.assert_array_equal(side.frames[torch.arange(len(index))][:, 0], frames.inputs(index))
@@ -50,12 +50,12 @@ def test_a_side_draws_one_set_around_each_of_its_anchors():
 def planned(*changes, **order):
     """A side, its anchors' view sets and the batches of an epoch: frames, labels, sets, fresh columns, first places.
 
-    Augmentation is a change of sign.
+    Noise is a change of sign.
     """
     params, frames = recipe(*changes), table()
-    side = SideViewSets(TRAIN, frames, views_of(frames, params), CPU, 0, "index")
-    drawn = side.draw()
-    batches = side.batches(drawn, params.finetune, torch.neg, **order)
+    side = SideViewSets(TRAIN, frames, views_of(frames, params), params, CPU)
+    drawn, side.frames.noisy = side.draw(), lambda at: -side.frames[at]
+    batches = side.batches(drawn, **order)
     return side, drawn, [[part.numpy() for part in batch] for batch in batches]
 
 
@@ -68,7 +68,7 @@ def test_an_epoch_s_batches_hold_every_view_set_once_and_differ_by_one_at_most()
 
 
 @pytest.mark.parametrize("in_time_order", [False, True])
-def test_a_batch_has_the_augmented_frames_of_its_fresh_columns_and_the_class_of_each_set(in_time_order):
+def test_a_batch_has_the_noisy_frames_of_its_fresh_columns_and_the_class_of_each_set(in_time_order):
     changes = "finetune.feature_reuse=2", "finetune.num_views=random"
     side, _, plan = planned(*changes, in_time_order=in_time_order)
     for frames, labels, sets, fresh, first in plan:

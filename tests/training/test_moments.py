@@ -7,14 +7,13 @@ import pytest
 import torch
 
 from tactile_viewgcn.tables.frames import TRAIN
-from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.moments import measure_moments
+from tactile_viewgcn.training.finetuning import finetune_classifier, measure_moments
 from tactile_viewgcn.training.view_sets import SideViewSets
 from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
 
 
 def side():
-    return SideViewSets(TRAIN, table(), views_of(table(), recipe()), CPU, 0, "index")
+    return SideViewSets(TRAIN, table(), views_of(table(), recipe()), recipe(), CPU)
 
 
 def measured(frames, drawn):

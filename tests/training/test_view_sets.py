@@ -7,8 +7,7 @@ from torch import nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.system import ViewSystem
-from tactile_viewgcn.training.inputs import Noise
-from tactile_viewgcn.training.view_sets import FeatureBank, SetLoss
+from tactile_viewgcn.training.view_sets import SetLoss
 from tests.glove_data import CPU
 
 LABELS = torch.arange(12) % 3
@@ -18,13 +17,23 @@ FRAMES = functional.one_hot(LABELS, 3).float().view(12, 1, 1, 3)
 class Sums(nn.Module):
     """A network whose features are the frames themselves, which it keeps in `passed`."""
 
-    def __init__(self):
+    def __init__(self, feature_shape=(3,)):
         super().__init__()
-        self.passed, self.head = [], First()
+        self.passed, self.head, self.feature_shape, self.backbone = [], First(), feature_shape, nn.Flatten().eval()
+        self.backbone.register_forward_hook(lambda _, __, out: self.passed.append(out))
 
-    def backbone(self, frames):
-        self.passed.append(frames.flatten(1))
-        return self.passed[-1]
+
+class Noisy:
+    """Frames (n, 1, H, W) with white noise."""
+
+    def __init__(self, frames, noise):
+        self.frames, self.noise = frames, noise
+
+    def __len__(self):
+        return len(self.frames)
+
+    def noisy(self, index):
+        return self.frames[index] + self.noise * torch.randn(self.frames[index].shape)
 
 
 class First(ViewSystem):
@@ -35,18 +44,19 @@ class First(ViewSystem):
         return 50 * views[:, 0], []
 
 
-def filled_bank(frames, noise=0.0):
-    """A bank whose features are the frames, filled by a backbone that comes in evaluation mode."""
-    bank, backbone = FeatureBank(len(frames), (frames[0].numel(),), CPU), nn.Flatten().eval()
-    bank.fill(backbone, frames, batch=5, noise=Noise(noise, torch.Generator().manual_seed(0)))
-    assert backbone.training and not bank.values.requires_grad
-    return bank
+def filled(frames, noise=0.0):
+    """A loss with a bank whose features are the frames, of a network that comes in evaluation mode."""
+    loss = SetLoss(Sums((frames[0].numel(),)), CPU, len(frames))
+    loss.fill_bank(Noisy(frames, noise), batch=5)
+    assert loss.network.backbone.training and not loss.bank.requires_grad
+    loss.network.passed.clear()
+    return loss
 
 
 def test_the_bank_holds_each_frame_s_features_and_those_of_noisy_frames():
     frames = torch.arange(24.0).view(12, 1, 1, 2)
-    assert torch.equal(filled_bank(frames).values, frames.flatten(1))
-    assert abs(float(filled_bank(torch.zeros(200, 1, 2, 2), noise=0.5).values.std()) - 0.5) < 0.05
+    assert torch.equal(filled(frames).bank, frames.flatten(1))
+    assert abs(float(filled(torch.zeros(200, 1, 2, 2), noise=0.5).bank.std()) - 0.5) < 0.05
 
 
 @pytest.mark.parametrize(
@@ -54,25 +64,24 @@ def test_the_bank_holds_each_frame_s_features_and_those_of_noisy_frames():
     [("bfloat16", (4, 2, 2), torch.bfloat16), ("bfloat16", (4,), torch.float32), ("float32", (4, 2, 2), torch.float32)],
 )
 def test_the_bank_keeps_the_precision_of_features_and_of_maps(precision, shape, dtype):
-    bank = FeatureBank(3, shape, Compute(CPU.device, precision))
-    assert (bank.values.shape, bank.values.dtype) == ((3, *shape), dtype)
+    bank = SetLoss(Sums(shape), Compute(CPU.device, precision), 3).bank
+    assert (bank.shape, bank.dtype) == ((3, *shape), dtype)
 
 
 def test_only_fresh_columns_pass_the_backbone_and_the_others_come_from_the_bank():
     sets, fresh = torch.tensor([[4, 1, 7], [0, 3, 9], [6, 6, 0], [11, 5, 2]]), torch.tensor([[1], [0], [2], [0]])
-    network, passing = Sums(), torch.tensor([1, 0, 0, 11])
-    loss_of = SetLoss(network, filled_bank(FRAMES), CPU)
+    loss_of, passing = filled(FRAMES), torch.tensor([1, 0, 0, 11])
     loss = loss_of(FRAMES[passing], LABELS[sets[:, 0]], sets, fresh, torch.tensor([0, 1, 1, 3]))
     assert loss.item() < 1e-6  # all views of a set are of one class
-    assert torch.equal(network.passed[0], FRAMES.flatten(1)[passing])
+    assert torch.equal(loss_of.network.passed[0], FRAMES.flatten(1)[passing])
 
 
 def test_the_nodes_are_fresh_features_and_banked_ones_and_gradients_reach_the_fresh_alone():
-    bank = filled_bank(torch.arange(12.0).view(12, 1, 1, 1))
+    loss = filled(torch.arange(12.0).view(12, 1, 1, 1))
     features = torch.tensor([[[100.0], [101]], [[102], [103]]], requires_grad=True)
     sets, fresh = torch.tensor([[4, 1, 7], [0, 4, 9]]), torch.tensor([[0, 2], [1, 2]])
-    nodes = bank(features, sets, fresh, first=torch.tensor([0, 1, 0, 3]))
+    nodes = loss.with_bank(features, sets, fresh, first=torch.tensor([0, 1, 0, 3]))
     assert nodes.squeeze(-1).tolist() == [[100, 1, 101], [0, 102, 103]]
     nodes.square().sum().backward()
     assert torch.equal(features.grad, 2 * features.detach())
-    assert bank.values.flatten().tolist() == [0, 1, 2, 3, 100, 5, 6, 101, 8, 103, 10, 11]  # of frame 4's two the first
+    assert loss.bank.flatten().tolist() == [0, 1, 2, 3, 100, 5, 6, 101, 8, 103, 10, 11]  # of frame 4's two the first
