@@ -1,12 +1,12 @@
 """Subtract the baseline, filter, split and balance the frames."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from stages.command import Job, run
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.leak import leak_counts
 from tactile_viewgcn.frames.preprocessing import frame_counts, kept_rows, preprocess_recordings
 from tactile_viewgcn.messages import several, write_csv
 from tactile_viewgcn.tables.frames import SIDES, save_table
@@ -32,7 +32,8 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> str:
     job.counts = {"frames.kept": len(frames), "frames.dropped": len(table) - len(frames)}
     job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
     chosen = {f"resolved.{note.key}": note.value for note in made.choice.notes if note.level == "choice"}
-    job.counts |= counts | leak_counts(made.choice.leak) | chosen
+    leak = asdict(made.choice.leak) if made.choice.leak else {}
+    job.counts |= counts | {f"leak.{name}": value for name, value in leak.items()} | chosen
     return "\n".join(lines)
 
 

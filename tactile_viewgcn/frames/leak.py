@@ -3,7 +3,6 @@
 Then an error says little about touch.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,11 +16,12 @@ from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 TOPIC = "leak check"
-MAX_FRAMES = 2000
+MAX_FRAMES = 2000  # in all; of each pair of an object and a group equally many
 FRAMES = 8  # most frames in a mean: as many as the paper's views
 FOLDS = 3
 PENALTY = 2.0  # of ridge regression, for each sensor
@@ -33,31 +33,18 @@ class QuickError:
     """Error of a ridge classifier on means of eight frames.
 
     Attributes:
-        cells: (C, 2) pairs of an object and a group of it.
-        wrong: (C,) share of the wrong answers in each cell.
-        low, high: 95 % interval of the error, which resamples groups.
+        error: mean over the pairs of an object and a group of it, which count alike.
+        low, high: 95 % interval, which resamples groups.
         chance: error of always answering the object with the most groups.
-        frames: number of frames used.
-        seconds: time taken.
+        groups, frames: numbers of those that were used.
     """
 
-    cells: np.ndarray
-    wrong: np.ndarray
+    error: float
     low: float
     high: float
     chance: float
+    groups: int
     frames: int
-    seconds: float
-
-    @property
-    def error(self) -> float:
-        """Mean over the cells."""
-        return float(self.wrong.mean())
-
-    @property
-    def groups(self) -> int:
-        """Number of groups."""
-        return len(np.unique(self.cells[:, 1]))
 
     @property
     def beats_chance(self) -> bool:
@@ -66,39 +53,36 @@ class QuickError:
 
 
 def quick_error(
-    purpose: str,
-    readings: Callable[[np.ndarray], np.ndarray],
-    usable: np.ndarray,
-    label: np.ndarray,
-    group: np.ndarray,
+    readings: Callable[[np.ndarray], np.ndarray], usable: np.ndarray, label: np.ndarray, group: np.ndarray
 ) -> QuickError | None:
-    """Error of recognising the objects in at most 2,000 frames; None unless two objects have two groups each.
+    """Error of recognising the objects in about 2,000 frames; None unless two objects have two groups each.
 
     Each mean is over frames that are spread over an object's frames in a group. A third of the groups is held out at a
     time: of each object by itself, or of all objects at once where groups span objects, as sessions do.
 
     Args:
-        purpose: names the stream of random numbers; equal purposes draw equal numbers.
         readings: function from frames (n,) to their readings (n, S).
         usable: bool (T,) frames to draw from.
         label, group: (T,) object and group of each frame.
     """
-    start, rng = time.perf_counter(), stream(SPLIT_SEED, purpose)
-    index = _frames_to_use(usable, label, group, rng)
-    if len(np.unique(label[index])) < 2:
+    cells = np.unique(np.stack([label, group])[:, usable].astype(np.int64), axis=1)
+    cells = cells[:, np.bincount(cells[0])[cells[0]] > 1]
+    if len(np.unique(cells[0])) < 2:
         return None
-    cells, cell, sizes = _cells(label[index], group[index])
-    rows = -(-sizes // FRAMES)
-    row = (np.cumsum(rows) - rows)[cell] + _rank(cell) % rows[cell]
-    frames = np.bincount(row)
-    values = np.asarray(readings(index), dtype=np.float64)[np.argsort(row, kind="stable")]
-    means = np.add.reduceat(values, np.cumsum(frames) - frames, axis=0) / frames[:, None]
-    of_cell = np.repeat(np.arange(len(cells)), rows)
-    label_of, group_of = cells[of_cell].T
-    wrong = np.bincount(of_cell, _answers(means, label_of, group_of) != label_of) / rows
-    low, high = proportion_interval(wrong, cells[:, 1], rng) or (0.0, 1.0)
-    chance = 1 - np.bincount(cells[:, 0]).max() / len(cells)
-    return QuickError(cells, wrong, low, high, float(chance), len(index), time.perf_counter() - start)
+    means, of_cell, frames = [], [], 0
+    for number, (one, within) in enumerate(cells.T):
+        index = np.flatnonzero(usable & (label == one) & (group == within))
+        index = evenly(index, max(1, MAX_FRAMES // len(cells.T)))
+        count = -(-len(index) // FRAMES)
+        means += [readings(index[first::count]).mean(axis=0, dtype=np.float64) for first in range(count)]
+        of_cell += [number] * count
+        frames += len(index)
+    label_of, group_of = cells[:, of_cell]
+    is_wrong = _answers(np.stack(means), label_of, group_of) != label_of
+    wrong = np.bincount(of_cell, is_wrong) / np.bincount(of_cell)
+    low, high = proportion_interval(wrong, cells[1], stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
+    chance = 1 - np.bincount(cells[0]).max() / len(cells.T)
+    return QuickError(float(wrong.mean()), low, high, float(chance), len(np.unique(cells[1])), frames)
 
 
 def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, group: np.ndarray) -> QuickError | None:
@@ -116,7 +100,7 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
         return states.counts[index] - baseline.mean[of_frame][:, recordings.live]
 
     untouched = states.open & ~of_empty_hand(recordings)
-    return quick_error("leak", excess, untouched, recordings.columns["object"], group)
+    return quick_error(excess, untouched, recordings.columns["object"], group)
 
 
 def check_first_frames(recordings: Recordings, states: HandStates) -> QuickError | None:
@@ -134,7 +118,7 @@ def check_first_frames(recordings: Recordings, states: HandStates) -> QuickError
         return counts
 
     usable, columns = first & ~of_empty_hand(recordings), recordings.columns
-    return quick_error("first frame", excess, usable, columns["object"], columns["recording"])
+    return quick_error(excess, usable, columns["object"], columns["recording"])
 
 
 def quietest_are_contact(recordings: Recordings, states: HandStates) -> bool:
@@ -160,15 +144,9 @@ def quietest_are_contact(recordings: Recordings, states: HandStates) -> bool:
         return False
     of_object = ~of_empty_hand(recordings)[quietest]
     for group in (session, np.arange(len(label))):
-        if error := quick_error("all contact", lambda index: difference[index], of_object, label, group):
+        if error := quick_error(lambda index: difference[index], of_object, label, group):
             return error.beats_chance
     return False
-
-
-def leak_counts(leak: QuickError | None) -> dict[str, float]:
-    """The numbers of a leak check by the names that they are logged under."""
-    names = ("error", "low", "high", "chance", "groups", "frames", "seconds")
-    return {f"leak.{name}": getattr(leak, name) for name in names} if leak else {}
 
 
 def leak_notes(recordings: Recordings, states: HandStates, leak: QuickError | None, *, advised: bool) -> list[Note]:
@@ -179,14 +157,12 @@ def leak_notes(recordings: Recordings, states: HandStates, leak: QuickError | No
     """
     if leak is None:
         frames = int((states.open & ~of_empty_hand(recordings)).sum())
-        text = "not checked: no frame of an object is without contact"
-        if frames:
-            text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
+        text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
         return [Note(text, topic=TOPIC)]
     text = (
         f"frames without contact predict the object with an error of {100 * leak.error:.1f} % "
         f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; "
-        f"{several(leak.frames, 'frame')} in {several(leak.groups, 'group')}, {leak.seconds:.1f} s"
+        f"{several(leak.frames, 'frame')} in {several(leak.groups, 'group')}"
     )
     notes = [Note(text, topic=TOPIC)]
     if leak.beats_chance:
@@ -206,28 +182,6 @@ def _last_contact(recordings: Recordings, contact: np.ndarray) -> np.ndarray:
         before = np.maximum.accumulate(np.where(contact[index], np.arange(len(index)), -1))
         last[index] = np.where(before < 0, index, index[before])
     return last
-
-
-def _frames_to_use(usable: np.ndarray, label: np.ndarray, group: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Rising indices of at most 2,000 usable frames of objects with two groups, as even over groups as possible."""
-    index = rng.permutation(np.flatnonzero(usable))
-    cells, cell, _ = _cells(label[index], group[index])
-    has_two = np.bincount(cells[:, 0])[label[index]] > 1
-    return np.sort(index[has_two][np.argsort(_rank(cell)[has_two], kind="stable")[:MAX_FRAMES]])
-
-
-def _cells(label: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distinct pairs (C, 2) of object and group of frames (n,), the index (n,) of each one's pair, and counts (C,)."""
-    pairs = np.stack([label, group], axis=1).astype(np.int64)
-    cells, cell, sizes = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
-    return cells, cell.ravel(), sizes
-
-
-def _rank(cell: np.ndarray) -> np.ndarray:
-    """Rank (n,) of each frame among those of its cell (n,), from 0."""
-    order, rank = np.argsort(cell, kind="stable"), np.empty_like(cell)
-    rank[order] = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
-    return rank
 
 
 def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray) -> np.ndarray:

@@ -150,7 +150,7 @@ def _contact_error(recordings: Recordings, choice: Choice, group: np.ndarray) ->
         return np.log1p(np.maximum(excess / unit, 0))
 
     usable = states.contact & ~of_empty_hand(recordings)
-    return quick_error("measurement", readings, usable, recordings.columns["object"], group)
+    return quick_error(readings, usable, recordings.columns["object"], group)
 
 
 def _counts(columns: dict[str, np.ndarray], states: HandStates, recorded: list[np.ndarray]) -> dict[str, np.ndarray]:

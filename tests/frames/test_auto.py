@@ -41,7 +41,7 @@ def glove(tmp_path_factory):
 
 def leak_of(error):
     """A leak check with this error, of which chance is 0.9."""
-    return QuickError(np.zeros((20, 2), dtype=int), np.full(20, error), 0.0, error, 0.9, 100, 0.0)
+    return QuickError(error, 0.0, error, 0.9, 9, 100)
 
 
 @pytest.mark.parametrize(

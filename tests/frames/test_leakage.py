@@ -43,7 +43,7 @@ def training_side(recordings, params):
     if params.preprocess.filter == "auto":  # clustering takes longest
         views = views_of(frames, params)
         values |= {"cluster": views.cluster[train], "pool": views.pool[train]}
-    values |= {"leak": choice.leak.wrong} if choice.leak else {}
+    values |= {"leak": choice.leak.error} if choice.leak else {}
     fitted = dict(FittedPreprocessing.of(frames))
     values |= fitted.pop("baselines") | {f"fitted {name}": value for name, value in fitted.items()}
     return values, ~made.sides.training
