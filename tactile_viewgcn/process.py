@@ -14,12 +14,11 @@ LOADED = time.time()
 
 def seconds_since_start() -> float:
     """Seconds since this process began, with imports; outside Linux since this module was loaded."""
-    try:
+    with suppress(OSError):
         uptime = float(Path("/proc/uptime").read_text().split()[0])
         ticks = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
-    except OSError:
-        return time.time() - LOADED
-    return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
+        return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
+    return time.time() - LOADED
 
 
 def idle_cores(seconds: float = 0.3) -> float:
@@ -27,17 +26,13 @@ def idle_cores(seconds: float = 0.3) -> float:
 
     The load average would still count the stage before, which has ended.
     """
+    readings = []
     with suppress(OSError):
-        before = _idle_seconds()
-        time.sleep(seconds)
-        if after := _idle_seconds():  # some sandboxes always say 0
-            return (after - before) / seconds
-    return float("inf")
-
-
-def _idle_seconds() -> float:
-    """Seconds that the cores have idled since the machine started, summed over the cores."""
-    return float(Path("/proc/uptime").read_text().split()[1])
+        for pause in (seconds, 0.0):
+            readings.append(float(Path("/proc/uptime").read_text().split()[1]))  # seconds idled, summed over cores
+            time.sleep(pause)
+    before, after = readings or (0.0, 0.0)
+    return (after - before) / seconds if after else float("inf")  # some sandboxes always say 0
 
 
 def processor() -> str:

@@ -23,22 +23,6 @@ def test_ties_go_to_the_lowest_index():
     assert furthest_points(CUBE, 4).tolist() == [0, 7, 1, 2]
 
 
-@pytest.mark.parametrize("views", [6, 8, 12, 20])
-@pytest.mark.parametrize("scale", [1e-6, 1, 1e6])
-def test_equal_distances_are_ties_whatever_their_rounding(views, scale):
-    places = viewpoints(views) * scale
-    gaps = np.round(((places[:, None] - places) ** 2).sum(axis=-1) / scale**2, 9)
-    order = np.argsort(gaps, axis=1, kind="stable")
-    positions = torch.from_numpy(places).float()
-    for count in (3, 4):
-        assert nearest(positions, count).tolist() == order[:, :count].tolist()
-    chosen, to_chosen = [0], gaps[0]
-    while len(chosen) < views // 2:
-        chosen.append(int(to_chosen.argmax()))
-        to_chosen = np.minimum(to_chosen, gaps[chosen[-1]])
-    assert furthest_points(positions, views // 2).tolist() == chosen
-
-
 def test_gathering_equals_the_plain_loop():
     values, index = torch.rand(2, 5, 3), torch.randint(5, (2, 4, 2))
     out = gather_nodes(values, index)
