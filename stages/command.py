@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stages.pipeline import code_of, params_of, stages
-from tactile_viewgcn.files import md5, readable
+from tactile_viewgcn.files import atomic_write, md5, readable
 from tactile_viewgcn.messages import Note, UserError, user_message
 from tactile_viewgcn.params import load
 from tactile_viewgcn.process import peak_mb, seconds_since_start
-from tactile_viewgcn.provenance import Record, changes_of, committed_params, origin, run_name
+from tactile_viewgcn.provenance import Record, changed_params, origin, run_name
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run, stage_run
 
@@ -35,7 +35,8 @@ class Job:
         params: the parameters that the stage's `params` in dvc.yaml name, and no others.
         inputs: path of each input, by name.
         run: the stage's run in MLflow.
-        needed, counts, notes, curves: see `Record`.
+        needed: whether `model.system` needs the stage.
+        counts, notes, curves: see `Record`.
         computed: device and precision of a stage that computes with torch.
     """
 
@@ -76,7 +77,7 @@ class Job:
         """Keep an epoch's values, log them to MLflow, and print them where no bar is shown."""
         for name, value in values.items():
             self.curves.setdefault(name, []).append(value)
-        self.run.metrics(values, epoch)
+        self.run.log("log_metrics", values, epoch)
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
             epochs = getattr(self.params, self.stage).epochs
@@ -101,7 +102,6 @@ class Job:
             inputs[name]["md5"] = digest
         return Record(
             stage=self.stage,
-            needed=self.needed,
             run_id=self.run.id,
             seconds=seconds,
             peak_mb=peak_mb(),
@@ -135,7 +135,7 @@ def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out
         if not row:
             prefixes = tuple(f"{key}." for key in entry["params"])
             values = {key: value for key, value in values.items() if f"{key}.".startswith(prefixes)}
-        changed = changes_of(values, committed_params(options["params"]))
+        changed = changed_params(values, options["params"])
         paths = options | {"source": Path(params.data.source)}
         files = {each: paths[each] for each in inputs} | {path.stem: path for path in paths.get("after", ())}
         for path in files.values():
@@ -154,9 +154,10 @@ def run(work: Callable[..., str], *inputs: str, outputs: tuple[str, ...] = ("out
             text = work(job, **{each: paths[each] for each in (*inputs, *outputs, *["after"] * row)})
             record = job.record({"values": values, "changed": changed})
             if options["record"]:
-                record.write(options["record"])
+                with atomic_write(options["record"]) as part:
+                    part.write_text(record.text)
             if not row:  # which has the costs of all stages
-                job.run.metrics({"seconds": record.seconds, "peak_mb": record.peak_mb})
+                job.run.log("log_metrics", {"seconds": record.seconds, "peak_mb": record.peak_mb})
             job.run.record(record)
             click.echo(text)
     except Exception as error:

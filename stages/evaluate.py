@@ -23,25 +23,26 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     for path in after:
         job.md5(path.stem)  # `report` sees by it that a stage ran again
     tags, constants = results.row_tags_and_parameters(metrics, records)
-    row.tags(tags)
-    row.parameters(constants)
+    row.log("set_tags", tags)
+    row.log("log_params", constants)
     if row.id:
         from tactile_viewgcn.plots import confusions
 
         counts = {f"{name} protocol, all trials": predictions.confusion(name) for name in evaluation.protocols}
-        row.figure("confusion.png", confusions(counts, table.classes))
+        row.log("log_figure", confusions(counts, table.classes), "confusion.png")
     frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
     address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
     timing = results.costs(evaluation, records, seconds_since_start(), peak_mb())
     results.write_results(out, evaluation, timing)
-    for path in (out, *after):
-        row.artifacts(path)
-    row.metrics(results.row_metrics(metrics, timing))
+    row.log("log_artifacts", str(out))
+    for path in after:
+        row.log("log_artifact", str(path))
+    row.log("log_metrics", results.row_metrics(metrics, timing))
     for protocol, trials in evaluation.protocols.items():
         for trial, correct in enumerate(trials.correct, start=1):
-            row.metrics({f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
+            row.log("log_metrics", {f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
         for views, error in results.errors_by_views(metrics, protocol).items():
-            row.metrics({f"views.error.{protocol}": error["mean"]}, int(views))
+            row.log("log_metrics", {f"views.error.{protocol}": error["mean"]}, int(views))
     lines = results.summary_lines(metrics, timing)
     if address:
         lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")

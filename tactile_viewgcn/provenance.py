@@ -16,7 +16,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.process import processor
 from tactile_viewgcn.schema import as_change, flatten, parse
@@ -31,7 +30,6 @@ class Record:
 
     Attributes:
         stage: the stage's name.
-        needed: whether `model.system` needs the stage.
         run_id: of the stage's run in MLflow; None where it has none.
         seconds: of the process, and of the training before an interruption; peak_mb: see `process.peak_mb`.
         inputs: `path` of each input, by its name, and its `md5` where the stage needs it.
@@ -42,7 +40,6 @@ class Record:
     """
 
     stage: str
-    needed: bool
     run_id: str | None
     seconds: float
     peak_mb: float
@@ -63,11 +60,6 @@ class Record:
         """The record as JSON."""
         return json.dumps(asdict(self), indent=2) + "\n"
 
-    def write(self, path: Path) -> None:
-        """Write the record to a file."""
-        with atomic_write(path) as part:
-            part.write_text(self.text)
-
     @classmethod
     def read(cls, text: str | bytes) -> "Record":
         """The record that a file holds as `text`; any exception where it is damaged, or a field is missing."""
@@ -84,22 +76,15 @@ def git_revision() -> dict[str, str]:
     return {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()} if commit else {}
 
 
-def committed_params(path: Path) -> dict[str, Any]:
-    """The values of a params.yaml in git's HEAD, by dotted key; empty where git has none."""
-    try:
-        tree = parse(_git("show", f"HEAD:./{path.name}", folder=path.parent))
-    except ValueError:
-        return {}
-    return flatten(tree) if isinstance(tree, dict) else {}
-
-
-def changes_of(values: dict[str, Any], committed: dict[str, Any]) -> dict[str, Any]:
-    """The values that differ from the committed ones, by dotted key, without keys that were not committed."""
+def changed_params(values: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The values, by dotted key, that differ from those of the same params.yaml in git's HEAD; none outside git."""
+    tree = parse(_git("show", f"HEAD:./{path.name}", folder=path.parent), path)
+    committed = flatten(tree) if isinstance(tree, dict) else {}
     return {key: value for key, value in values.items() if key in committed and value != committed[key]}
 
 
 def run_name(changed: dict[str, Any], *words: str) -> str:
-    """A name for people, such as `views=12 pretrain.lr=0.01 mvcnn`: the changed values, see `changes_of`, then words.
+    """A name for people, such as `views=12 pretrain.lr=0.01 mvcnn`: changed values, then words.
 
     The shortest stands first: a list cuts long names, and runs with one long path differ in a short value.
     """

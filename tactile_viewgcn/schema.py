@@ -34,30 +34,18 @@ class _Loader(yaml.SafeLoader):
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), [*"-+0123456789"])
 
 
-def parse(text: str | bytes) -> Any:
-    """The values of a YAML text.
-
-    Raises:
-        ValueError: it is not YAML.
-    """
+def parse(text: str | bytes, name: object) -> Any:
+    """The values of a YAML text; a UserError that begins with `name` where it is none."""
     try:
         return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ValueError(f"no YAML: {' '.join(str(error).split())[:MOST_SHOWN]}") from None
+        raise UserError(f"{name}: no YAML: {' '.join(str(error).split())[:MOST_SHOWN]}") from None
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The keys and values of a YAML file.
-
-    Raises:
-        UserError: it is not YAML, or does not hold keys and values.
-        FileNotFoundError: no such file.
-    """
+    """The keys and values of a YAML file; a UserError where it holds anything else."""
     check_is_file(path)
-    try:
-        tree = parse(path.read_bytes())
-    except ValueError as error:
-        raise UserError(f"{path}: {error}") from None
+    tree = parse(path.read_bytes(), path)
     if not isinstance(tree, dict):
         raise UserError(f"{path}: expected keys and values, found {'nothing' if tree is None else type(tree).__name__}")
     return tree
@@ -70,7 +58,12 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
         UserError: begins with `name` and lists every mistake, each with its key, pydantic's message and the value; of a
             misspelt key the nearest known one.
     """
-    mistakes = [mistake for change in changes if (mistake := set_value(tree, change))]
+    mistakes = []
+    for change in changes:
+        try:
+            set_value(tree, change)
+        except UserError as error:
+            mistakes.append(str(error))
     try:
         built = TypeAdapter(kind).validate_python(tree)
     except ValidationError as error:
@@ -106,21 +99,17 @@ def flatten(section: Any, prefix: str = "") -> dict[str, Any]:
     return values
 
 
-def set_value(tree: dict[str, Any], change: str) -> str | None:
-    """Set `section.key=value` in a mapping of mappings; returns the mistake where that cannot be done."""
+def set_value(tree: dict[str, Any], change: str) -> None:
+    """Set `section.key=value` in a mapping of mappings; a UserError where that cannot be done."""
     key, equals, text = change.partition("=")
     if not equals:
-        return f"--set {change!r}: expected key=value"
+        raise UserError(f"--set {change!r}: expected key=value")
     *sections, name = key.split(".")
     for section in sections:
         tree = tree.setdefault(section, {})
         if not isinstance(tree, dict):
-            return f"--set {key}: {section} is no section"
-    try:
-        tree[name] = parse(text)
-    except ValueError as error:
-        return f"--set {key}: {text[:MOST_SHOWN]!r} is {error}"
-    return None
+            raise UserError(f"--set {key}: {section} is no section")
+    tree[name] = parse(text, f"--set {change[:MOST_SHOWN]!r}")
 
 
 def as_change(key: str, value: Any) -> str:
@@ -129,18 +118,9 @@ def as_change(key: str, value: Any) -> str:
     Raises:
         UserError: YAML has no such value.
     """
+    if isinstance(value, str) and re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(parse(value, key), str):
+        return f"{key}={value}"
     try:
-        return f"{key}={_written(value)}"
+        return f"{key}={json.dumps(value, ensure_ascii=False, separators=(',', ':'))}"
     except TypeError:
         raise UserError(f"{key}: {value!r} cannot be written as YAML") from None
-
-
-def _written(value: Any) -> str:
-    """A value in the syntax that YAML and Hydra, which reads DVC's changes, have in common."""
-    if isinstance(value, list):
-        return f"[{','.join(map(_written, value))}]"
-    if isinstance(value, str) and re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(parse(value), str):
-        return value
-    if isinstance(value, str) and "\\" in value and "'" not in value and value.isprintable() and value[-1] != "\\":
-        return f"'{value}'"  # Hydra reads a backslash as it stands, but before a quote, and YAML so in single quotes
-    return json.dumps(value, ensure_ascii=False).removesuffix(".0")

@@ -30,8 +30,7 @@ EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
 NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm"  # packages of a logged model
 LOCKED = 300  # seconds to wait for other processes that make tables: a minute each on a busy machine
-LONGEST = 400  # letters of a warning: a server may answer with a whole page
-DESCRIPTION = 5000  # letters of a run's description
+SHOWN, LONGEST = 400, 5000  # letters of a warning, since a server may answer with a whole page, and of a tag
 KIND = {"mlflow.experimentKind": "custom_model_development"}  # MLflow's pages then show trainings, not chats
 SETTINGS = {  # MLflow reads them when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
@@ -50,17 +49,18 @@ class Run:
     def __init__(self, mlflow: Any = None, run_id: str | None = None):
         self._mlflow, self.id = mlflow, run_id
 
-    def parameters(self, values: dict[str, Any]) -> None:
-        """Log parameters by name, and counts that are constants."""
-        self._log(lambda mlflow: mlflow.log_params(values, run_id=self.id))
+    def log(self, function: str, *values: Any) -> Any:
+        """What one of MLflow's functions returns, such as `log_metrics`, called for this run; None without a run."""
+        return self._try(lambda mlflow: getattr(mlflow, function)(*values))
 
-    def metrics(self, values: dict[str, float], step: int = 0) -> None:
-        """Log values by name, at a step such as an epoch or a trial."""
-        self._log(lambda mlflow: mlflow.log_metrics(values, step, run_id=self.id))
-
-    def tags(self, values: dict[str, Any]) -> None:
-        """Set tags by name."""
-        self._log(lambda mlflow: mlflow.set_tags(values))
+    def record(self, record: Record) -> None:
+        """Log a stage's record: counts, tags, its notes as the run's description, and all of it as `STAGE.json`."""
+        chosen = {name: value for name, value in record.counts.items() if name.startswith("resolved.")}
+        self.log("log_params", chosen)
+        self.log("log_metrics", {name: value for name, value in record.counts.items() if name not in chosen})
+        notes = "\n".join(f"- {note}" for note in record.notes)
+        self.log("set_tags", record.tags | {"mlflow.note.content": notes[:LONGEST]})
+        self.log("log_text", record.text, f"{record.stage}.json")
 
     def dataset(self, source: str, digest: str) -> None:
         """Log the path and digest of the data set, which MLflow shows in its column of datasets."""
@@ -69,29 +69,7 @@ class Run:
             dataset = mlflow.entities.Dataset(source, digest, "local", source)
             mlflow.MlflowClient().log_inputs(self.id, [mlflow.entities.DatasetInput(dataset)])
 
-        self._log(log)
-
-    def artifacts(self, path: Path) -> None:
-        """Log a file, or all files of a folder."""
-        name = "log_artifacts" if path.is_dir() else "log_artifact"
-        self._log(lambda mlflow: getattr(mlflow, name)(str(path), run_id=self.id))
-
-    def text(self, name: str, text: str) -> None:
-        """Log a text as the artifact `name`."""
-        self._log(lambda mlflow: mlflow.log_text(text, name))
-
-    def record(self, record: Record) -> None:
-        """Log a stage's record: counts, tags, its notes as the run's description, and all of it as `STAGE.json`."""
-        chosen = {name: value for name, value in record.counts.items() if name.startswith("resolved.")}
-        self.parameters(chosen)
-        self.metrics({name: value for name, value in record.counts.items() if name not in chosen})
-        notes = "\n".join(f"- {note}" for note in record.notes)
-        self.tags(record.tags | ({"mlflow.note.content": notes[:DESCRIPTION]} if notes else {}))
-        self.text(f"{record.stage}.json", record.text)
-
-    def figure(self, name: str, figure: Any) -> None:
-        """Log a Matplotlib figure as `name`."""
-        self._log(lambda mlflow: mlflow.log_figure(figure, name))
+        self._try(log)
 
     def model(self, checkpoint: Path, metadata: dict[str, Any]) -> str | None:
         """Log the classifier as an MLflow model, from recordings of raw counts to a column for each class.
@@ -122,7 +100,7 @@ class Run:
                     metadata=metadata,
                 ).model_uri
 
-        return self._log(log)
+        return self._try(log)
 
     def end(self, status: str) -> None:
         """End the run with a status; FAILED after the store has failed, since the run lacks something."""
@@ -130,7 +108,7 @@ class Run:
             with suppress(Exception):
                 self._mlflow.end_run(status if self.id else "FAILED")
 
-    def _log(self, log: Callable[[Any], Any]) -> Any:
+    def _try(self, log: Callable[[Any], Any]) -> Any:
         if not self.id:
             return None
         try:
@@ -150,11 +128,11 @@ def stage_run(stage: str, name: str = "", params: dict[str, Any] | None = None, 
         row: whether it is an evaluated pipeline, a row of the experiment that people compare.
     """
     run = _begin(stage, name or stage, row=row)
-    run.parameters(params or {})
+    run.log("log_params", params or {})
     try:
         yield run
     except BaseException as error:
-        run.text("traceback.txt", traceback.format_exc())
+        run.log("log_text", traceback.format_exc(), "traceback.txt")
         run.end("FAILED" if isinstance(error, Exception) else "KILLED")
         raise
     run.end("FINISHED")
@@ -214,7 +192,7 @@ def _reason(error: Exception) -> str:
     if secret:
         name = type(error).__name__
         text = f"{name}; MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD, out of the address, show its text"
-    return " ".join(f"MLflow store {address}: {text}".split())[:LONGEST]
+    return " ".join(f"MLflow store {address}: {text}".split())[:SHOWN]
 
 
 def read_artifact(run_id: str, name: str) -> bytes:

@@ -81,8 +81,8 @@ def test_the_package_its_commands_the_sensors_and_the_virtual_glove_load_neither
         "from tactile_viewgcn.messages import user_message\n"
         "assert 'out of memory' in user_message(MemoryError()) and user_message(RuntimeError('x')) is None\n"
         "with tactile_viewgcn.tracking.stage_run('ingest') as run:\n"
-        "    run.metrics({'a': 1}); run.figure('a.png', None); run.dataset('a', 'b'); run.parameters({'a': 1})\n"
-        "    run.tags({'a': 1}); assert run.id is None\n"
+        "    run.log('log_metrics', {'a': 1}); run.dataset('a', 'b'); run.log('log_params', {'a': 1})\n"
+        "    assert run.id is None\n"
         "loaded = {'torch', 'mlflow', 'sklearn', 'matplotlib'} & set(sys.modules)\nassert not loaded, loaded"
     )
     environment = os.environ | {"MLFLOW_TRACKING_URI": "disabled"}

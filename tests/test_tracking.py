@@ -30,13 +30,13 @@ def steps(client, run_id, name):
 def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client, monkeypatch):
     monkeypatch.setenv("DVC_EXP_NAME", "brave-mug")
     with tracking.stage_run("pretrain", "pretrain pretrain.lr=0.01") as run:
-        run.parameters({f"key.{number}": number for number in range(150)})
-        run.metrics({"seconds": 26})
-        run.metrics({"loss": 3.0}, step=1)
+        run.log("log_params", {f"key.{number}": number for number in range(150)})
+        run.log("log_metrics", {"seconds": 26})
+        run.log("log_metrics", {"loss": 3.0}, 1)
         running = runs_of(client)[0]
         assert running.info.status == "RUNNING" and running.data.metrics["loss"] == 3.0
-        run.metrics({"loss": 2.0}, step=2)
-        run.artifacts(ROOT / "LICENSE")
+        run.log("log_metrics", {"loss": 2.0}, 2)
+        run.log("log_artifact", str(ROOT / "LICENSE"))
     (entry,) = runs_of(client)
     assert entry.info.run_name == "pretrain pretrain.lr=0.01" and entry.info.status == "FINISHED"
     assert entry.data.params == {f"key.{number}": str(number) for number in range(150)}
@@ -55,7 +55,7 @@ def test_an_evaluated_pipeline_is_a_row_with_its_dataset_and_its_trials_as_steps
     with tracking.stage_run("evaluate", "mvcnn V=8", row=True) as run:
         run.dataset("data/virtual/recordings", "0123abcd")
         for trial, error in enumerate((0.25, 0.5), start=1):
-            run.metrics({"trials.error.object": error}, trial)
+            run.log("log_metrics", {"trials.error.object": error}, trial)
     (row,) = runs_of(client, tracking.EXPERIMENT)
     assert row.info.run_name == "mvcnn V=8" and runs_of(client) == []
     (logged,) = row.inputs.dataset_inputs
@@ -92,7 +92,7 @@ def begun(stage="ingest"):
     """The id of a stage's run, whose block has run whatever the store did."""
     ran = False
     with tracking.stage_run(stage) as run:
-        run.metrics({"seconds": 1})
+        run.log("log_metrics", {"seconds": 1})
         ran = True
     assert ran
     return run.id
@@ -127,8 +127,8 @@ def test_a_server_gets_the_user_and_password_of_its_address_which_nothing_prints
     with server("me@lab", "sec ret/") as (host, answered):
         monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me%40lab:sec%20ret%2F@{host}")
         with tracking.stage_run("ingest") as run:
-            run.metrics({"seconds": 26})
-            run.artifacts(ROOT / "LICENSE")
+            run.log("log_metrics", {"seconds": 26})
+            run.log("log_artifact", str(ROOT / "LICENSE"))
         assert b"lifecycle_stage" in tracking.read_artifact(run.id, "evaluate.json")
         monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me:sec%20ret@{host}")
         with pytest.raises(UserError, match=f"http://{host}: ") as error:
@@ -192,7 +192,7 @@ def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_works
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "sqlite:///my.db?timeout=9")
     fresh_store(store / "my.db")
     with tracking.stage_run("ingest") as run:
-        run.artifacts(ROOT / "LICENSE")
+        run.log("log_artifact", str(ROOT / "LICENSE"))
     from mlflow import MlflowClient
 
     (entry,) = runs_of(MlflowClient(f"sqlite:///{store / 'my.db'}"))
@@ -206,8 +206,8 @@ def test_a_store_that_fails_under_way_costs_the_row_and_one_warning(store, clien
 
     with tracking.stage_run("ingest") as run:
         monkeypatch.setattr("mlflow.log_metrics", log_metrics)
-        run.metrics({"seconds": 1})
-        run.artifacts(ROOT / "LICENSE")
+        run.log("log_metrics", {"seconds": 1})
+        run.log("log_artifact", str(ROOT / "LICENSE"))
     (entry,) = runs_of(client)
     assert run.id is None and entry.info.status == "FAILED" and client.list_artifacts(entry.info.run_id) == []
     assert capsys.readouterr().err.count("No space left on device") == 1
@@ -217,7 +217,9 @@ def test_a_store_that_fails_under_way_costs_the_row_and_one_warning(store, clien
 def test_processes_that_open_a_fresh_store_at_once_do_not_race(store):
     from mlflow import MlflowClient
 
-    code = "from tactile_viewgcn import tracking\nwith tracking.stage_run('cluster') as run: run.metrics({'a': 1})"
+    code = (
+        "from tactile_viewgcn import tracking\nwith tracking.stage_run('cluster') as run: run.log('log_text', 'a', 'b')"
+    )
     started = [subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stderr=subprocess.PIPE) for _ in range(3)]
     errors = [process.communicate()[1].decode() for process in started]
     assert [process.returncode for process in started] == [0, 0, 0], errors

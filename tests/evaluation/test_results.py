@@ -73,7 +73,7 @@ def test_costs_name_each_stage_and_the_hungriest_one_s_memory(evaluation, timing
 
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])
 def test_records_are_read_by_stage_and_a_damaged_one_is_named(tmp_path, content):
-    RECORD.write(tmp_path / "any.json")
+    (tmp_path / "any.json").write_text(RECORD.text)
     assert read_records([tmp_path / "any.json"]) == {"pretrain": RECORD}
     (tmp_path / "ingest.json").write_text(content)
     with pytest.raises(UserError, match=r"ingest\.json: damaged"):

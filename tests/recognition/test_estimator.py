@@ -100,7 +100,7 @@ def test_its_answers_are_those_of_the_stages(system):
 
     train = frames.on(TRAIN)
     rows = [train[frames.recording[train] == number] for number in np.unique(frames.recording[train])]
-    values = {key: parse(text) for key, text in (change.split("=") for change in changes)}
+    values = {key: parse(text, key) for key, text in (change.split("=") for change in changes)}
     classifier = TactileClassifier(system=system, views=4, params=values | {"precision": "float32"})
     classifier.fit([frames.counts[index] for index in rows], [frames.label[index[0]] for index in rows])
     inputs = frames.inputs(frames.on(TEST), expected.transform)

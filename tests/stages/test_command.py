@@ -82,14 +82,18 @@ def test_sigterm_ends_a_stage_with_its_own_code(place):
 
 def test_an_epoch_is_kept_for_the_record_and_logged_at_once():
     class Logged(Run):
-        def metrics(self, values, step=0):
-            epochs.append((step, values))
+        def log(self, function, *values):
+            epochs.append((function, *values))
 
     epochs = []
     job = Job("pretrain", SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), {}, Logged())
     for epoch in (1, 2):
         job.epoch(epoch, {"loss": 1.0 / epoch})
-    assert job.curves == {"loss": [1.0, 0.5]} and epochs == [(1, {"loss": 1.0}), (2, {"loss": 0.5})]
+    assert job.curves == {"loss": [1.0, 0.5]}
+    assert epochs == [
+        ("log_metrics", {"loss": 1.0}, 1),
+        ("log_metrics", {"loss": 0.5}, 2),
+    ]
 
 
 def test_a_record_counts_the_time_before_an_interruption_and_has_the_md5s_that_were_asked_for(tmp_path):
