@@ -69,18 +69,6 @@ def test_without_contact_a_finger_relaxes_exponentially_to_its_posture(damping):
     np.testing.assert_allclose(states[:, 12], 0.5 - 0.05 * np.exp(-time * HOLDING / LAYER.object_damping), atol=2e-6)
 
 
-def test_a_finger_follows_a_posture_that_moves_from_frame_to_frame():
-    mechanics = free_finger(posture=0.2, knots=5)
-    mechanics.drive.posture[0, :, :, 0] = np.array([0.2, 0.3, 0.4, 0.5, 0.6])[:, None]  # 1 rad/s
-    y = np.array([[0.2] * 10 + [0, 0, 0.5]])
-    states = ImplicitIntegrator(mechanics, FRAME, 1e-3).run(y, 4)[0]
-    lag = LAYER.joint_damping / JOINT[0]  # s
-    time = FRAME * np.arange(1, 5)
-    exact = 0.2 + time - lag * (1 - np.exp(-time / lag))
-    np.testing.assert_allclose(states[:, 0:10:2], np.tile(exact[:, None], 5), atol=2e-4)
-    np.testing.assert_allclose(states[:, 1:10:2], 0.2, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("part_of_frame", "error", "solved", "outcome"),
     [

@@ -14,7 +14,6 @@ from tactile_viewgcn.glove.sensor import (
     MAX_COUNT,
     NO_SENSOR,
     RECOVERY,
-    ROW_NOISE,
     SATURATION,
     SENSITIVITY,
     Sensors,
@@ -66,17 +65,6 @@ def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
     assert (frames[:, :, ~there] == NO_SENSOR).all() and there.sum() == 548
     assert (frames[0][:, there] == MAX_COUNT).all() and MAX_COUNT == 1023
     np.testing.assert_array_equal(frames[1][:, HAND.row, HAND.column], np.where(pressure[1] < 0, 0, 100))
-
-
-def test_without_contact_counts_are_baseline_and_noise():
-    effects = frozenset(["noise", "saturation", "hysteresis", "crosstalk"])
-    glove = Sensors(HAND, 3, [1], [stream(3, "noise")], effects)
-    frames = glove.read(np.zeros((1, 5, COUNT)), FLAT)[0]
-    again = stream(3, "noise")
-    for frame in frames:
-        draws = again.standard_normal(COUNT + 32)
-        noise = glove.noise[0] * draws[:COUNT] + ROW_NOISE * draws[COUNT:][HAND.row]
-        np.testing.assert_array_equal(frame[HAND.row, HAND.column], np.rint(glove.baseline[0] + noise))
 
 
 def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():

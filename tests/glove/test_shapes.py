@@ -82,7 +82,3 @@ def test_many_unions_at_once_give_what_each_primitive_gives_alone():
         np.testing.assert_allclose(slope[n], gradient(part, at[n])[0], atol=1e-15)
     for n in range(len(b)):
         assert solids.bounding_radius[b[n], p[n]] == unions[b[n]][p[n]].bounding_radius
-
-
-def test_a_rounding_of_half_a_wall_is_allowed():
-    assert tube(0.03, 0.036, 0.08, 0.003).half[0] == 0

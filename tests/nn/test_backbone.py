@@ -51,13 +51,6 @@ def maps_and_features(backbone, frames):
     return maps[0], features
 
 
-def test_the_average_reads_each_map_out_as_one_number():
-    torch.manual_seed(0)
-    maps, features = maps_and_features(Backbone(width=2), torch.rand(2, 1, 20, 12))
-    assert maps.shape == (2, 4, 5, 3)
-    torch.testing.assert_close(features, maps.flatten(2).sum(dim=-1) / 15)
-
-
 def grid_of(maps):
     """Means of 4 x 4 parts of maps (B, C, H, W) side by side, map by map and row by row: (B, C * 16)."""
     parts = [[slice(i * side // 4, -(-(i + 1) * side // 4)) for i in range(4)] for side in maps.shape[2:]]

@@ -4,16 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest, squared_distances
+from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 FOUR = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
 CUBE = torch.from_numpy(viewpoints(8)).float()
-
-
-def test_squared_distances_by_hand():
-    expected = torch.tensor([[0.0, 1, 4, 9], [1, 0, 5, 10], [4, 5, 0, 13], [9, 10, 13, 0]])
-    assert torch.equal(squared_distances(FOUR), expected)
 
 
 def test_ties_go_to_the_lowest_index():

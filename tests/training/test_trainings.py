@@ -54,14 +54,6 @@ def sizes(group):
     return sum(weight.numel() for weight in group["params"])
 
 
-def test_the_recipe_of_pretraining_reaches_the_optimiser(fitted):
-    pretrain("pretrain.epochs=30")
-    (group,) = fitted["groups"]
-    assert fitted["config"].epochs == 30
-    assert [group[name] for name in ("lr", "momentum", "weight_decay")] == [5e-3, 0.9, 1e-4]
-    assert sizes(group) == 674_240 + 128 * 4 + 4
-
-
 @pytest.mark.parametrize(("dropout", "share"), [("true", 0.2), ("false", 0.0)])
 def test_backbone_and_graph_network_have_rates_of_their_own_and_the_backbone_its_dropout(fitted, dropout, share):
     network, _ = finetune("finetune.lr=5e-4", f"finetune.backbone_dropout={dropout}")

@@ -34,7 +34,7 @@ def test_the_circle_is_thirty_degrees_up_and_its_places_are_equally_spaced(count
     np.testing.assert_allclose(steps, 2 * np.sqrt(3) * np.cos(np.deg2rad(30)) * np.sin(np.pi / count))
 
 
-@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 13, 50, 100, 1000])
+@pytest.mark.parametrize("count", [2, 3, 4, 7, 50, 1000])
 def test_the_sphere_s_places_are_spread_evenly(count):
     distances = squared(viewpoints(count, "sphere")) + np.diag(np.full(count, np.inf))
     nearest = np.sqrt(distances.min(axis=1) / 3)
