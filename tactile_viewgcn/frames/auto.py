@@ -59,7 +59,7 @@ def choose(
     Raises:
         UserError: no sensor that varies; a baseline that the recordings cannot give; readings too small or too large.
     """
-    live, notes, params = int(training.live.sum()), list[Note](), asked
+    live, decided = int(training.live.sum()), _Decisions(asked, [])
     if not live:
         raise UserError(
             f"{training.path}: no sensor varies over {several(len(training), 'frame')}; expected some that do: "
@@ -67,74 +67,89 @@ def choose(
         )
     if asked.contact_sensors == "auto":
         reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != STAG_SENSORS else "")
-        params = replace(params, contact_sensors=sensors_in_contact(live))
-        notes.append(_decided(params, "contact_sensors", reason, "contact"))
-    as_they_are = asked.baseline == "auto" and not (empty_hand or is_array(training.live))
-    states = hand_states(training, int(params.contact_sensors), all_contact=as_they_are)
-    if not as_they_are and quietest_are_contact(training, states):
+        decided.take("contact_sensors", sensors_in_contact(live), reason, "contact")
+    few = asked.baseline == "auto" and not (empty_hand or is_array(training.live))
+    states = hand_states(training, int(decided.params.contact_sensors), all_contact=few)
+    if not few and quietest_are_contact(training, states):
         states = states.as_contact()
-
-    kinds: list[Any] = [asked.baseline]
-    reason = ""
     if asked.baseline == "auto":
-        kinds, reason = _candidates(training, states, empty_hand=empty_hand, published=published)
-        if kinds == ["none"]:
-            params = replace(params, zero=smallest_reading(training))
-    tried = list[tuple[PreprocessSection, Baseline, QuickError | None]]()
-    for kind in kinds:
-        params = replace(params, baseline=kind)
-        baseline = measure_baseline(training, params, states)
+        baseline, leak = _take_baseline(decided, training, states, group, empty_hand=empty_hand, published=published)
+    else:
+        baseline = measure_baseline(training, asked, states)
         leak = check_leak(training, baseline, states, group)
-        tried.append((params, baseline, leak))
-        if not (leak and leak.beats_chance):
-            break
-    else:  # all leak: the one that leaks least
-        params, baseline, leak = max(tried, key=lambda one: one[2].error if one[2] else 0)
-    if asked.baseline == "auto":
-        leaking = [one.baseline for one, _, each in tried if each and each.beats_chance]
-        if leaking:
-            reason = f"above {listed([*leaking])} the object is recognised without contact"
-            reason += "; this one leaks least" if len(leaking) == len(tried) else ""
-        notes.append(_decided(params, "baseline", reason, "baseline"))
-        if params.baseline == "none":
-            reason = "the reading of sensors without contact" if params.zero else "sensors without contact read about 0"
-            notes.append(_decided(params, "zero", reason, "baseline"))
-
-    if params.baseline == "grasp" and states.all_contact:
+    kind = decided.params.baseline
+    if kind == "grasp" and states.all_contact:
         text = (
             "grasp is made of frames in contact, as even the quietest are, so it is subtracted from the signal; set "
             "preprocess.baseline to auto, which takes the recordings as they are"
         )
-        notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
-
+        decided.notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
     if asked.filter == "auto":
-        value, reason = _filter(training, states, params.baseline)
-        params = replace(params, filter=value)
-        notes.append(_decided(params, "filter", reason, "filter"))
+        decided.take("filter", *_filter(training, states, kind), "filter")
     if asked.scale == "auto":
-        scale, reason = _scale(contact_readings(training, states, baseline))
-        params = replace(params, scale=scale)
-        notes.append(_decided(params, "scale", reason, "scale"))
-    notes += leak_notes(training, states, leak, advised="grasp" not in kinds)
-    return Choice(params, states, baseline, leak, notes)
+        decided.take("scale", *_scale(contact_readings(training, states, baseline)), "scale")
+    advised = kind != "grasp" and (asked.baseline != "auto" or published)  # else `auto` has tried it
+    notes = decided.notes + leak_notes(training, states, leak, advised=advised)
+    return Choice(decided.params, states, baseline, leak, notes)
 
 
-def _decided(params: PreprocessSection, key: str, reason: str, topic: str) -> Note:
-    return Note(reason, "choice", topic, f"preprocess.{key}", getattr(params, key))
+@dataclass
+class _Decisions:
+    """The settings as far as they are decided, and a note on each value."""
+
+    params: PreprocessSection
+    notes: list[Note]
+
+    def take(self, key: str, value: Any, reason: str, topic: str) -> None:
+        self.params = replace(self.params, **{key: value})
+        self.notes.append(Note(reason, "choice", topic, f"preprocess.{key}", value))
 
 
-def _candidates(
-    training: Recordings, states: HandStates, *, empty_hand: bool, published: bool
-) -> tuple[list[str], str]:
-    """The baselines of which the first is taken that does not leak the object, and the reason of the first."""
-    if not (empty_hand or is_array(training.live)):
-        return ["none"], "few sensors, which may read anything without contact: recordings are taken as they are"
-    if states.all_contact:
-        return ["none"], "even the quietest frames are contact: recordings are taken as they are"
-    if empty_hand and (published or not is_array(training.live)):
-        return ["empty_hand"], "recorded in every session" + ", and the split is published" * published
-    others = ["empty_hand"] if empty_hand else []
-    return ["grasp", *others], "of the open hand before each grasp, as a baseline may drift"
+def _take_baseline(
+    decided: _Decisions,
+    training: Recordings,
+    states: HandStates,
+    group: np.ndarray,
+    *,
+    empty_hand: bool,
+    published: bool,
+) -> tuple[Baseline, QuickError | None]:
+    """Decide the baseline, and measure it and its leak.
+
+    The paper's is taken for recordings like the paper's, and `none` where nothing is known to be without contact. For
+    any other array it is `grasp`, which follows a baseline that drifts; but `empty_hand` where the object is
+    recognised without contact above `grasp`, and not, or less well, above `empty_hand`.
+    """
+    array = is_array(training.live)
+    if empty_hand and (published or not array):
+        kinds, reason = ["empty_hand"], "recorded in every session" + ", and the split is published" * published
+    elif not array:
+        kinds, reason = (
+            ["none"],
+            "few sensors, which may read anything without contact: recordings are taken as they are",
+        )
+    elif states.all_contact:
+        kinds, reason = ["none"], "even the quietest frames are contact: recordings are taken as they are"
+    else:
+        kinds, reason = ["grasp", "empty_hand"][: 1 + empty_hand], "of the open hand before each grasp: it may drift"
+    zero, tried, leaking = smallest_reading(training), [], list[str]()
+    for kind in kinds:
+        baseline = measure_baseline(training, replace(decided.params, baseline=kind, zero=zero), states)
+        leak = check_leak(training, baseline, states, group)
+        tried.append((0.0 if leak is None else leak.error, kind, baseline, leak))
+        if leak is None or not leak.beats_chance:
+            break
+        leaking.append(kind)
+    else:  # all leak
+        _, kind, baseline, leak = max(tried, key=lambda one: one[0])
+    if leaking:
+        reason = f"above {listed(leaking)} the object is recognised without contact"
+        reason += "; this one leaks least" * (len(leaking) == len(kinds))
+    decided.take("baseline", kind, reason, "baseline")
+    if kind == "none":
+        reason = "the reading of sensors without contact" if zero else "sensors without contact read about 0"
+        decided.take("zero", zero, reason, "baseline")
+    return baseline, leak
 
 
 def smallest_reading(recordings: Recordings) -> float:

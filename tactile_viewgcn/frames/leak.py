@@ -69,20 +69,22 @@ def quick_error(
     cells = cells[:, np.bincount(cells[0])[cells[0]] > 1]
     if len(np.unique(cells[0])) < 2:
         return None
-    means, of_cell, frames = [], [], 0
+    rows, of_cell = list[np.ndarray](), list[int]()
     for number, (one, within) in enumerate(cells.T):
         index = np.flatnonzero(usable & (label == one) & (group == within))
         index = evenly(index, max(1, MAX_FRAMES // len(cells.T)))
         count = -(-len(index) // FRAMES)
-        means += [readings(index[first::count]).mean(axis=0, dtype=np.float64) for first in range(count)]
+        rows += [index[first::count] for first in range(count)]
         of_cell += [number] * count
-        frames += len(index)
+    used = np.concatenate(rows)
+    values = np.split(readings(used), np.cumsum([len(row) for row in rows])[:-1])
+    means = np.stack([value.mean(axis=0, dtype=np.float64) for value in values])
     label_of, group_of = cells[:, of_cell]
-    is_wrong = _answers(np.stack(means), label_of, group_of) != label_of
+    is_wrong = _answers(means, label_of, group_of) != label_of
     wrong = np.bincount(of_cell, is_wrong) / np.bincount(of_cell)
     low, high = proportion_interval(wrong, cells[1], stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
     chance = 1 - np.bincount(cells[0]).max() / len(cells.T)
-    return QuickError(float(wrong.mean()), low, high, float(chance), len(np.unique(cells[1])), frames)
+    return QuickError(float(wrong.mean()), low, high, float(chance), len(np.unique(cells[1])), len(used))
 
 
 def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, group: np.ndarray) -> QuickError | None:
