@@ -4,9 +4,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from tactile_viewgcn.messages import shown
 
@@ -119,17 +117,4 @@ def time_lines(
     timed = not np.isnan(seconds).any()
     figure.supxlabel("seconds" if timed else "share of the recording", fontsize=9)
     figure.supylabel("mean reading above baseline", fontsize=9)
-    return figure
-
-
-def sensor_states(states: np.ndarray, names: list[str]) -> Figure:
-    """Sensors by their state, int (H, W): an index into `names`, the first of which is the state without a fault."""
-    height, width = states.shape
-    figure = Figure(figsize=(3.6, min(max(3.2 * height / width, 1.2), 5) + 0.8), layout="constrained")
-    axes = figure.add_subplot()
-    palette = ListedColormap(["#cfe0e6", NO_SENSOR, "#8758a8", "#d1495b"])
-    axes.imshow(states, cmap=palette, vmin=-0.5, vmax=3.5, interpolation="none")
-    axes.set_axis_off()
-    patches = [Patch(facecolor=palette(i), edgecolor="#888", label=name) for i, name in enumerate(names)]
-    axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(0, 0), fontsize=9, frameon=False)
     return figure

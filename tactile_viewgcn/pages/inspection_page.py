@@ -14,7 +14,6 @@ from tactile_viewgcn.tables.recordings import frames_by_recording
 MOST_LINES = 12  # recordings whose time lines are drawn
 MOST_OBJECTS = 48  # whose mean frames are drawn
 POINTS = 100  # of a time line, at most
-STATES = ["varies", "does not vary", "hardly varies", "often at the largest reading"]
 
 
 def inspection_page(overview: Overview) -> str:
@@ -33,9 +32,6 @@ def inspection_page(overview: Overview) -> str:
         tables=inspection_text.tables(overview),
         mean_frames=_mean_frames(overview),
         time_lines=_time_lines(overview),
-        sensor_states=_sensor_states(overview),
-        noise=plots.mean_frames(overview.noise[None], overview.recordings.live, [""], overview.unit),
-        noise_pairs=overview.noise_pairs,
     )
 
 
@@ -72,12 +68,3 @@ def _time_lines(overview: Overview) -> Figure:
         in_contact.append(np.array([part.mean() for part in np.array_split(contact, points)]))
     names = [overview.recordings.objects[overview.label[row]] for row in rows]
     return plots.time_lines(lines, in_contact, overview.seconds[rows].tolist(), names)
-
-
-def _sensor_states(overview: Overview) -> Figure:
-    """Sensors that are dead, stuck or saturated, on the layout."""
-    states = np.where(overview.recordings.live, 0, 1)
-    states[overview.stuck] = 2
-    states[overview.saturated] = 3
-    numbers = np.bincount(states.ravel(), minlength=len(STATES))
-    return plots.sensor_states(states, [f"{name}: {number:,}" for name, number in zip(STATES, numbers, strict=True)])

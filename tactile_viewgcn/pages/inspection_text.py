@@ -127,7 +127,7 @@ def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
 
 def warnings(overview: Overview) -> list[Note]:
     """What may spoil a result with the recommended settings, each with a remedy."""
-    by, stuck, saturated = overview.setting("split.by"), int(overview.stuck.sum()), int(overview.saturated.sum())
+    by, stuck, saturated = overview.setting("split.by"), _places(overview, "stuck"), _places(overview, "saturated")
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
     gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
@@ -204,6 +204,12 @@ def _names(overview: Overview, chosen: np.ndarray) -> str:
     """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
     names = [overview.recordings.objects[label] for label in np.unique(overview.label) if chosen[label]]
     return listed([name for name in names if name != EMPTY_HAND])
+
+
+def _places(overview: Overview, fault: str) -> str:
+    """Names of sensors with a fault, of channels, else row/column; "" without any."""
+    names, faulty = overview.recordings.channel_names, np.argwhere(getattr(overview, fault)).tolist()
+    return listed([names[column] if names else f"{row}/{column}" for row, column in faulty])
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:

@@ -3,7 +3,6 @@
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
-SAMPLE = 2000  # frames for the variation of a sensor, pairs of frames for its noise
+SAMPLE = 2000  # frames for the variation of a sensor
 STUCK = 0.1  # of the median sensor's noise
 SATURATED = 0.01  # share of frames at the largest reading of all sensors
 GAP = 2.5  # median intervals: frames are missing
@@ -49,12 +48,9 @@ class Overview:
         first_frame: error on the first frame of each recording; None where all frames are contact.
         interval: median seconds between frames, or None; gaps: number of intervals of more than 2.5 times that.
         seconds: (R,) from first to last frame; NaN where the source has no time.
-        stuck: bool (H, W) sensors whose noise and variation are below a tenth of the median sensor's noise; none where
-            there is no open hand, in which an idle sensor has its noise and a faulty one has none.
+        stuck: bool (H, W) sensors that vary by less than a tenth of the median noise; none without an open hand.
         saturated: bool (H, W) sensors that read the largest number that any does in more than 1 % of the frames; none
             where only one reading is that large.
-        noise: (H, W) standard deviation of a sensor's changes between successive frames, divided by the root of two;
-            noise_pairs: number of pairs of open-hand frames that show it, 0 where the changes are of all frames.
     """
 
     recordings: Recordings
@@ -75,8 +71,6 @@ class Overview:
     seconds: np.ndarray
     stuck: np.ndarray
     saturated: np.ndarray
-    noise: np.ndarray
-    noise_pairs: int
 
     @property
     def states(self) -> HandStates:
@@ -118,6 +112,7 @@ def inspect_table(recordings: Recordings, asked: PreprocessSection, form: Form =
     empty_hand, published = has_empty_hand(recordings), has_published_split(recordings)
     choice = choose(recordings, asked, group, empty_hand=empty_hand, published=published)
     states = choice.states
+    stuck, saturated = _faulty(recordings, states, recorded)
     interval, gaps, seconds = _sampling([columns["time"][index] for index in recorded])
     return Overview(
         recordings=recordings,
@@ -136,7 +131,8 @@ def inspect_table(recordings: Recordings, asked: PreprocessSection, form: Form =
         interval=interval,
         gaps=gaps,
         seconds=seconds,
-        **_sensors(recordings, states, recorded),
+        stuck=stuck,
+        saturated=saturated,
     )
 
 
@@ -162,21 +158,17 @@ def _counts(columns: dict[str, np.ndarray], states: HandStates, recorded: list[n
     return {"recordings": np.ones(len(recorded), dtype=np.int64)} | counts
 
 
-def _sensors(recordings: Recordings, states: HandStates, recorded: list[np.ndarray]) -> dict[str, Any]:
-    """`stuck`, `saturated`, `noise` and `noise_pairs` of an `Overview`."""
+def _faulty(recordings: Recordings, states: HandStates, recorded: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """`stuck` and `saturated` of an `Overview`."""
     sample = states.counts[evenly(np.arange(len(recordings)), SAMPLE)]
+    noise = np.median(states.noise[np.unique(recordings.columns["session"])])
+    stuck = (sample.std(axis=0, dtype=np.float64) < STUCK * noise) & (states.open.sum() >= MIN_FRAMES)
     largest = max(states.counts[index].max() for index in recorded)
     at_largest = np.sum([(states.counts[index] == largest).sum(axis=0) for index in recorded], axis=0)
-    sessions = np.unique(recordings.columns["session"])
-    noise, (open_noise, pairs) = np.median(states.noise[sessions], axis=0), _open_noise(states, recorded)
-    stuck = np.zeros_like(noise, dtype=bool)
-    if pairs:  # all sensors are idle then: what lacks the others' noise is no sensor
-        stuck = sample.std(axis=0, dtype=np.float64) < STUCK * np.median(noise)
-        stuck, noise = stuck & (open_noise < STUCK * np.median(open_noise)), open_noise
     saturated = (at_largest / len(recordings) > SATURATED) & (at_largest.sum() > 1)
-    layouts = np.zeros((3, *recordings.shape))
-    layouts[:, recordings.live] = stuck, saturated, noise
-    return {"stuck": layouts[0] > 0, "saturated": layouts[1] > 0, "noise": layouts[2], "noise_pairs": pairs}
+    layouts = np.zeros((2, *recordings.shape), dtype=bool)
+    layouts[:, recordings.live] = stuck, saturated
+    return layouts[0], layouts[1]
 
 
 def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarray]:
@@ -199,17 +191,6 @@ def _sampling(times: list[np.ndarray]) -> tuple[float | None, int, np.ndarray]:
     if not len(steps) or not np.isfinite(steps).all() or not (interval := float(np.median(steps))) > 0:
         return None, 0, np.where(seconds > 0, seconds, np.nan)
     return interval, int((steps > GAP * interval).sum()), seconds
-
-
-def _open_noise(states: HandStates, recorded: list[np.ndarray]) -> tuple[np.ndarray, int]:
-    """Noise (S,) of the open hand, and the number of pairs of successive frames that it is measured on; 0 of too few.
-
-    In all frames a light grip would count as noise.
-    """
-    before, after = (np.concatenate([index[part] for index in recorded]) for part in (slice(-1), slice(1, None)))
-    pairs = evenly(np.flatnonzero(states.open[before] & states.open[after]), SAMPLE)
-    changes = states.counts[after[pairs]].astype(np.float64) - states.counts[before[pairs]]
-    return (changes.std(axis=0) / np.sqrt(2), len(pairs)) if len(pairs) >= MIN_FRAMES else (np.zeros(0), 0)
 
 
 def _choice(key: str, value: str | int, reason: str) -> Note:

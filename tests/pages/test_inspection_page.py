@@ -42,15 +42,8 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     assert all(note.text in text and note.key in text for note in overview.settings)
     assert verdict(overview, warnings(overview)).kind == "good"  # most healthy sensors are pressed by no object
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
-    assert "light grip" not in text and "light grip" in text_of(inspection_page(changed(overview, noise_pairs=0)))
     timed = changed(overview, interval=0.05, seconds=np.full(12, 3.0))
     assert (facts(overview)[4][0], facts(timed)[4][0]) == ("no times", "20 Hz")
-
-
-def test_noise_is_that_of_the_open_hand_and_contact_adds_nothing(overview):
-    live = overview.recordings.live
-    np.testing.assert_allclose(overview.noise[live], 0.02, rtol=0.3)
-    assert 0 < overview.noise_pairs < overview.counts["open hand"].sum() and overview.noise[~live].tolist() == [0]
 
 
 def test_only_measured_baselines_have_a_table_and_only_flags_of_the_source_a_column(overview):
@@ -109,7 +102,7 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
     )
     texts = {note.topic: note.text for note in warnings(faulty)}
     assert list(texts) == ["contact", "leak", "first frame", "error", "split", "time", "stuck", "saturated"]
-    names = {"contact": ": mug.", "split": ": Öl & <b>.", "time": "8 ", "stuck": ": 1.", "saturated": ": 95."}
+    names = {"contact": ": mug.", "split": ": Öl & <b>.", "time": "8 ", "stuck": ": 0/7.", "saturated": "and 85 more"}
     assert all(name in texts[topic] for topic, name in names.items())
     assert verdict(faulty, warnings(faulty)).kind == "unsure"
 
