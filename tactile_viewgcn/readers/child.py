@@ -1,6 +1,6 @@
-"""Reading files of recordings in a separate process, with limits on memory and time.
+"""Reading files of recordings in a separate process, with limits on memory, time and the size of its table.
 
-A damaged file may crash SciPy or HDF5, make them take all memory or keep them busy for ever. That ends the child alone.
+A damaged file may crash SciPy or HDF5, make them fill the memory or keep them busy for ever. That ends the child alone.
 The child gets its request as JSON and prints JSON: the file that it reads, and the error that ended it.
 """
 
@@ -21,6 +21,8 @@ from tactile_viewgcn.messages import UserError
 
 MEMORY, MEMORY_TIMES = 2**30, 20  # bytes on top of the program's own; and on top of these, times the source's size
 SECONDS, SECONDS_PER_MB = 10, 2  # of processor time; for each MB of the source, on top
+TABLE, TABLE_TIMES = 2**30, 200  # bytes of the table, and on top times the source's size
+RAISED = {"UserError": UserError, "OSError": OSError, "fault": RuntimeError}  # in the parent, by kind
 PACKAGES = Path(__file__).parents[2]  # where the child finds this package
 _parents: list[TextIO] = []  # in the child: the stream to its parent
 
@@ -54,21 +56,17 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
             child.wait()
         finally:
             child.kill()
-    error = str(message.get("error", ""))
-    match message.get("kind"):
-        case "done":
-            return
-        case "UserError":
-            raise UserError(error)
-        case "MemoryError":
-            remedy = "save it uncompressed"
-            raise UserError(f"{path}: reading it takes more memory than a file of its size may ({error}); {remedy}")
-        case "OSError":
-            raise OSError(*message["args"])
-        case "fault":
-            raise RuntimeError(error)
-    what = "took too long" if child.returncode == -getattr(signal, "SIGXCPU", 0) else "crashed"
-    raise UserError(f"{path}: reading it {what}; record or download again what is damaged")
+    kind, args = message.get("kind"), message.get("args", [])
+    if kind == "MemoryError":
+        what = f"reading it takes more memory than a file of its size may ({args[0]}); save it uncompressed"
+    elif kind in RAISED:
+        raise RAISED[kind](*args)
+    elif child.returncode == -getattr(signal, "SIGXCPU", 0):
+        what = "reading it took too long; record or download again what is damaged"
+    else:
+        what = "reading it crashed; record or download again what is damaged"
+    if kind != "done":
+        raise UserError(f"{path}: {what}")
 
 
 def serve(work: Callable[[dict[str, Any]], None]) -> None:
@@ -81,23 +79,26 @@ def serve(work: Callable[[dict[str, Any]], None]) -> None:
     try:
         work(json.loads(sys.argv[1]))
     except (UserError, MemoryError) as error:
-        message = {"kind": type(error).__name__, "error": str(error)}
+        message = {"kind": type(error).__name__, "args": [str(error)]}
     except OSError as error:
         has_place = error.errno is None or error.filename is not None
         message = {"kind": "OSError", "args": [str(error)] if has_place else [error.errno, error.strerror]}
     except Exception:
-        message = {"kind": "fault", "error": traceback.format_exc()}
+        message = {"kind": "fault", "args": [traceback.format_exc()]}
     print(json.dumps(message), file=parent, flush=True)
 
 
 def limit(request: dict[str, Any], stored: int) -> None:
     """In the child: set the limits of a request for a source of `stored` bytes, where the system has such limits."""
-    try:
-        import resource  # here, since Windows has none
-    except ImportError:
+    if os.name == "nt":
         return
+    import resource  # here, since Windows has none
+
     used = int(time.process_time())
-    limits = {resource.RLIMIT_CPU: used + request["seconds"] + SECONDS_PER_MB * stored // 10**6}
+    limits = {
+        resource.RLIMIT_CPU: used + request["seconds"] + SECONDS_PER_MB * stored // 10**6,
+        resource.RLIMIT_FSIZE: TABLE + TABLE_TIMES * stored,
+    }
     if (status := Path("/proc/self/statm")).exists():  # on Linux; other systems do not keep the limit
         in_use = int(status.read_text().split()[0]) * resource.getpagesize()
         limits[resource.RLIMIT_AS] = in_use + request["memory"] + MEMORY_TIMES * stored

@@ -4,7 +4,6 @@ An array is (frames, rows, columns), or (frames, cells) with the cells row after
 columns of a frame) it may also be one frame; without one, (frames, cells) are frames of one row.
 """
 
-import math
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -17,7 +16,7 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import all_below
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import read_recording
 from tactile_viewgcn.readers.source import (
@@ -38,8 +37,6 @@ from tactile_viewgcn.readers.text import Table, read_table
 
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
 HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".mat")
-COLUMN_BYTES = 32  # of all columns, for each frame
-DISK, DISK_TIMES = 2**30, 200  # largest table: bytes, plus this many times the bytes of its source
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 EXPECTED = (
     f"expected a STAG metadata.mat, a STAG folder, a folder of {PLACES} with .npy, .npz, .mat, .csv, .txt or .h5, or a "
@@ -52,19 +49,14 @@ def files_of(path: Path) -> list[Path]:
     return all_below(path) if path.is_dir() else [path]
 
 
-def recordings_among(files: Sequence[Path]) -> list[Path]:
-    """Files whose ending is that of recordings; .txt are tables if they are more than all others, else descriptions."""
-    texts, others = _ending(files, (".txt",)), _ending(files, (*HDF5, *ARRAYS, *TEXTS[:-1]))
-    return sorted(others + texts) if len(texts) > len(others) else others
+def recordings_among(files: Sequence[Path], *endings: str) -> list[Path]:
+    """Files whose ending is that of recordings, or one of the given."""
+    return [file for file in files if file.name.lower().endswith(endings or (*HDF5, *ARRAYS, *TEXTS))]
 
 
 def are_arrays(path: Path) -> bool:
     """Whether a path holds arrays or tables, whose shape the user may have to set."""
-    return bool(_ending(recordings_among(files_of(path)), (*ARRAYS, *TEXTS)))
-
-
-def _ending(files: Sequence[Path], endings: tuple[str, ...]) -> list[Path]:
-    return [file for file in files if file.name.lower().endswith(endings)]
+    return bool(recordings_among(files_of(path), *ARRAYS, *TEXTS))
 
 
 def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | None = None) -> Source:
@@ -95,40 +87,42 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
     if not recordings:
         endings = listed(sorted({file.suffix for file in files}))
         raise UserError(f"{path}: no recordings in it, only files of {endings}; {EXPECTED}")
-    source = read_files(path, recordings, form)
-    check_size(source, recordings)
-    return source
-
-
-def check_size(source: Source, files: list[Path]) -> None:
-    """Raise a UserError for files that declare far more than they store; a table of it might fill the disk."""
-    size = source.frames * (math.prod(source.shape) * source.dtype.itemsize + COLUMN_BYTES)
-    if size > DISK + DISK_TIMES * (stored := sum(file.stat().st_size for file in files)):
-        raise UserError(
-            f"{source.path}: declares {size / 1e6:,.0f} MB and stores {stored / 1e6:,.3f} MB; save it uncompressed"
-        )
+    return read_files(path, recordings, form)
 
 
 def read_files(path: Path, files: list[Path], form: Form) -> Source:
     """Files below a folder, or a single one: a recording each, or one table whose columns name recordings.
 
-    Folders name objects and sessions, see `layout_of`, but for those of HDF5 files with an attribute `object`.
+    Folders name objects and sessions, see `layout_of`, but for those of HDF5 files with an attribute `object`. Files of
+    text that hold no table are left out, with a note.
 
     Raises:
         UserError: as `joined`.
     """
-    layout, table = cache(partial(layout_of, path, files, form)), cache(partial(read_table, form=form))
-    if len(files) == 1 and files[0].name.lower().endswith(TEXTS):
+    table, left = cache(partial(read_table, form=form)), list[str]()
+    for file in recordings_among(files, ".txt") if len(files) > 1 else ():
+        try:
+            with reading(file):
+                table(file)
+        except UserError as error:
+            left.append(str(error))
+            files = [each for each in files if each != file]
+    if not files:
+        raise UserError(listed(left, "; "))
+    layout = cache(partial(layout_of, path, files, form))
+    if len(files) == 1 and recordings_among(files, *TEXTS):
         with reading(files[0]):
             if (alone := table(files[0])).has_recordings(labelled=form.labelled):
                 named = enumerate(alone.recordings(form), 1)
                 parts = {Path(f"{files[0]}, recording {number}"): part for number, part in named}
                 return joined(path, list(parts), parts.__getitem__)
-    if not any(file.suffix.lower() in HDF5 for file in files):  # which may name objects themselves
+    if not recordings_among(files, *HDF5):  # which may name objects themselves
         layout()
     source = joined(path, files, partial(_opened, path=path, layout=layout, table=table, form=form))
     if layout.cache_info().currsize:
         source.notes.extend(layout().notes)
+    if left:
+        source.notes.append(Note(f"{several(len(left), 'file')} without a table: {listed(left, '; ')}", topic="files"))
     return source
 
 

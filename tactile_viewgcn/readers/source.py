@@ -25,7 +25,6 @@ MAX_LISTED = 10  # mistakes or names in one message
 MOST_NAMES = 2**15  # objects, recordings or sessions: ids are int16
 MOST_LETTERS = 1000  # of a name
 NUMBERS = "biuf"  # `kind` of the dtypes of numbers
-MANY = 10  # good files beside which one of a different kind is left out
 UNNAMED = {"object": UNLABELLED, "session": "session"}  # of a recording that names none
 
 #: Type of each column, one value per frame. Every source has the first five.
@@ -116,9 +115,8 @@ class Source:
             if len(names) > MOST_NAMES:
                 raise UserError(f"{self.path}: {len(names):,} {kind}s; expected at most {MOST_NAMES:,}")
             for name in names:
-                if len(name) > MOST_LETTERS or "\0" in name or name != name.encode(errors="ignore").decode():
-                    text = f"{self.path}: the name of {kind} {name[:MOST_LETTERS]!r} is no text"
-                    raise UserError(f"{text}; expected UTF-8 without NUL, up to {MOST_LETTERS:,} letters")
+                if len(name) > MOST_LETTERS or name != name.encode(errors="ignore").replace(b"\0", b"").decode():
+                    raise UserError(f"{self.path}: the {kind} {name[:40]!r}: expected up to {MOST_LETTERS:,} letters")
         if len(set(objects := self.names["object"])) < len(objects):
             raise UserError(f"{self.path}: two objects have one name; expected each once: {listed(objects)}")
 
@@ -202,12 +200,6 @@ def listed(texts: list[str], mark: str = ", ") -> str:
     return mark.join(texts[:MAX_LISTED] + more)
 
 
-def raise_mistakes(mistakes: list[str]) -> None:
-    """Raise a UserError that lists the first ten mistakes, if there are any."""
-    if mistakes:
-        raise UserError(listed(mistakes, "; "))
-
-
 def sliced(values: Values, frames: int) -> Iterator[Block]:
     """Pressure and columns in blocks; without a column of frames these are numbered, without one of times it is NaN."""
     values = {"frame": np.arange(frames), "time": np.full(frames, np.nan)} | values
@@ -233,31 +225,23 @@ class _Header:
 def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording]) -> Source:
     """The source of recordings in the order of their files, one in memory at a time.
 
-    Files that cannot be read, or differ from most in shape, columns or names of sensors, are left out where there are
-    ten times as many others.
-
     Args:
         path: the source's path, for its errors.
         opened: opens a file; it is called twice for each.
 
     Raises:
-        UserError: lists the mistakes of all files, and where they differ, or share a name.
+        UserError: lists the files that cannot be read, or else those that differ from most, or share a name.
     """
-    headers, strays = list[_Header](), dict[Path, str]()
+    headers, mistakes = list[_Header](), list[str]()
     for file in files:
         try:
             with reading(file):
                 headers.append(_header(file, opened(file)))
         except UserError as error:
-            strays[file] = str(error)
-    strays |= _unlike(headers)
-    if are_few := len(strays) * MANY <= len(headers):
-        headers = [header for header in headers if header.file not in strays]
-    raise_mistakes([*dict.fromkeys(strays.values())] * (not are_few) + _of_one_name(headers))
+            mistakes.append(str(error))
+    if mistakes := [*dict.fromkeys(mistakes + _unlike(headers))]:
+        raise UserError(listed(mistakes, "; "))
     notes, frames = list(headers[0].notes), sum(header.frames for header in headers)
-    if strays:
-        text = f"{several(len(strays), 'file')} left out beside {len(headers):,}: "
-        notes.append(Note(text + listed(list(strays.values()), "; "), "warning", "files"))
     if dropped := sum(header.dropped for header in headers):
         text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
         notes.append(Note(text, topic="frames"))
@@ -288,48 +272,28 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording]) -
 def _header(file: Path, recording: Recording) -> _Header:
     values, pressure = recording.values, recording.values["pressure"]
     shape, frames = check_shape(pressure.shape, str(file)), pressure.shape[0]
-    raise_mistakes(
-        [
-            f"{file}: {name} has shape {column.shape}; expected ({frames},), a value for each frame"
-            for name, column in values.items()
-            if name != "pressure" and column.shape != (frames,)
-        ]
-    )
-    return _Header(
-        file,
-        UNNAMED | recording.names,
-        frames,
-        shape,
-        storage_type(pressure.dtype, str(file)),
-        [name for name in values if name not in ("pressure", "frame")],
-        recording.channel_names,
-        recording.notes,
-        recording.dropped,
-    )
+    columns = [name for name in values if name not in ("pressure", "frame")]
+    for name in columns:
+        if values[name].shape != (frames,):
+            raise UserError(f"{file}: {name} has shape {values[name].shape}; expected ({frames},), one for each frame")
+    dtype, channels = storage_type(pressure.dtype, str(file)), recording.channel_names
+    names = UNNAMED | recording.names
+    return _Header(file, names, frames, shape, dtype, columns, channels, recording.notes, recording.dropped)
 
 
-def _unlike(headers: list[_Header]) -> dict[Path, str]:
-    """Mistakes, by file, of files that differ from most in shape, columns or names of sensors."""
-    mistakes: dict[Path, str] = {}
+def _unlike(headers: list[_Header]) -> list[str]:
+    """Mistakes of files that differ from most in shape, columns or names of sensors, or have a recording's name."""
+    mistakes, first = [], dict[str, Path]()
     for what in ("shape", "columns", "channels") if headers else ():
         texts = [str(getattr(header, what)) for header in headers]
         expected = Counter(texts).most_common(1)[0][0]
-        like = headers[texts.index(expected)].file
-        for header, text in zip(headers, texts, strict=True):
-            if text != expected:
-                mistakes.setdefault(header.file, f"{header.file}: {what} {text}; expected {expected} as in {like}")
-    return mistakes
-
-
-def _of_one_name(headers: list[_Header]) -> list[str]:
-    """Mistakes of files that share a recording's name."""
-    mistakes, first = [], dict[str, Path]()
+        like = f"expected {expected} as in {headers[texts.index(expected)].file}"
+        others = [(header, text) for header, text in zip(headers, texts, strict=True) if text != expected]
+        mistakes += [f"{header.file}: {what} {text}; {like}" for header, text in others]
     for header in headers:
         if (other := first.setdefault(name := header.names["recording"], header.file)) != header.file:
-            mistakes.append(
-                f"{header.file}: recording {name!r}, as in {other}; expected a name for each: of its file without the "
-                "ending, or in HDF5 the attribute `recording`"
-            )
+            remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"
+            mistakes.append(f"{header.file}: recording {name!r}, as in {other}; {remedy}")
     return mistakes
 
 
@@ -355,8 +319,8 @@ def _check(column: str, values: np.ndarray, block: Block, source: Source) -> Non
         inside, low = np.abs(values) <= high, -high
         inside |= np.isnan(values) & (column == "time")  # an unknown time
     else:
-        ids, is_flag = source.names.get(column), kind.kind == "b"
-        low, high = (0, len(ids) - 1) if ids else (0, 1) if is_flag else (np.iinfo(kind).min, np.iinfo(kind).max)
+        ids, limits = source.names.get(column), (0, 1) if kind.kind == "b" else (np.iinfo(kind).min, np.iinfo(kind).max)
+        low, high = map(np.float64, (0, len(ids) - 1) if ids else limits)
         inside = (values >= low) & (values <= high) & (values == np.floor(values))
     if inside.all():
         return

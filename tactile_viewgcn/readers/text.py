@@ -29,15 +29,14 @@ COMMENT = ("#", "%")
 EMPTY = " \t\n,;"  # an empty line has nothing else
 NOT_NUMBERS = re.compile(r"^[ \t]*([#%].*|[ \t,;]*)$", re.MULTILINE)  # comments and empty lines
 MOST_LETTERS = 40  # of a sensor's name
-UNITS = {  # words for a unit of time, and its seconds
-    1.0: ("s", "sec", "secs", "second", "seconds"),
-    1e-3: ("ms", "msec", "millis", "millisecond", "milliseconds"),
-    1e-6: ("us", "µs", "micros", "microsecond", "microseconds"),
-    1e-9: ("ns", "nanos", "nanosecond", "nanoseconds"),
+UNITS = {  # seconds of a unit of time, by the words for it
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "micros", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nanos", "nanosecond", "nanoseconds"), 1e-9),
 }
-SECONDS_OF = {word: seconds for seconds, words in UNITS.items() for word in words}
 TIMES = {"time", "timestamp", "systime", "stamp", "tstamp", "elapsed", "clock", "millis", "micros", "ms", "t"}
-ABOUT_TIMES = {"date", "sys", "system", "log", "unix", "epoch", "utc", "local", "since", "start", *SECONDS_OF}
+ABOUT_TIMES = {"date", "sys", "system", "log", "unix", "epoch", "utc", "local", "since", "start", *UNITS}
 LINE_NUMBERS = {"sample", "samples", "frame", "frames", "row", "line", "packet", "index", "idx", "id", "seq"}
 LINE_NUMBERS |= {"sequence", "n", "no", "nr", "num", "number", "count", "counter", "#", "unnamed"}
 NAMES = {
@@ -46,7 +45,6 @@ NAMES = {
     "session": {"session", "subject"},
 }
 MOSTLY = 0.9  # of the steps of a counter, which may have lost lines
-LONGEST = 0.5  # seconds between frames, where a unit is guessed
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ class Table:
     Attributes:
         pressure: (T, S) int64, or float64 if a cell is no whole number.
         channel_names: of the S sensors; none if the file names no column.
-        time: (T,) seconds; None without a column of times in a known unit.
+        time: (T,) seconds, by the unit in the column's name; None without such a column.
         labels: (T,) texts of each column of names, by `object`, `recording` and `session`.
         notes: what the columns hold that are no sensors.
     """
@@ -142,15 +140,13 @@ def read_table(file: Path, form: Form) -> Table:
     for at, (name, values) in enumerate(zip(names, columns, strict=True)):
         kind = next((f"the name of the {label}" for label, column in labels.items() if column == at), "")
         kind = kind or ("time" if name == form.columns.get("time") else _kind(names, at, values))
-        if kind == "time":
-            seconds = _seconds(name, np.diff(values))
-            kind = "time" if seconds else "time in no known unit; name it time_s or time_ms to keep the times"
-            time = (at, seconds) if seconds and time is None else time
+        if kind == "time" and not time and not np.isnan(values).any():  # else of texts such as 12:30:01
+            time = (at, next((UNITS[word] for word in _words(name) & UNITS.keys()), 1.0))
         if kind:
             notes.append(Note(f"column {at + 1}{f' ({name!r})' if name else ''} is {kind}", topic="columns"))
         else:
             sensors.append(at)
-    for at in [*sensors, *([time[0]] if time else []), *labels.values()]:
+    for at in [*sensors, *labels.values()]:
         filled = cells[at].notna() if at in labels.values() else ~np.isnan(columns[at])
         if not filled.all():
             what = "a name" if at in labels.values() else "a number"
@@ -246,7 +242,7 @@ def _labels(names: list[str], form: Form) -> dict[str, int]:
 
 def _kind(names: list[str], at: int, values: np.ndarray) -> str:
     """What a column holds by its name and its values (T,): `time`, a line number, or "" for a sensor."""
-    words, steps = set(re.findall(r"[a-zµ]+|#", names[at].lower())), np.diff(values)
+    words, steps = _words(names[at]), np.diff(values)
     counts = len(steps) > 1 and np.median(steps) > 0 and (steps == np.median(steps)).mean() > MOSTLY
     is_index = at == 0 and not names[at] and any(names)  # of pandas
     if counts and (is_index or (words and words <= LINE_NUMBERS)):  # a finger is called `index` too
@@ -256,12 +252,5 @@ def _kind(names: list[str], at: int, values: np.ndarray) -> str:
     return "time" if is_time and not is_sensor else ""
 
 
-def _seconds(name: str, steps: np.ndarray) -> float:
-    """Seconds of a time's unit, by its name or its steps from frame to frame; 0 if it may be any.
-
-    For example steps of 33 are milliseconds, and those of 0.033 seconds.
-    """
-    for word in set(re.findall("[a-zµ]+", name.lower())) & SECONDS_OF.keys():
-        return SECONDS_OF[word]
-    step = np.median(steps) if len(steps) else 0.0
-    return next((each for each in UNITS if 0 < step * each < LONGEST and not 0.5 <= step < 2), 0.0)
+def _words(name: str) -> set[str]:
+    return set(re.findall(r"[a-zµ]+|#", name.lower()))

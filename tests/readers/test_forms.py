@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import io
 
-from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN, Form
@@ -63,7 +62,6 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkey
         ("1.csv", LINES.replace(",", "\t"), [5, 7]),
         ("1.csv", "# 0,1,2\n" + LINES, [5, 7]),
         ("1.csv", "infrared_1,b,c\n" + LINES, [5, 7]),
-        ("1.csv", "Timestamp," + "s," * 35 + "\n" + "".join(f"0.5,{line},\n" for line in LINES.splitlines()), [5, 7]),
     ],
 )
 def test_every_form_of_an_array_gives_the_same_frames(tmp_path, name, content, layout):
@@ -119,8 +117,9 @@ COLUMNS = {  # names, a line, seconds between frames, and the columns that notes
     "seconds": ("time,a,b,c\n", lambda t, *r: [1.7e9 + t / 8, *r], 0.125, ["column 1 ('time')"]),
     "unit in the name": ("a,b,c,t [ms]\n", lambda t, *r: [*r, 2 * t], 0.002, ["column 4 ('t [ms]')"]),
     "unit as name": ("a,b,c,millis\n", lambda t, *r: [*r, t], 0.001, ["column 4 ('millis')"]),
-    "milliseconds": ("a,timestamp,b,c\n", lambda t, a, *r: [a, 33 * t, *r], 0.033, ["column 2 ('timestamp')"]),
-    "no unit": ("time,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('time')"]),
+    "milliseconds": ("a,time_ms,b,c\n", lambda t, a, *r: [a, 33 * t, *r], 0.033, ["column 2 ('time_ms')"]),
+    "no unit": ("time,a,b,c\n", lambda t, *r: [t, *r], 1.0, ["column 1 ('time')"]),
+    "a time of day": ("time,a,b,c\n", lambda t, *r: [f"12:30:{t}", *r], None, ["column 1 ('time')"]),
     "line numbers": ("Sample,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('Sample')"]),
     "names": ("a,b,c,label,Trial\n", lambda t, *r: [*r, "x", 7], None, ["column 4 ('label')", "column 5 ('Trial')"]),
     "counter with a gap": ("id,a,b,c\n", lambda t, *r: [t + (t > 9), *r], None, ["column 1 ('id')"]),
@@ -226,14 +225,13 @@ def test_each_table_is_parsed_once(tmp_path, monkeypatch):
     assert len(parsed) == 5
 
 
-def test_a_stray_table_neither_names_nor_hides_the_others(tmp_path):
-    lines = "time_s a b\n" + "".join(f"{frame} {frame % 3} 5\n" for frame in range(9))
-    for number in range(24):
-        save(tmp_path / "lab" / "mug" / f"{number}.txt", lines)
-    save(tmp_path / "lab" / "aaa" / "notes.csv", "who,x,y\n1,2,3\n")
+def test_a_text_without_a_table_is_left_out_and_named(tmp_path):
+    for name in ("ball/1.csv", "mug/2.txt"):
+        save(tmp_path / "lab" / name, "time_s a b\n0 1 2\n1 3 4\n")
+    save(tmp_path / "lab" / "readme.txt", "Recorded by me in 2024.\nThree objects.\n")
     _, table = ingested(tmp_path / "lab")
-    assert table.objects == ["mug"] and table.channel_names == ["a", "b"] and table.columns["time"][1] == 1
-    assert "notes.csv" in warnings_of(table.notes)[0].text
+    assert table.objects == ["ball", "mug"] and table.channel_names == ["a", "b"] and table.columns["time"][1] == 1
+    assert ["readme.txt" in note.text for note in table.notes if note.topic == "files"] == [True]
 
 
 def test_matlab_s_times_are_read_and_its_texts_are_no_arrays(tmp_path):
@@ -392,18 +390,13 @@ def test_an_object_s_name_may_have_the_mark_that_stands_between_names(tmp_path, 
     assert (table.objects, table.sessions) == (["tea_box"], ["mon"])
 
 
-@pytest.mark.parametrize("stray", ["labels.npy", "mug/far/1.npy", "mug/cut.npy", "mug/wide.npy", "log.h5"])
-@pytest.mark.parametrize("good", [12, 5])
-def test_a_stray_file_beside_many_good_ones_is_left_out_and_named(tmp_path, stray, good):
-    for number in range(good):
+@pytest.mark.parametrize("stray", ["labels.npy", "mug/far/1.npy", "mug/cut.npy", "mug/wide.npy", "weather.csv"])
+def test_a_file_unlike_the_others_is_named(tmp_path, stray):
+    for number in range(12):
         save(tmp_path / "lab" / ("mug", "pen")[number % 2] / f"{number}.npy")
-    save(tmp_path / "lab" / stray, b"cut" if "cut" in stray else COUNTS[..., :3] if "wide" in stray else COUNTS)
-    if good < 10:
-        assert stray in refusal(tmp_path / "lab", tmp_path)
-        return
-    _, table = ingested(tmp_path / "lab")
-    (warning,) = warnings_of(table.notes)
-    assert stray in warning.text and len(table.recordings) == 12 and table.objects == ["mug", "pen"]
+    wide = COUNTS[..., :3] if "wide" in stray else COUNTS
+    save(tmp_path / "lab" / stray, b"cut" if "cut" in stray else "a,b\n1,2\n" if "csv" in stray else wide)
+    assert stray in refusal(tmp_path / "lab", tmp_path)
 
 
 def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counted(tmp_path):
@@ -443,18 +436,6 @@ def test_attributes_name_a_recording_in_hdf5_and_its_side(tmp_path):
     _, table = ingested(tmp_path / "lab")
     assert (table.recordings, table.sessions) == (["first", "b"], ["2", "s1"])
     assert table.columns["split"].tolist() == [TRAIN] * 4 + [TEST] * 4
-
-
-@pytest.mark.parametrize("labelled", [True, False])
-def test_a_table_beside_many_hdf5_recordings_is_left_out_and_names_none_of_their_sensors(tmp_path, labelled):
-    for number in range(12):
-        record(tmp_path / "lab" / f"{number}.h5", pressure=COUNTS.reshape(len(COUNTS), 1, -1))
-    names = ",".join(f"sensor{number}" for number in range(COUNTS[0].size))
-    values = ",".join(map(str, range(COUNTS[0].size)))
-    (tmp_path / "lab" / "weather.csv").write_text("\n".join([names, values, values]))
-    source = open_source(tmp_path / "lab", Form(labelled=labelled))
-    assert source.channel_names == [] and len(source.names["recording"]) == 12
-    assert [note.level for note in source.notes if "weather.csv" in note.text] == ["warning"]
 
 
 def test_grasps_flags_and_times_are_columns_and_times_begin_at_0(tmp_path):
