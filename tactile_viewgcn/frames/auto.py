@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
-from tactile_viewgcn.frames.empty_hand import of_empty_hand
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quietest_are_contact
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
@@ -120,14 +119,12 @@ def _take_baseline(
     any other array it is `grasp`, which follows a baseline that drifts; but `empty_hand` where the object is
     recognised without contact above `grasp`, and not, or less well, above `empty_hand`.
     """
+    kinds: list[Any]
     array = is_array(training.live)
     if empty_hand and (published or not array):
         kinds, reason = ["empty_hand"], "recorded in every session" + ", and the split is published" * published
     elif not array:
-        kinds, reason = (
-            ["none"],
-            "few sensors, which may read anything without contact: recordings are taken as they are",
-        )
+        kinds, reason = ["none"], "few sensors, which may read anything without contact: they are taken as they are"
     elif states.all_contact:
         kinds, reason = ["none"], "even the quietest frames are contact: recordings are taken as they are"
     else:
@@ -161,7 +158,7 @@ def smallest_reading(recordings: Recordings) -> float:
 
 def contact_readings(recordings: Recordings, states: HandStates, baseline: Baseline) -> np.ndarray:
     """Counts (n,) above the baseline of the sensors in contact, in about 2,000 frames of contact."""
-    usable = states.contact & ~of_empty_hand(recordings)
+    usable = states.contact & ~recordings.empty_hand
     recorded = frames_by_recording(recordings)
     most = max(1, SAMPLE // len(recorded))
     sample = np.concatenate([evenly(index[usable[index]], most) for index in recorded])
@@ -171,7 +168,7 @@ def contact_readings(recordings: Recordings, states: HandStates, baseline: Basel
 
 def _filter(recordings: Recordings, states: HandStates, baseline: str) -> tuple[Any, str]:
     """Value and reason: flags if every object has some, else contact above a baseline, if that loses no recordings."""
-    objects, of_object = recordings.columns["object"], ~of_empty_hand(recordings)
+    objects, of_object = recordings.columns["object"], ~recordings.empty_hand
     with suppress(UserError):
         if not len(np.setdiff1d(objects[of_object], objects[flagged(recordings)])):
             return "flags", "the source says in which frames the object is held"

@@ -8,7 +8,6 @@ from tactile_viewgcn.frames.empty_hand import (
     MIN_FRAMES,
     MOST_FRAMES,
     SAMPLE,
-    of_empty_hand,
     trimmed_moments,
     visible_noise,
 )
@@ -97,7 +96,7 @@ def join_baselines(parts: list[tuple[np.ndarray, np.ndarray, Baseline]], frames:
 
 
 def _of_sessions(recordings: Recordings, states: HandStates | None, trained: list[Moments] | None) -> Baseline:
-    session, empty, notes = recordings.columns["session"], of_empty_hand(recordings), list[Note]()
+    session, empty, notes = recordings.columns["session"], recordings.empty_hand, list[Note]()
     unused = (
         np.zeros(recordings.shape, np.float32),
         np.ones(recordings.shape, np.float32),
@@ -193,7 +192,7 @@ def _replacement(
     recordings: Recordings, states: HandStates, number: int, trained: list[Moments] | None
 ) -> tuple[str, np.ndarray] | None:
     """Kind and mean (S,) of the baseline for a recording of session `number` without an open hand; None without any."""
-    for kind, usable in ((EMPTY, of_empty_hand(recordings)), (OPEN, states.open)):
+    for kind, usable in ((EMPTY, recordings.empty_hand), (OPEN, states.open)):
         index = np.flatnonzero(usable & (recordings.columns["session"] == number))
         if len(index) >= MIN_FRAMES:
             return kind, _mean(states, index)

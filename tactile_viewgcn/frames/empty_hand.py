@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.tables.recordings import Recordings
 
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
@@ -15,21 +14,15 @@ HALF_SD = 0.584  # standard deviation of a normal distribution cut off at its me
 SAMPLE = 2000  # frames that show whether noise is cut off
 
 
-def of_empty_hand(recordings: Recordings) -> np.ndarray:
-    """bool (T,): frames of recordings of the empty hand."""
-    number = recordings.objects.index(EMPTY_HAND) if EMPTY_HAND in recordings.objects else -1
-    return recordings.columns["object"] == number
-
-
 def with_empty_hand(recordings: Recordings, frames: np.ndarray) -> np.ndarray:
     """Rising indices of `frames` bool (T,) and of the empty hand in their sessions, on whichever side that is."""
     session = recordings.columns["session"]
-    return np.flatnonzero(frames | (of_empty_hand(recordings) & np.isin(session, session[frames])))
+    return np.flatnonzero(frames | (recordings.empty_hand & np.isin(session, session[frames])))
 
 
 def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
     """bool (sessions,): sessions with enough frames of the empty hand for a baseline."""
-    frames = recordings.columns["session"][of_empty_hand(recordings)]
+    frames = recordings.columns["session"][recordings.empty_hand]
     return np.bincount(frames, minlength=len(recordings.sessions)) >= MIN_FRAMES
 
 

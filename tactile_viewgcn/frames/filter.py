@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.empty_hand import of_empty_hand
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.source import listed
@@ -32,7 +31,7 @@ def passing(recordings: Recordings, baseline: Baseline, preprocess: PreprocessSe
         passed, condition = flagged(recordings), "a flag"
     else:
         sensors = int(preprocess.contact_sensors)
-        passed = pressed_frames(recordings, baseline, sensors) | of_empty_hand(recordings)
+        passed = pressed_frames(recordings, baseline, sensors) | recordings.empty_hand
         condition = f"{several(sensors, 'sensor')} above {CONTACT_SIGMAS:g} sd"
     dropped = f"{(~passed).sum():,} of {several(len(passed), 'frame')} dropped, without {condition}"
     notes = [Note(f"{preprocess.filter}: {dropped}", topic="filter")]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, has_empty_hand, of_empty_hand
+from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, has_empty_hand
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import SPLIT_SEED, fold_sides, spans_classes
 from tactile_viewgcn.intervals import proportion_interval
@@ -101,7 +101,7 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
         of_frame = baseline.of_frame[_last_contact(recordings, states.contact)[index]]
         return states.counts[index] - baseline.mean[of_frame][:, recordings.live]
 
-    untouched = states.open & ~of_empty_hand(recordings)
+    untouched = states.open & ~recordings.empty_hand
     return quick_error(excess, untouched, recordings.columns["object"], group)
 
 
@@ -119,7 +119,7 @@ def check_first_frames(recordings: Recordings, states: HandStates) -> QuickError
             counts[session == number] -= counts[session == number].mean(axis=0)
         return counts
 
-    usable, columns = first & ~of_empty_hand(recordings), recordings.columns
+    usable, columns = first & ~recordings.empty_hand, recordings.columns
     return quick_error(excess, usable, columns["object"], columns["recording"])
 
 
@@ -144,7 +144,7 @@ def quietest_are_contact(recordings: Recordings, states: HandStates) -> bool:
     pressed = (np.abs(difference) > CONTACT_SIGMAS * states.noise[session]).sum(axis=1)
     if np.median(pressed) < states.contact_sensors:
         return False
-    of_object = ~of_empty_hand(recordings)[quietest]
+    of_object = ~recordings.empty_hand[quietest]
     for group in (session, np.arange(len(label))):
         if error := quick_error(lambda index: difference[index], of_object, label, group):
             return error.beats_chance
@@ -158,7 +158,7 @@ def leak_notes(recordings: Recordings, states: HandStates, leak: QuickError | No
         advised: to set the baseline to `grasp` is a remedy.
     """
     if leak is None:
-        frames = int((states.open & ~of_empty_hand(recordings)).sum())
+        frames = int((states.open & ~recordings.empty_hand).sum())
         text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
         return [Note(text, topic=TOPIC)]
     text = (

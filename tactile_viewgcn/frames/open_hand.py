@@ -20,7 +20,6 @@ from tactile_viewgcn.frames.empty_hand import (
     MIN_FRAMES,
     MOST_FRAMES,
     SAMPLE,
-    of_empty_hand,
     trimmed_moments,
     visible_noise,
 )
@@ -92,7 +91,7 @@ def hand_states(
         all_contact: the training side is contact from end to end, so every frame counts as contact.
     """
     counts = recordings.live_counts()
-    session, empty = recordings.columns["session"], of_empty_hand(recordings)
+    session, empty = recordings.columns["session"], recordings.empty_hand
     of_session = []
     for number in range(len(recordings.sessions)):
         mean, noise = _empty_hand(counts, np.flatnonzero(session == number), empty)

@@ -6,7 +6,7 @@ import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
 from tactile_viewgcn.frames.baseline import Baseline, join_baselines, measure_baseline
-from tactile_viewgcn.frames.empty_hand import has_empty_hand, of_empty_hand, with_empty_hand
+from tactile_viewgcn.frames.empty_hand import has_empty_hand, with_empty_hand
 from tactile_viewgcn.frames.filter import passing
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.sides import Sides, deal, has_published_split, keep_testable
@@ -51,7 +51,7 @@ def preprocess_recordings(
         UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
             classes left; an empty side.
     """
-    rng, empty = stream(SPLIT_SEED, "preprocess"), of_empty_hand(recordings)
+    rng, empty = stream(SPLIT_SEED, "preprocess"), recordings.empty_hand
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
     live = recordings.part(np.flatnonzero(sides.training)).live
     recordings = recordings.part(np.arange(len(recordings)), live)

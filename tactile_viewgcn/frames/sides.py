@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.frames.empty_hand import of_empty_hand
 from tactile_viewgcn.frames.split import fold_sides, spans_classes, split_groups, surplus_groups, validation_sides
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import Split
@@ -64,7 +63,7 @@ def deal(
             are `split.train_grasps`, and grasps are not numbered; a side that is needed has no frames.
     """
     columns = recordings.columns
-    surplus = of_empty_hand(recordings) & (not empty_hand_class)
+    surplus = recordings.empty_hand & (not empty_hand_class)
     used = np.flatnonzero(~surplus)
     recorded = np.unique(columns["object"][used])
     if len(recorded) == 1:
@@ -125,7 +124,7 @@ def keep_testable(
 
 def has_published_split(recordings: Recordings) -> bool:
     """Whether the source names a training and a test side, and every object is on both."""
-    columns, of_object = recordings.columns, ~of_empty_hand(recordings)
+    columns, of_object = recordings.columns, ~recordings.empty_hand
     if "split" not in columns:
         return False
     objects, split = columns["object"][of_object], columns["split"][of_object]

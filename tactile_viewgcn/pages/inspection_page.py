@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.frames.empty_hand import of_empty_hand
 from tactile_viewgcn.pages import html, inspection_text
 from tactile_viewgcn.pages.source_inspection import Overview
 from tactile_viewgcn.params import VIRTUAL
@@ -39,7 +38,7 @@ def _excess(overview: Overview, index: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Counts (n, S) above the baseline of the frames in an index (n,), and which of them are in contact."""
     recordings, baseline = overview.recordings, overview.choice.baseline
     excess = overview.states.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
-    return excess, overview.states.contact[index] & ~of_empty_hand(recordings)[index]
+    return excess, overview.states.contact[index] & ~recordings.empty_hand[index]
 
 
 def _mean_frames(overview: Overview) -> Figure:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, has_empty_hand, of_empty_hand
+from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, has_empty_hand
 from tactile_viewgcn.frames.filter import SENSORS_IN_CONTACT
 from tactile_viewgcn.frames.leak import QuickError, check_first_frames, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
@@ -124,7 +124,7 @@ def inspect_table(recordings: Recordings, asked: PreprocessSection, form: Form =
         label=columns["object"][first],
         session=columns["session"][first],
         counts=_counts(columns, states, recorded),
-        empty=np.bincount(columns["session"][of_empty_hand(recordings)], minlength=len(recordings.sessions)),
+        empty=np.bincount(columns["session"][recordings.empty_hand], minlength=len(recordings.sessions)),
         error=_contact_error(recordings, choice, group),
         leak=choice.leak,
         first_frame=None if states.all_contact else check_first_frames(recordings, states),
@@ -145,7 +145,7 @@ def _contact_error(recordings: Recordings, choice: Choice, group: np.ndarray) ->
         excess = states.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
         return np.log1p(np.maximum(excess / unit, 0))
 
-    usable = states.contact & ~of_empty_hand(recordings)
+    usable = states.contact & ~recordings.empty_hand
     return quick_error(readings, usable, recordings.columns["object"], group)
 
 
@@ -173,7 +173,7 @@ def _faulty(recordings: Recordings, states: HandStates, recorded: list[np.ndarra
 
 def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarray]:
     """See `Overview.groups`; of `source` the groups are its two sides."""
-    of_object = ~of_empty_hand(recordings)
+    of_object = ~recordings.empty_hand
     columns = {name: values[of_object] for name, values in recordings.columns.items()}
     columns["recording"], groups = original[columns["recording"]], {}
     for by in ("source", "recording", "grasp"):

@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_write, readable
-from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.readers.child import limit, run_apart, serve
 from tactile_viewgcn.readers.formats import TEXTS, files_of, open_source
 from tactile_viewgcn.readers.source import (
@@ -141,6 +141,12 @@ class Recordings:
         """(H, W) of a frame."""
         height, width = self.live.shape
         return height, width
+
+    @property
+    def empty_hand(self) -> np.ndarray:
+        """bool (T,): frames of recordings of the empty hand."""
+        number = self.objects.index(EMPTY_HAND) if EMPTY_HAND in self.objects else -1
+        return self.columns["object"] == number
 
     def part(self, rows: np.ndarray, live: np.ndarray | None = None) -> "Recordings":
         """The frames in rising `rows` (n,), one at least, as a table; `live` sensors: those that vary, if not given."""
