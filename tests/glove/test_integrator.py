@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.glove import integrator
-from tactile_viewgcn.glove.contact import JOINT, Drive, Mechanics
+from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON, Drive, Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator, StageSolver, _Steps
 from tactile_viewgcn.glove.shapes import Solids
