@@ -129,7 +129,8 @@ def _take_baseline(
         kinds, reason = ["none"], "even the quietest frames are contact: recordings are taken as they are"
     else:
         kinds, reason = ["grasp", "empty_hand"][: 1 + empty_hand], "of the open hand before each grasp: it may drift"
-    zero, tried, leaking = smallest_reading(training), [], list[str]()
+    zero, leaking = smallest_reading(training), list[str]()
+    tried = list[tuple[float, Any, Baseline, QuickError | None]]()
     for kind in kinds:
         baseline = measure_baseline(training, replace(decided.params, baseline=kind, zero=zero), states)
         leak = check_leak(training, baseline, states, group)
