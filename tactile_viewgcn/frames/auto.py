@@ -119,7 +119,6 @@ def _take_baseline(
     any other array it is `grasp`, which follows a baseline that drifts; but `empty_hand` where the object is
     recognised without contact above `grasp`, and not, or less well, above `empty_hand`.
     """
-    kinds: list[Any]
     array = is_array(training.live)
     if empty_hand and (published or not array):
         kinds, reason = ["empty_hand"], "recorded in every session" + ", and the split is published" * published
@@ -132,7 +131,8 @@ def _take_baseline(
     zero, leaking = smallest_reading(training), list[str]()
     tried = list[tuple[float, Any, Baseline, QuickError | None]]()
     for kind in kinds:
-        baseline = measure_baseline(training, replace(decided.params, baseline=kind, zero=zero), states)
+        values: dict[str, Any] = {"baseline": kind, "zero": zero}
+        baseline = measure_baseline(training, replace(decided.params, **values), states)
         leak = check_leak(training, baseline, states, group)
         tried.append((0.0 if leak is None else leak.error, kind, baseline, leak))
         if leak is None or not leak.beats_chance:
