@@ -10,8 +10,7 @@ from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.tables.frames import load_table, read_frames
-from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.tables.frames import Views, load_table, read_frames
 from tactile_viewgcn.training.checkpoint import training_checkpoint
 from tactile_viewgcn.training.scale_check import scale_warnings
 

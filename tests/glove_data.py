@@ -20,9 +20,8 @@ from tactile_viewgcn.readers.stag import read_metadata
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.training import train
 from tactile_viewgcn.systems.classifier import Classifier
-from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tables.frames import Frames, Views
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, write_recordings
-from tactile_viewgcn.tables.views import Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames

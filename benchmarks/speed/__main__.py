@@ -22,8 +22,7 @@ from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.process import processor
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames
-from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.optim import build_optimiser
 from tactile_viewgcn.training.pretraining import FrameLoss

@@ -23,8 +23,7 @@ from tactile_viewgcn.sensors.representation import Representation, contact_unit,
 from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.counts import evenly
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
-from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch, Progress
 from tactile_viewgcn.views.sampling import powers_of_two

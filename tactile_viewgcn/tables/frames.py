@@ -1,7 +1,7 @@
-"""The table of kept frames, data/frames: counts, baseline, class, side and group of each frame."""
+"""The tables of kept frames, data/frames: counts, class, side and group of each; and of views, data/views."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -12,6 +12,7 @@ from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_c
 
 TRAIN, VALIDATION, TEST = 0, 1, 2
 SIDES = ("train", "validation", "test")
+NO_CLUSTER = -1
 BLOCK_FRAMES = 4096  # read or written at once
 INPUT_BLOCK = 512  # frames whose network input is computed at once
 Table = TypeVar("Table")
@@ -90,6 +91,30 @@ class Frames:
     def on(self, *sides: int) -> np.ndarray:
         """Rising indices of the frames on the given sides."""
         return np.flatnonzero(np.isin(self.side, sides))
+
+
+@dataclass(frozen=True)
+class Views:
+    """Result of the stage `cluster`.
+
+    Attributes:
+        cluster: int16 (n,) of each kept frame; NO_CLUSTER on the test side, and everywhere if nothing is clustered.
+        pool: int64 (n,) of each kept frame.
+        viewpoints: float64 (V, 3).
+    """
+
+    cluster: np.ndarray
+    pool: np.ndarray
+    viewpoints: np.ndarray
+
+    @property
+    def clustered(self) -> bool:
+        """Whether any frame has a cluster."""
+        return bool((self.cluster != NO_CLUSTER).any())
+
+    def unclustered(self) -> "Views":
+        """Copy without clusters."""
+        return replace(self, cluster=np.full_like(self.cluster, NO_CLUSTER))
 
 
 def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarray:

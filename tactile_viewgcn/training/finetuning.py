@@ -13,8 +13,7 @@ from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.systems import system_class
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
-from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, Progress, error_rate, fit
 from tactile_viewgcn.training.optim import build_optimiser, num_batches

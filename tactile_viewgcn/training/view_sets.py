@@ -15,8 +15,7 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator
-from tactile_viewgcn.tables.frames import Frames
-from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.tables.frames import Frames, Views
 from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.optim import num_batches
 from tactile_viewgcn.views.sampling import anchor_first, sets_of

@@ -11,8 +11,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.tables.counts import Gathered
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
-from tactile_viewgcn.tables.views import NO_CLUSTER, Views
+from tactile_viewgcn.tables.frames import NO_CLUSTER, TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.views.sampling import random_clusters
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ represents its cluster.
 
 import numpy as np
 
-from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.tables.frames import Views
 
 
 def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> np.ndarray:

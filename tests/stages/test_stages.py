@@ -18,8 +18,7 @@ from tactile_viewgcn.params import System
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.tables.frames import load_table, save_table
-from tactile_viewgcn.tables.views import Views
+from tactile_viewgcn.tables.frames import Views, load_table, save_table
 from tactile_viewgcn.tracking import EXPERIMENT
 from tests.glove_data import ROOT, SMALL, fewer_anchors, recipe, table, trained
 from tests.mlflow_stores import runs_of

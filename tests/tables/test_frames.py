@@ -17,13 +17,13 @@ from tactile_viewgcn.tables.frames import (
     TRAIN,
     VALIDATION,
     Frames,
+    Views,
     full_scale,
     network_input,
     read_frames,
     save_table,
 )
 from tactile_viewgcn.tables.recordings import read_source
-from tactile_viewgcn.tables.views import Views
 from tests.full_disk import room_for
 
 

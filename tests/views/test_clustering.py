@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tactile_viewgcn.tables.views import NO_CLUSTER
+from tactile_viewgcn.tables.frames import NO_CLUSTER, TEST, TRAIN
 from tactile_viewgcn.views import clustering
 from tactile_viewgcn.views.clustering import (
     cluster_pools,

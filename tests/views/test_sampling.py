@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.tables.frames import load_table, save_table
-from tactile_viewgcn.tables.views import NO_CLUSTER, Views
+from tactile_viewgcn.tables.frames import NO_CLUSTER, Views, load_table, save_table
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters, sets_of
 
 DRAWS = 6000
