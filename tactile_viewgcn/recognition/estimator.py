@@ -1,6 +1,5 @@
 """scikit-learn's interface: a classifier of recordings that are given as arrays."""
 
-import io
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +12,6 @@ from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
-from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.frames.sides import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
 from tactile_viewgcn.params import Member, Params, default_params, preset_changes
@@ -72,6 +70,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         Raises:
             UserError, ValueError: a wrong argument, in one line.
         """
+        from tactile_viewgcn.recognition.recogniser import Recogniser
         from tactile_viewgcn.recognition.training import train
 
         arrays, y = self._arrays(X), column_or_1d(y, warn=True)
@@ -90,9 +89,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
             notes = train(recordings, params, group[recordings.columns["recording"]], path)
-            self._file = path.read_bytes()
+            self.recogniser_ = Recogniser(path)
         self.classes_, self.params_, self.notes_ = classes, params, notes
-        self._load()
         for note in warnings_of(notes):
             warnings.warn(shown(note.text), stacklevel=2)
         return self
@@ -132,22 +130,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             NotFittedError: before `fit`.
         """
         check_is_fitted(self, "recogniser_")
-        with atomic_write(path) as part:
-            part.write_bytes(self._file)
+        from tactile_viewgcn.recognition.model_file import write_content
 
-    def __getstate__(self) -> dict[str, Any]:
-        """All but the recogniser, which `__setstate__` loads again from the classifier's file."""
-        return {name: value for name, value in super().__getstate__().items() if name != "recogniser_"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        super().__setstate__(state)
-        if hasattr(self, "_file"):
-            self._load()
-
-    def _load(self) -> None:
-        from tactile_viewgcn.recognition.recogniser import Recogniser
-
-        self.recogniser_ = Recogniser(io.BytesIO(self._file))
+        write_content(path, self.recogniser_.content)
 
     def _arrays(self, X: Any) -> list[np.ndarray]:
         """The recordings of X, (T_i, H, W) each, one or more."""

@@ -2,13 +2,12 @@
 
 It holds tensors and plain values, read with `weights_only=True`: loading runs no code. Its last bytes are a digest of
 all others, so that damage anywhere is noticed. It also holds a few recordings of the training and the answers to them,
-which must come out again when it is loaded: so a file whose values were altered, or which this version's code reads
+which must come out again when it is loaded: a file whose values were altered, or which this version's code reads
 differently, is refused.
 """
 
 import hashlib
 import io
-import math
 import zipfile
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -18,8 +17,17 @@ from typing import Annotated, Any, BinaryIO, Literal, Self
 import numpy as np
 import torch
 from annotated_types import Interval, MaxLen, MinLen
-from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    PlainSerializer,
+    ValidationError,
+    model_validator,
+)
 from torch import Tensor
+from typing_extensions import TypeAliasType
 
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import atomic_write, in_one_line
@@ -41,14 +49,24 @@ MOST_VIEWS = 1000  # as params.yaml allows
 DIGEST = hashlib.sha256().digest_size
 
 
+def _stored(tensor: Tensor) -> Tensor:
+    """A tensor of finite numbers that are all in the file; another may show the same memory many times."""
+    if not tensor.is_contiguous():
+        raise ValueError("a tensor is not stored number by number")
+    if not tensor.isfinite().all():
+        raise ValueError("a number is not finite")
+    return tensor
+
+
+Stored = Annotated[Tensor, AfterValidator(_stored)]
+Learnt = TypeAliasType("Learnt", "dict[str, Stored | float | Learnt]")
 #: an array in memory, a tensor in a model file
 Array = Annotated[
     np.ndarray,
-    BeforeValidator(lambda value: value.numpy() if isinstance(value, Tensor) else value),
+    BeforeValidator(lambda value: _stored(value).numpy() if isinstance(value, Tensor) else value),
     PlainSerializer(torch.from_numpy),
 ]
-Scale = Annotated[float, Interval(gt=0, le=MAX_NUMBER)]
-CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True, hide_input_in_errors=True)
 
 
 class FittedPreprocessing(BaseModel):
@@ -75,16 +93,11 @@ class FittedPreprocessing(BaseModel):
 
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
-        of_sensors, (weakest, strongest) = [self.noise, *self.baselines.values()], self.strong_readings
-        rules = {
-            "params": "auto" not in vars(self.params).values(),
-            "live": self.live.ndim == 2 and self.live.dtype == bool and self.live.any(),
-            "noise and baselines": all(each.shape == self.live.shape and each.dtype.kind == "f" for each in of_sensors)
-            and (self.noise >= 0).all(),
-            "strong_readings": weakest <= strongest,
-        }
-        if wrong := [name for name, right in rules.items() if not right]:
-            raise ValueError(f"{', '.join(wrong)}: out of range, or of a different shape than the rest")
+        forms = {(each.shape, each.dtype.kind) for each in (self.noise, *self.baselines.values())}
+        if self.live.dtype != bool or not self.live.any() or forms != {(self.live.shape, "f")} or self.noise.min() < 0:
+            raise ValueError("live, noise or baselines: no sensor, or out of range, or of different shapes")
+        if "auto" in vars(self.params).values() or self.strong_readings[0] > self.strong_readings[1]:
+            raise ValueError("params or strong_readings: not decided, or in the wrong order")
         return self
 
     @classmethod
@@ -122,12 +135,12 @@ class Content(BaseModel):
 
     model_config = CHECKED
     format: Literal[13] = 13  # add 1 when the content of a file changes
-    learnt: dict[str, Any]
-    viewpoints: Tensor
+    learnt: Learnt
+    viewpoints: Annotated[Stored, MinLen(1), MaxLen(MOST_VIEWS)]
     model: Model
     classes: Annotated[list[str], MinLen(2), MaxLen(2**15), Unique]
     transform: Literal["clip", "log", "counts"]
-    scale: Scale
+    scale: Annotated[float, Interval(gt=0, le=MAX_NUMBER)]
     precision: Literal["float32", "bfloat16"]
     temperature: Temperature | None
     preprocessing: FittedPreprocessing
@@ -151,6 +164,18 @@ class Content(BaseModel):
         excess = frames - self.preprocessing.mean_baseline()
         return np.exp([self.answer(classifier, each)[0] for each in excess])
 
+    def classifier(self) -> Classifier:
+        """The classifier with what it has learnt, ready for answers; any exception for parts that do not fit."""
+        live, (height, width) = self.preprocessing.live, self.preprocessing.live.shape
+        with torch.device("meta"):  # where weights take no memory and no random numbers
+            classifier = build_classifier(self.viewpoints, len(self.classes), self.model, (height, width))
+        if isinstance(classifier, torch.nn.Module):
+            classifier.load_state_dict(self.learnt, assign=True)
+        else:
+            classifier.load_state_dict(_converted(self.learnt, Tensor, Tensor.numpy), live)
+        classifier.prepare(select_device("cpu", self.precision))
+        return classifier
+
 
 def save_classifier(
     path: str | Path,
@@ -169,9 +194,8 @@ def save_classifier(
         temperature: of its answers to recordings, if it is calibrated.
     """
     learnt = _converted(classifier.state_dict(), np.ndarray, torch.from_numpy)
-    learnt = _converted(learnt, Tensor, lambda weights: weights.cpu().contiguous())  # of any device and order
     values = {
-        "learnt": learnt,
+        "learnt": _converted(learnt, Tensor, lambda weights: weights.cpu().contiguous()),  # of any device and order
         "viewpoints": torch.as_tensor(classifier.viewpoints).cpu(),
         "model": model,
         "classes": frames.classes,
@@ -184,10 +208,16 @@ def save_classifier(
         "answers": np.zeros(0),
     }
     content = Content.model_validate(values)
-    content.answers = content.answers_now(_built(content))
+    content.answers = content.answers_now(content.classifier())
+    write_content(path, content)
+
+
+def write_content(path: str | Path, content: Content) -> None:
+    """Write a classifier's file, and its digest at the end."""
+    file = io.BytesIO()  # a file's name would be written into it
+    torch.save(content.model_dump(), file)
     with atomic_write(path) as part:
-        torch.save(content.model_dump(), part)
-        seal(part)
+        part.write_bytes(file.getvalue() + hashlib.sha256(file.getbuffer()).digest())
 
 
 def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
@@ -203,12 +233,6 @@ def _examples(frames: Frames) -> np.ndarray:
     numbers = np.unique(frames.recording[train])
     rows = (train[frames.recording[train] == number] for number in numbers[spread_frames(len(numbers), EXAMPLES)])
     return np.stack([frames.counts[index[spread_frames(len(index), EXAMPLE_FRAMES)]] for index in rows])
-
-
-def seal(path: Path) -> None:
-    """Append the SHA-256 digest of a file to it."""
-    with path.open("r+b") as file:
-        file.write(hashlib.file_digest(file, "sha256").digest())
 
 
 def strong_readings(frames: Frames) -> list[float]:
@@ -247,56 +271,12 @@ def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
             if sum(member.file_size for member in archive.infolist()) > len(stored):
                 raise ValueError("its archive is compressed, or names a part many times")
         packed.seek(0)
-        values = torch.load(packed, map_location="cpu", weights_only=True)
-        _check(values, set())
         try:
-            content = Content.model_validate(values)
+            content = Content.model_validate(torch.load(packed, map_location="cpu", weights_only=True))
         except ValidationError as error:
-            raise ValueError(str(error).partition(" [type=")[0]) from None  # the rest repeats the file's values
-        classifier = _built(content)
-        difference = np.abs(content.answers_now(classifier) - content.answers).max()
-        if not difference <= CLOSE[content.precision]:
+            first = error.errors(include_url=False)[0]
+            raise ValueError(f"{'/'.join(map(str, first['loc']))}: {first['msg']}") from None
+        classifier = content.classifier()
+        if not np.abs(content.answers_now(classifier) - content.answers).max() <= CLOSE[content.precision]:
             raise ValueError("the answers to its own recordings do not come out again")
         return classifier, content
-
-
-def _check(value: Any, containers: set[int]) -> None:
-    """A ValueError for a number that is not finite, and where few bytes of a file stand for many numbers.
-
-    These are a tensor that shows the same memory several times, and a list that stands in several places.
-
-    Args:
-        containers: ids of the lists and mappings that were checked before.
-    """
-    if isinstance(value, dict | list):
-        if id(value) in containers:
-            raise ValueError("a list or mapping stands in several places")
-        containers.add(id(value))
-        for part in value.values() if isinstance(value, dict) else value:
-            _check(part, containers)
-    elif isinstance(value, Tensor):
-        if not value.is_contiguous():
-            raise ValueError("a tensor is not stored number by number")
-        if not value.isfinite().all():
-            raise ValueError("a number is not finite")
-    elif not isinstance(value, int | float | str | None) or (isinstance(value, float) and not math.isfinite(value)):
-        raise ValueError(f"{value!r:.40} is no plain value")
-
-
-def _built(content: Content) -> Classifier:
-    """The classifier with what it has learnt, ready for answers.
-
-    Raises:
-        ValueError, RuntimeError: parts that do not go together.
-    """
-    live, (height, width) = content.preprocessing.live, content.preprocessing.live.shape
-    if not 1 <= len(content.viewpoints) <= MOST_VIEWS:
-        raise ValueError(f"{len(content.viewpoints)} viewpoints; expected 1 to {MOST_VIEWS:,}")
-    with torch.device("meta"):  # where weights take no memory and no random numbers
-        classifier = build_classifier(content.viewpoints, len(content.classes), content.model, (height, width))
-    if not isinstance(classifier, torch.nn.Module):
-        classifier.load_state_dict(_converted(content.learnt, Tensor, Tensor.numpy), live)
-    else:
-        classifier.load_state_dict(content.learnt, assign=True)
-    classifier.prepare(select_device("cpu", content.precision))
-    return classifier

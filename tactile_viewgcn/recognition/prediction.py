@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tactile_viewgcn.files import atomic_write, check_output
 from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
 from tactile_viewgcn.readers.source import Form
@@ -58,7 +60,7 @@ def predict(
     echo(*map(_line, records), *_summary(records, classes))
     if joined:
         echo("the recordings of a folder together, as one object:", *map(_line, joined), *_summary(joined, classes))
-    if not any(record["object"] in (*classes, EMPTY_HAND) for record in records):
+    if all(record["right"] is None for record in records):
         echo("how often it errs: `tactile-viewgcn report` says, where the pipeline trained it")
     if csv_path:
         with atomic_write(csv_path) as part, part.open("w", encoding="utf-8", newline="") as file:
@@ -85,14 +87,12 @@ def load_model(name: str) -> Recogniser:
 
 def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
     """The answer to each object in each folder, named by both, from the answers to its recordings."""
-    parts: dict[tuple[str, str], list[Answer]] = {}
+    parts: dict[str, list[Answer]] = {}
     for answer in answers:
-        parts.setdefault((answer.recording.rpartition("/")[0], answer.object), []).append(answer)
-    joined = []
-    for (folder, label), part in parts.items():
-        within = label if label != folder.rpartition("/")[2] else ""
-        joined.append(recogniser.answer_together(part, "/".join(filter(None, [folder, within])) or "together"))
-    return joined
+        folder = answer.recording.rpartition("/")[0]
+        within = answer.object if answer.object != folder.rpartition("/")[2] else ""
+        parts.setdefault("/".join(filter(None, [folder, within])) or "together", []).append(answer)
+    return [recogniser.answer_together(part, name) for name, part in parts.items()]
 
 
 def _record(answer: Answer, classes: list[str], *, together: bool = False) -> dict[str, Any]:
@@ -100,15 +100,21 @@ def _record(answer: Answer, classes: list[str], *, together: bool = False) -> di
 
     `right` is None without a label, and for one that is no object of the model.
     """
-    shares = zip(classes, answer.probabilities.tolist(), strict=True) if answer.contact else ()
-    best: list[tuple[str | None, float | None]] = [*sorted(shares, key=lambda pair: -pair[1])[:TOP]]
-    best += [(None, None)] * (TOP - len(best))
-    values: dict[str, Any] = {"recording": answer.recording, "answer": best[0][0] or NO_CONTACT}
-    for place, (name, share) in enumerate(best, start=1):
-        values |= {f"class_{place}": name, f"probability_{place}": share}
-    values |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
-    right = _place(values | {"object": answer.object}) == 1 if answer.object in {*classes, EMPTY_HAND} else None
-    return values | {"object": answer.object or None, "right": right, "together": together}
+    order = np.argsort(-answer.probabilities, kind="stable")[:TOP].tolist() if answer.contact else []
+    record: dict[str, Any] = {"recording": answer.recording, "answer": classes[order[0]] if order else NO_CONTACT}
+    for place in range(TOP):
+        at = order[place] if place < len(order) else None
+        record[f"class_{place + 1}"] = None if at is None else classes[at]
+        record[f"probability_{place + 1}"] = None if at is None else float(answer.probabilities[at])
+    record |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
+    right = answer.object == _best(record)[0] if answer.object in {*classes, EMPTY_HAND} else None
+    return record | {"object": answer.object or None, "right": right, "together": together}
+
+
+def _best(record: dict[str, Any]) -> list[str]:
+    """The three most probable classes; without contact the empty hand."""
+    names = [record[f"class_{place}"] for place in range(1, TOP + 1)]
+    return [name for name in names if name] or [EMPTY_HAND]
 
 
 def _line(record: dict[str, Any]) -> str:
@@ -126,21 +132,10 @@ def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
     without = sum(record["class_1"] is None for record in records)
     texts = {"with an object": len(records) - without, NO_CONTACT: without}
     lines = ["answers: " + ", ".join(f"{count} {text}" for text, count in texts.items() if count)]
-    names = {*classes, EMPTY_HAND}
-    places = [_place(record) for record in records if record["object"] in names]
-    if places:
-        right, among = places.count(1), len(places) - places.count(None)
+    if known := [record for record in records if record["right"] is not None]:
+        right, among = (sum(record["object"] in _best(record)[:places] for record in known) for places in (1, TOP))
         of_three = f"; among the first three: {among}" if len(classes) > TOP else ""
-        lines.append(f"right: {right} of {len(places)} ({100 * right / len(places):.1f} %){of_three}")
-    if other := sum(record["object"] not in {*names, None} for record in records):
+        lines.append(f"right: {right} of {len(known)} ({100 * right / len(known):.1f} %){of_three}")
+    if other := sum(bool(record["object"]) and record["right"] is None for record in records):
         lines.append(f"with a name that is no object of the model: {other}")
     return lines
-
-
-def _place(record: dict[str, Any]) -> int | None:
-    """Place of the labelled object among the three best classes, from 1; None for none of them.
-
-    Without contact the empty hand stands first.
-    """
-    best = [record[f"class_{place}"] for place in range(1, TOP + 1)] if record["class_1"] else [EMPTY_HAND]
-    return best.index(record["object"]) + 1 if record["object"] in best else None

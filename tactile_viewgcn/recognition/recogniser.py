@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from scipy.special import softmax
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.nn.network import spread_frames
@@ -109,23 +110,18 @@ class Recogniser:
         if not len(excess):
             return Answer(self._without_contact())
         logarithms, used = self.content.answer(self.classifier, excess)
-        return Answer(np.exp(logarithms), used, len(excess))
+        return Answer(np.exp(logarithms, dtype=np.float32), used, len(excess))
 
     def answer_together(self, answers: list[Answer], name: str) -> Answer:
         """The answer to one object that was recorded several times, from the answers to its recordings.
 
         Their log-probabilities are added, as of independent recordings. Recordings without contact do not count.
         """
-        pressed, probabilities = [answer for answer in answers if answer.contact], self._without_contact()
-        if pressed:
-            shares = np.maximum([answer.probabilities for answer in pressed], np.finfo(np.float32).tiny)
-            logarithms = np.log(shares, dtype=np.float64).sum(axis=0)
-            powers = np.exp(logarithms - logarithms.max())
-            probabilities = (powers / powers.sum()).astype(np.float32)
-        used, contact, frames = (
-            sum(getattr(answer, count) for answer in answers) for count in ("used", "contact", "frames")
-        )
-        return Answer(probabilities, used, contact, frames, name, _common(answer.object for answer in answers))
+        shares = [answer.probabilities for answer in answers if answer.contact] or [self._without_contact()]
+        logarithms = np.log(np.maximum(shares, np.finfo(np.float32).tiny), dtype=np.float64).sum(axis=0)
+        used, contact, frames = np.sum([(each.used, each.contact, each.frames) for each in answers], axis=0).tolist()
+        label = _common(answer.object for answer in answers)
+        return Answer(softmax(logarithms).astype(np.float32), used, contact, frames, name, label)
 
     def _without_contact(self) -> np.ndarray:
         """Probabilities (classes,) of the empty hand, or of all classes alike where it is none."""

@@ -106,7 +106,7 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
     [("abc", "right: 0 of 1 (0.0 %)"), ("abcd", "right: 0 of 1 (0.0 %); among the first three: 1")],
 )
 def test_right_answers_are_counted_and_of_more_than_three_classes_also_those_among_the_first_three(classes, right):
-    record = {"object": "a", "class_1": "b", "class_2": "c", "class_3": "a"}
+    record = {"object": "a", "right": False, "class_1": "b", "class_2": "c", "class_3": "a"}
     assert _summary([record], list(classes))[-1] == right
 
 
