@@ -1,14 +1,12 @@
 """Device and precision of the computation, and the moves of frames to a device."""
 
-from types import SimpleNamespace
-
 import joblib
 import pytest
 import threadpoolctl
 import torch
 
 from tactile_viewgcn import device
-from tactile_viewgcn.device import Compute, keep_freed_memory, select_device, set_threads
+from tactile_viewgcn.device import Compute, select_device, set_threads
 from tactile_viewgcn.messages import UserError
 
 CPU, CUDA = torch.device("cpu"), torch.device("cuda")
@@ -88,15 +86,6 @@ def test_products_are_in_the_chosen_precision(precision, dtype):
     with Compute(CPU, precision).autocast():
         assert (torch.ones(4, 4) @ torch.ones(4, 4)).dtype == dtype
     assert (torch.ones(4, 4) @ torch.ones(4, 4)).dtype == torch.float32
-
-
-def test_freed_memory_is_kept_by_the_c_library_that_can(monkeypatch):
-    calls = []
-    monkeypatch.setattr(device.ctypes, "CDLL", lambda _: SimpleNamespace(mallopt=lambda *call: calls.append(call)))
-    keep_freed_memory()
-    assert sorted(calls) == [(-4, 0), (-1, 2**31 - 1)]  # M_MMAP_MAX and M_TRIM_THRESHOLD of malloc.h
-    monkeypatch.setattr(device.ctypes, "CDLL", lambda _: SimpleNamespace())
-    keep_freed_memory()  # other C libraries are left alone
 
 
 def test_frames_fit_a_card_that_has_twice_their_bytes_free(machine):

@@ -6,7 +6,7 @@ from scipy.stats import beta
 
 from benchmarks.stability.rows import max_rel_error
 from tactile_viewgcn import intervals
-from tactile_viewgcn.intervals import group_interval, percent_interval, proportion_interval
+from tactile_viewgcn.intervals import group_interval, proportion_interval
 
 GROUPS, EACH = 20, 6
 DIGITS = 1e-12  # of double precision
@@ -86,8 +86,3 @@ def test_one_wrong_view_set_does_not_narrow_the_interval_of_few_groups():
     assert group_interval(correct, groups, np.random.default_rng(0))[0] > 0.98
     assert (low, high) == flawless and low == pytest.approx(0.025 ** (1 / 4))
     assert proportion_interval(1 - correct, groups, np.random.default_rng(0))[1] == pytest.approx(1 - low)
-
-
-def test_an_interval_in_words():
-    assert percent_interval(0.482, 0.39, 0.5784) == "48.2 (39.0 to 57.8)"
-    assert percent_interval(0.05, None, None) == "5.0"
