@@ -13,9 +13,11 @@ from tactile_viewgcn.frames.filter import sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import UserError, warnings_of
 from tactile_viewgcn.params import PreprocessSection, load
-from tests.glove_data import FILE, drifting, written
+from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tests.glove_data import FILE, all_contact, drifting, written
 
 BY_RECORDING = ("split.by=recording", "split.folds=2")
 
@@ -169,3 +171,9 @@ def test_the_smallest_reading_is_0_within_a_twentieth_of_the_range_and_not_that_
     counts = np.where(np.arange(2000)[:, None, None] % 2, high, low) + np.zeros((3, 4), dtype=np.int16)
     counts[:2, 0, 0] = -30_000, 30_000
     assert smallest_reading(written(tmp_path / "t", counts.astype(np.int16))) == smallest
+
+
+def test_a_baseline_made_of_frames_in_contact_is_warned_of(tmp_path):
+    write_recordings(tmp_path / "t", open_source(all_contact(tmp_path / "glove")))
+    choice = chosen(Recordings(tmp_path / "t"), "preprocess.baseline=grasp", *BY_RECORDING)
+    assert [(note.key, note.value) for note in warnings_of(choice.notes)] == [("preprocess.baseline", "auto")]
