@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import subprocess
 import sys
 import time
@@ -13,7 +12,6 @@ import pytest
 
 from tactile_viewgcn.params import load, preset_changes, presets
 from tests.readers.files import record, save
-from tests.stag_files import metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
 
@@ -36,15 +34,6 @@ def glove(folder, *names, number=2, shape=(20, 4, 4)):
     for path in (folder / name / f"{i}.npy" for name in names for i in range(number)):
         save(path, rng.integers(500, 530, shape, dtype=np.int16))
     return folder
-
-
-def test_inspect_describes_a_source(tmp_path):
-    source = save_matlab5(tmp_path / "metadata.mat", metadata(objects=3, recordings=2, frames=5))
-    result = call("inspect", source)
-    assert "30 frames of 32 x 32, kept as int16" in result.stdout
-    assert "6 recordings of 3 objects in 1 session" in result.stdout
-    assert "548 of 1,024 sensors vary" in result.stdout
-    assert re.search(r"^  object2 +2 +10 +\d+ +\d+ +\d+$", result.stdout, re.MULTILINE)
 
 
 def test_inspect_takes_the_folder_that_it_is_called_in_and_writes_over_no_recording(tmp_path):
@@ -84,11 +73,6 @@ def test_preset_prints_options_of_dvc_and_one_that_dvc_refuses_for_an_unknown_na
     command = [sys.executable, "-m", "dvc", "exp", "run", "--dry", *result.stdout.split()]
     done = subprocess.run(command, cwd=ROOT, capture_output=True)
     assert done.returncode and b"no-such-preset" in done.stderr
-
-
-def test_help_has_a_line_for_each_preset():
-    text = " ".join(call("preset", "--help").stdout.split())
-    assert presets() and all(f" {name} {purpose}" in text for name, purpose in presets().items())
 
 
 @pytest.mark.stability("libraries")

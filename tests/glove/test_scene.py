@@ -1,7 +1,6 @@
 """Scenes: phases and grasps, what each effect adds to them, and where fingers meet an object."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -97,16 +96,6 @@ def test_recordings_of_an_object_share_a_habit_that_other_objects_do_not():
     same, other = first - mean_squeeze(0, 1), first - mean_squeeze(1, 0)
     assert np.abs(same).max() < 6 * np.sqrt(2) * (FINGER["recording"] + FINGER["grasp"] / np.sqrt(300))
     assert np.linalg.norm(other) > 2 * np.linalg.norm(same)
-
-
-@pytest.mark.parametrize(("effect", "moves"), [("shift", {"position", "rotation"}), ("tremor", {"squeeze"})])
-def test_an_effect_moves_what_it_names_and_nothing_else(effect, moves):
-    without, drive = planned(["ball", "mug"]), planned(["ball", "mug"], effects=[effect])
-    for name, values in vars(drive).items():
-        before = getattr(without, name)
-        assert (np.ptp(values[:, holds(1)], axis=1).max() > 1e-5) == (name in moves), name
-        assert np.array_equal(values, before) == (name not in moves), name
-        np.testing.assert_array_equal(values[:, ARRIVED], before[:, ARRIVED])  # an open hand moves nothing
 
 
 def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():

@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn.pages.html import BEGIN
 from tactile_viewgcn.pages.inspection_page import inspection_page
-from tactile_viewgcn.pages.inspection_text import command_lines, facts, tables, verdict, warnings
+from tactile_viewgcn.pages.inspection_text import command_lines, facts, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import inspect_source, split_settings
 from tests.pages.test_html import parsed, text_of
 
@@ -44,28 +44,6 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
     timed = changed(overview, interval=0.05, seconds=np.full(12, 3.0))
     assert (facts(overview)[4][0], facts(timed)[4][0]) == ("no times", "20 Hz")
-
-
-def test_only_measured_baselines_have_a_table_and_only_flags_of_the_source_a_column(overview):
-    titles = [table.title for table in tables(overview)]
-    assert titles == ["Objects", "Sessions", "Baseline"]
-    counts = overview.counts | {"flagged": overview.counts["frames"]}
-    unmeasured = changed(overview, error=None, leak=None, first_frame=None, counts=counts)
-    assert [table.title for table in tables(unmeasured)] == titles[:2]
-    for each, shown in ((overview, False), (unmeasured, True)):
-        objects = tables(each)[0]
-        assert ("flagged" in objects.remark) == ("flagged" in objects.header) == shown
-
-
-@pytest.mark.parametrize(("lengths", "hint"), [((16, 16), "--shape 16 24"), ((16, 17), "")])
-def test_arrays_whose_files_may_be_frames_get_a_hint(tmp_path, lengths, hint):
-    rng = np.random.default_rng(0)
-    for name in ("mug", "pen"):
-        (tmp_path / name).mkdir()
-        for number, length in enumerate(lengths):
-            np.save(tmp_path / name / f"{number}.npy", rng.normal(size=(length, 24)))
-    hints = [text for _, text in facts(inspect_source(tmp_path)) if "in each file" in text]
-    assert len(hints) == bool(hint) and all(hint in text for text in hints)
 
 
 def changed(overview, **facts):
@@ -128,7 +106,7 @@ def test_what_can_be_held_out_is_judged_by_the_recommended_split(overview, group
     assert answer in " ".join([judged.answer, *judged.reasons]) and (judged.kind == "bad") == (len(groups) == 1)
 
 
-@pytest.mark.parametrize(("recordings", "folds"), [(2, 2), (5, 5), (6, 6), (9, 9), (10, 5), (23, 5)])
+@pytest.mark.parametrize(("recordings", "folds"), [(2, 2), (9, 9), (10, 5)])
 def test_few_recordings_are_held_out_one_at_a_time(recordings, folds):
     settings = {note.key: note.value for note in split_settings({"recording": np.array([0, recordings, 30])})}
     assert settings == {"split.by": "recording", "split.folds": folds}

@@ -86,20 +86,6 @@ def test_verdict_and_steps_follow_from_error_interval_and_split(answers, changes
     assert ("predict" in commands) == (kind != "bad")
 
 
-@pytest.mark.parametrize(
-    ("name", "run_id", "command"),
-    [
-        ("", "f" * 32, PREDICT),
-        ("f" * 32, "f" * 32, f"tactile-viewgcn predict {'f' * 32} NEW_RECORDINGS"),
-        ("my-wolf", None, f"dvc exp apply my-wolf\n{PREDICT}"),
-    ],
-)
-def test_a_model_is_named_where_it_is(name, run_id, command):
-    run = replace(finished(RIGHT), name=name)
-    run.records["evaluate"] = replace(run.records["evaluate"], run_id=run_id)
-    assert advice(run)[2] == command
-
-
 def test_a_warning_comes_first_with_the_remedies_that_are_values():
     other = Note("the table is damaged", "warning", "objects", stage="preprocess")
     done = replace(LEAK, key="views", value=4)  # the run has the remedy already

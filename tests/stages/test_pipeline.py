@@ -101,10 +101,7 @@ def test_the_results_hold_what_people_rely_on(clone):
         error = metrics[protocol]["error"]
         assert error["low"] <= error["mean"] <= error["high"] and metrics[protocol]["top3_error"] <= error["mean"]
     timing = json.loads((clone / "results" / "timing.json").read_text())
-    assert set(timing["seconds"]) == {*TIMED, "total"} and timing["peak_mb"] > 50
-    assert timing["seconds"]["evaluate"] > timing["trials_seconds"] > 0
-    assert timing["latency_ms"]["single"]["p95"] >= timing["latency_ms"]["single"]["median"] > 0
-    assert timing["latency_ms"]["batch"]["median"] > 0
+    assert set(timing["seconds"]) == {*TIMED, "total"} and timing["seconds"]["evaluate"] > timing["trials_seconds"] > 0
 
 
 def test_edited_files_rerun_what_uses_them(clone):
@@ -115,12 +112,6 @@ def test_edited_files_rerun_what_uses_them(clone):
     status = json.loads(sh("dvc", "status", "--json", *ALL, cwd=clone))
     sh("git", "checkout", "-q", "--", ".", cwd=clone)
     assert set(status) == {"finetune", "evaluate"}
-
-
-def test_dvc_draws_its_plots(clone):
-    sh("dvc", "plots", "show", "-o", clone.parent / "plots", cwd=clone)
-    page = (clone.parent / "plots" / "index.html").read_text()
-    assert all(title in page for title in ("Confusion over all trials", "Error of each trial", "Error per object"))
 
 
 def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warning(clone):
@@ -136,24 +127,6 @@ def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warnin
     assert [line for line in warnings if "simulate" not in line and "/virtual/" not in line] == []
     columns = sh("dvc", "exp", "show", "--only-changed", "--csv", cwd=fresh).splitlines()[0].split(",")
     assert len(columns) < 24, " ".join(columns)  # six figures, one parameter and files; not every parameter
-
-
-def test_the_pipeline_is_a_row_and_links_to_the_other_stages(clone):
-    client, (row,), runs = store_of(clone)
-    stages = {run.info.run_name: run for run in runs}
-    assert set(stages) == set(ALL) - {"evaluate"} and row.info.run_name == "view_gcn V=4"
-    assert row.data.params["pretrain.epochs"] == "2" and row.data.params["frames.test"] == "96"
-    summary = json.loads((clone / "results" / "summary.json").read_text())
-    assert row.data.metrics["error.object"] == summary["error.object"]
-    assert row.data.metrics["seconds.total"] > row.data.metrics["seconds.finetune"] > 0
-    assert len(client.get_metric_history(row.info.run_id, "trials.error.object")) == 2
-    assert [metric.step for metric in client.get_metric_history(stages["pretrain"].info.run_id, "loss")] == [1, 2]
-    for name in set(TIMED) - {"evaluate"}:
-        assert row.data.tags[f"stage.{name}"] == stages[name].info.run_id
-    source = yaml.safe_load((clone / "params.yaml").read_text())["data"]["source"]
-    assert row.inputs.dataset_inputs[0].dataset.name == source
-    files = {file.path for file in client.list_artifacts(row.info.run_id)}
-    assert {"confusion.png", "metrics.json", "timing.json", "summary.json", "trials.csv"} <= files
 
 
 @pytest.mark.parametrize(
@@ -177,24 +150,16 @@ def test_one_seed_gives_the_same_results(clone):
 
 
 def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_others_is_restored(clone):
-    backbone, place = (clone / "models" / "backbone.pt").read_bytes(), clone.parent / "left_out"
-    place.mkdir()
+    backbone = (clone / "models" / "backbone.pt").read_bytes()
     restored, again = "Stage 'pretrain' is cached - skipping run", ["needs", "finetune", "evaluate"]
 
-    def switch_to(system, members="[kernel]", *options, uri="disabled"):
+    def switch_to(system, members="[kernel]", *options):
         changes = ("-S", f"model.system={system}", "-S", f"model.members={members}")
-        return sh("dvc", "exp", "run", *options, *changes, cwd=clone, MLFLOW_TRACKING_URI=uri)
+        return sh("dvc", "exp", "run", *options, *changes, cwd=clone, MLFLOW_TRACKING_URI="disabled")
 
-    output = switch_to("sensors", uri=f"sqlite:///{place}/mlflow.db")
+    output = switch_to("sensors")
     assert stages_of(output) == ["needs", "cluster", "pretrain", "finetune", "evaluate"]
     assert "cluster: left out" in output and "pretrain: left out" in output
-    _, (row,), runs = store_of(place)
-    ran_here = {run.data.tags["stage"]: run.info.run_id for run in runs}
-    assert set(ran_here) == {"needs", "finetune"}  # the clone's store has the runs of the stages that did not run again
-    links = {name.removeprefix("stage.") for name in row.data.tags if name.startswith("stage.")}
-    assert "finetune" in links and links.isdisjoint({"cluster", "pretrain"})
-    assert row.data.tags["stage.finetune"] == ran_here["finetune"]
-    assert row.data.metrics["seconds.pretrain"] > 0
     output = switch_to("sensors", "[svm]")
     assert stages_of(output) == again[1:] and "Stage 'pretrain' didn't change" in output
     output = switch_to("mvcnn")

@@ -1,7 +1,6 @@
 """`tactile-viewgcn report` of a run that the stages have left in a workspace."""
 
 import json
-import re
 import shutil
 import sys
 from pathlib import Path
@@ -10,8 +9,7 @@ import pytest
 
 from tactile_viewgcn import cli
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.pages import html
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.pages.finished_run import read_run
 from tactile_viewgcn.pages.run_page import run_page
 from tests.pages.test_html import parsed, text_of
@@ -37,55 +35,6 @@ def test_the_page_says_what_the_files_say(workspace):
     assert len(notes) > 5 and [note for note in notes if note.text not in text] == []
     assert "pretrain left out: this system needs no pretrained backbone" in text
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"}) and "&lt;b&gt;Öl &amp; $x$" in page
-
-
-def test_the_page_of_a_network_says_from_how_many_frames_it_answers(workspace, undrawn):
-    path = Path("results/metrics.json")
-    metrics = json.loads(path.read_text())
-    assert metrics["recording"].pop("frames") and "From all frames of" in text_of(run_page(read_run()))
-    path.write_text(json.dumps(metrics))
-    assert f"From {metrics['views']} pressure frames of" in text_of(run_page(read_run()))
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Pages without pictures, whose drawing takes longer than all else."""
-    monkeypatch.setattr(html, "svg", lambda _: ("data:", 100))
-
-
-def test_a_section_is_shown_where_there_is_something_to_show(workspace, undrawn):
-    run = read_run()
-    sections = ["What to do next", "Warnings", "Error and time", "Objects", "Worst pairs"]
-    sections += ["From raw counts to the answer", "What it was made from", "Words"]
-    assert re.findall("<h2>(.+?)</h2>", run_page(run)) == sections
-    note = Note("better than by chance", "warning", "leak check", "preprocess.baseline", "grasp", "preprocess")
-    run.records["preprocess"].notes.append(note)
-    value = {"error": 0.25, "standard_error": 0.125, "seconds": 61.0}
-    values = [value | {"members": members, "taken": members == ["trees"]} for members in (["trees"], ["kernel", "svm"])]
-    notes = [Note("in columns", topic="candidates", value=each, stage="finetune") for each in [None, *values]]
-    run.records["finetune"].notes.extend(notes)
-    run.params["data.source"] = "data/virtual/recordings"
-    run.records["evaluate"].origin.update({"mlflow.source.git.commit": "0" * 40, "git.dirty": "true"})
-    page = run_page(run)
-    text = text_of(page).replace("\xa0", " ")
-    assert set(re.findall("<h2>(.+?)</h2>", page)) == {*sections, "Candidates"}
-    assert "preprocess : leak check: better than by chance." in text and "-S preprocess.baseline=grasp" in text
-    assert "trees taken 25.0 % 12.5 % 1 min 1 s kernel + svm 25.0 % 12.5 %" in text
-    assert "in columns" not in text
-    assert "Simulated data" in text and f"git checkout {'0' * 40} dvc exp run" in text
-    assert "the code had changes that were not committed" in text
-
-
-def test_the_page_says_what_the_frames_of_an_answer_are_of(workspace, undrawn):
-    run = read_run()
-    assert "come from one recording, as in use" in text_of(run_page(run))
-    run.params["split.by"] = "grasp"
-    text = text_of(run_page(run))
-    assert "come from one grasp, as in use" in text and "of a grasp that it has not learnt from" in text
-    assert "first three" in text
-    run.metrics["classes"] = 3
-    text = text_of(run_page(run))
-    assert "first three" not in text
 
 
 def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(workspace):
