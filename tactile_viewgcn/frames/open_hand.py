@@ -4,11 +4,16 @@ A baseline that a whole session shares shows contact everywhere once it has drif
 recording begins with its quietest frames, and the baseline follows the open hand from there. It stands still during a
 grasp, as in a capacitive touch sensor.
 
-It fails, and nothing says so, where a recording has no five successive frames without contact: a light grip is then
-taken for the open hand, and only what presses more than it is contact. It fails too where a sensor drifts within two
-frames by more than five standard deviations of its noise, which looks like contact to the end of the recording, and
-where all objects press more than three quarters of the sensors alike, which looks like drift. A flag of the source
-that an object is held always counts as contact.
+It fails, and nothing says so,
+
+- where a recording has no five successive frames without contact, and its session no empty hand: a light grip is then
+  taken for the open hand, and only what presses more than it is contact;
+- where sensors jump by more than five standard deviations of their noise between two frames, or drift by more than a
+  third of one a frame: that is taken for contact, to the end of the recording;
+- where what is held from the first frame to the last presses more than three quarters of the sensors: that is taken
+  for drift, even beside an empty hand.
+
+A flag of the source that an object is held always counts as contact.
 """
 
 from dataclasses import dataclass, replace
