@@ -70,7 +70,7 @@ class Outcome:
         self.tested = f"{several(sum(recordings.values()), 'recording')}, {each} of each object"
         answered = predictions.classes[self.counts.any(axis=0)]
         self.only = str(answered[0]) if len(answered) == 1 else ""
-        self.candidates = [note.value for note in run.notes("info") if note.topic == "candidates" and note.value]
+        self.candidates = [note.value for note in run.notes("info") if note.topic == "candidates"]
         self.members = choices.get("model.members", run.params["model.members"])
         self.warnings = run.notes("warning")
 

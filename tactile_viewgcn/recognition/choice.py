@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tactile_viewgcn.frames.split import fold_sides, spans_classes
-from tactile_viewgcn.messages import Note
+from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.recognition.calibration import fit_temperature
 from tactile_viewgcn.sensors.estimators import added, probabilities
-from tactile_viewgcn.sensors.examples import Examples, Points
-from tactile_viewgcn.sensors.representation import OF_FRAMES
+from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.tables.frames import TEST
 
 #: a later candidate is taken only if all earlier ones err more by more than a standard error
@@ -48,23 +47,23 @@ class LeftOut:
         self.seconds: dict[str, float] = {}
         self._shares: dict[str, np.ndarray] = {}
 
-    def _answers(self, member: str, points: Points) -> np.ndarray:
-        """Probabilities (n, classes) by a member's points; those of recordings that were never left out are 0."""
-        shares = np.zeros((len(points.values), self.examples.classes), dtype=np.float32)
-        for left in self._folds:
-            estimator, rows = self.examples.fit(member, points, self._seed, ~left), left[points.recording]
-            shares[rows] = probabilities(estimator, points.values[rows], self.examples.classes)
-        return shares
-
     def _of_recordings(self, member: str) -> np.ndarray:
-        """Probabilities (R, classes) of the recordings; those of `kernel` are the means of their frames'."""
+        """Probabilities (R, classes), means over a recording's points; 0 of recordings that were never left out."""
         if member not in self._shares:
-            points, begin = self.examples.of_recordings(member), time.perf_counter()
-            shares = self._answers(member, points)
+            examples, (points, recording), begin = (
+                self.examples,
+                self.examples.of_recordings(member),
+                time.perf_counter(),
+            )
+            shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
+            for rows in (left[recording] for left in self._folds):
+                estimator = examples.representation.estimator(member, quick=True)
+                estimator.fit(points[~rows], label[~rows], self._seed)
+                shares[rows] = probabilities(estimator, points[rows], examples.classes)
+            self._shares[member] = np.stack(
+                [shares[recording == each].mean(axis=0) for each in range(len(self.groups))]
+            )
             self.seconds[member] = time.perf_counter() - begin
-            if member == OF_FRAMES:
-                shares = np.stack([shares[points.recording == each].mean(axis=0) for each in range(len(self.groups))])
-            self._shares[member] = shares
         return self._shares[member]
 
     def logits(self, members: list[str]) -> np.ndarray:
@@ -101,8 +100,7 @@ class Candidate(NamedTuple):
 def choose(rows: list[Candidate]) -> Candidate:
     """The first row whose error exceeds the lowest by at most one standard error of the difference over groups."""
     best = min(rows, key=lambda row: row.wrong.mean())
-    within = (row for row in rows if (row.wrong - best.wrong).mean() <= standard_error(row, best))
-    return next(within, best)
+    return next(row for row in rows if (row.wrong - best.wrong).mean() <= standard_error(row, best))
 
 
 def standard_error(row: Candidate, best: Candidate) -> float:
@@ -118,34 +116,29 @@ def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> t
         groups: number of all training groups.
 
     Returns:
-        The chosen members, and notes: the choice, then a table with the chosen candidate first and the others by their
-        errors. A note of the table is a line for a terminal of 80 columns; its value has the error, the standard error
-        of its difference from the lowest, and the seconds of all fits.
+        The chosen members, and notes: the choice, then each candidate, the chosen one first and the others by their
+        errors. The value of a candidate's note has its error, the standard error of the difference from the lowest, and
+        the seconds of all fits.
     """
+    key = "model.members"
     if not left.answered.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
-        return candidates[0], [_choice(candidates[0], text)]
+        return candidates[0], [Note(text, "choice", "recogniser", key, candidates[0])]
     rows = list[Candidate]()
     for members in candidates:
         if rows and not rows[-1].wrong.any():
             break
         rows.append(Candidate(members, left.wrong(members), sum(left.seconds[name] for name in members)))
     best, lowest = choose(rows), min(rows, key=lambda row: row.wrong.mean())
-    compared = f"{len(best.wrong):,} of {groups:,} training groups, each left out of the fits that answer it"
-    text = f"the first of {len(rows)} candidates whose error is within a standard error of the lowest, on {compared}"
-    if len(rows) == 1:
-        text = f"errs nowhere on {compared}: no other is tried"
-    notes = [_choice(best.members, text)]
-    notes.append(Note(f"{'err %':>5} {'±':>5} {'fit s':>6}   of whole recordings; * taken", topic="candidates"))
+    text = (
+        f"of {several(len(rows), 'candidate')} the first whose error is within a standard error of the lowest, on "
+        f"{len(best.wrong):,} of {groups:,} training groups, each left out of the fits that answer it"
+    )
+    notes = [Note(text, "choice", "recogniser", key, best.members)]
     for row in sorted(rows, key=lambda row: (row is not best, row.wrong.mean())):
         error, above = float(row.wrong.mean()), standard_error(row, lowest)
-        mark = "*" if row is best else " "
-        text = f"{100 * error:5.1f} {100 * above:5.1f} {row.seconds:6.1f} {mark} {'+'.join(row.members)}"
         value = {"members": row.members, "error": error, "standard_error": above, "taken": row is best}
         value |= {"seconds": row.seconds}
-        notes.append(Note(text, topic="candidates", key="model.members", value=value))
+        text = f"{' + '.join(row.members)}: {100 * error:.1f} % of whole recordings wrong, {row.seconds:.1f} s of fits"
+        notes.append(Note(text, topic="candidates", key=key, value=value))
     return best.members, notes
-
-
-def _choice(members: list[str], reason: str) -> Note:
-    return Note(reason, "choice", "recogniser", "model.members", members)

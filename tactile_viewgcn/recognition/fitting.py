@@ -28,7 +28,7 @@ from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch, Progress
 from tactile_viewgcn.views.sampling import powers_of_two
 
-MOST_RECORDINGS, QUICK_RECORDINGS = 4000, 2500  # of a fit on the sensors, and of a comparison
+MOST_RECORDINGS = 4000  # of a fit on the sensors
 SCALE_FRAMES = 20_000  # by which readings are scaled
 THINNING_SEED = 0  # so that the same recordings are taken for every value of `seed`
 
@@ -74,15 +74,12 @@ def _fit_sensors(table: Frames, viewpoints: np.ndarray, params: Params) -> Fitte
     views = len(viewpoints)
     sizes = powers_of_two(views) if params.finetune.num_views == "random" else (views,)
     recordings = thinned(training_recordings(table), table.label, MOST_RECORDINGS)
-    compared = thinned(recordings, table.label, QUICK_RECORDINGS)
-    examples = examples_of(table, compared, chain(*candidates), sizes, seed)
-    left, members = LeftOut(examples, table.group[first_frames(compared)], seed), candidates[0]
+    groups = table.group[first_frames(recordings)]
+    examples = examples_of(table, recordings, chain(*candidates), sizes, seed)
+    left, members = LeftOut(examples, groups, seed), candidates[0]
     if asked == "auto":
-        groups = len(np.unique(table.group[first_frames(recordings)]))
-        members, notes = choose_members(left, candidates, groups)
+        members, notes = choose_members(left, candidates, len(np.unique(groups)))
     temperature = left.temperature(members)
-    if len(compared) < len(recordings):
-        examples = examples_of(table, recordings, members, sizes, seed)
     model = replace(params.model, members=cast(list[Member], members))
     classifier = load_system(model.system).SensorClassifier(members, viewpoints, len(table.classes))
     classifier.fit(examples, seed)
@@ -124,7 +121,7 @@ def examples_of(
 
     sample = table.inputs(evenly(table.on(TRAIN), SCALE_FRAMES), "counts")[:, table.live]
     noise = successive_noise(table.counts, table.recording, table.on(TRAIN), table.live)
-    representation = Representation(table.live).fit(sample, contact_unit(sample, noise))
+    representation = Representation.of(table.live, sample, contact_unit(sample, noise))
     if "convolutions" in members:
         drawn = np.random.default_rng(seed).permutation(len(recordings))[:SAMPLE]
         representation.convolutions.fit([representation.scaled(read(number)) for number in drawn.tolist()], seed)

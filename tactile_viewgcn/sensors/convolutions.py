@@ -6,7 +6,7 @@ channels at random; its features are the shares of the recording in which it exc
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 from scipy.special import softmax
@@ -35,9 +35,9 @@ class Convolutions(Arrays):
         biases: (D, N, B).
     """
 
-    dilations: Annotated[np.ndarray, np.int64]
-    channels: Annotated[np.ndarray, np.bool_]
-    biases: Annotated[np.ndarray, np.float32]
+    dilations: np.ndarray
+    channels: np.ndarray
+    biases: np.ndarray
 
     def __init__(self, *, zeros: bool):
         self._zeros = zeros
@@ -48,16 +48,21 @@ class Convolutions(Arrays):
         drawn = rng.permutation(len(recordings))[:SAMPLE]
         sample = [recordings[number] for number in drawn.tolist()]
         longest, sensors = int(np.median([len(each) for each in sample])), sample[0].shape[1]
-        dilations = np.unique(np.geomspace(1, max(1, (longest - 1) // (LENGTH - 1)), MOST_DILATIONS).astype(int))
+        self.dilations = dilations = np.unique(
+            np.geomspace(1, max(1, (longest - 1) // (LENGTH - 1)), MOST_DILATIONS).astype(int)
+        )
         most = min(sensors, MOST_CHANNELS)
         sizes = (2 ** rng.uniform(0, np.log2(most + 1), (len(dilations), len(PLACES), 1))).astype(int)
-        channels = rng.random((len(dilations), len(PLACES), sensors)).argsort(axis=2).argsort(axis=2) < sizes
+        self.channels = channels = (
+            rng.random((len(dilations), len(PLACES), sensors)).argsort(axis=2).argsort(axis=2) < sizes
+        )
         quantiles = np.arange(1, 1 + max(1, FEATURES // (len(PLACES) * len(dilations)))) * GOLDEN % 1
         biases = [
             np.quantile(np.concatenate([self._convolved(each, *pair) for each in sample], axis=1), quantiles, axis=1).T
             for pair in zip(dilations, channels, strict=True)
         ]
-        return self.take(dilations=dilations, channels=channels, biases=np.stack(biases))
+        self.biases = np.stack(biases).astype(np.float32)
+        return self
 
     def features(self, readings: np.ndarray) -> np.ndarray:
         """Shares float32 (D N B,) of the frames of a recording of readings (T, F)."""
@@ -86,9 +91,6 @@ class Ridge(Estimator):
         weights: (F, K), offsets: (K,) of points as they are.
     """
 
-    weights: Annotated[np.ndarray, np.float32]
-    offsets: Annotated[np.ndarray, np.float32]
-
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         from sklearn.linear_model import RidgeClassifierCV
 
@@ -99,7 +101,9 @@ class Ridge(Estimator):
         weights, offsets = np.atleast_2d(fitted.coef_).T / spread[:, None], np.atleast_1d(fitted.intercept_)
         if len(fitted.classes_) == 2:  # scikit-learn keeps the second class alone
             weights, offsets = np.concatenate([-weights, weights], axis=1), np.append(-offsets, offsets)
-        return self.take(classes=fitted.classes_, weights=weights, offsets=offsets - mean @ weights)
+        self.classes, self.weights = fitted.classes_, weights.astype(np.float32, order="C")
+        self.offsets = (offsets - mean @ weights).astype(np.float32)
+        return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         return softmax(SHARPNESS * (points @ self.weights + self.offsets), axis=1)

@@ -1,7 +1,7 @@
 """Estimators whose fitted state is plain arrays: scikit-learn may fit them; they answer, and load, without it."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Self, get_type_hints
+from typing import Self
 
 import numpy as np
 
@@ -11,30 +11,19 @@ TINY = np.finfo(np.float32).tiny
 
 
 class Arrays:
-    """Base of what is fitted and kept as arrays: attributes of the form `Annotated[np.ndarray, type]`.
+    """Base of what is fitted: its arrays are kept in a file, contiguous, so that answers are equal to the last digit.
 
     Letters in their descriptions: F is the length of a point, K the number of classes fitted to, S of live sensors.
     """
 
-    @classmethod
-    def types(cls) -> dict[str, type]:
-        """The type of each kept array, by its name."""
-        hints = get_type_hints(cls, include_extras=True)
-        return {name: hint.__metadata__[0] for name, hint in hints.items() if hasattr(hint, "__metadata__")}
-
-    def take(self, **arrays: Any) -> Self:
-        """Set the kept arrays, contiguous: so answers are equal to the last digit after a file has kept them.
-
-        Raises:
-            KeyError: one is missing.
-        """
-        for name, dtype in self.types().items():
-            setattr(self, name, np.asarray(arrays[name], dtype=dtype, order="C"))
-        return self
-
     def state_dict(self) -> dict[str, np.ndarray]:
-        """The kept arrays, which `take` sets again."""
-        return {name: getattr(self, name) for name in self.types()}
+        """All arrays that were fitted."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+
+    def load_state_dict(self, state: Mapping[str, np.ndarray]) -> Self:
+        """Take over the arrays that `state_dict` gave."""
+        vars(self).update(state)
+        return self
 
 
 class Estimator(Arrays):
@@ -44,7 +33,7 @@ class Estimator(Arrays):
         classes: (K,) the distinct labels that it was fitted to, rising.
     """
 
-    classes: Annotated[np.ndarray, np.int64]
+    classes: np.ndarray
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         """Fit to points (n, F) and labels (n,)."""
@@ -55,9 +44,10 @@ class Estimator(Arrays):
         raise NotImplementedError
 
 
-def sampled(points: np.ndarray, labels: np.ndarray, seed: int, most: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """The points (n, F) and labels (n,); of more than `most` (4,000) as many at random, and the first of each class."""
-    most = most or MOST_POINTS
+def sampled(
+    points: np.ndarray, labels: np.ndarray, seed: int, most: int = MOST_POINTS
+) -> tuple[np.ndarray, np.ndarray]:
+    """The points (n, F) and labels (n,); of more than `most` as many at random, and the first of each class."""
     if len(points) <= most:
         return points, labels
     index = np.random.default_rng(seed).permutation(len(points))[:most]
@@ -78,8 +68,3 @@ def added(shares: Sequence[np.ndarray]) -> np.ndarray:
     if len(shares) == 1:
         return np.log(np.maximum(shares[0], TINY))
     return np.log(np.stack(shares) + FLOOR).sum(axis=0)
-
-
-def state_of(estimators: Mapping[str, Estimator]) -> dict[str, dict[str, np.ndarray]]:
-    """The kept arrays of estimators, by name."""
-    return {name: each.state_dict() for name, each in estimators.items()}

@@ -5,7 +5,8 @@ points they are also slow, because 300 trees are called one by one.
 """
 
 import warnings
-from typing import Annotated, Any, Self
+from collections.abc import Mapping
+from typing import Self
 
 import numpy as np
 
@@ -25,15 +26,9 @@ class Forest(Estimator):
         roots: (T,) node at which each tree begins.
         left, right: (N,) child of each node for a feature up to the threshold, and above it.
         feature, threshold: (N,) of each node.
-        shares: (L, K) share of each class in the training points of a leaf, in the order of nodes.
+        leaf: (N,) row of `shares` of each node that is a leaf.
+        shares: (L, K) share of each class in the training points of a leaf.
     """
-
-    roots: Annotated[np.ndarray, np.int64]
-    left: Annotated[np.ndarray, np.int64]
-    right: Annotated[np.ndarray, np.int64]
-    feature: Annotated[np.ndarray, np.int64]
-    threshold: Annotated[np.ndarray, np.float64]
-    shares: Annotated[np.ndarray, np.float32]
 
     def __init__(self, trees: int = TREES):
         self._trees = trees
@@ -51,31 +46,25 @@ class Forest(Estimator):
             for name in ("children_left", "children_right", "feature", "threshold", "value")
         )
         sizes = np.array([tree.node_count for tree in trees])
-        roots, node, inner = np.cumsum(sizes) - sizes, np.arange(sizes.sum()), left >= 0
-        start = np.repeat(roots, sizes)
-        return self.take(
-            classes=grown.classes_,
-            roots=roots,
-            left=np.where(inner, left + start, node),
-            right=np.where(inner, right + start, node),
-            feature=np.where(inner, feature, 0),
-            threshold=np.where(inner, threshold, 0),
-            shares=shares[~inner, 0],
-        )
+        self.classes, self.roots = grown.classes_, np.cumsum(sizes) - sizes
+        inner, node, start = left >= 0, np.arange(len(left)), np.repeat(self.roots, sizes)
+        self.left, self.right = np.where(inner, left + start, node), np.where(inner, right + start, node)
+        self.feature, self.threshold = np.where(inner, feature, 0), np.where(inner, threshold, 0)
+        self.leaf, self.shares = np.cumsum(~inner) - 1, shares[~inner, 0].astype(np.float32)
+        return self
 
-    def take(self, **arrays: Any) -> Self:
-        """See `Arrays.take`; a ValueError for a tree in which a walk down may never end."""
-        super().take(**arrays)
+    def load_state_dict(self, state: Mapping[str, np.ndarray]) -> Self:
+        """See `Arrays`; a ValueError for a tree in which a walk down may never end."""
+        super().load_state_dict(state)
         node = np.arange(len(self.left))
         if (self.left < node).any() or (self.right < node).any():
             raise ValueError("a tree's node has a child above it")
-        self._leaf = np.cumsum(self.left == node) - 1  # row of shares
         return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         points, total = np.ascontiguousarray(points, dtype=np.float32), np.zeros((len(points), len(self.classes)))
         for roots in np.array_split(self.roots, max(1, -(-len(self.roots) * len(points) // MOST_PATHS))):
-            total += self.shares[self._leaf[self._ends(points, roots)]].sum(axis=0, dtype=np.float64)
+            total += self.shares[self.leaf[self._ends(points, roots)]].sum(axis=0, dtype=np.float64)
         return total / len(self.roots)
 
     def _ends(self, points: np.ndarray, roots: np.ndarray) -> np.ndarray:

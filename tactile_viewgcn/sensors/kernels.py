@@ -1,12 +1,12 @@
 """Kernel ridge regression and support vector machines, both with a Gaussian kernel, whose state is plain arrays."""
 
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 from scipy.linalg import solve
 from scipy.special import softmax
 
-from tactile_viewgcn.sensors.estimators import Estimator, sampled
+from tactile_viewgcn.sensors.estimators import MOST_POINTS, Estimator, sampled
 
 WIDTH, RIDGE, SHARPNESS = 2.0, 0.3, 8.0  # of kernel ridge regression
 C = 10.0  # of the support vector machines
@@ -23,11 +23,6 @@ class Kernel(Estimator):
         points: (M, F) fitted points, less `centre`, times `scale`.
         half_squares: (M,) half of their squared lengths.
     """
-
-    scale: Annotated[np.ndarray, np.float32]
-    centre: Annotated[np.ndarray, np.float32]
-    points: Annotated[np.ndarray, np.float32]
-    half_squares: Annotated[np.ndarray, np.float32]
 
     def centred(self, points: np.ndarray, gamma: float) -> Self:
         """Set the points (M, F) that others are compared with."""
@@ -54,21 +49,26 @@ class KernelRidge(Kernel):
 
     Probabilities are the softmax of eight times the regression's values.
 
+    Args:
+        most: points that it is fitted to.
+
     Attributes:
         weights: (M, K) of the kernel's values.
     """
 
-    weights: Annotated[np.ndarray, np.float32]
+    def __init__(self, most: int = MOST_POINTS):
+        self._most = most
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
-        points, labels = sampled(points, labels, seed)
+        points, labels = sampled(points, labels, seed, self._most)
         spread = float(points.var(axis=0).sum())  # half of the mean squared distance
         kernel = self.centred(points, WIDTH / (2 * spread) if spread else 1.0).kernel(points)
         kernel[np.diag_indices(len(points))] += RIDGE
-        classes = np.unique(labels)
-        indicators = (labels[:, None] == classes).astype(np.float32)
+        self.classes = np.unique(labels)
+        indicators = (labels[:, None] == self.classes).astype(np.float32)
         weights = solve(kernel, indicators, assume_a="pos", overwrite_a=True, check_finite=False)
-        return self.take(**vars(self), classes=classes, weights=weights)
+        self.weights = np.ascontiguousarray(weights)
+        return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         return softmax(SHARPNESS * (self.kernel(points) @ self.weights), axis=1)
@@ -85,10 +85,6 @@ class SupportVectors(Kernel):
         offsets: (K (K - 1) / 2,) of the pairs of classes: (0, 1), (0, 2) and so on.
     """
 
-    class_of: Annotated[np.ndarray, np.int64]
-    weights: Annotated[np.ndarray, np.float32]
-    offsets: Annotated[np.ndarray, np.float32]
-
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         from sklearn.svm import SVC
 
@@ -96,15 +92,14 @@ class SupportVectors(Kernel):
         spread = float(points.var()) * points.shape[1]
         kernel = self.centred(points, 1 / spread if spread else 1.0).kernel(points)
         machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
-        fitted = vars(self) | {
-            "classes": machines.classes_,
-            "points": self.points[machines.support_],
-            "half_squares": self.half_squares[machines.support_],
-            "class_of": np.repeat(np.arange(len(machines.classes_)), machines.n_support_),
-            "weights": machines.dual_coef_.T,
-            "offsets": machines.intercept_,
-        }
-        return self.take(**fitted)
+        self.classes, self.class_of = (
+            machines.classes_,
+            np.repeat(np.arange(len(machines.classes_)), machines.n_support_),
+        )
+        self.points, self.half_squares = self.points[machines.support_], self.half_squares[machines.support_]
+        self.weights = machines.dual_coef_.T.astype(np.float32, order="C")
+        self.offsets = machines.intercept_.astype(np.float32)
+        return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         count = max(1, -(-len(points) * len(self.classes) ** 2 // MOST_VALUES))  # parts that fit memory
@@ -138,10 +133,6 @@ class NormalisedVectors(SupportVectors):
     Attributes:
         mean, spread: (F,) over all points; within: (F,) spread within classes, after squashing.
     """
-
-    mean: Annotated[np.ndarray, np.float64]
-    spread: Annotated[np.ndarray, np.float64]
-    within: Annotated[np.ndarray, np.float64]
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         points, labels = sampled(points, labels, seed)

@@ -1,12 +1,12 @@
 """What the members of a classifier on the sensors read: scaled readings, and points; it is fitted without labels."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from tactile_viewgcn.sensors.convolutions import Convolutions, Ridge
-from tactile_viewgcn.sensors.estimators import Arrays, Estimator
+from tactile_viewgcn.sensors.estimators import Estimator
 from tactile_viewgcn.sensors.features import (
     array_maps,
     array_statistics,
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts
 
 OF_FRAMES = "kernel"  # the member that answers single frames; its probabilities are averaged
+MOST_FRAMES, QUICK_FRAMES = 2000, 1000  # that this member is fitted to, and quickly fitted to
 OF_SETS = (OF_FRAMES, "pooled_kernel", "svm")  # members that also answer view sets, for which no order counts
 FARTHEST = 1e15  # scaled reading: its square is in the range of single precision
 PRESSED_SHARE = 0.1  # of the readings in contact are above PRESSED_UNITS; with STAG's glove these are four counts
@@ -40,31 +41,30 @@ def for_sets(members: Sequence[str]) -> list[str]:
     return [name for name in members if name in OF_SETS] or ["svm"]
 
 
-class Representation(Arrays):
+class Representation:
     """Scaled readings of the live sensors, and the points of each member.
 
     Args:
         live: bool (H, W).
+        centre, spread: float32 (S,) of each live sensor: mean and standard deviation of a channel; 0 and the unit of an
+            array.
 
     Attributes:
-        centre, spread: (S,) of each live sensor: mean and standard deviation of a channel; 0 and the unit of an array.
         convolutions: features of the member of this name, where there is one.
     """
 
-    centre: Annotated[np.ndarray, np.float32]
-    spread: Annotated[np.ndarray, np.float32]
-
-    def __init__(self, live: np.ndarray):
-        self.live, self.is_array = live, is_array(live)
+    def __init__(self, live: np.ndarray, centre: np.ndarray, spread: np.ndarray):
+        self.live, self.centre, self.spread, self.is_array = live, centre, spread, is_array(live)
         self.blocks = block_weights(live) if self.is_array else np.zeros((int(live.sum()), 0), dtype=np.float32)
         self.convolutions = Convolutions(zeros=not self.is_array)
 
-    def fit(self, sample: np.ndarray, unit: float) -> Self:
+    @classmethod
+    def of(cls, live: np.ndarray, sample: np.ndarray, unit: float) -> Self:
         """Measure the scale of channels on a sample of frames, counts (n, S); `unit` is that of an array."""
-        if self.is_array:
-            return self.take(centre=np.zeros(sample.shape[1]), spread=np.full(sample.shape[1], unit))
         centre, spread = sample.mean(axis=0, dtype=np.float64), sample.std(axis=0, dtype=np.float64)
-        return self.take(centre=centre, spread=np.where(spread > 0, spread, 1))
+        if is_array(live):
+            centre, spread = 0 * centre, np.full(len(spread), unit)
+        return cls(live, centre.astype(np.float32), np.where(spread > 0, spread, 1).astype(np.float32))
 
     def scaled(self, counts: np.ndarray) -> np.ndarray:
         """Readings float32 (..., S) of frames, from counts (..., S) above baseline."""
@@ -88,9 +88,11 @@ class Representation(Arrays):
         return (in_time if member == "trees" else in_windows)(readings.astype(np.float64))
 
     def estimator(self, member: str, *, quick: bool = False) -> Estimator:
-        """The member's estimator, not fitted yet; a quick one has fewer trees."""
+        """The member's estimator, not fitted yet; a quick one has fewer trees or frames."""
         if member == "trees":
             return Forest(FEWEST_TREES if quick else TREES)
+        if member == OF_FRAMES:
+            return KernelRidge(QUICK_FRAMES if quick else MOST_FRAMES)
         vectors = SupportVectors if self.is_array else NormalisedVectors
         return {"svm": vectors, "convolutions": Ridge}.get(member, KernelRidge)()
 

@@ -3,12 +3,12 @@
 It reads counts above baseline as arrays, and answers whole recordings and view sets.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactile_viewgcn.sensors.estimators import Estimator, added, probabilities, state_of
+from tactile_viewgcn.sensors.estimators import Estimator, added, probabilities
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.sensors.representation import OF_FRAMES, Representation, for_sets
@@ -41,10 +41,10 @@ class SensorClassifier:
 
     transform = "counts"
     answers_recordings = True
+    representation: Representation
 
     def __init__(self, members: Sequence[str], viewpoints: np.ndarray, classes: int):
         self.members, self.viewpoints, self.classes = list(members), viewpoints, classes
-        self.representation = Representation(np.ones((1, 1), dtype=bool))
         self.whole: dict[str, Estimator] = {}
         self.sets: dict[int, dict[str, Estimator]] = {}
         self.short = 0.0
@@ -66,11 +66,13 @@ class SensorClassifier:
         with one recording of 2 frames among sixty of 40, these are fewer than 20 frames.
         """
         self.representation, self.short = examples.representation, float(np.quantile(examples.lengths, SHORT)) / 2
-        self.whole = {name: examples.fit(name, examples.of_recordings(name), seed) for name in self.members}
+
+        def fitted(member: str, points: np.ndarray, recording: np.ndarray) -> Estimator:
+            return self.representation.estimator(member).fit(points, examples.labels[recording], seed)
+
+        self.whole = {name: fitted(name, *examples.of_recordings(name)) for name in self.members}
         pooled = [name for name in for_sets(self.members) if name != OF_FRAMES]
-        self.sets = {
-            size: {name: examples.fit(name, examples.of_sets(size), seed) for name in pooled} for size in examples.sets
-        }
+        self.sets = {size: {name: fitted(name, *examples.of_sets(size)) for name in pooled} for size in examples.sets}
 
     def prepare(self, compute: object) -> None:
         """Do nothing: it computes on the processor."""
@@ -96,19 +98,10 @@ class SensorClassifier:
         count = sets.shape[1]
         fitted = self.sets[max((size for size in self.sets if size <= count), default=min(self.sets))]
         step = max(1, MAX_SET_VALUES // (count * values.shape[1]))
-        batches = (sets[start : start + step] for start in range(0, len(sets), step))
-        return np.concatenate([self._of_sets(values[batch], fitted) for batch in batches])
-
-    def _of_sets(self, values: np.ndarray, fitted: dict[str, Estimator]) -> np.ndarray:
-        """Logits (B, classes) from the values (B, k, ...) of view sets."""
-        shares, sensors = [], len(self.representation.centre)
-        for name in for_sets(self.members):
-            if name == OF_FRAMES:
-                shares.append(values[..., sensors:].mean(axis=1))
-            else:
-                points = self.representation.of_sets(values[..., :sensors])
-                shares.append(probabilities(fitted[name], points, self.classes))
-        return added(shares)
+        batches = (values[sets[start : start + step]] for start in range(0, len(sets), step))
+        members, of_sets = for_sets(self.members), self.representation.of_sets
+        answers = [self._logits(batch, members, fitted, lambda _, readings: of_sets(readings)) for batch in batches]
+        return np.concatenate(answers)
 
     def frames_of(self, count: int) -> np.ndarray:
         """The frames that are read of a recording of that many, rising indices."""
@@ -118,26 +111,38 @@ class SensorClassifier:
         """Logits (classes,) of a recording from the values (T, ...) of its frames in the order of time."""
         if len(values) < self.short:
             return self.view_sets(values, np.arange(len(values))[None])[0]
+        return self._logits(values[None], self.members, self.whole, self.representation.of_recordings)[0]
+
+    def _logits(
+        self,
+        values: np.ndarray,
+        members: list[str],
+        fitted: dict[str, Estimator],
+        points_of: Callable[[str, np.ndarray], np.ndarray],
+    ) -> np.ndarray:
+        """Logits (B, classes) of values (B, k, ...), by the estimators of points that a member reads of readings."""
         shares, sensors = [], len(self.representation.centre)
-        for name in self.members:
+        for name in members:
             if name == OF_FRAMES:
-                shares.append(values[None, :, sensors:].mean(axis=1))
+                shares.append(values[..., sensors:].mean(axis=1))
             else:
-                points = self.representation.of_recordings(name, values[None, :, :sensors])
-                shares.append(probabilities(self.whole[name], points, self.classes))
-        return added(shares)[0]
+                shares.append(probabilities(fitted[name], points_of(name, values[..., :sensors]), self.classes))
+        return added(shares)
 
     def state_dict(self) -> dict[str, Any]:
         """What it has learnt, without `live`: arrays and plain values."""
+
+        def kept(fitted: dict[str, Estimator]) -> dict[str, Any]:
+            return {name: each.state_dict() for name, each in fitted.items()}
+
         read = self.representation
-        state = {
-            "representation": read.state_dict(),
-            "whole": state_of(self.whole),
-            "sets": {str(size): state_of(fitted) for size, fitted in self.sets.items()},
+        return {
+            "representation": {"centre": read.centre, "spread": read.spread},
+            "convolutions": read.convolutions.state_dict(),
+            "whole": kept(self.whole),
+            "sets": {str(size): kept(each) for size, each in self.sets.items()},
+            "short": self.short,
         }
-        if "convolutions" in self.members:
-            state["convolutions"] = read.convolutions.state_dict()
-        return state | {"short": self.short}
 
     def load_state_dict(self, state: dict[str, Any], live: np.ndarray) -> None:
         """Take over what `state_dict` gave, for the sensors `live`, bool (H, W).
@@ -145,12 +150,11 @@ class SensorClassifier:
         Raises:
             KeyError, ValueError: something is missing, or cannot be used.
         """
-        self.representation = read = Representation(live).take(**state["representation"])
-        if "convolutions" in self.members:
-            read.convolutions.take(**state["convolutions"])
-        self.whole = {name: read.estimator(name).take(**state["whole"][name]) for name in self.members}
-        self.sets = {
-            int(size): {name: read.estimator(name).take(**each) for name, each in fitted.items()}
-            for size, fitted in state["sets"].items()
-        }
-        self.short = float(state["short"])
+        self.representation = read = Representation(live, **state["representation"])
+        read.convolutions.load_state_dict(state["convolutions"])
+
+        def loaded(kept: dict[str, Any]) -> dict[str, Estimator]:
+            return {name: read.estimator(name).load_state_dict(each) for name, each in kept.items()}
+
+        self.whole, self.short = loaded(state["whole"]), state["short"]
+        self.sets = {int(size): loaded(each) for size, each in state["sets"].items()}

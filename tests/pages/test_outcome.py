@@ -98,11 +98,11 @@ def test_a_warning_comes_first_with_the_remedies_that_are_values():
 def test_the_candidates_are_those_of_the_notes_and_the_members_are_the_chosen_ones():
     errors = {"kernel": 0.2, "svm": 0.19, "trees": 0.4}
     values = [{"members": [name], "error": error, "taken": name == "kernel"} for name, error in errors.items()]
-    notes = [Note("", topic="candidates", value=value) for value in [None, *values]]
+    notes = [Note("", topic="candidates", value=value) for value in values]
     chosen = Note("because", "choice", key="model.members", value=["kernel"])
     run = finished(RIGHT, notes=[*notes, chosen], model_members="auto")
     assert Outcome(run).candidates == values and Outcome(run).members == ["kernel"]
-    alone = finished(RIGHT, notes=notes[:2], model_members=["kernel"])
+    alone = finished(RIGHT, notes=notes[:1], model_members=["kernel"])
     assert Outcome(alone).members == ["kernel"]
 
 

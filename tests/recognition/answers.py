@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from tactile_viewgcn.sensors.examples import Points
-
 
 class Answers:
     """Recordings of three classes, whose points are their numbers.
@@ -16,23 +14,26 @@ class Answers:
     """
 
     def __init__(self, labels, groups, *, knows, share=None):
-        self.labels, self.classes, self._groups, self.knows, self._share = labels, 3, groups, knows, share or {}
+        self.labels, self.classes, self.groups, self.knows, self.share = labels, 3, groups, knows, share or {}
+        self.representation = self
 
     def of_recordings(self, member):
-        return Points(np.arange(len(self.labels)), np.arange(len(self.labels)))
+        return np.arange(len(self.labels)), np.arange(len(self.labels))
 
-    def fit(self, member, points, seed, used):
-        assert set(self.labels[~used]) <= set(self.labels[used])
-        return _Estimator(self, np.isin(self._groups, self._groups[used]), self._share.get(member, 0.98))
+    def estimator(self, member, quick):
+        return _Estimator(self, self.share.get(member, 0.98))
 
 
 class _Estimator:
-    """An estimator that was fitted to the recordings `used`, bool (R,)."""
-
     classes = np.arange(3)
 
-    def __init__(self, examples, used, share):
-        self._labels, self._wrong, self._share = examples.labels, used != examples.knows, share
+    def __init__(self, examples, share):
+        self._examples, self._labels, self._share = examples, examples.labels, share
+
+    def fit(self, numbers, labels, seed):
+        used = np.isin(self._examples.groups, self._examples.groups[numbers])
+        assert set(self._labels) == set(labels) and (labels == self._labels[numbers]).all()
+        self._wrong = used != self._examples.knows
 
     def predict_proba(self, numbers):
         shares = np.full((len(numbers), 3), (1 - self._share) / 2)

@@ -38,4 +38,4 @@ def test_of_a_long_recording_every_second_or_further_frame_is_taken(monkeypatch)
     assert set(examples.lengths) == {4} and set(examples.sets) == {1, 2, 4}
     read, counts = examples.representation, frames.inputs(recordings[3][::3], "counts")[:, frames.live]
     expected = read.of_recordings("svm", read.scaled(counts)[None])
-    np.testing.assert_allclose(examples.of_recordings("svm").values[3:4], expected, atol=1e-6)
+    np.testing.assert_allclose(examples.of_recordings("svm")[0][3:4], expected, atol=1e-6)

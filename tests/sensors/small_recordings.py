@@ -32,7 +32,7 @@ def recordings(seeds=range(8), names=NAMES, **how):
 def examples_of(made, labels, members=(), *, live=CHANNELS, sizes=(1, 2, 4)):
     """The examples of recordings in their glove's unit."""
     frames = np.concatenate(made)
-    read = Representation(live).fit(frames, contact_unit(frames))
+    read = Representation.of(live, frames, contact_unit(frames))
     if "convolutions" in members:
         read.convolutions.fit([read.scaled(each) for each in made], 0)
     return Examples(made.__getitem__, labels, read, sizes, max(labels) + 1, 0)

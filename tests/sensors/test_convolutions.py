@@ -30,7 +30,8 @@ def test_features_are_the_shares_above_the_biases_by_naive_loops(frames, zeros):
             series = readings[:, channels[number, kernel]].sum(axis=1).tolist()
             values = [convolved(series, places, dilation, frame, zeros) for frame in range(frames)]
             found += [sum(value > bias for value in values) / frames for bias in biases[number, kernel]]
-    convolutions = Convolutions(zeros=zeros).take(dilations=[1, 3], channels=channels, biases=biases)
+    state = {"dilations": np.array([1, 3]), "channels": channels, "biases": biases}
+    convolutions = Convolutions(zeros=zeros).load_state_dict(state)
     np.testing.assert_allclose(convolutions.features(readings), found, atol=1e-6)
 
 

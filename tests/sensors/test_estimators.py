@@ -11,9 +11,9 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from tactile_viewgcn.sensors import estimators, forest, kernels
+from tactile_viewgcn.sensors import forest, kernels
 from tactile_viewgcn.sensors.convolutions import Ridge
-from tactile_viewgcn.sensors.estimators import probabilities
+from tactile_viewgcn.sensors.estimators import probabilities, sampled
 from tactile_viewgcn.sensors.forest import Forest
 from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
 
@@ -73,7 +73,7 @@ def test_answers_are_those_of_scikit_learn(classes):
 def test_kept_arrays_answer_equally_and_a_class_without_examples_has_probability_0(monkeypatch, estimator):
     points, labels, asked = data(3)
     fitted = estimator().fit(points, labels, 0)
-    answers = probabilities(estimator().take(**fitted.state_dict()), asked, 6)
+    answers = probabilities(estimator().load_state_dict(fitted.state_dict()), asked, 6)
     assert (answers == probabilities(fitted, asked, 6)).all() and (answers[:, 1::2] == 0).all()
     np.testing.assert_allclose(answers.sum(axis=1), 1, atol=1e-6)
     monkeypatch.setattr(forest, "MOST_PATHS", 100)  # in parts that fit memory
@@ -82,11 +82,10 @@ def test_kept_arrays_answer_equally_and_a_class_without_examples_has_probability
 
 
 def test_of_many_points_some_are_taken_and_of_every_class_one_and_trees_are_fewer_where_leaves_hold_much(monkeypatch):
-    monkeypatch.setattr(estimators, "MOST_POINTS", 30)
-    points, labels = np.arange(300.0)[:, None] * np.ones(5), np.r_[np.zeros(298, int), 1, 2]
-    for estimator in (KernelRidge, SupportVectors, NormalisedVectors, Ridge):
-        fitted = estimator().fit(points, labels, 0)
-        assert fitted.predict_proba(points).shape == (300, 3) and len(getattr(fitted, "points", [])) <= 33
+    points, labels = np.arange(300)[:, None], np.r_[np.zeros(298, int), 1, 2]
+    taken, of = sampled(points, labels, 0, 30)
+    assert 31 <= len(set(taken.ravel())) == len(taken) <= 33 and (of == labels[taken.ravel()]).all()
+    assert set(of) == {0, 1, 2} and len(KernelRidge(30).fit(points, labels, 0).points) == len(taken)
     for most, trees in ((150 * 3 * 130, 130), (150 * 3 * 50, 100), (10**9, 300)):
         monkeypatch.setattr(forest, "MOST_LEAF_VALUES", most)
         assert len(Forest().fit(*data(3)[:2], 0).roots) == trees
