@@ -7,17 +7,14 @@ import sys
 import time
 import traceback
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
 
 from tactile_viewgcn import tracking
-from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.provenance import Record
+from tactile_viewgcn.messages import UserError
 from tests.mlflow_stores import fresh_store, runs_of, server
-from tests.records import RECORD
 
 ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
@@ -49,32 +46,6 @@ def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client,
     assert tracking.read_artifact(entry.info.run_id, "LICENSE") == (ROOT / "LICENSE").read_bytes()
     assert client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id == "1"  # as the manual's link says
     assert runs_of(client, tracking.EXPERIMENT) == []
-
-
-def test_an_evaluated_pipeline_is_a_row_with_its_dataset_and_its_trials_as_steps(store, client):
-    with tracking.stage_run("evaluate", "mvcnn V=8", row=True) as run:
-        run.dataset("data/virtual/recordings", "0123abcd")
-        for trial, error in enumerate((0.25, 0.5), start=1):
-            run.log("log_metrics", {"trials.error.object": error}, trial)
-    (row,) = runs_of(client, tracking.EXPERIMENT)
-    assert row.info.run_name == "mvcnn V=8" and runs_of(client) == []
-    (logged,) = row.inputs.dataset_inputs
-    assert (logged.dataset.name, logged.dataset.digest) == ("data/virtual/recordings", "0123abcd")
-    assert steps(client, row.info.run_id, "trials.error.object") == [(1, 0.25), (2, 0.5)]
-
-
-def test_a_record_is_the_run_s_counts_tags_description_and_artifact(store, client):
-    counts = {"frames": 12, "leak.error": 0.25, "resolved.preprocess.baseline": "grasp"}
-    inputs, notes = {"source": {"path": "a", "md5": "ab"}, "needs": {"path": "b"}}, [Note("no sound"), Note("no light")]
-    record = replace(RECORD, stage="preprocess", counts=counts, inputs=inputs, notes=notes)
-    with tracking.stage_run("preprocess") as run:
-        run.record(record)
-    data = client.get_run(run.id).data
-    assert data.metrics == {"frames": 12, "leak.error": 0.25}
-    assert data.params == {"resolved.preprocess.baseline": "grasp"}
-    assert data.tags["md5.source"] == "ab" and "md5.needs" not in data.tags
-    assert data.tags["mlflow.note.content"] == "- no sound\n- no light"
-    assert Record.read(tracking.read_artifact(run.id, "preprocess.json")) == record
 
 
 @pytest.mark.parametrize(

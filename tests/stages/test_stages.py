@@ -13,6 +13,7 @@ import pytest
 import yaml
 from mlflow import MlflowClient
 
+from tactile_viewgcn.files import md5
 from tactile_viewgcn.params import System
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.readers.formats import open_source
@@ -118,6 +119,7 @@ def test_a_stage_leaves_one_run_with_its_parameters_metrics_and_record(finished)
         assert record == json.loads((finished / "runs" / f"{stage}.json").read_text())
         assert record["run_id"] == run.info.run_id
     assert by_stage["ingest"].data.metrics["frames"] == 4 * 6 * 12
+    assert by_stage["ingest"].data.tags["md5.source"] == md5(finished / "metadata.mat")
     assert by_stage["preprocess"].data.params["resolved.preprocess.baseline"]
     assert "preprocess.scale" in by_stage["preprocess"].data.tags["mlflow.note.content"]
     links = {name: value for name, value in row.data.tags.items() if name.startswith("stage.")}
@@ -125,7 +127,9 @@ def test_a_stage_leaves_one_run_with_its_parameters_metrics_and_record(finished)
     assert links == {f"stage.{stage}": by_stage[stage].info.run_id for stage in before}
     summary = json.loads((finished / "results" / "summary.json").read_text())
     assert row.data.params["views"] == "4" and row.data.metrics["error.object"] == summary["error.object"]
-    assert len(client.get_metric_history(row.info.run_id, "trials.error.object")) == 3
+    steps = client.get_metric_history(row.info.run_id, "trials.error.object")
+    assert sorted(metric.step for metric in steps) == [1, 2, 3]
+    assert row.inputs.dataset_inputs[0].dataset.name == "metadata.mat"
     assert {"evaluate.json", "ingest.json", "metrics.json"} <= {
         file.path for file in client.list_artifacts(row.info.run_id)
     }
