@@ -53,13 +53,7 @@ def test_the_typed_form_has_every_value_of_the_file_and_changes_set_the_keys_the
     assert params("views=12", "views=20").views == 20  # the last one counts
 
 
-@pytest.mark.parametrize("text", ["5e-4", "5E-04", "5.0e-4", "0.0005", "+5e-4"])
-def test_a_number_may_be_written_with_or_without_a_point(text):
-    assert params(f"finetune.lr={text}").finetune.lr == 5e-4
-    assert type(params("finetune.lr=1").finetune.lr) is float
-
-
-@pytest.mark.parametrize("text", [".5", "5.", "1e400", "12", "-1e-3", "true", "~", "1.2.3", "1e", "a b"])
+@pytest.mark.parametrize("text", ["5e-4", "+5E-04", ".5", "5.", "1e400", "12", "true", "~", "1.2.3", "1e", "a b"])
 def test_values_are_read_as_dvc_reads_them(text):
     dvc = pytest.importorskip("dvc.utils.serialize")
     assert repr(parse(f"a: {text}", "text")) == repr(dvc.parse_yaml(f"a: {text}", "params.yaml"))
@@ -197,11 +191,6 @@ def test_the_class_and_inspect_do_not_read_the_pipeline_s_params_yaml(tmp_path):
     assert python("-c", FITTED, file=edited).stdout == f"{expected}\n"
     inspected = python("-m", "tactile_viewgcn", "inspect", "nowhere", file="broken: [")
     assert inspected.stderr.startswith("Error: nowhere: no such file")
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"nowhere\.yaml"):
-        load(tmp_path / "nowhere.yaml")
 
 
 @pytest.mark.stability("batches of one")

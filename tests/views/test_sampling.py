@@ -1,11 +1,10 @@
 """Drawing view sets: one frame from each cluster of a pool."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.tables.frames import NO_CLUSTER, Views, load_table, save_table
+from tactile_viewgcn.tables.frames import Views
 from tactile_viewgcn.views.sampling import ViewSets, random_clusters, sets_of
 
 DRAWS = 6000
@@ -86,15 +85,3 @@ def test_without_clusters_view_sets_are_all_pairs_of_a_pool():
     np.testing.assert_array_equal(free.viewpoints, views.viewpoints)
     pairs = np.concatenate([np.sort(sets_of(free, index, rng).draw(index, rng), axis=1) for _ in range(60)])
     assert set(map(tuple, pairs.tolist())) == {(i, j) for i, j in np.ndindex(8, 8) if i < j and i // 4 == j // 4}
-
-
-@pytest.mark.parametrize("cluster", [[2, NO_CLUSTER, 0], [NO_CLUSTER] * 3])
-def test_views_come_back_as_they_were_written(tmp_path, cluster):
-    rng = np.random.default_rng(0)
-    views = Views(np.array(cluster, np.int16), np.array([0, 4, 1]), rng.random((3, 3)))
-    save_table(tmp_path / "views", views)
-    back = load_table(tmp_path / "views", Views)
-    for name in ("cluster", "pool", "viewpoints"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
-        assert getattr(back, name).dtype == getattr(views, name).dtype
-    assert back.clustered == (0 in cluster)
