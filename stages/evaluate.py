@@ -28,7 +28,7 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     if row.id:
         from tactile_viewgcn.plots import confusions
 
-        counts = {f"{name} protocol, all trials": predictions.confusion(name) for name in evaluation.protocols}
+        counts = {f"{name} protocol, all trials": predictions.confusion(name) for name in predictions.predicted}
         row.log("log_figure", confusions(counts, table.classes), "confusion.png")
     frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
     address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
@@ -38,10 +38,10 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     for path in after:
         row.log("log_artifact", str(path))
     row.log("log_metrics", results.row_metrics(metrics, timing))
-    for protocol, trials in evaluation.protocols.items():
-        for trial, correct in enumerate(trials.correct, start=1):
-            row.log("log_metrics", {f"trials.error.{protocol}": float(1 - correct.mean())}, trial)
-        for views, error in results.errors_by_views(metrics, protocol).items():
+    for protocol in predictions.predicted:
+        for trial, error in enumerate(predictions.errors(protocol).tolist(), start=1):
+            row.log("log_metrics", {f"trials.error.{protocol}": error}, trial)
+        for views, error in metrics[protocol]["by_views"].items():
             row.log("log_metrics", {f"views.error.{protocol}": error["mean"]}, int(views))
     lines = results.summary_lines(metrics, timing)
     if address:

@@ -155,12 +155,13 @@ def time_finetuning(sample: Sample, reuse: int) -> dict:
 def time_trials(sample: Sample) -> dict:
     """All trials of both protocols; the plain ones are spared their clusterings."""
     network, table, params = sample.network, sample.table, sample.params
-    evaluate = replace(params.evaluate, side="test")
-    fast = partial(evaluate_table, network, table, params.cluster, evaluate, sample.compute, params.seed, timed=False)
+    params = replace(params, evaluate=replace(params.evaluate, side="test"))
+    fast = partial(evaluate_table, network, table, params, sample.compute, timed=False)
     (frames, _), sets, plain = sample.tensors(TEST), sample.sets(TEST), plain_network(network).eval()
     plainly = torch.inference_mode()(lambda: [plain_answer(plain, frames, part) for part in sets.split(SETS)])
-    count = 2 * evaluate.trials * int((table.anchor & (table.side == TEST)).sum())
-    return sample.compared(f"{evaluate.trials} trials", "view sets", fast, count, plainly, len(sets))
+    trials = params.evaluate.trials
+    count = 2 * trials * int((table.anchor & (table.side == TEST)).sum())
+    return sample.compared(f"{trials} trials", "view sets", fast, count, plainly, len(sets))
 
 
 if __name__ == "__main__":

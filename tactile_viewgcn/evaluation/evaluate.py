@@ -5,8 +5,7 @@ once, and all trials of both protocols gather features.
 """
 
 import time
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,24 +24,19 @@ MAX_REPEATS = 50
 BATCH = 64  # view sets
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """The trials of all protocols, their scores and their cost.
+class Evaluation(NamedTuple):
+    """The answers of all trials, their scores and their cost.
 
     Attributes:
-        protocols: trials by protocol.
-        predictions: their answers.
+        predictions: the answers by protocol.
         metrics: sizes and scores, equal on every run with one seed; errors are fractions. For each protocol see
             `scores_of`; `recording` also has the median number of `frames` of recordings that are answered whole.
-        seconds: of all trials, including features and clustering.
         latency_ms: see `latency`; empty if it was not measured.
     """
 
-    protocols: dict[str, Trials]
     predictions: Predictions
     metrics: dict[str, Any]
-    seconds: float
-    latency_ms: dict[str, dict]
+    latency_ms: dict[str, dict[str, float]]
 
 
 def evaluate_table(
@@ -60,31 +54,29 @@ def evaluate_table(
         temperature: of the classifier, if it is calibrated.
         timed: measure the latency too.
     """
-    begin, evaluate, seed = time.perf_counter(), params.evaluate, params.seed
-    sides = {name: table.on(SIDES.index(name)) for name in ("train", evaluate.side)}
-    index = sides[evaluate.side]
+    side = params.evaluate.side
+    sides = {name: table.on(SIDES.index(name)) for name in ("train", side)}
+    index = sides[side]
     inputs = Gathered(lambda at: table.inputs(at, classifier.transform), index)
     classifier.prepare(compute)
     values = classifier.frame_values(inputs)
     protocols = all_trials(classifier, values, table, params, temperature)
     groups = table.group[index][table.anchor[index]]
-    kept = {f"kept_{name}": len(side) for name, side in sides.items()}
     metrics: dict[str, Any] = {
         "views": classifier.views,
         "classes": len(table.classes),
-        "trials": evaluate.trials,
-        "frames": {name: int(table.anchor[side].sum()) for name, side in sides.items()} | kept,
-        "groups": {evaluate.side: len(np.unique(groups))},
+        "trials": params.evaluate.trials,
+        "frames": {name: int(table.anchor[at].sum()) for name, at in sides.items()},
+        "groups": {side: len(np.unique(groups))},
     }
     for protocol, trials in protocols.items():
-        rng = stream(seed, "interval", PROTOCOLS.index(protocol))
+        rng = stream(params.seed, "interval", PROTOCOLS.index(protocol))
         metrics[protocol] = scores_of(trials, groups, rng, len(table.classes))
         if trials.whole:
             metrics[protocol]["frames"] = trials.frames
-    seconds = time.perf_counter() - begin
     whole = max((trials.frames for trials in protocols.values() if trials.whole), default=0)
     latency_ms = latency(classifier, inputs, whole=whole) if timed else {}
-    return Evaluation(protocols, predictions_of(protocols, table, evaluate.side), metrics, seconds, latency_ms)
+    return Evaluation(predictions_of(protocols, table, side), metrics, latency_ms)
 
 
 def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> dict[str, float | None]:
@@ -99,10 +91,10 @@ def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) 
 
 
 def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, classes: int) -> dict[str, Any]:
-    """Error, see `error_of`, and top-3 error of four classes or more, as fractions; `empty_clusters` over all trials.
+    """Error, see `error_of`, and top-3 error of four classes or more, as fractions.
 
     `std` is the standard deviation of the error over trials, which differ in their clustering alone. `by_views` has the
-    error by the number of views up to V, or up to whole recordings, where the classifier takes fewer.
+    error by the number of views up to V, or up to whole recordings; of these alone, if the classifier takes no fewer.
     """
     std = trials.correct.mean(axis=1).std(ddof=1) if len(trials.correct) > 1 else 0.0
     error = error_of(trials.correct, groups, rng)
@@ -110,8 +102,7 @@ def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, clas
     return {
         "error": error | {"std": float(std)},
         **({"top3_error": float(1 - trials.in_top3.mean())} if classes > TOP else {}),
-        "empty_clusters": trials.empty,
-        **({"by_views": by_views | {str(trials.frames): error}} if by_views else {}),
+        "by_views": by_views | {str(trials.frames): error},
     }
 
 
@@ -127,7 +118,7 @@ def latency(
         seconds: for each of the two.
 
     Returns:
-        {"single": {"median", "p95"}, "batch": {"median", "p95", "sets"}}
+        {"single": {"median", "p95"}, "batch": {"median"}}; the 95th percentile is interpolated.
     """
 
     def timed(sets: int) -> np.ndarray:
@@ -147,10 +138,6 @@ def latency(
         return np.array(taken[1:])  # the first one warms up
 
     alone = timed(1)
-    batch, sets = (alone, 1) if whole else (timed(BATCH), BATCH)
-    return {"single": median_and_p95(alone), "batch": median_and_p95(batch) | {"sets": sets}}
-
-
-def median_and_p95(values: np.ndarray) -> dict[str, float]:
-    """Median and 95th percentile of values (n,), n at least 1, interpolated between neighbours."""
-    return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
+    batch = alone if whole else timed(BATCH)
+    single = {"median": float(np.median(alone)), "p95": float(np.percentile(alone, 95))}
+    return {"single": single, "batch": {"median": float(np.median(batch))}}

@@ -30,6 +30,10 @@ class Predictions:
     mean_frames: np.ndarray
     live: np.ndarray
 
+    def errors(self, protocol: str) -> np.ndarray:
+        """Error (T,) of each trial."""
+        return 1 - (self.predicted[protocol] == self.labels).mean(axis=1)
+
     def confusion(self, protocol: str) -> np.ndarray:
         """Counts int64 (C, C) over all trials: row the true class, column the predicted one."""
         classes, predicted = len(self.classes), self.predicted[protocol]

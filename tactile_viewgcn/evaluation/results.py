@@ -35,13 +35,12 @@ def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: flo
     """Seconds of each stage and of all, latency in ms per answer, and the peak memory of the hungriest stage in MB.
 
     Args:
-        seconds, peak_mb: of the stage `evaluate` itself, of whose seconds the trials took `trials_seconds`.
+        seconds, peak_mb: of the stage `evaluate` itself.
     """
     each = {name: record.seconds for name, record in records.items()} | {"evaluate": seconds}
     peak = max([peak_mb, *(record.peak_mb for record in records.values())])
     return {
         "seconds": {name: round(value, 3) for name, value in (each | {"total": sum(each.values())}).items()},
-        "trials_seconds": round(evaluation.seconds, 3),
         "latency_ms": evaluation.latency_ms,
         "peak_mb": round(peak, 1),
     }
@@ -63,22 +62,22 @@ def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) 
 
     All but the costs are equal on every run with one seed. DVC shows summary.json, which has some of both.
     """
-    metrics, classes = evaluation.metrics, evaluation.predictions.classes.tolist()
+    predictions, metrics = evaluation.predictions, evaluation.metrics
+    classes = predictions.classes.tolist()
     for name, tree in (("metrics", metrics), ("timing", timing), ("summary", summary(metrics, timing))):
         with atomic_write(folder / f"{name}.json") as part:
             part.write_text(json.dumps(tree, indent=2) + "\n")
     tables: dict[str, list[list]] = {
-        "trials": [["protocol", "trial", "error", "top3_error"]],
+        "trials": [["protocol", "trial", "error"]],
         "views": [["protocol", "views", "error", "low", "high"]],
         "confusion": [["protocol", "object", "predicted", "count"]],
         "per_class": [["protocol", "object", "view_sets", "error"]],
     }
-    for protocol, trials in evaluation.protocols.items():
-        for number, shares in enumerate(zip(trials.correct.mean(axis=1), trials.in_top3.mean(axis=1), strict=True)):
-            tables["trials"].append([protocol, number, *(float(1 - share) for share in shares)])
-        for count, error in errors_by_views(metrics, protocol).items():
+    for protocol in predictions.predicted:
+        tables["trials"] += [[protocol, *row] for row in enumerate(predictions.errors(protocol).tolist())]
+        for count, error in metrics[protocol]["by_views"].items():
             tables["views"].append([protocol, count, error["mean"], error["low"], error["high"]])
-        for label, counts in enumerate(evaluation.predictions.confusion(protocol).tolist()):
+        for label, counts in enumerate(predictions.confusion(protocol).tolist()):
             name, view_sets = classes[label], sum(counts)
             tables["confusion"] += [[protocol, name, *answers] for answers in zip(classes, counts, strict=True)]
             if view_sets:
@@ -86,12 +85,6 @@ def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) 
     for name, rows in tables.items():
         with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
             write_csv(file, rows)
-
-
-def errors_by_views(metrics: dict[str, Any], protocol: str) -> dict[str, dict[str, Any]]:
-    """Errors by the number of views: of V or whole recordings alone, where the classifier was asked for no fewer."""
-    score = metrics[protocol]
-    return score.get("by_views", {str(score.get("frames", metrics["views"])): score["error"]})
 
 
 def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
@@ -102,13 +95,11 @@ def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, fl
 def row_tags_and_parameters(metrics: dict[str, Any], records: Records) -> tuple[dict[str, str], dict[str, float]]:
     """Tags and parameters of the row.
 
-    The tags are the ids of the stages' runs, errors with their intervals in words, and what `auto` chose; the
-    parameters are numbers of classes, of frames and groups on each side, and of weights.
+    The tags are the ids of the stages' runs, and what `auto` chose; the parameters are numbers of classes, of frames
+    and groups on each side, and of weights.
     """
     counts = {name: value for record in records.values() for name, value in record.counts.items()}
-    scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
     tags = {f"stage.{name}": record.run_id for name, record in records.items() if record.run_id}
-    tags |= {f"error.{name}.percent": error_text(score["error"]) for name, score in scores.items()}
     tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
     weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
     return tags, flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | weights
@@ -128,21 +119,18 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
         f"{several(metrics['classes'], 'class', 'classes')}, {several(metrics['trials'], 'trial')}, "
         f"{several(groups, 'group')}" + (" of the validation side" if side == "validation" else "")
     ]
-    scores = {name: metrics[name] for name in PROTOCOLS if name in metrics}
-    for protocol, score in scores.items():
+    for protocol in PROTOCOLS:
+        score = metrics[protocol]
         top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if "top3_error" in score else ""
         whole = ", whole recordings" if "frames" in score else ""
         lines.append(
             f"  {protocol} protocol{whole}: error {error_text(score['error'])} %, std over trials "
             f"{100 * score['error']['std']:.1f}{top3}"
         )
-    if "by_views" in score:  # of the last protocol, which is the user's
-        errors = ", ".join(f"{count}: {100 * error['mean']:.1f}" for count, error in score["by_views"].items())
-        lines.append(f"  by views ({protocol}): {errors} %")
     times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
     return [
         *lines,
-        f"  time: {times}; the trials {timing['trials_seconds']:,.1f} s",
+        f"  time: {times}",
         f"  per answer: {latency['single']['median']:.2f} ms alone (95th percentile "
         f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches; "
         f"peak memory {timing['peak_mb']:,.0f} MB",

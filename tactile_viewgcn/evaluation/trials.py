@@ -30,13 +30,11 @@ class Trials:
         fewer: `correct` by number of views, 1, 2, 4 and so on below V: the anchor and other views of its set at random,
             each time those before and more. Empty where the classifier takes V alone.
         frames: number of frames of an answer: V, or the median of the recordings that are answered `whole`.
-        empty: clusters without frames, whose views repeat other frames, summed over the trials.
     """
 
     predicted: np.ndarray
     correct: np.ndarray
     in_top3: np.ndarray
-    empty: int
     fewer: dict[int, np.ndarray] = field(default_factory=dict)
     frames: int = 1
     whole: bool = False
@@ -87,11 +85,11 @@ def run_trials(
     of_recordings = recording_answers(classifier, temperature, values, pool)[pool[anchors]] if whole else None
     clustered = bool(sizes) or not whole
     scores = pool_scores(points, pool) if clustered and cluster.method == "kmeans" and views > 1 else None
-    top, empty, fewer = list[np.ndarray](), 0, {size: list[np.ndarray]() for size in sizes}
+    top, fewer = list[np.ndarray](), {size: list[np.ndarray]() for size in sizes}
     for rng in rngs:
         if clustered:
             sets = ViewSets(cluster_pools(points, pool, views, cluster, rng, scores), pool, views)
-            drawn, empty = sets.draw(anchors, rng, cluster.assignment), empty + int(sets.empty.sum())
+            drawn = sets.draw(anchors, rng, cluster.assignment)
             columns = anchor_first(drawn, anchors, rng.spawn(1)[0])  # a separate generator: no other draw changes
             for size, correct in fewer.items():
                 part = np.take_along_axis(drawn, columns[:, :size], axis=1)
@@ -99,15 +97,8 @@ def run_trials(
         logits = classifier.view_sets(values, drawn) if of_recordings is None else of_recordings
         top.append(np.argsort(-logits, axis=1, kind="stable")[:, :TOP])  # ties to the lowest class
     best = np.stack(top)  # (T, A, 3)
-    return Trials(
-        best[..., 0],
-        best[..., 0] == truth,
-        (best == truth[:, None]).any(axis=-1),
-        empty,
-        {size: np.stack(correct) for size, correct in fewer.items()},
-        frames,
-        whole,
-    )
+    of_fewer, right = {size: np.stack(correct) for size, correct in fewer.items()}, best == truth[:, None]
+    return Trials(best[..., 0], right[..., 0], right.any(axis=-1), of_fewer, frames, whole)
 
 
 def recording_answers(classifier: Classifier, temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:

@@ -155,7 +155,7 @@ def run_page(run: FinishedRun) -> str:
     outcome, origin = Outcome(run), run.records["evaluate"].origin
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     scores = {name: run.metrics[name] for name in reversed(PROTOCOLS) if name in run.metrics}
-    by_views = {f"{name} protocol": score["by_views"] for name, score in scores.items() if "by_views" in score}
+    by_views = {f"{name} protocol": score["by_views"] for name, score in scores.items() if len(score["by_views"]) > 1}
     counts = {f"{outcome.protocol} protocol, all trials": outcome.counts}
     return html.render(
         "report.html",

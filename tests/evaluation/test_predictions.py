@@ -30,12 +30,11 @@ def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, cod
     assert metrics["frames"] == {
         "train": (frames.anchor & (frames.side == TRAIN)).sum(),
         side: len(anchors),
-        "kept_train": (frames.side == TRAIN).sum(),
-        f"kept_{side}": on_side.sum(),
     }
     for protocol, answers in predictions.predicted.items():
         assert answers.shape == (params.evaluate.trials, len(anchors))
-        assert (answers != predictions.labels).mean() == pytest.approx(metrics[protocol]["error"]["mean"])
+        assert predictions.errors(protocol) == pytest.approx((answers != predictions.labels).mean(axis=1))
+        assert predictions.errors(protocol).mean() == pytest.approx(metrics[protocol]["error"]["mean"])
         expected = np.zeros((4, 4), dtype=int)
         for trial, anchor in product(range(len(answers)), range(len(anchors))):
             expected[predictions.labels[anchor], answers[trial, anchor]] += 1

@@ -101,10 +101,3 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
         assert all(set(few) < set(more) for row in rows for few, more in pairwise(row))
         places = [list(row[-1]).index(row[1][1]) - list(row[-1]).index(row[0][0]) for row in rows]
         assert len(set(places)) > 2  # the second frame comes from any place
-
-
-@pytest.mark.parametrize("method", ["kmeans", "none"])
-def test_clusters_without_frames_are_counted_over_the_trials(method):
-    table, change = frames_of(np.repeat([0, 1], [3, 7])), f"cluster.method={method}"
-    result = run(lambda nodes: np.zeros((len(nodes), 2)), table, np.zeros((10, 3)), change, trials=3, views=5)
-    assert result.empty == 3 * 2

@@ -49,8 +49,8 @@ def test_it_trains_and_evaluates_with_one_view_more_views_than_frames_and_two_cl
         assert np.isfinite(progress.curves["loss"]).all() and len(progress.curves["loss"]) == 1
     logits, frames = [], small_table(classes)
     classifier.head.register_forward_hook(lambda _, __, out: logits.append(out[0]))
-    trials = evaluate_table(classifier, frames, config, CPU, timed=False).protocols
+    trials = evaluate_table(classifier, frames, config, CPU, timed=False).predictions.predicted
     anchors = int(frames.anchor[frames.side == TEST].sum())
     assert len(logits) >= 2  # of both protocols, and of fewer views
     assert all(part.shape == (anchors, classes) and part.isfinite().all() for part in logits)
-    assert set(np.unique(trials["object"].predicted)) <= set(range(classes))
+    assert set(np.unique(trials["object"])) <= set(range(classes))
