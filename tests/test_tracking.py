@@ -20,28 +20,17 @@ ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
 
 
-def steps(client, run_id, name):
-    return sorted((metric.step, metric.value) for metric in client.get_metric_history(run_id, name))
-
-
-def test_a_stage_is_one_run_with_parameters_metrics_and_artifacts(store, client, monkeypatch):
+def test_a_stage_is_one_run_that_is_read_while_it_lasts(store, client, monkeypatch):
     monkeypatch.setenv("DVC_EXP_NAME", "brave-mug")
     with tracking.stage_run("pretrain", "pretrain pretrain.lr=0.01") as run:
-        run.log("log_params", {f"key.{number}": number for number in range(150)})
-        run.log("log_metrics", {"seconds": 26})
         run.log("log_metrics", {"loss": 3.0}, 1)
         running = runs_of(client)[0]
         assert running.info.status == "RUNNING" and running.data.metrics["loss"] == 3.0
-        run.log("log_metrics", {"loss": 2.0}, 2)
         run.log("log_artifact", str(ROOT / "LICENSE"))
     (entry,) = runs_of(client)
     assert entry.info.run_name == "pretrain pretrain.lr=0.01" and entry.info.status == "FINISHED"
-    assert entry.data.params == {f"key.{number}": str(number) for number in range(150)}
-    assert entry.data.metrics == {"seconds": 26.0, "loss": 2.0}
-    assert steps(client, entry.info.run_id, "loss") == [(1, 3.0), (2, 2.0)]
     assert entry.data.tags["stage"] == "pretrain" and entry.data.tags["dvc.experiment"] == "brave-mug"
     assert len(entry.data.tags["mlflow.source.git.commit"]) == 40
-    assert {file.path for file in client.list_artifacts(entry.info.run_id)} == {"LICENSE"}
     assert entry.info.artifact_uri.startswith((store / "mlruns").as_uri())
     assert tracking.read_artifact(entry.info.run_id, "LICENSE") == (ROOT / "LICENSE").read_bytes()
     assert client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id == "1"  # as the manual's link says

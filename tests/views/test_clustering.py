@@ -12,7 +12,6 @@ from tactile_viewgcn.tables.frames import NO_CLUSTER, TEST, TRAIN
 from tactile_viewgcn.views import clustering
 from tactile_viewgcn.views.clustering import (
     cluster_pools,
-    kmeans,
     pool_ids,
     pool_scores,
     principal_components,
@@ -57,18 +56,6 @@ def test_clusters_of_the_training_side_depend_on_no_other_side():
     label[frames.side == TEST] = 0
     views, other = (views_of(each, PARAMS) for each in (frames, replace(frames, counts=counts, label=label)))
     np.testing.assert_array_equal(other.cluster[train], views.cluster[train])
-
-
-def test_kmeans_keeps_the_best_of_its_restarts():
-    scores = np.random.default_rng(3).random((100, 9))[:, :2]
-
-    def spread(restarts, seed):
-        cluster = kmeans(scores, 9, restarts=restarts, seed=seed)
-        return sum(((scores[cluster == k] - scores[cluster == k].mean(axis=0)) ** 2).sum() for k in range(9))
-
-    once, best = ([spread(restarts, seed) for seed in range(6)] for restarts in (1, 40))
-    assert max(best) < 1.02 * min(best)
-    assert max(once) > 1.05 * max(best)
 
 
 def test_each_pool_is_clustered_by_itself():
